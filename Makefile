@@ -1,0 +1,38 @@
+# Every target works on a machine that has only Python >= 3.11, pip and make.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+.PHONY: run test lint validate bench clean
+
+run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
+	$(BIN)/navsim run scenarios/landing.yaml
+
+test: $(STAMP)           ## the whole test suite, without the long studies
+	$(BIN)/python -m pytest -n 2 -m "not validate"
+
+validate: $(STAMP)       ## the long statistical studies
+	$(BIN)/python -m pytest -m validate
+
+lint: $(STAMP)           ## style and types
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.bench    ## speed against rivals, as ratios within one run; writes benchmarks/RESULTS.md
+	$(BIN)/python benchmarks/run.py
+
+$(STAMP): pyproject.toml requirements.lock
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "navsim needs Python 3.11 or newer, this is " + sys.version)'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+$(VENV)/.bench: $(STAMP) requirements-bench.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-bench.lock
+	touch $@
+
+clean:                   ## remove the environment and everything generated
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing*
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

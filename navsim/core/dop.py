@@ -1,0 +1,104 @@
+"""Dilution of precision and weighted fix covariance from unit vectors to the sources.
+
+Row of H for one source: (-u, 1 in the column of its clock). The clocks of one epoch are those its used
+sources belong to. Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 11.2.1.
+[2] `landing.md` sections 3, 4.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navsim.core.jit import kernel
+from navsim.core.linear import invert_spd
+
+MAX_CLOCKS = 3
+MAX_UNKNOWNS = 3 + MAX_CLOCKS
+
+
+@kernel
+def clock_columns(used, clock, column):
+    """Give each clock that a used source belongs to a column; returns the number of unknowns.
+
+    used: (s,) bool. clock: (s,) clock of each source, 0 .. MAX_CLOCKS - 1. column: (MAX_CLOCKS,) out: column
+    of H, -1 for a clock without source. Columns go by clock number.
+    """
+    for c in range(MAX_CLOCKS):
+        column[c] = -1
+    for s in range(used.shape[0]):
+        if used[s]:
+            column[clock[s]] = 0
+    n = 3
+    for c in range(MAX_CLOCKS):
+        if column[c] == 0:
+            column[c] = n
+            n += 1
+    return n
+
+
+@kernel
+def covariance_of_geometry(los, clock, weight, out, unknowns):
+    """Inverse of H' W H at every epoch.
+
+    los: (e, s, 3) unit vectors receiver -> source, any axes; nan marks a source that is not used.
+    clock: (s,) int. weight: (e, s) 1/variance, or ones. out: (e, 6, 6), rows x, y, z, then the clocks; nan
+    without a solution. unknowns: (e,) int out, 0 where there are fewer sources than unknowns or the geometry
+    is singular.
+    """
+    epochs, sources = los.shape[0], los.shape[1]
+    used = np.empty(sources, np.bool_)
+    column = np.empty(MAX_CLOCKS, np.int64)
+    normal = np.empty((MAX_UNKNOWNS, MAX_UNKNOWNS))
+    for e in range(epochs):
+        out[e] = np.nan
+        count = 0
+        for s in range(sources):
+            used[s] = not math.isnan(los[e, s, 0])
+            count += used[s]
+        n = clock_columns(used, clock, column)
+        unknowns[e] = 0
+        if count < n or count == 0:
+            continue
+        normal[:] = 0.0
+        for s in range(sources):
+            if used[s]:
+                w = weight[e, s]
+                c = column[clock[s]]
+                for i in range(3):
+                    for j in range(i + 1):
+                        normal[i, j] += w * los[e, s, i] * los[e, s, j]
+                    normal[c, i] -= w * los[e, s, i]
+                normal[c, c] += w
+        if invert_spd(normal, n, out[e]):
+            unknowns[e] = n
+
+
+def dops(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """GDOP, PDOP, HDOP, VDOP, TDOP of each epoch, unit weights.
+
+    los: (e, s, 3) unit vectors receiver -> source in ENU (or NED), nan where a source is not used.
+    clock: (s,) clock unknown of each source. Returns (e, 5), nan without a solution. GDOP is the root of the
+    whole trace, TDOP belongs to the first clock [2].
+    """
+    cofactor, unknowns = geometry_covariance(los, clock, np.ones(los.shape[:2]))
+    variance = np.diagonal(cofactor, axis1=1, axis2=2)
+    present = np.arange(MAX_UNKNOWNS) < unknowns[:, None]
+    g = np.where(unknowns > 0, np.sum(np.where(present, variance, 0.0), axis=1), np.nan)
+    h = variance[:, 0] + variance[:, 1]
+    return np.sqrt(np.stack([g, h + variance[:, 2], h, variance[:, 2], variance[:, 3]], axis=1))
+
+
+def geometry_covariance(los: np.ndarray, clock: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H' W H)^-1 (e, 6, 6) and the number of unknowns (e,), 0 without a solution; see `dops`."""
+    out = np.empty((los.shape[0], MAX_UNKNOWNS, MAX_UNKNOWNS))
+    unknowns = np.zeros(los.shape[0], np.int64)
+    covariance_of_geometry(
+        np.ascontiguousarray(los, dtype=float),
+        np.ascontiguousarray(clock, dtype=np.int64),
+        np.ascontiguousarray(weight, dtype=float),
+        out,
+        unknowns,
+    )
+    return out, unknowns

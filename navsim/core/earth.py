@@ -1,0 +1,65 @@
+"""The WGS-84 Earth inside kernels: radii of curvature, normal gravity, geodetic coordinates.
+
+Sources: [1] NIMA TR8350.2, eq. 4-1 (Somigliana). [2] Groves (2013), eqs. 2.105, 2.106 (radii), 2.150
+(ECEF to local axes). [3] Bowring (1985).
+"""
+
+from __future__ import annotations
+
+import math
+
+from navsim.core.jit import kernel
+from navsim.core.wgs84 import A, B, E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, F
+
+__all__ = ["RATE", "ecef_to_llh", "gravity", "ned_axes", "radii"]
+
+
+@kernel
+def radii(sin_lat):
+    """Meridian and transverse radii of curvature, m, from the sine of the geodetic latitude [2]."""
+    w2 = 1.0 - E2 * sin_lat * sin_lat
+    transverse = A / math.sqrt(w2)
+    return transverse * (1.0 - E2) / w2, transverse
+
+
+@kernel
+def gravity(sin_lat, height):
+    """Normal gravity along the downward vertical, m/s2: Somigliana with the free-air term -2h/a [1]."""
+    s2 = sin_lat * sin_lat
+    return G_EQUATOR * (1.0 + SOMIGLIANA * s2) / math.sqrt(1.0 - E2 * s2) * (1.0 - 2.0 * height / A)
+
+
+@kernel
+def ecef_to_llh(x, y, z, out):
+    """ECEF (m) to geodetic (rad, rad, m), into out[0:3]; below 1e-9 m up to 1000 km (Bowring twice [3])."""
+    p = math.sqrt(x * x + y * y)
+    lat = math.atan2(z, p * (1.0 - E2))
+    for _ in range(3):
+        beta = math.atan2((1.0 - F) * math.sin(lat), math.cos(lat))
+        sin_b = math.sin(beta)
+        cos_b = math.cos(beta)
+        lat = math.atan2(z + EP2 * B * sin_b * sin_b * sin_b, p - E2 * A * cos_b * cos_b * cos_b)
+    sin_lat = math.sin(lat)
+    cos_lat = math.cos(lat)
+    out[0] = lat
+    out[1] = math.atan2(y, x)
+    # the form without division by cos(lat) or sin(lat) is exact at the poles and on the equator
+    out[2] = p * cos_lat + z * sin_lat - A * math.sqrt(1.0 - E2 * sin_lat * sin_lat)
+
+
+@kernel
+def ned_axes(lat, lon, out):
+    """Rows of `out` (3, 3) are the north, east and down unit vectors in ECEF: v_ned = out @ v_ecef [2]."""
+    sin_lat = math.sin(lat)
+    cos_lat = math.cos(lat)
+    sin_lon = math.sin(lon)
+    cos_lon = math.cos(lon)
+    out[0, 0] = -sin_lat * cos_lon
+    out[0, 1] = -sin_lat * sin_lon
+    out[0, 2] = cos_lat
+    out[1, 0] = -sin_lon
+    out[1, 1] = cos_lon
+    out[1, 2] = 0.0
+    out[2, 0] = -cos_lat * cos_lon
+    out[2, 1] = -cos_lat * sin_lon
+    out[2, 2] = -sin_lat

@@ -1,0 +1,77 @@
+"""The one door to numba: how every kernel of navsim is compiled and where its machine code is kept.
+
+Compiled code is cached on disk. numba's own cache looks only at the file that holds a kernel, not at the
+kernels it calls, so an edited callee would leave stale machine code behind. The cache folder is therefore
+named after a digest of all kernel sources, the compiler and the processor.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_KERNEL_ROOMS = ("core", "models", "estimation", "simulation")
+_WARM_MARK = "complete"
+
+
+def _digest() -> str:
+    """Digest of everything that decides the machine code."""
+    h = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {numba.config.CPU_NAME}".encode())
+    for room in _KERNEL_ROOMS:
+        for source in sorted((_PACKAGE / room).glob("*.py")):
+            h.update(source.name.encode())
+            h.update(source.read_bytes())
+    return h.hexdigest()[:16]
+
+
+def _cache_folder() -> Path | None:
+    """The folder for this version's machine code, created; None where no place is writable."""
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "navsim"
+    )
+    folder = Path(base) / f"kernels-{_digest()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder if os.access(folder, os.W_OK) else None
+    except OSError:
+        return None
+
+
+_CACHE = _cache_folder()
+if _CACHE is not None:
+    numba.config.CACHE_DIR = str(_CACHE)
+
+
+def is_warm() -> bool:
+    """Whether a run has finished with this very code before, so that nothing is left to compile."""
+    return _CACHE is not None and (_CACHE / _WARM_MARK).exists()
+
+
+def mark_warm() -> None:
+    """Remember that the kernels of a whole run are now in the cache."""
+    if _CACHE is not None:
+        try:
+            (_CACHE / _WARM_MARK).touch()
+        except OSError:  # a full or read-only disk costs the next start some seconds, nothing else
+            return
+
+
+def cache_place() -> str:
+    """Where the machine code is kept, in words."""
+    return str(_CACHE) if _CACHE is not None else "memory only: set NUMBA_CACHE_DIR to a writable folder"
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile `function` in strict IEEE arithmetic, releasing the GIL.
+
+    fastmath stays off: it changes the last bits from one compilation to the next. Division by zero gives
+    inf or nan as in numpy, which also lets loops vectorise.
+    """
+    return numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy")(function)

@@ -1,0 +1,42 @@
+"""Rotations on whole numpy arrays; `core.attitude` has the kernels and the conventions.
+
+Source: [1] Titterton & Weston, Strapdown Inertial Navigation Technology, 2nd ed. (2004), section 3.6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def quaternion_from_dcm(c: np.ndarray) -> np.ndarray:
+    """C_nb (..., 3, 3) -> quaternion (..., 4), scalar first and not negative."""
+    # all four candidate rows of Shepperd's method; the one with the largest pivot is well conditioned
+    t = np.trace(c, axis1=-2, axis2=-1)
+    c00, c11, c22 = c[..., 0, 0], c[..., 1, 1], c[..., 2, 2]
+    pivots = np.stack([t, c00, c11, c22], axis=-1)
+    wx, wy, wz = c[..., 2, 1] - c[..., 1, 2], c[..., 0, 2] - c[..., 2, 0], c[..., 1, 0] - c[..., 0, 1]
+    xy, xz, yz = c[..., 0, 1] + c[..., 1, 0], c[..., 0, 2] + c[..., 2, 0], c[..., 1, 2] + c[..., 2, 1]
+    candidates = np.stack(
+        [
+            np.stack([1 + t, wx, wy, wz], axis=-1),
+            np.stack([wx, 1 + 2 * c00 - t, xy, xz], axis=-1),
+            np.stack([wy, xy, 1 + 2 * c11 - t, yz], axis=-1),
+            np.stack([wz, xz, yz, 1 + 2 * c22 - t], axis=-1),
+        ],
+        axis=-2,
+    )
+    q = np.take_along_axis(candidates, np.argmax(pivots, axis=-1)[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def roll_pitch_yaw(c: np.ndarray) -> np.ndarray:
+    """C_nb (..., 3, 3) -> roll, pitch, yaw (..., 3), rad; the yaw-pitch-roll (z, y, x) sequence [1]."""
+    return np.stack(
+        [
+            np.arctan2(c[..., 2, 1], c[..., 2, 2]),
+            -np.arcsin(np.clip(c[..., 2, 0], -1.0, 1.0)),
+            np.arctan2(c[..., 1, 0], c[..., 0, 0]),
+        ],
+        axis=-1,
+    )

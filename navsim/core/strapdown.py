@@ -1,0 +1,163 @@
+"""Strapdown mechanisation in the local-level (NED) frame on WGS-84, from angle and velocity increments.
+
+Two-sample: the increments of the previous interval correct the present ones for coning and sculling. Earth
+rate and transport rate are taken at the middle of the interval.
+
+Sources: [1] Savage, Strapdown inertial navigation integration algorithm design, parts 1 and 2, JGCD 21
+(1998), 1: eqs. 43-46 (coning), 2: eqs. 29-56 (sculling, rotation compensation, position).
+[2] Groves (2013), section 5.4 (local-navigation-frame equations).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
+from navsim.core.earth import RATE, gravity, radii
+from navsim.core.jit import kernel
+
+# What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
+MID_DCM, MID_FORCE, MID_RATE_IN, MID_DT, MID_LAT = 0, 9, 12, 15, 16
+"""Offsets: C_nb by rows (9), specific force NED m/s2 (3), omega_in NED rad/s (3), interval s, latitude rad,"""
+MID_TAN, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 17, 18, 19, 22, 23
+"""tan(latitude), height m, velocity NED m/s (3), radii of curvature plus height m."""
+MID_GRAVITY = 24
+MID_N = 25
+
+
+@kernel
+def step(nav, dtheta, dv, previous, dt, c_nb, mid):
+    """Advance the navigation state by one interval, in place.
+
+    nav: (16,) see `navsim.core.states`; its bias estimates are taken off the increments.
+    dtheta, dv: (3,) raw increments, rad and m/s, over dt (s).
+    previous: (6,) bias-free increments of the interval before, scaled to dt; overwritten by the present ones.
+    c_nb: (3, 3) work space. mid: (25,) quantities at mid-interval for the error model.
+    """
+    tx = dtheta[0] - nav[10] * dt
+    ty = dtheta[1] - nav[11] * dt
+    tz = dtheta[2] - nav[12] * dt
+    ux = dv[0] - nav[13] * dt
+    uy = dv[1] - nav[14] * dt
+    uz = dv[2] - nav[15] * dt
+    px, py, pz = previous[0], previous[1], previous[2]
+    sx, sy, sz = previous[3], previous[4], previous[5]
+    previous[0], previous[1], previous[2] = tx, ty, tz
+    previous[3], previous[4], previous[5] = ux, uy, uz
+
+    # coning: dtheta + 1/12 previous x dtheta
+    k = 1.0 / 12.0
+    ax = tx + k * (py * tz - pz * ty)
+    ay = ty + k * (pz * tx - px * tz)
+    az = tz + k * (px * ty - py * tx)
+
+    # velocity rotation (exact for a constant rate to third order) and sculling
+    cx = ty * uz - tz * uy
+    cy = tz * ux - tx * uz
+    cz = tx * uy - ty * ux
+    bx = ux + 0.5 * cx + (ty * cz - tz * cy) / 6.0
+    by = uy + 0.5 * cy + (tz * cx - tx * cz) / 6.0
+    bz = uz + 0.5 * cz + (tx * cy - ty * cx) / 6.0
+    bx += k * (py * uz - pz * uy + sy * tz - sz * ty)
+    by += k * (pz * ux - px * uz + sz * tx - sx * tz)
+    bz += k * (px * uy - py * ux + sx * ty - sy * tx)
+
+    dcm(nav[6:10], c_nb)
+    fx = c_nb[0, 0] * bx + c_nb[0, 1] * by + c_nb[0, 2] * bz
+    fy = c_nb[1, 0] * bx + c_nb[1, 1] * by + c_nb[1, 2] * bz
+    fz = c_nb[2, 0] * bx + c_nb[2, 1] * by + c_nb[2, 2] * bz
+
+    # velocity, latitude and height at mid-interval, predicted: their error is of third order in dt
+    lat = nav[0]
+    vn, ve, vd = nav[3], nav[4], nav[5]
+    sin_lat = math.sin(lat)
+    cos_lat = math.cos(lat)
+    meridian, transverse = radii(sin_lat)
+    half = 0.5 * dt
+    g = gravity(sin_lat, nav[2])
+    vnm = vn + 0.5 * fx
+    vem = ve + 0.5 * fy
+    vdm = vd + 0.5 * (fz + g * dt)
+    h = nav[2] - vdm * half
+    dlat = vnm / (meridian + h) * half
+    sin_m = sin_lat + cos_lat * dlat
+    cos_m = cos_lat - sin_lat * dlat
+    g = gravity(sin_m, h)
+    rm = meridian + h
+    rt = transverse + h
+    tan_m = sin_m / cos_m
+
+    # rotation of the local frame: Earth rate, transport rate
+    en, ed = RATE * cos_m, -RATE * sin_m
+    wn = vem / rt
+    we = -vnm / rm
+    wd = -vem / rt * tan_m
+    zn = (en + wn) * dt
+    ze = we * dt
+    zd = (ed + wd) * dt
+
+    # specific force into the frame of mid-interval, then gravity and Coriolis, this one from a mid-interval
+    # velocity that has already felt it
+    dn = fx - 0.5 * (ze * fz - zd * fy)
+    de = fy - 0.5 * (zd * fx - zn * fz)
+    dd = fz - 0.5 * (zn * fy - ze * fx)
+    on, oe, od = 2.0 * en + wn, we, 2.0 * ed + wd
+    dd += g * dt
+    cn = vn + 0.5 * (dn - (oe * vdm - od * vem) * dt)
+    ce = ve + 0.5 * (de - (od * vnm - on * vdm) * dt)
+    cd = vd + 0.5 * (dd - (on * vem - oe * vnm) * dt)
+    vn1 = vn + dn - (oe * cd - od * ce) * dt
+    ve1 = ve + de - (od * cn - on * cd) * dt
+    vd1 = vd + dd - (on * ce - oe * cn) * dt
+
+    nav[2] -= 0.5 * (vd + vd1) * dt
+    nav[0] = lat + 0.5 * (vn + vn1) * dt / rm
+    nav[1] += 0.5 * (ve + ve1) * dt / (rt * cos_m)
+    nav[3], nav[4], nav[5] = vn1, ve1, vd1
+
+    q = nav[6:10]
+    rotate_right(q, ax, ay, az)
+    rotate_left(q, -(en + ce / rt) * dt, cn / rm * dt, -(ed - ce / rt * tan_m) * dt)
+    normalise(q)
+
+    # C_nb half-way: C (I + 1/2 [dtheta x]) in the frame of mid-interval, enough for the error model
+    for i in range(3):
+        c0, c1, c2 = c_nb[i, 0], c_nb[i, 1], c_nb[i, 2]
+        mid[3 * i] = c0 + 0.5 * (c1 * tz - c2 * ty)
+        mid[3 * i + 1] = c1 + 0.5 * (c2 * tx - c0 * tz)
+        mid[3 * i + 2] = c2 + 0.5 * (c0 * ty - c1 * tx)
+    mid[9] = dn / dt
+    mid[10] = de / dt
+    mid[11] = dd / dt - g
+    mid[12] = en + wn
+    mid[13] = we
+    mid[14] = ed + wd
+    mid[15] = dt
+    mid[16] = lat + dlat
+    mid[17] = tan_m
+    mid[18] = h
+    mid[19], mid[20], mid[21] = vnm, vem, vdm
+    mid[22] = rm
+    mid[23] = rt
+    mid[24] = g
+
+
+@kernel
+def navigate(nav, dtheta, dv, dt, every, out):
+    """Mechanise increments alone, without a filter: out[j] is the state after j * every intervals.
+
+    nav: (16,) initial state, overwritten by the final one. dtheta, dv: (n, 3) rad, m/s. dt: s.
+    out: (n // every + 1, 16).
+    """
+    previous = np.zeros(6)
+    previous[0:3] = dtheta[0] - nav[10:13] * dt
+    previous[3:6] = dv[0] - nav[13:16] * dt
+    c_nb = np.empty((3, 3))
+    mid = np.empty(MID_N)
+    out[0] = nav
+    for k in range(dtheta.shape[0]):
+        step(nav, dtheta[k], dv[k], previous, dt, c_nb, mid)
+        if (k + 1) % every == 0:
+            out[(k + 1) // every] = nav

@@ -1,0 +1,1 @@
+"""What a receiver and a filter believe and do."""

@@ -1,0 +1,1 @@
+"""What the world does: approach, kinematics, IMU, sky, pseudolites, pseudoranges, interference."""

@@ -1,0 +1,133 @@
+"""The glide approach: the paper's piecewise profile and a smooth one a real aircraft could fly.
+
+Source: `landing.md` section 1. Speeds are along the path over ground.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navsim.models.path import DEGREE, Path, Segment, blend, uniform
+
+GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
+_X, _Z = 0, 2
+
+
+def paper_profile(
+    speed_start: float, speed_touchdown: float, height: float, slope: float, corner: float
+) -> Path:
+    """Uniformly decelerated glide from time 0, then level flight at the touchdown speed.
+
+    The paper's corner between the two is instantaneous; an IMU cannot live through that, so velocity and
+    acceleration are joined within `corner` seconds around it. Outside of them the path is the paper's.
+
+    speed_*: m/s. height: of the start over the touchdown point, m. slope: rad. corner: s.
+    """
+    slant = height / math.sin(slope)
+    touchdown = 2.0 * slant / (speed_start + speed_touchdown)
+    deceleration = (speed_start - speed_touchdown) / touchdown
+    along = np.array([math.cos(slope), 0.0, math.sin(slope)])
+    ahead = np.array([1.0, 0.0, 0.0])
+    glide = uniform(0.0, -slant * along, speed_start * along, -deceleration * along)
+    level = uniform(touchdown, np.zeros(3), speed_touchdown * ahead, np.zeros(3))
+    begin, end = touchdown - 0.5 * corner, touchdown + 0.5 * corner
+    joint = blend(begin, end, glide.jet(np.array([begin]))[0], level.jet(np.array([end]))[0])
+    level = uniform(end, speed_touchdown * 0.5 * corner * ahead, speed_touchdown * ahead, np.zeros(3))
+    return Path((glide, joint, level), {GLIDE_START: 0.0, TOUCHDOWN: touchdown})
+
+
+def smooth_profile(
+    speed_start: float,
+    speed_touchdown: float,
+    height: float,
+    slope: float,
+    *,
+    lead_in: float,
+    capture: float,
+    flare_height: float,
+    flare_blend: float,
+    sink_touchdown: float,
+    settle: float,
+    rollout_deceleration: float,
+) -> Path:
+    """Level lead-in, glide-slope capture, uniform deceleration on the slope, exponential flare, roll-out.
+
+    Continuous in position, velocity and acceleration. In the flare the sink rate falls exponentially with
+    height, h + c = (h_f + c) exp(-t / tau), from that of the glide to `sink_touchdown`; after contact the
+    landing gear takes it up within `settle` seconds.
+
+    speed_*: m/s over ground; height: of the lead-in over the touchdown point, m; slope: rad; lead_in,
+    capture, flare_blend, settle: durations, s; flare_height: m; sink_touchdown: m/s;
+    rollout_deceleration: m/s2. Raises ValueError where no such path exists.
+    """
+    t1 = lead_in
+    t2 = t1 + capture
+    sin, cos = math.sin(slope), math.cos(slope)
+    h2 = height - speed_start * sin * 0.5 * capture
+    if h2 - flare_height < speed_start * sin * 0.5 * flare_blend:
+        raise ValueError("the flare would begin before the glide-slope capture ends")
+
+    deceleration = 0.0
+    for _ in range(200):  # a contraction: deceleration is a few per cent of gravity
+        drop = (h2 - flare_height) / sin
+        root = speed_start**2 - 2.0 * deceleration * drop
+        if root <= 0.0:
+            raise ValueError("the aircraft would stop on the slope")
+        glide_time = 2.0 * drop / (speed_start + math.sqrt(root))
+        sink = sin * (speed_start - deceleration * glide_time)
+        if sink <= sink_touchdown:
+            raise ValueError(
+                f"the sink rate on the slope ({sink:.2f} m/s) is not above the one at touchdown "
+                f"({sink_touchdown:.2f} m/s)"
+            )
+        tau = flare_height / (sink - sink_touchdown)
+        flare_time = tau * math.log(sink / sink_touchdown)
+        update = (speed_start * cos - speed_touchdown) / ((glide_time + flare_time) * cos)
+        if abs(update - deceleration) < 1e-15:
+            break
+        deceleration = update
+    t3 = t2 + glide_time
+    t4 = t3 + flare_time
+    t5 = t4 + settle
+    if flare_blend > min(glide_time, flare_time):
+        raise ValueError("the blend into the flare is longer than the glide or the flare itself")
+
+    braking = deceleration * cos
+    run = t4 - t2
+    x2 = -(speed_start * cos * run - 0.5 * braking * run**2)
+    x1 = x2 - speed_start * capture * 0.5 * (1.0 + cos)
+    level = uniform(0.0, [x1 - speed_start * t1, 0, -height], [speed_start, 0, 0], np.zeros(3))  # type: ignore[arg-type]
+    glide = uniform(
+        t2,
+        np.array([x2, 0.0, -h2]),
+        np.array([speed_start * cos, 0.0, speed_start * sin]),
+        np.array([-braking, 0.0, -deceleration * sin]),
+    )
+
+    # flare: x goes on as on the slope, height is exponential about -c
+    c = sink_touchdown * tau
+    state3 = glide.jet(np.array([t3]))[0]
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[_X, :3] = state3[0, _X], state3[1, _X], 0.5 * state3[2, _X]
+    polynomial[_Z, 0] = c
+    flare = Segment(t3, polynomial, np.array([0.0, 0.0, -(flare_height + c)]), tau)
+
+    # roll-out: the braking builds up linearly while the gear settles
+    speed5 = speed_touchdown - 0.5 * (braking + rollout_deceleration) * settle
+    x5 = speed_touchdown * settle - (braking / 3.0 + rollout_deceleration / 6.0) * settle**2
+    rollout = uniform(t5, np.array([x5, 0.0, 0.0]), np.array([speed5, 0.0, 0.0]), np.array([-rollout_deceleration, 0.0, 0.0]))
+
+    def joined(begin: float, end: float, before: Segment, after: Segment) -> Segment:
+        return blend(begin, end, before.jet(np.array([begin]))[0], after.jet(np.array([end]))[0])
+
+    begin, end = t3 - 0.5 * flare_blend, t3 + 0.5 * flare_blend
+    entry = joined(begin, end, glide, flare)
+    shift = flare.jet(np.array([end]))[0]
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[_X, :3] = shift[0, _X], shift[1, _X], 0.5 * shift[2, _X]
+    polynomial[_Z, 0] = c
+    flare = Segment(end, polynomial, np.array([0.0, 0.0, shift[0, _Z] - c]), tau)
+    segments = (level, joined(t1, t2, level, glide), glide, entry, flare, joined(t4, t5, flare, rollout), rollout)
+    return Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})

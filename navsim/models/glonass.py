@@ -1,0 +1,216 @@
+"""GLONASS orbits from almanac elements, and the nominal constellation.
+
+Sources: [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), appendix 3,
+section A.3.2 (position of a satellite from the almanac), and ICD General description of the CDMA system
+(2016), appendix P (the same with other mean values). [2] ICD 5.1, section 3.3.2 (orbit structure).
+[3] PZ-90.11 reference document (2014): constants of the Earth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+GM = 398600.4418e9
+"""Gravitational constant of the Earth, m3/s2 [1]."""
+A_E = 6378136.0
+"""Equatorial radius, m [1]."""
+J20 = 1.0826257e-3
+"""Second zonal harmonic [1]."""
+EARTH_RATE = 7.292115e-5
+"""rad/s [1]."""
+MOSCOW_MINUS_UTC = 10800.0
+"""s; the GLONASS control centre keeps UTC + 3 h."""
+DAY = 86400.0
+
+FDMA_MEAN_PERIOD, FDMA_MEAN_INCLINATION = 43200.0, np.radians(63.0)
+"""Mean draconic period (s) and inclination (rad) the broadcast FDMA almanac and `.agl` files refer to [1]."""
+CDMA_MEAN_PERIOD, CDMA_MEAN_INCLINATION = 40544.0, np.radians(64.8)
+"""The same for the CDMA almanac [1]."""
+
+SLOTS = 24
+_NOMINAL_RADIUS = 25_508_000.0
+_NOMINAL_INCLINATION = np.radians(64.8)
+_PHASE_TIME = 17787 * DAY
+_PHASE_LATITUDE_ARGUMENT, _PHASE_NODE_LONGITUDE = 5.4, 177.2
+"""Argument of latitude of slot 1 and longitude of the node of plane 1, degrees, at `_PHASE_TIME`."""
+
+
+@dataclass(frozen=True)
+class Almanac:
+    """Almanac of n satellites; every field (n,), angles rad, times s.
+
+    slot: orbital slot number. healthy: bool. day: days from 1970-01-01 of the almanac (Moscow time).
+    node_time: t_lambda, s of that day (Moscow time) of the ascending node. node_longitude: lambda.
+    inclination: absolute. perigee: argument omega. eccentricity. period: draconic, and period_rate: its
+    change per orbit.
+    """
+
+    slot: np.ndarray
+    healthy: np.ndarray
+    day: np.ndarray
+    node_time: np.ndarray
+    node_longitude: np.ndarray
+    inclination: np.ndarray
+    perigee: np.ndarray
+    eccentricity: np.ndarray
+    period: np.ndarray
+    period_rate: np.ndarray
+    mean_period: float = FDMA_MEAN_PERIOD
+
+    def age(self, time: float) -> float:
+        """Largest distance in s of the almanac's own times from a UTC time (s from 1970-01-01)."""
+        own = self.day * DAY + self.node_time - MOSCOW_MINUS_UTC
+        return float(np.max(np.abs(time - own)))
+
+    def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities at UTC times.
+
+        time: (m,) or (m, n) s from 1970-01-01 (UTC, leap seconds left out as POSIX does). Returns (m, n, 3)
+        in m and m/s, rotating axes. Follows the ICD algorithm, short-period J2 terms included.
+        """
+        time = np.asarray(time, dtype=float)
+        if time.ndim == 1:
+            time = time[:, None]
+        e, i, perigee = self.eccentricity, self.inclination, self.perigee
+        sin_i, cos_i = np.sin(i), np.cos(i)
+
+        # whole orbits since the node of the almanac, and the time of the present orbit's node [1]
+        elapsed = time + MOSCOW_MINUS_UTC - self.day * DAY - self.node_time
+        orbit = np.floor(elapsed / self.period)
+        since_node = elapsed - self.period * orbit - self.period_rate * orbit**2
+        draconic = self.period + (2.0 * orbit + 1.0) * self.period_rate
+        n = 2.0 * np.pi / draconic
+
+        a = _semi_major_axis(draconic, sin_i**2, e, perigee)
+        ratio2 = (A_E / (a * (1.0 - e**2))) ** 2
+        node_rate = -1.5 * J20 * n * ratio2 * cos_i
+        perigee_rate = 0.75 * J20 * n * ratio2 * (5.0 * cos_i**2 - 1.0)
+        node = self.node_longitude + (node_rate - EARTH_RATE) * elapsed
+        perigee = perigee + perigee_rate * elapsed
+
+        eccentric = -2.0 * np.arctan(np.sqrt((1.0 - e) / (1.0 + e)) * np.tan(0.5 * perigee))
+        mean_at_node = perigee + eccentric - e * np.sin(eccentric)
+        mean = mean_at_node + n * since_node
+        h, l = e * np.sin(perigee), e * np.cos(perigee)
+        before = _short_period(a, i, h, l, mean_at_node)
+        after = _short_period(a, i, h, l, mean)
+        da, dh, dl, dnode, di, dmean = (y - x for x, y in zip(before, after, strict=True))
+
+        a = a * (1.0 + da)
+        h, l = h + dh, l + dl
+        e = np.hypot(h, l)
+        perigee = np.arctan2(h, l)
+        mean = mean + dmean
+        i = i + di
+        node = node + dnode
+        return _to_ecef(a, e, i, node, perigee, mean - perigee)
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The design constellation: 24 satellites on circles of 25 508 km radius at 64.8 degrees, in three planes
+    120 degrees apart, eight a plane 45 degrees apart, shifted 15 degrees from plane to plane [2].
+
+    Its phase is that of the real system on 2018-09-13, 00:00 UTC (mean of that day's almanac, 3 degrees);
+    from there it moves with the circular mean motion and the secular regression of the node.
+    """
+
+    slot: np.ndarray = field(default_factory=lambda: np.arange(1, SLOTS + 1))
+    healthy: np.ndarray = field(default_factory=lambda: np.ones(SLOTS, dtype=bool))
+
+    def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities, (m, 24, 3), at UTC times (m,) or (m, 24); see `Almanac.state`."""
+        time = np.asarray(time, dtype=float)
+        if time.ndim == 1:
+            time = time[:, None]
+        plane, place = np.divmod(np.arange(SLOTS), SLOTS // 3)
+        since = time - _PHASE_TIME
+        n = np.sqrt(GM / _NOMINAL_RADIUS**3)
+        node_rate = -1.5 * J20 * n * (A_E / _NOMINAL_RADIUS) ** 2 * np.cos(_NOMINAL_INCLINATION)
+        u = np.radians(_PHASE_LATITUDE_ARGUMENT + 15.0 * plane - 45.0 * place) + n * since
+        node = np.radians(_PHASE_NODE_LONGITUDE + 120.0 * plane) + (node_rate - EARTH_RATE) * since
+        zero = np.zeros_like(u)
+        return _to_ecef(zero + _NOMINAL_RADIUS, zero, zero + _NOMINAL_INCLINATION, node, zero, u)
+
+
+def _semi_major_axis(draconic: np.ndarray, sin2_i: np.ndarray, e: np.ndarray, perigee: np.ndarray) -> np.ndarray:
+    """Semi-major axis (m) whose osculating period matches the draconic one [1], by iteration."""
+    period = draconic
+    cos_p = np.cos(perigee)
+    for _ in range(20):
+        a = np.cbrt((period / (2.0 * np.pi)) ** 2 * GM)
+        ratio2 = (A_E / (a * (1.0 - e**2))) ** 2
+        bracket = (2.0 - 2.5 * sin2_i) * (1.0 - e**2) ** 1.5 / (1.0 + e * cos_p) ** 2
+        bracket = bracket + (1.0 + e * cos_p) ** 3 / (1.0 - e**2)
+        update = draconic / (1.0 - 1.5 * J20 * ratio2 * bracket)
+        if np.max(np.abs(update - period)) < 1e-9:
+            break
+        period = update
+    return a
+
+
+def _short_period(a, i, h, l, u):  # type: ignore[no-untyped-def]
+    """Short-period J2 changes of a (relative), h, l, node, i and the mean argument of latitude u [1]."""
+    k = 1.5 * J20 * (A_E / a) ** 2
+    s2, c2 = np.sin(i) ** 2, np.cos(i) ** 2
+    q = 1.0 - 1.5 * s2
+    sin, cos = np.sin, np.cos
+    da = 2.0 * k * q * (l * cos(u) + h * sin(u)) + k * s2 * (
+        0.5 * h * sin(u) - 0.5 * l * cos(u) + cos(2 * u) + 3.5 * l * cos(3 * u) + 3.5 * h * sin(3 * u)
+    )
+    dh = (
+        k * q * (sin(u) + 1.5 * l * sin(2 * u) - 1.5 * h * cos(2 * u))
+        - 0.25 * k * s2 * (
+            sin(u) - 7.0 / 3.0 * sin(3 * u) + 5.0 * l * sin(2 * u) - 8.5 * l * sin(4 * u)
+            + 8.5 * h * cos(4 * u) + h * cos(2 * u)
+        )
+        - 0.5 * k * c2 * l * sin(2 * u)
+    )
+    dl = (
+        k * q * (cos(u) + 1.5 * l * cos(2 * u) + 1.5 * h * sin(2 * u))
+        - 0.25 * k * s2 * (
+            -cos(u) - 7.0 / 3.0 * cos(3 * u) - 5.0 * h * sin(2 * u) - 8.5 * l * cos(4 * u)
+            - 8.5 * h * sin(4 * u) + l * cos(2 * u)
+        )
+        + 0.5 * k * c2 * h * sin(2 * u)
+    )
+    periodic = (
+        3.5 * l * sin(u) - 2.5 * h * cos(u) - 0.5 * sin(2 * u)
+        - 7.0 / 6.0 * l * sin(3 * u) + 7.0 / 6.0 * h * cos(3 * u)
+    )
+    dnode = -k * np.cos(i) * periodic
+    di = 0.5 * k * np.sin(i) * np.cos(i) * (
+        -l * cos(u) + h * sin(u) + cos(2 * u) + 7.0 / 3.0 * l * cos(3 * u) + 7.0 / 3.0 * h * sin(3 * u)
+    )
+    du = (
+        2.0 * k * q * (1.75 * l * sin(u) - 1.75 * h * cos(u))
+        + 3.0 * k * s2 * (
+            -7.0 / 24.0 * h * cos(u) - 7.0 / 24.0 * l * sin(u) - 49.0 / 72.0 * h * cos(3 * u)
+            + 49.0 / 72.0 * l * sin(3 * u) + 0.25 * sin(2 * u)
+        )
+        + k * c2 * periodic
+    )
+    return da, dh, dl, dnode, di, du
+
+
+def _to_ecef(a, e, i, node, perigee, anomaly):  # type: ignore[no-untyped-def]
+    """Osculating elements, the node counted from Greenwich, to position and velocity in ECEF [1]."""
+    eccentric = anomaly
+    for _ in range(12):
+        eccentric = eccentric - (eccentric - e * np.sin(eccentric) - anomaly) / (1.0 - e * np.cos(eccentric))
+    true = 2.0 * np.arctan(np.sqrt((1.0 + e) / (1.0 - e)) * np.tan(0.5 * eccentric))
+    u = true + perigee
+    radius = a * (1.0 - e * np.cos(eccentric))
+    root = np.sqrt(GM / a) / np.sqrt(1.0 - e**2)
+    radial = root * e * np.sin(true)
+    transverse = root * (1.0 + e * np.cos(true))
+    cu, su, cn, sn, ci, si = np.cos(u), np.sin(u), np.cos(node), np.sin(node), np.cos(i), np.sin(i)
+    outward = np.stack([cu * cn - su * sn * ci, cu * sn + su * cn * ci, su * si], axis=-1)
+    forward = np.stack([-su * cn - cu * sn * ci, -su * sn + cu * cn * ci, cu * si], axis=-1)
+    position = radius[..., None] * outward
+    velocity = radial[..., None] * outward + transverse[..., None] * forward
+    velocity[..., 0] += EARTH_RATE * position[..., 1]
+    velocity[..., 1] -= EARTH_RATE * position[..., 0]
+    return position, velocity

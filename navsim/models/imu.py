@@ -1,0 +1,93 @@
+"""Inertial sensor errors on top of exact increments: constant bias, white noise, Gauss-Markov bias.
+
+Measured rate = true rate + bias + Markov process + white noise, for each axis alike; the same for specific
+force. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their Allan variances).
+[2] Titterton & Weston (2004), section 12.5 (datasheet units).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Triad:
+    """Error model of three like sensors, SI: rad/s for gyros, m/s2 for accelerometers.
+
+    bias: 1 sigma of the constant bias drawn per run and axis; fixed_bias: (3,) instead of it.
+    noise_density: root of the white density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW).
+    markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias.
+    """
+
+    bias: float
+    noise_density: float
+    markov: float = 0.0
+    markov_time: float = math.inf
+    fixed_bias: tuple[float, float, float] | None = None
+
+    def decay_and_drive(self) -> tuple[float, float]:
+        """1/tau (1/s) and driving density (unit2/s) with which a filter follows this bias.
+
+        A Markov bias alone is modelled as such; on top of a constant bias it is followed as a random walk of
+        the same short-term growth, since one state cannot be both.
+        """
+        if self.markov == 0.0:
+            return 0.0, 0.0
+        drive = 2.0 * self.markov**2 / self.markov_time
+        alone = self.bias == 0.0 and self.fixed_bias is None
+        return (1.0 / self.markov_time if alone else 0.0), drive
+
+    def initial_sigma(self) -> float:
+        """1 sigma of the whole bias at time 0; a fixed bias counts with its root mean square."""
+        constant = self.bias
+        if self.fixed_bias is not None:
+            constant = math.sqrt(sum(b * b for b in self.fixed_bias) / 3.0)
+        return math.hypot(constant, self.markov)
+
+
+def density_from_sample_sigma(sigma: float, rate: float) -> float:
+    """Noise density of a white sequence of `sigma` per sample at `rate` Hz: sigma / sqrt(rate) [2].
+
+    The one converter between the two spellings of white noise; `sample_sigma_from_density` undoes it.
+    """
+    return sigma / math.sqrt(rate)
+
+
+def sample_sigma_from_density(density: float, rate: float) -> float:
+    """1 sigma per sample of white noise of a density at `rate` Hz."""
+    return density * math.sqrt(rate)
+
+
+def simulate(
+    rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measured increments dtheta, dv (n, 3) and the biases (n + 1, 6) behind them, for one run."""
+    from navsim.core.noise import corrupt  # compiled code only when something is really simulated
+
+    constant = np.zeros(6)
+    for first, triad in ((0, gyro), (3, accel)):
+        drawn = triad.bias * rng.standard_normal(3)
+        constant[first : first + 3] = drawn if triad.fixed_bias is None else triad.fixed_bias
+    white = math.sqrt(dt) * np.array([gyro.noise_density, accel.noise_density])
+    markov = np.array([gyro.markov, accel.markov])
+    decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
+    out_dtheta, out_dv = np.empty_like(dtheta), np.empty_like(dv)
+    bias = np.empty((dtheta.shape[0] + 1, 6))
+    corrupt(rng, dtheta, dv, dt, constant, white, markov, decay, out_dtheta, out_dv, bias)
+    return out_dtheta, out_dv, bias
+
+
+def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:
+    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s [1].
+
+    White noise N^2 / tau plus the exponentially correlated term; a constant bias does not show.
+    """
+    tau = np.asarray(tau, dtype=float)
+    white = triad.noise_density**2 / tau
+    if triad.markov == 0.0:
+        return white
+    x = tau / triad.markov_time
+    return white + 2.0 * triad.markov**2 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))

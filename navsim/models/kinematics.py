@@ -1,0 +1,188 @@
+"""From a path over the Earth to everything an inertial sensor feels, by analytic differentiation.
+
+The path lies in the tangent plane of the touchdown point, so position, velocity, acceleration and jerk are
+exact in ECEF. The attitude follows from it: the aircraft flies coordinated (no side force) with a constant
+angle of attack, its longitudinal plane through the velocity relative to the air.
+
+Sources: [1] Groves (2013), eqs. 2.147-2.149 (specific force in rotating axes), 5.3 (ECEF).
+[2] Etkin, Dynamics of Atmospheric Flight (1972), section 4.2 (wind axes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core import wgs84
+from navsim.core.rotation import quaternion_from_dcm, roll_pitch_yaw
+from navsim.models.path import Path
+
+_GAUSS = np.polynomial.legendre.leggauss(4)
+_EARTH_RATE = np.array([0.0, 0.0, wgs84.RATE])
+_GRADIENT_STEP = 100.0
+"""Baseline of the central difference of gravity along the path, m: exact to 1e-15 m/s2 per metre."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The tangent plane of the touchdown point: origin ECEF (3,), axes (3, 3) with v_ecef = axes @ v_path."""
+
+    origin: np.ndarray
+    axes: np.ndarray
+
+
+def tangent_frame(llh: np.ndarray, heading: float) -> Frame:
+    """Frame at a geodetic point (rad, rad, m), x towards `heading` (rad, clockwise from north), z down."""
+    c_ne = wgs84.ned_matrix(np.asarray(llh))
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Frame(wgs84.ecef_from_llh(np.asarray(llh)), (turn @ c_ne).T)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a trajectory is at given times (n,); angles rad, SI units.
+
+    position_ecef, velocity_ecef, velocity_ned: (n, 3); llh: (n, 3); c_nb: (n, 3, 3);
+    specific_force, angular_rate: (n, 3) in body axes, against inertial space.
+    """
+
+    time: np.ndarray
+    position_ecef: np.ndarray
+    velocity_ecef: np.ndarray
+    llh: np.ndarray
+    velocity_ned: np.ndarray
+    c_nb: np.ndarray
+    specific_force: np.ndarray
+    angular_rate: np.ndarray
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """Attitude b -> n, scalar first (n, 4)."""
+        return quaternion_from_dcm(self.c_nb)
+
+    @property
+    def rpy(self) -> np.ndarray:
+        """Roll, pitch, yaw (n, 3), rad."""
+        return roll_pitch_yaw(self.c_nb)
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Steady wind in path axes (3,), m/s, towards; flown with a crab angle until `decrab_start`, which is
+    taken out smoothly up to `decrab_end` (s); both None where the crab is kept."""
+
+    velocity: np.ndarray
+    decrab_start: float | None = None
+    decrab_end: float | None = None
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The wind the attitude answers to, and its rate of change: (n, 3) m/s, m/s2."""
+        if self.decrab_start is None or self.decrab_end is None:
+            return np.tile(self.velocity, (t.size, 1)), np.zeros((t.size, 3))
+        length = self.decrab_end - self.decrab_start
+        u = np.clip((t - self.decrab_start) / length, 0.0, 1.0)
+        keep = 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))
+        rate = -30.0 * u**2 * (1.0 - u) ** 2 / length
+        return keep[:, None] * self.velocity, rate[:, None] * self.velocity
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Times where a higher derivative jumps."""
+        ends = (self.decrab_start, self.decrab_end)
+        return np.array([t for t in ends if t is not None])
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A path placed on the Earth, with the attitude of an aircraft flying along it."""
+
+    path: Path
+    frame: Frame
+    wind: Wind
+    angle_of_attack: float
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        to_ecef = self.frame.axes.T
+        jet = self.path.jet(t) @ to_ecef
+        position = self.frame.origin + jet[:, 0]
+        velocity, acceleration, jerk = jet[:, 1], jet[:, 2], jet[:, 3]
+
+        direction = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
+        step = 0.5 * _GRADIENT_STEP * direction
+        slope = (wgs84.gravity_ecef(position + step) - wgs84.gravity_ecef(position - step)) / _GRADIENT_STEP
+        gravity_rate = slope * np.linalg.norm(velocity, axis=1, keepdims=True)
+        force = acceleration + 2.0 * np.cross(_EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
+        force_rate = jerk + 2.0 * np.cross(_EARTH_RATE, acceleration) - gravity_rate
+
+        wind, wind_rate = self.wind.at(t)
+        ahead, ahead_rate = _unit(velocity - wind @ to_ecef, acceleration - wind_rate @ to_ecef)
+        # lift: what is left of the specific force across the velocity through the air [2]
+        share = _dot(force, ahead)
+        share_rate = _dot(force_rate, ahead) + _dot(force, ahead_rate)
+        down, down_rate = _unit(
+            share * ahead - force, share_rate * ahead + share * ahead_rate - force_rate
+        )
+        right, right_rate = np.cross(down, ahead), np.cross(down_rate, ahead) + np.cross(down, ahead_rate)
+        c, s = np.cos(self.angle_of_attack), np.sin(self.angle_of_attack)
+        c_eb = np.stack([c * ahead - s * down, right, s * ahead + c * down], axis=-1)
+        x_rate, z_rate = c * ahead_rate - s * down_rate, s * ahead_rate + c * down_rate
+        rate = np.stack(
+            [
+                np.sum(right_rate * c_eb[:, :, 2], axis=1),
+                np.sum(z_rate * c_eb[:, :, 0], axis=1),
+                np.sum(x_rate * c_eb[:, :, 1], axis=1),
+            ],
+            axis=1,
+        )
+        llh = wgs84.llh_from_ecef(position)
+        c_ne = wgs84.ned_matrix(llh)
+        return Motion(
+            time=t,
+            position_ecef=position,
+            velocity_ecef=velocity,
+            llh=llh,
+            velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
+            c_nb=c_ne @ c_eb,
+            specific_force=np.einsum("nji,nj->ni", c_eb, force),
+            angular_rate=rate + np.einsum("nji,j->ni", c_eb, _EARTH_RATE),
+        )
+
+    def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals of angular rate and specific force (body axes) between the times t (n + 1,).
+
+        Gauss-Legendre quadrature with four nodes on every interval, cut where the path changes segment:
+        exact to rounding for these paths. Returns dtheta (n, 3) rad, dv (n, 3) m/s.
+        """
+        t = np.asarray(t, dtype=float)
+        inside = np.concatenate([self.path.knots, self.wind.knots])
+        cuts = np.unique(np.concatenate([t, inside[(inside > t[0]) & (inside < t[-1])]]))
+        # a cut within rounding of a sample time would make an empty interval
+        keep = np.concatenate([[True], np.diff(cuts) > 1e-12])
+        cuts = cuts[keep]
+        half = 0.5 * np.diff(cuts)
+        nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * _GAUSS[0]
+        motion = self.motion(nodes.ravel())
+        weights = half[:, None] * _GAUSS[1]
+        owner = np.searchsorted(t, 0.5 * (cuts[:-1] + cuts[1:])) - 1
+        sums = []
+        for values in (motion.angular_rate, motion.specific_force):
+            pieces = np.einsum("kg,kgi->ki", weights, values.reshape(half.size, -1, 3))
+            total = np.zeros((t.size - 1, 3))
+            np.add.at(total, owner, pieces)
+            sums.append(total)
+        return sums[0], sums[1]
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.sum(a * b, axis=1, keepdims=True)
+
+
+def _unit(v: np.ndarray, v_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """v / |v| and its time derivative."""
+    size = np.linalg.norm(v, axis=1, keepdims=True)
+    u = v / size
+    return u, (v_rate - _dot(u, v_rate) * u) / size

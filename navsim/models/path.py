@@ -1,0 +1,88 @@
+"""Piecewise analytic paths in a tangent plane: position and its first three derivatives at any time.
+
+A segment is a polynomial of degree five in time plus one decaying exponential per axis, which is all an
+approach needs: straight lines, uniform acceleration, C2 blends and the exponential flare.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+DEGREE = 5
+_FACTORS = np.array([[math.perm(p, k) if p >= k else 0 for p in range(DEGREE + 1)] for k in range(4)], dtype=float)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One piece of a path, in time s since the piece's start.
+
+    polynomial: (3, 6) coefficients of s^0 ... s^5 for each axis. amplitude: (3,) of exp(-s / time_constant).
+    """
+
+    start: float
+    polynomial: np.ndarray
+    amplitude: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    time_constant: float = math.inf
+
+    def jet(self, t: np.ndarray) -> np.ndarray:
+        """Position, velocity, acceleration and jerk at the times t (n,): (n, 4, 3)."""
+        s = np.asarray(t, dtype=float) - self.start
+        powers = s[:, None] ** np.arange(DEGREE + 1)
+        out = np.empty((s.size, 4, 3))
+        rate = -1.0 / self.time_constant
+        decay = np.exp(rate * s)
+        for k in range(4):
+            scaled = self.polynomial[:, k:] * _FACTORS[k, k:]
+            out[:, k] = powers[:, : DEGREE + 1 - k] @ scaled.T + decay[:, None] * (rate**k * self.amplitude)
+        return out
+
+
+@dataclass(frozen=True)
+class Path:
+    """Segments in order of time; the first and the last reach to infinity.
+
+    Axes: x along the landing direction, y to the right, z down; origin at the touchdown point, in its
+    tangent plane. events: named times, s.
+    """
+
+    segments: tuple[Segment, ...]
+    events: dict[str, float]
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Times (s) where one segment gives way to the next."""
+        return np.array([s.start for s in self.segments[1:]])
+
+    def jet(self, t: np.ndarray) -> np.ndarray:
+        """Position, velocity, acceleration and jerk at the times t (n,): (n, 4, 3), m, m/s, m/s2, m/s3."""
+        t = np.asarray(t, dtype=float)
+        which = np.searchsorted(self.knots, t, side="right")
+        out = np.empty((t.size, 4, 3))
+        for i in np.unique(which):
+            mine = which == i
+            out[mine] = self.segments[i].jet(t[mine])
+        return out
+
+
+def uniform(start: float, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Segment:
+    """A segment of constant acceleration from the given state."""
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[:, 0], polynomial[:, 1], polynomial[:, 2] = position, velocity, 0.5 * np.asarray(acceleration)
+    return Segment(start, polynomial)
+
+
+def blend(start: float, end: float, before: np.ndarray, after: np.ndarray) -> Segment:
+    """The quintic that joins two states in position, velocity and acceleration (Hermite).
+
+    before, after: (>= 3, 3) jets at the start and the end time.
+    """
+    h = end - start
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[:, :3] = (before[:3] / np.array([1.0, 1.0, 2.0])[:, None]).T
+    matrix = np.array([[h**3, h**4, h**5], [3 * h**2, 4 * h**3, 5 * h**4], [6 * h, 12 * h**2, 20 * h**3]])
+    carried = np.array([before[0] + h * before[1] + h**2 / 2 * before[2], before[1] + h * before[2], before[2]])
+    polynomial[:, 3:] = np.linalg.solve(matrix, after[:3] - carried).T
+    return Segment(start, polynomial)

@@ -1,0 +1,85 @@
+"""Pseudoranges and range rates: geometry of all sources over the approach, error laws, measurements.
+
+    pseudorange = range + receiver clock - source clock + ionosphere + troposphere + multipath + noise
+
+`Signals.delay` is where the terms that do not change from run to run are added up (today the clocks of the
+pseudolites; atmosphere and multipath belong there). Sources: [1] Groves (2013), sections 8.5, 9.2.
+[2] `landing.md` section 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core import wgs84
+
+_TRAVEL_TIME = 0.07
+
+
+@dataclass(frozen=True)
+class Signals:
+    """All sources over all fix epochs; a source that is not received has `used` false there.
+
+    time: (e,) s. names: (s,). clock: (s,) number of the clock unknown. used: (e, s) bool.
+    position, velocity: (e, s, 3) where the receiver believes the sources (satellites at the time of
+    transmission, in ECEF axes at reception), m, m/s. range, range_rate: (e, s) true, m, m/s.
+    delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
+    los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
+    rad, also of unused sources. cn0: (e, s) dB-Hz.
+    """
+
+    time: np.ndarray
+    names: tuple[str, ...]
+    clock: np.ndarray
+    used: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    range: np.ndarray
+    range_rate: np.ndarray
+    delay: np.ndarray
+    sigma: np.ndarray
+    rate_sigma: np.ndarray
+    los: np.ndarray
+    azimuth: np.ndarray
+    elevation: np.ndarray
+    cn0: np.ndarray
+
+
+def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-untyped-def]
+    """Satellites as a receiver sees them: at transmission time, in the ECEF axes of reception [1].
+
+    constellation: has `state(time (m, n)) -> position, velocity (m, n, 3)`. time: (m,) UTC s.
+    antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
+    """
+    position, velocity = constellation.state(time - _TRAVEL_TIME)
+    travel = np.full(position.shape[:2], _TRAVEL_TIME)
+    # the first round leaves an error of microseconds, the second of picoseconds
+    for _ in range(2):
+        position, velocity = constellation.state(time[:, None] - travel)
+        turn = wgs84.RATE * travel
+        position, velocity = _turned(position, turn), _turned(velocity, turn)
+        travel = np.linalg.norm(position - antenna[:, None], axis=2) / wgs84.SPEED_OF_LIGHT
+    return position, velocity
+
+
+def _turned(v: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """ECEF vectors in the axes to which the Earth has turned by `angle` (rad) meanwhile."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * v[..., 0] + s * v[..., 1], c * v[..., 1] - s * v[..., 0], v[..., 2]], axis=-1)
+
+
+def sigma_of_elevation(law: str, zenith: float, elevation: np.ndarray, scale: float) -> np.ndarray:
+    """1 sigma of the ranging error (m) of a satellite at an elevation (rad), `zenith` being that overhead.
+
+    constant: the same everywhere; inverse-sine: zenith / sin(el), el no lower than 2 degrees;
+    exponential: zenith (1 + 9 exp(-el / scale)), ten times the zenith value at the horizon (scale in rad).
+    """
+    if law == "constant":
+        return np.full_like(elevation, zenith)
+    if law == "inverse-sine":
+        return zenith / np.sin(np.maximum(elevation, np.radians(2.0)))
+    if law == "exponential":
+        return zenith * (1.0 + 9.0 * np.exp(-np.maximum(elevation, 0.0) / scale))
+    raise ValueError(f"no such law: {law}")
