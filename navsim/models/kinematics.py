@@ -186,3 +186,31 @@ def _unit(v: np.ndarray, v_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     size = np.linalg.norm(v, axis=1, keepdims=True)
     u = v / size
     return u, (v_rate - _dot(u, v_rate) * u) / size
+
+
+def touchdown_from_start(
+    start: tuple[float, float], height: float, heading: float, begin: np.ndarray
+) -> Frame:
+    """The touchdown frame from which a path that begins at `begin` starts over the given point.
+
+    start: latitude, longitude, rad. height: of the touchdown point, m. heading: rad. begin: (3,) first point
+    of the path in its own axes, m. Newton's iteration on a nearly linear map, exact to rounding.
+    """
+    touchdown = np.array([start[0], start[1], height])
+    for _ in range(10):
+        frame = tangent_frame(touchdown, heading)
+        reached = wgs84.llh_from_ecef(frame.origin + frame.axes @ begin)
+        miss = np.array(start) - reached[:2]
+        touchdown[:2] += miss
+        if np.max(np.abs(miss)) < 1e-15:
+            break
+    return tangent_frame(touchdown, heading)
+
+
+def touchdown_from_threshold(
+    threshold: tuple[float, float], height: float, heading: float, aim_point: float
+) -> Frame:
+    """The touchdown frame `aim_point` metres beyond a threshold (latitude, longitude, rad)."""
+    runway = tangent_frame(np.array([threshold[0], threshold[1], height]), heading)
+    llh = wgs84.llh_from_ecef(runway.origin + aim_point * runway.axes[:, 0])
+    return tangent_frame(np.array([llh[0], llh[1], height]), heading)

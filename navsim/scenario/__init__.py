@@ -1,0 +1,1 @@
+"""YAML scenarios: loading, validation, and turning them into models."""

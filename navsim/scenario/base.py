@@ -1,0 +1,169 @@
+"""What all scenario sections share: strictness, unit conversions, validation with places and hints."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import types
+import typing
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted
+
+DEG = math.pi / 180.0
+DEG_H = DEG / 3600.0
+DEG_SQRT_H = DEG / 60.0
+MG = 9.80665e-3
+KMH = 1.0 / 3.6
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
+Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
+Azimuth = Annotated[float, Field(ge=0.0, le=360.0)]
+Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
+Triple = Annotated[tuple[float, float, float], BeforeValidator(_as_tuple)]
+Pair = Annotated[tuple[float, float], BeforeValidator(_as_tuple)]
+
+
+class Section(BaseModel):
+    """A part of a scenario: immutable, no unknown keys, no silent conversions, finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+S = typing.TypeVar("S", bound=Section)
+
+
+def list_of(item: Any) -> Any:
+    """The type of a YAML list of `item`, kept as a tuple."""
+    return Annotated[tuple[item, ...], BeforeValidator(_as_tuple)]
+
+
+def validated(model: type[S], document: Document) -> S:
+    """The document as `model`. Raises InputError with every problem found, each at its line."""
+    try:
+        return model.model_validate(document.data)
+    except ValidationError as error:
+        problems = [_problem(model, document, dict(e)) for e in error.errors(include_url=False)]
+        unique = {str(p): p for p in problems}
+        order = sorted(unique.values(), key=lambda p: (p.place.line, p.place.column))
+        raise InputError(order) from None
+
+
+def reject(message: str, *path: str | int) -> ValueError:
+    """An error for model validators to raise, about the key at `path` below the section."""
+    return KeyedError(message, path)
+
+
+class KeyedError(ValueError):
+    """A cross-check that failed, with the key it is best reported at."""
+
+    def __init__(self, message: str, path: KeyPath) -> None:
+        super().__init__(message)
+        self.path = path
+
+
+def _problem(model: type[Section], document: Document, error: dict[str, Any]) -> Problem:
+    cause = error.get("ctx", {}).get("error")
+    kind = error["type"]
+    path = _data_path(document.data, error["loc"], absent_leaf=kind == "missing")
+    if isinstance(cause, KeyedError):
+        path = (*path, *cause.path)
+        return Problem(document.place(path), dotted(path), str(cause))
+    place = document.place(path)
+    key = dotted(path)
+    if kind == "extra_forbidden":
+        allowed = _keys_at(model, error["loc"][:-1])
+        return Problem(place, key, "unknown key; " + hint(str(path[-1]), allowed))
+    if kind == "missing":
+        return Problem(place, key, "this key is required")
+    message = error["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:] if message else kind
+    if kind in ("literal_error", "union_tag_invalid", "union_tag_not_found"):
+        context = error["ctx"]
+        expected = str(context.get("expected") or context.get("expected_tags") or context["discriminator"])
+        if kind != "literal_error":
+            tag = str(context["discriminator"]).strip("'")
+            path = (*path, tag)
+            place, key = document.place(path), dotted(path)
+        if kind == "union_tag_not_found":
+            return Problem(place, key, "this key is required")
+        given = _value_at(document.data, path)
+        choices = [c.strip(" '") for c in expected.replace(" or ", ",").split(",")]
+        return Problem(place, key, f"{given!r} is not allowed; " + hint(str(given), choices))
+    given = error.get("input")
+    shown = repr(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
+    return Problem(place, key, f"{message}, not {shown[:60]}")
+
+
+def _noun(value: Any) -> str:
+    return {dict: "mapping", list: "list", tuple: "list"}.get(type(value), type(value).__name__)
+
+
+def hint(given: str, allowed: list[str]) -> str:
+    near = difflib.get_close_matches(given, allowed, n=1, cutoff=0.6)
+    ask = f"did you mean '{near[0]}'? " if near else ""
+    return f"{ask}allowed: {', '.join(allowed)}"
+
+
+def _data_path(data: Any, location: tuple[str | int, ...], absent_leaf: bool) -> KeyPath:
+    """pydantic's location without the tags of unions, which are no keys of the file.
+
+    absent_leaf: the last part is a key that the file lacks.
+    """
+    path: KeyPath = ()
+    for index, part in enumerate(location):
+        last = absent_leaf and index == len(location) - 1
+        if isinstance(data, dict) and (part in data or last):
+            path = (*path, part)
+            data = data.get(part)
+        elif isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data):
+            path = (*path, part)
+            data = data[part]
+    return path
+
+
+def _value_at(data: Any, path: KeyPath) -> Any:
+    for part in path:
+        data = data.get(part) if isinstance(data, dict) else data[part]  # type: ignore[index]
+    return data
+
+
+def _keys_at(model: Any, location: tuple[str | int, ...]) -> list[str]:
+    """The keys allowed in the section that pydantic's location leads to."""
+    here: list[Any] = [model]
+    for part in location:
+        below: list[Any] = []
+        for one in here:
+            if not (isinstance(one, type) and issubclass(one, BaseModel)):
+                continue
+            if part in one.model_fields:
+                below += _models_in(one.model_fields[str(part)].annotation)
+            elif any(part in typing.get_args(f.annotation) for f in one.model_fields.values()):
+                below = [one]  # the tag of a union: keep the member that carries it
+                break
+        here = below or here
+    return [name for one in here for name in getattr(one, "model_fields", {})]
+
+
+def _models_in(annotation: Any) -> list[Any]:
+    """All section classes within a type: through unions, tuples, Annotated."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if typing.get_origin(annotation) is not None or isinstance(annotation, types.UnionType):
+        return [m for a in typing.get_args(annotation) for m in _models_in(a)]
+    return []
+
+
+__all__ = [
+    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Elevation", "Latitude", "Longitude", "NonNegative",
+    "Pair", "Positive", "Section", "Triple", "hint", "list_of", "reject", "validated",
+]  # fmt: skip

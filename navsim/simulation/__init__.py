@@ -1,0 +1,1 @@
+"""One run: truth, sensors, measurements, fixes, filter."""

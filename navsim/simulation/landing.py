@@ -1,0 +1,375 @@
+"""The landing run, block by block as in figure 1 of the landing paper.
+
+    route -> signal simulator with pseudolites -> receiver -> fix ┐
+    route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
+
+`World` is what all runs of a scenario share: the route and the geometry of the signals. `fly` is one run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from navsim.core import covariance, noise, states
+from navsim.core.attitude import rotate_left
+from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
+from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
+from navsim.estimation import error_state, receiver
+from navsim.models import imu, pseudorange
+from navsim.models.kinematics import Motion, Trajectory
+from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
+
+_LISTED_RANGE = 20_000e3
+"""Distance given to sources listed by direction, m."""
+
+STREAMS = {"initial": 0, "imu": 1, "measurements": 2}
+"""Random streams of a run; a stream's number never changes, whatever comes beside it."""
+
+
+@dataclass(frozen=True)
+class Satellites:
+    """A constellation, the names and the clock number of its members, and which of them to use."""
+
+    constellation: Any
+    names: tuple[str, ...]
+    clock: int
+    chosen: np.ndarray
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Sources in fixed directions: azimuth, elevation (s,) rad, clock (s,) int, chosen (s,) bool."""
+
+    names: tuple[str, ...]
+    azimuth: np.ndarray
+    elevation: np.ndarray
+    clock: np.ndarray
+    chosen: np.ndarray
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
+    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz."""
+
+    names: tuple[str, ...]
+    llh: np.ndarray
+    survey_error: np.ndarray
+    clock: int
+    delay: float
+    sigma: float
+    rate_sigma: float
+    cn0: float
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """Ranging errors of satellites, see `pseudorange.sigma_of_elevation`; rate_sigma m/s, cn0 dB-Hz."""
+
+    law: str
+    zenith: float
+    scale: float
+    rate_sigma: float
+    cn0: float
+
+
+@dataclass(frozen=True)
+class InitialErrors:
+    """1 sigma per axis of the initial errors, rad, m, m/s; `fixed` (9,) position, velocity, attitude errors
+    (truth - estimate) instead of drawn ones."""
+
+    attitude: float
+    position: float
+    velocity: float
+    fixed: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """What the filter believes: initial sigmas, sensors, fixes. gate: (2,) limits for 3 and 6 measurements."""
+
+    initial: InitialErrors
+    gyro: imu.Triad
+    accel: imu.Triad
+    with_velocity: bool
+    latency: float
+    lever_arm: np.ndarray
+    sigma_scale: float
+    gate: np.ndarray
+    max_rejected: int
+
+    def covariance(self) -> np.ndarray:
+        """P at time 0, flat (240,)."""
+        variances = np.empty(states.N)
+        for first, sigma in (
+            (states.POS, self.initial.position),
+            (states.VEL, self.initial.velocity),
+            (states.ATT, self.initial.attitude),
+            (states.GYRO, self.gyro.initial_sigma()),
+            (states.ACCEL, self.accel.initial_sigma()),
+        ):
+            variances[first : first + 3] = max(sigma, _SIGMA_FLOOR[first]) ** 2
+        p = np.zeros(covariance.SIZE)
+        p[np.arange(states.N) * (covariance.STRIDE + 1)] = variances
+        return p
+
+    def noise(self) -> np.ndarray:
+        """Process noise (6,), see `core.covariance`."""
+        return np.array(
+            [
+                self.gyro.noise_density**2,
+                self.accel.noise_density**2,
+                *self.gyro.decay_and_drive(),
+                *self.accel.decay_and_drive(),
+            ]
+        )
+
+
+_SIGMA_FLOOR = {states.POS: 1e-4, states.VEL: 1e-6, states.ATT: 1e-8, states.GYRO: 1e-12, states.ACCEL: 1e-9}
+"""Smallest initial sigma the filter is given, SI: with zeros P would be singular, and a perfect sensor or a
+perfect start is a common check."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything that is the same in all runs of a scenario.
+
+    imu_time: (n + 1,) s. dtheta, dv: (n, 3) exact increments. truth: motion at imu_time. at_filter: motion
+    at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
+    the IMU sample at or just before them. dop: (e, 5). fix_covariance: (e, 3, 3) weighted, ENU.
+    clock: (e, 2) receiver clock offset (m) and drift (m/s).
+    """
+
+    imu_time: np.ndarray
+    dtheta: np.ndarray
+    dv: np.ndarray
+    truth: Motion
+    signals: pseudorange.Signals
+    dop: np.ndarray
+    fix_covariance: np.ndarray
+    clock: np.ndarray
+    start: np.ndarray
+    at_filter: Motion
+    filter_index: np.ndarray
+
+    @property
+    def filter_time(self) -> np.ndarray:
+        """Times of the filter's output, s (e + 1,)."""
+        return self.at_filter.time
+
+
+def epochs(duration: float, rate: float) -> np.ndarray:
+    """Times k / rate, k = 1, 2, ... up to the duration, s."""
+    return np.arange(1, int(np.floor(duration * rate + 1e-9)) + 1) / rate
+
+
+def build_world(
+    trajectory: Trajectory,
+    *,
+    utc: float,
+    duration: float,
+    imu_rate: float,
+    fix_rate: float,
+    latency: float,
+    lever_arm: np.ndarray,
+    satellites: Satellites | None,
+    listed: Listed | None,
+    mask: Mask,
+    ground: Ground,
+    law: ErrorLaw,
+    clock_offset: float,
+    clock_drift: float,
+) -> World:
+    """Route and geometry of the signals.
+
+    utc: of time 0, s from 1970-01-01. duration: s. imu_rate, fix_rate: Hz. latency: s; fixes that would come
+    after the end are left out. clock_offset: s, clock_drift: s/s of the receiver.
+    """
+    imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
+    dtheta, dv = trajectory.increments(imu_time)
+    fix_time = epochs(duration, fix_rate)
+    fix_time = fix_time[fix_time + latency <= imu_time[-1] + 1e-9]
+    at_fix = trajectory.motion(fix_time)
+    signals = build_signals(at_fix, utc, lever_arm, satellites, listed, mask, ground, law)
+    cofactor, unknowns = geometry_covariance(signals.los, signals.clock, 1.0 / signals.sigma**2)
+    at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + latency]))
+    return World(
+        imu_time=imu_time,
+        dtheta=dtheta,
+        dv=dv,
+        truth=trajectory.motion(imu_time),
+        signals=signals,
+        dop=dops(signals.los, signals.clock),
+        fix_covariance=cofactor[:, :3, :3],
+        clock=SPEED_OF_LIGHT * np.stack([clock_offset + clock_drift * fix_time, np.full_like(fix_time, clock_drift)], axis=1),
+        start=trajectory.frame.origin,
+        at_filter=at_filter,
+        filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
+    )
+
+
+def build_signals(
+    motion: Motion,
+    utc: float,
+    lever_arm: np.ndarray,
+    satellites: Satellites | None,
+    listed: Listed | None,
+    mask: Mask,
+    ground: Ground,
+    law: ErrorLaw,
+) -> pseudorange.Signals:
+    """All sources at the times of `motion`, seen from the antenna; see `pseudorange.Signals`."""
+    e = motion.time.size
+    c_ne = ned_matrix(motion.llh)
+    arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
+    antenna = motion.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
+    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, pseudorange.wgs84.RATE])
+    swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, lever_arm))
+    antenna_velocity = motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
+    c_ue = enu_matrix(motion.llh)
+
+    names: list[str] = []
+    clocks: list[int] = []
+    position, velocity, true_position, chosen, ground_based = [], [], [], [], []
+
+    def add(name, clock, believed, speed, true, use, is_ground):  # type: ignore[no-untyped-def]
+        names.append(name)
+        clocks.append(clock)
+        position.append(believed)
+        velocity.append(speed)
+        true_position.append(true)
+        chosen.append(use)
+        ground_based.append(is_ground)
+
+    if satellites is not None:
+        p, v = pseudorange.satellites_at_reception(satellites.constellation, utc + motion.time, antenna)
+        for i, name in enumerate(satellites.names):
+            add(name, satellites.clock, p[:, i], v[:, i], p[:, i], satellites.chosen[i], False)
+    if listed is not None:
+        for i, name in enumerate(listed.names):
+            direction = np.einsum("nji,j->ni", c_ue, unit_vector(listed.azimuth[i], listed.elevation[i]))
+            p = antenna + _LISTED_RANGE * direction
+            # the source keeps its direction: it moves along, without range rate
+            add(name, int(listed.clock[i]), p, antenna_velocity, p, listed.chosen[i], False)
+    for i, name in enumerate(ground.names):
+        surveyed = ecef_from_llh(ground.llh[i])
+        true = surveyed + ned_matrix(ground.llh[i]).T @ ground.survey_error
+        still = np.zeros((e, 3))
+        add(name, ground.clock, still + surveyed, still, still + true, True, True)
+
+    s = len(names)
+    believed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
+    speed = np.stack(velocity, axis=1) if s else np.empty((e, 0, 3))
+    true = np.stack(true_position, axis=1) if s else np.empty((e, 0, 3))
+    on_ground = np.array(ground_based, dtype=bool)
+
+    offset = true - antenna[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    rate = np.sum(offset * (speed - antenna_velocity[:, None]), axis=2) / distance
+    offset = believed - antenna[:, None]
+    los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
+    azimuth, elevation = azimuth_elevation(los)
+    used = np.array(chosen, dtype=bool) & (on_ground | mask.passes(azimuth, elevation))
+    los[~used] = np.nan
+    satellite_sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
+    return pseudorange.Signals(
+        time=motion.time,
+        names=tuple(names),
+        clock=np.array(clocks, dtype=np.int64),
+        used=used,
+        position=believed,
+        velocity=speed,
+        range=distance,
+        range_rate=rate,
+        delay=np.broadcast_to(np.where(on_ground, ground.delay, 0.0), (e, s)).copy(),
+        sigma=np.where(on_ground, ground.sigma, satellite_sigma),
+        rate_sigma=np.broadcast_to(np.where(on_ground, ground.rate_sigma, law.rate_sigma), (e, s)).copy(),
+        los=los,
+        azimuth=azimuth,
+        elevation=elevation,
+        cn0=np.where(used, np.where(on_ground, ground.cn0, law.cn0), np.nan),
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run leaves behind; shapes and units as in the result file, without the run axis."""
+
+    pseudorange: np.ndarray
+    range_rate: np.ndarray
+    fix_llh: np.ndarray
+    fix_velocity: np.ndarray
+    fix_clock: np.ndarray
+    error: np.ndarray
+    sigma: np.ndarray
+    nees: np.ndarray
+    nees_position_velocity: np.ndarray
+    innovation_squared: np.ndarray
+    degrees: np.ndarray
+    status: np.ndarray
+
+
+def generator(seed: int, run: int, stream: str) -> np.random.Generator:
+    """The random numbers of one stream of one run: they depend on nothing else."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, STREAMS[stream]))))
+
+
+def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErrors) -> np.ndarray:
+    """The navigation state at time 0 (16,): the truth minus drawn or fixed errors."""
+    drawn = rng.standard_normal(9) * np.repeat([errors.position, errors.velocity, errors.attitude], 3)
+    x = drawn if errors.fixed is None else errors.fixed
+    nav = np.zeros(states.NAV_N)
+    nav[states.NAV_LLH : states.NAV_LLH + 3] = truth.llh[0]
+    nav[states.NAV_VEL : states.NAV_VEL + 3] = truth.velocity_ned[0]
+    nav[states.NAV_QUAT : states.NAV_QUAT + 4] = truth.quaternion[0]
+    error_state.inject(nav, np.concatenate([-x[:6], np.zeros(9)]))
+    rotate_left(nav[states.NAV_QUAT : states.NAV_QUAT + 4], -x[6], -x[7], -x[8])
+    return nav
+
+
+def fly(
+    world: World, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad, settings: FilterSettings, seed: int, run: int
+) -> Run:
+    """One landing, numbered `run`, of the ensemble of `seed`."""
+    signals = world.signals
+    e, s = signals.range.shape
+
+    nav = initial_estimate(generator(seed, run, "initial"), world.at_filter, initial)
+
+    dt = world.imu_time[1] - world.imu_time[0]
+    dtheta, dv, bias = imu.simulate(generator(seed, run, "imu"), world.dtheta, world.dv, dt, gyro, accel)
+
+    ranges, rates = np.empty((e, s)), np.empty((e, s))
+    noise.measure(
+        generator(seed, run, "measurements"),
+        signals.range, signals.delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
+        ranges, rates,
+    )  # fmt: skip
+
+    llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
+    cov, velocity_cov = np.empty((e, 3, 3)), np.empty((e, 3, 3))
+    receiver.fixes(
+        world.start, signals.position, signals.velocity, signals.sigma, signals.rate_sigma, signals.clock,
+        ranges, rates, llh, velocity, clocks, cov, velocity_cov,
+    )  # fmt: skip
+
+    error, sigma = np.empty((e + 1, states.N)), np.empty((e + 1, states.N))
+    nees, nees_pv = np.empty(e + 1), np.empty(e + 1)
+    innovation, degrees, status = np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)
+    truth = world.at_filter
+    scale = settings.sigma_scale**2
+    # the filter knows when a fix came and how old it believes it to be
+    valid = signals.time + (truth.time[1:] - signals.time) - settings.latency if e else signals.time
+    error_state.run(
+        world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
+        np.maximum(valid, 0.0), llh, velocity, scale * cov, scale * velocity_cov,
+        settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
+        truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],
+        error, sigma, nees, nees_pv, innovation, degrees, status, covariance.STRIDE,
+    )  # fmt: skip
+    return Run(
+        ranges, rates, llh, velocity, clocks, error, sigma, nees, nees_pv, innovation, degrees, status
+    )  # fmt: skip

@@ -1,0 +1,54 @@
+"""Statistics of ensembles: root mean squares with confidence intervals, consistency bands.
+
+Sources: [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001),
+section 5.4.2 (NEES and NIS tests). [2] Satterthwaite, Biometrics Bulletin 2 (1946) (effective degrees of
+freedom of a sum of squares).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+CONFIDENCE = 0.95
+
+
+def chi_square_quantile(probability: float, degrees: float) -> float:
+    """Quantile of the chi-square distribution; scipy.special only, since scipy.stats takes half a second."""
+    from scipy.special import gammaincinv
+
+    return float(2.0 * gammaincinv(0.5 * degrees, probability))
+
+
+def chi_square_exceedance(probability: float, degrees: int) -> float:
+    """The value a chi-square variable exceeds with this small probability; inf for 0."""
+    from scipy.special import gammainccinv
+
+    return float(2.0 * gammainccinv(0.5 * degrees, probability)) if probability > 0.0 else np.inf
+
+
+def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
+    """Root mean square over runs and components with its two-sided 95 % interval: value, low, high.
+
+    mean_squares: (run, component) each the mean square of one error component of one run, over whatever was
+    averaged within the run. Errors within a run are taken as fully correlated, so only runs and components
+    count as independent: the interval is exact for errors that stay constant over a run and cautious else.
+    Components of different size share the degrees of freedom of [2]. All nan where nothing is defined.
+    """
+    per_component = np.mean(mean_squares, axis=0)
+    total = float(np.sum(per_component))
+    if not np.isfinite(total):
+        return np.full(3, np.nan)
+    if total == 0.0:
+        return np.zeros(3)
+    degrees = mean_squares.shape[0] * total**2 / float(np.sum(per_component**2))
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = chi_square_quantile(1.0 - tail, degrees)
+    high = chi_square_quantile(tail, degrees)
+    return np.sqrt(total * np.array([1.0, degrees / low, degrees / high]))
+
+
+def consistency_band(degrees: int, runs: int) -> tuple[float, float]:
+    """Two-sided 95 % band of the ensemble mean of a normalised square per degree of freedom [1]."""
+    total = degrees * runs
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    return chi_square_quantile(tail, total) / total, chi_square_quantile(1.0 - tail, total) / total
