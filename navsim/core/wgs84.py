@@ -40,6 +40,12 @@ def ned_matrix(llh: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
 
 
+def heading_axes(llh: np.ndarray, heading: float) -> np.ndarray:
+    """Columns (3, 3) are the unit vectors ahead, right and down at a point (3,), in ECEF; heading in rad."""
+    c, s = np.cos(heading), np.sin(heading)
+    return ned_matrix(llh).T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def ecef_from_llh(llh: np.ndarray) -> np.ndarray:
     """llh (..., 3) [rad, rad, m] -> ECEF (..., 3) [m] [2]."""
     lat, lon, height = llh[..., 0], llh[..., 1], llh[..., 2]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -113,16 +114,28 @@ def _fill(file: Any, result: Result) -> None:
 
 def read(path: Path) -> Result:
     """Read a result file. Raises ResultError for anything else."""
+    with _opened(path) as file:
+        attributes = {k: _plain(v) for k, v in file.attrs.items() if not k.startswith("_NC")}
+        variables: dict[str, Variable] = {}
+        file.visititems(lambda name, node: _collect(name, node, variables))
+        return Result(attributes, variables)
+
+
+def read_kind(path: Path) -> str:
+    """The kind of a result file. Raises ResultError for anything else."""
+    with _opened(path) as file:
+        return str(_plain(file.attrs["kind"]))
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
             if "navsim_version" not in file.attrs or "kind" not in file.attrs:
                 raise ResultError(f"{path}: an HDF5 file, but not a navsim result (no navsim_version and kind)")
-            attributes = {k: _plain(v) for k, v in file.attrs.items() if not k.startswith("_NC")}
-            variables: dict[str, Variable] = {}
-            file.visititems(lambda name, node: _collect(name, node, variables))
-            return Result(attributes, variables)
+            yield file
     except FileNotFoundError:
         raise ResultError(f"{path}: no such file") from None
     except IsADirectoryError:

@@ -34,10 +34,7 @@ class Frame:
 
 def tangent_frame(llh: np.ndarray, heading: float) -> Frame:
     """Frame at a geodetic point (rad, rad, m), x towards `heading` (rad, clockwise from north), z down."""
-    c_ne = wgs84.ned_matrix(np.asarray(llh))
-    c, s = np.cos(heading), np.sin(heading)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Frame(wgs84.ecef_from_llh(np.asarray(llh)), (turn @ c_ne).T)
+    return Frame(wgs84.ecef_from_llh(np.asarray(llh)), wgs84.heading_axes(np.asarray(llh), heading))
 
 
 @dataclass(frozen=True)

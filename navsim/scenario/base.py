@@ -83,6 +83,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
     if kind == "extra_forbidden":
         allowed = _keys_at(model, error["loc"][:-1])
         return Problem(place, key, "unknown key; " + hint(str(path[-1]), allowed))
+    if kind == "missing" and isinstance(error["loc"][-1], int):
+        return Problem(place, key, f"the list is too short: value {error['loc'][-1] + 1} is missing")
     if kind == "missing":
         return Problem(place, key, "this key is required")
     message = error["msg"].removeprefix("Value error, ")
@@ -99,6 +101,10 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         given = _value_at(document.data, path)
         choices = [c.strip(" '") for c in expected.replace(" or ", ",").split(",")]
         return Problem(place, key, f"{given!r} is not allowed; " + hint(str(given), choices))
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        message = "expected a section, a mapping of keys to values"
+    elif kind == "tuple_type":
+        message = "expected a list"
     given = error.get("input")
     shown = repr(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
     return Problem(place, key, f"{message}, not {shown[:60]}")

@@ -132,10 +132,10 @@ def _satellites(
         path = document.resolve(key, sky.almanac)
 
         def wrong(message: str, line: int = 0) -> InputError:
-            problems = [Problem(document.place(key), "sky.almanac", f"{sky.almanac}: {message}")]
-            if line:
-                problems = [Problem(Place(str(path), line, 1), "", message), problems[0]]
-            return InputError(problems)
+            named = document.place(key)
+            if not line:
+                return InputError([Problem(named, "sky.almanac", f"{sky.almanac}: {message}")])
+            return InputError([Problem(Place(str(path), line, 1), "sky.almanac", f"{message} (named at {named})")])
 
         try:
             checksum = hashlib.sha256(path.read_bytes()).hexdigest()

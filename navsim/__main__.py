@@ -1,0 +1,5 @@
+"""`python -m navsim`."""
+
+from navsim.cli.main import main
+
+main()

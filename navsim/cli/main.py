@@ -1,0 +1,307 @@
+"""The `navsim` command. Heavy imports happen inside the commands, so that `--help` answers at once."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+
+app = typer.Typer(
+    name="navsim",
+    help="Plan and prove a landing navigation system: INS corrected by GNSS and ground pseudolites.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+ScenarioArgument = Annotated[Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Set a scenario key, dotted; may be given many times.", show_default=False),
+]
+FiguresOption = Annotated[
+    str | None,
+    typer.Option(metavar="FOLDER|none", help="Where figures go. Default: beside the result for one run.", show_default=False),
+]
+
+
+def say(message: str) -> None:
+    """Tell the person at the terminal something; standard output is for results alone."""
+    print(message, file=sys.stderr)
+
+
+def leave(code: int, *messages: object) -> NoReturn:
+    """End with an exit code and messages on standard error."""
+    for message in messages:
+        say(f"error: {message}")
+    raise typer.Exit(code)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import navsim
+
+        print(f"navsim {navsim.__version__}")
+        raise typer.Exit(OK)
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    pass
+
+
+@contextmanager
+def _progress(total: int, shown: bool) -> Iterator[Callable[[int], None]]:
+    """A progress bar over `total` runs on standard error, or nothing."""
+    if not shown or total < 2 or not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("runs", total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _read(scenario: Path, assignments: list[str] | None) -> Any:
+    from navsim.scenario.load import read
+    from navsim.scenario.source import InputError
+
+    try:
+        return read(scenario, assignments or [])
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+
+
+def _target(scenario: Path, output: Path | None) -> Path:
+    """The result's path, found writable and free of other people's data before anything is computed."""
+    from navsim.io.results import ResultError, check_writable, read_kind
+
+    target = output or Path("results") / f"{scenario.stem}.h5"
+    try:
+        if output is not None and not target.parent.is_dir():
+            raise ResultError(f"{target.parent}: no such folder; create it first or choose another -o/--output")
+        check_writable(target)
+        if target.exists():
+            kind = read_kind(target)
+            if kind != "landing":
+                raise ResultError(f"{target}: holds a result of kind {kind}, not landing; it will not be overwritten")
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    return target
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.h5", help="Result file. Default: results/<scenario stem>.h5.", show_default=False),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Root of all random numbers.")] = 1,
+    runs: Annotated[int, typer.Option(min=1, help="Number of Monte Carlo runs.")] = 1,
+    first_run: Annotated[int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")] = 0,
+    workers: Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)] = None,
+    keep: Annotated[str, typer.Option(metavar="errors|all|none", help="What is stored per run of several.")] = "errors",
+    set_: SetOption = None,
+    figures: FiguresOption = None,
+    require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
+    json_: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")] = False,
+) -> None:
+    """Fly a scenario and write its result file, the summary table and the figures."""
+    if keep not in ("errors", "all", "none"):
+        leave(BAD_INPUT, f"--keep {keep}: allowed are errors, all, none")
+    checked, document = _read(scenario, set_)
+    target = _target(scenario, output)
+    drawing = _figure_folder(figures, target, runs, quiet)
+
+    from navsim.core import jit
+    from navsim.io.results import ResultError, write
+    from navsim.scenario.source import InputError
+    from navsim.study import landing
+
+    if not jit.is_warm() and not dry_run:
+        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    try:
+        case = landing.prepare(checked, document)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    if dry_run:
+        for warning in case.warnings:
+            say(f"warning: {warning}")
+        sources = len(case.world.signals.names)
+        say(
+            f"{scenario}: {runs} run(s) of {case.scenario.duration_s:g} s, {case.world.dtheta.shape[0]} IMU samples, "
+            f"{case.world.signals.time.size} fix epochs, {sources} sources; would write {target}"
+        )
+        return
+    try:
+        with _progress(runs, not quiet) as done:
+            ensemble = landing.fly_all(case, seed, first_run, runs, workers or landing.default_workers(), done)
+        found = landing.findings(case, ensemble)
+        result = landing.result(case, ensemble, seed, keep=keep)
+        write(target, result)
+        written = []
+        if drawing is not None:
+            from navsim.report.figures import save
+
+            written = save(result, drawing, target.stem)
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    jit.mark_warm()
+
+    _print_summary(result, str(target.stem), quiet, json_)
+    if not quiet and not json_:
+        print(f"result   {target}")
+        if written:
+            print(f"figures  {drawing}/{target.stem}_{{{','.join(p.stem.removeprefix(target.stem + '_') for p in written)}}}.png")
+    for warning in found:
+        say(f"warning: {warning}")
+    if found:
+        say(f"{len(found)} warning(s)")
+    lost = case.world.signals.time[case.world.dop[:, 1] != case.world.dop[:, 1]]
+    if require_fix and lost.size:
+        leave(RUN_FAILED, f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)")
+
+
+def _figure_folder(figures: str | None, target: Path, runs: int, quiet: bool) -> Path | None:
+    if figures == "none" or (figures is None and (runs > 1 or quiet)):
+        return None
+    folder = target.parent if figures is None else Path(figures)
+    if folder.exists() and not folder.is_dir():
+        leave(BAD_INPUT, f"--figures {folder}: is a file, not a folder")
+    return folder
+
+
+def _print_summary(result: Any, name: str, quiet: bool, as_json: bool) -> None:
+    from navsim.report import tables
+
+    if as_json:
+        import json
+
+        print(json.dumps(tables.summary_json(result), indent=1, allow_nan=False))
+    elif not quiet:
+        _print_table([(name, result)])
+
+
+def _print_table(results: list[tuple[str, Any]]) -> None:
+    from rich.console import Console
+
+    from navsim.report.tables import summary_table
+
+    width = None if sys.stdout.isatty() else 52 + 40 * len(results)
+    Console(width=width, highlight=False).print(summary_table(results))
+
+
+@app.command()
+def show(
+    files: Annotated[list[Path], typer.Argument(metavar="RESULT.h5 [MORE]", help="Result files.", show_default=False)],
+    json_: Annotated[bool, typer.Option("--json", help="Print the summaries as JSON.")] = False,
+) -> None:
+    """Print the summary tables of results side by side."""
+    from navsim.io.results import ResultError, read
+
+    try:
+        results = [(path.stem, read(path)) for path in files]
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    if json_:
+        import json
+
+        from navsim.report.tables import summary_json
+
+        summaries = [summary_json(result) for _, result in results]
+        print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=1, allow_nan=False))
+    else:
+        _print_table(results)
+
+
+@app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result file.", show_default=False)],
+    figures: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Default: beside the result.", show_default=False)] = None,
+) -> None:
+    """Draw the figures of a result."""
+    from navsim.io.results import ResultError, read
+
+    try:
+        result = read(file)
+        from navsim.report.figures import save
+
+        for path in save(result, figures or file.parent, file.stem):
+            print(path)
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+
+
+@app.command()
+def validate(scenario: ScenarioArgument, set_: SetOption = None) -> None:
+    """Check a scenario file and say what is wrong with it."""
+    checked, _ = _read(scenario, set_)
+    print(f"{scenario}: a valid scenario of kind {checked.kind}")
+
+
+@app.command()
+def schema(kind: Annotated[str, typer.Argument(help="Kind of scenario.")] = "landing") -> None:
+    """Print the JSON Schema of a kind of scenario: every key, its unit, range, default."""
+    import json
+
+    from navsim.scenario.load import KINDS
+
+    if kind not in KINDS:
+        leave(BAD_INPUT, f"{kind!r} is no kind of scenario; allowed: {', '.join(KINDS)}")
+    print(json.dumps(KINDS[kind].model_json_schema(), indent=1))
+
+
+@app.command()
+def init(
+    template: Annotated[str, typer.Argument(help="Which one; a wrong name lists them.")] = "landing",
+    output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.yaml", help="Default: <template>.yaml.", show_default=False)] = None,
+) -> None:
+    """Write a commented scenario to start from, which runs as it is."""
+    from navsim.scenario.shipped import names, text
+
+    if template not in names():
+        leave(BAD_INPUT, f"there is no template {template!r}; allowed: {', '.join(names())}")
+    target = output or Path(f"{template}.yaml")
+    try:
+        with open(target, "x", encoding="utf-8") as file:
+            file.write(text(template))
+    except FileExistsError:
+        leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
+    except OSError as error:
+        leave(BAD_INPUT, f"{target}: cannot be written: {error.strerror or error}")
+    print(f"{target} written; fly it with: navsim run {target}")
+
+
+def main() -> None:
+    """Entry point of the `navsim` command."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        say("interrupted")
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        # the reader of a pipe went away, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(OK)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,116 @@
+"""The summary of results as rich tables and as plain data for JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from navsim.io.results import Result
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+_DEGREE = 180.0 / math.pi
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return "-" if not np.isfinite(value) else f"{value:.{digits}f}"
+
+
+def _with_interval(values: np.ndarray, scale: float = 1.0, digits: int = 3) -> str:
+    value, low, high = np.asarray(values) * scale
+    if not np.isfinite(value):
+        return "-"
+    shown = _number(value, digits)
+    return shown if low == high else f"{shown}  [{_number(low, digits)}, {_number(high, digits)}]"
+
+
+def _unit_mean(result: Result, name: str) -> str:
+    """Mean over time of a consistency series, with the band of one instant."""
+    variable = result.variables[f"/summary/consistency/{name}"]
+    data = np.asarray(variable.data)
+    known = data[np.isfinite(data)]
+    if known.size == 0:
+        return "-"
+    low, high = variable.attributes["band_low"], variable.attributes["band_high"]
+    inside = np.mean((known >= low) & (known <= high))
+    return f"{known.mean():.3f}  (95 % band {low:.3f} to {high:.3f}; {100 * inside:.0f} % of times inside)"
+
+
+def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
+    """One table of the summaries, a column a result: names and results in order."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for name, _ in results:
+        table.add_column(name)
+
+    def row(label: str, cell: Any) -> None:
+        table.add_row(label, *(cell(r) for _, r in results))
+
+    def section(title: str) -> None:
+        table.add_row(f"[bold]{title}[/bold]", *("" for _ in results))
+
+    row("runs", lambda r: f"{int(r['/summary/count/runs'])}, seed {r.attributes['seed']}")
+    row(
+        "fixes, epochs without",
+        lambda r: f"{int(r['/summary/count/fixes'])}, {int(r['/summary/count/epochs_without_fix'])}",
+    )
+    section("Geometry on the glide (mean, min - max)")
+    for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
+
+        def dop(r: Result, name: str = name) -> str:
+            mean, low, high = r[f"/summary/dop/{name}"][:3]
+            return f"{_number(mean, 2)}  ({_number(low, 2)} - {_number(high, 2)})" if np.isfinite(mean) else "-"
+
+        row("  " + name.upper(), dop)
+    section("Fix from its covariance (SKO), m")
+    for name in ("horizontal", "vertical", "3d"):
+        row(f"  {name}", lambda r, n=name: _with_interval(r[f"/summary/fix/rms_{n}"], digits=2))
+    section("Filter, RMS over 20 s to touchdown [95 %]")
+    for name in ("horizontal", "vertical"):
+        row(f"  {name} position, m", lambda r, n=name: _with_interval(r[f"/summary/rms/{n}"]))
+    for path, axes, unit, scale in (
+        ("velocity_ned", ("north", "east", "down"), "m/s", 1.0),
+        ("attitude", ("north", "east", "down"), "deg", _DEGREE),
+    ):
+        for i, axis in enumerate(axes):
+            label = f"  {path.removesuffix('_ned')} {axis}, {unit}"
+            row(label, lambda r, p=path, i=i, s=scale: _with_interval(r[f"/summary/rms/{p}"][i], s))
+    section("Filter, position at height [95 %], m")
+    labels = ("touchdown", "50 ft", "100 ft", "200 ft")
+    for i, label in enumerate(labels):
+        for name in ("lateral", "along", "vertical"):
+            row(f"  {label}, {name}", lambda r, n=name, i=i: _with_interval(r[f"/summary/at/{n}"][i]))
+    section("Consistency (mean per degree of freedom, 1 is right)")
+    row("  NEES, 15 states", lambda r: _unit_mean(r, "nees"))
+    row("  NEES, position and velocity", lambda r: _unit_mean(r, "nees_position_velocity"))
+    row("  NIS", lambda r: _unit_mean(r, "nis"))
+    return table
+
+
+def summary_json(result: Result) -> dict[str, Any]:
+    """The summary as nested plain data, with the names of the result file; nan becomes null."""
+    out: dict[str, Any] = {
+        k: result.attributes[k] for k in ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
+    }
+    out["seed"] = int(out["seed"])
+    for path, variable in result.variables.items():
+        if path.startswith("/summary/") and path != "/summary/consistency/time":
+            node = out
+            *groups, name = path.strip("/").split("/")
+            for group in groups:
+                node = node.setdefault(group, {})
+            node[name] = _plain(np.asarray(variable.data))
+    return out
+
+
+def _plain(data: np.ndarray) -> Any:
+    if data.ndim:
+        return [_plain(d) for d in data]
+    value = data.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

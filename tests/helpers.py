@@ -1,0 +1,27 @@
+"""Building cases for tests from the shipped scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from navsim.scenario.load import read
+from navsim.scenario.landing import Landing
+from navsim.study import landing
+
+SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
+
+
+def scenario(*assignments: str, name: str = "landing") -> Landing:
+    """A shipped scenario with keys set."""
+    return read(SCENARIOS / f"{name}.yaml", assignments)[0]
+
+
+def case(*assignments: str, name: str = "landing") -> landing.Case:
+    """A shipped scenario with keys set, ready to fly."""
+    return landing.prepare(*read(SCENARIOS / f"{name}.yaml", assignments))
+
+
+def cross(v: np.ndarray) -> np.ndarray:
+    """The matrix [v x]."""
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -1,0 +1,258 @@
+"""Every wrong input ends with exit code 2, one clear message with place and key, and no harm done."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import pytest
+
+from tests.conftest import SCENARIOS
+
+LANDING = (SCENARIOS / "landing.yaml").read_text()
+
+
+def navsim(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "navsim", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=300
+    )
+
+
+def line_of(text: str, start: str) -> int:
+    return next(i for i, line in enumerate(text.splitlines(), 1) if line.strip().startswith(start))
+
+
+def replaced(old: str, new: str) -> str:
+    assert LANDING.count(old) == 1, f"{old!r} stands {LANDING.count(old)} times"
+    return LANDING.replace(old, new)
+
+
+def at(old: str, new: str) -> tuple[str, str]:
+    """The scenario with one line changed, and the `file:line` that its message must name."""
+    text = replaced(old, new)
+    changed = next(
+        i for i, (a, b) in enumerate(zip(text.splitlines(), [*LANDING.splitlines(), ""], strict=False), 1) if a != b
+    )
+    return text, f"s.yaml:{changed}:"
+
+
+# name, (old text, new text), what the message must say
+CASES: list[tuple[str, tuple[str, str], list[str]]] = [
+    ("misspelt key at the root", ("duration_s: 120", "duratoin_s: 120"), ["duratoin_s", "unknown key", "'duration_s'"]),
+    ("misspelt key in a section", ("  glide_slope_deg: 5", "  glideslope_deg: 5"), ["approach.glideslope_deg", "did you mean 'glide_slope_deg'"]),
+    ("misspelt key two levels down", ("    drift_deg_h: 700", "    drift_deg_hr: 700"), ["imu.gyro.drift_deg_hr", "did you mean 'drift_deg_h'"]),
+    ("misspelt section", ("receiver:", "reciever:"), ["reciever", "did you mean 'receiver'"]),
+    ("key of the other profile", ("  corner_s: 0.5", "  flare_height_m: 6"), ["approach.flare_height_m", "unknown key"]),
+    ("wrong unit in a key", ("  speed_start_kmh: 130", "  speed_start_ms: 36"), ["approach.speed_start_ms", "speed_start_kmh"]),
+    ("duplicate key", ("duration_s: 120", "duration_s: 120\nduration_s: 60"), ["duration_s", "twice"]),
+    ("duplicate key in a section", ("  mask_deg: 5", "  mask_deg: 5\n  mask_deg: 7"), ["sky.mask_deg", "twice"]),
+    ("negative sigma", ("  range_sigma_m: 2.23606797749979\n  range_rate_sigma_m_s: 0.1\n\nsignals", "  range_sigma_m: -2\n  range_rate_sigma_m_s: 0.1\n\nsignals"), ["pseudolites.range_sigma_m", "greater than 0", "-2"]),
+    ("not a number", ("  start_height_m: 153 ", "  start_height_m: .nan "), ["approach.start_height_m", "finite"]),
+    ("infinite", ("duration_s: 120", "duration_s: .inf"), ["duration_s", "finite"]),
+    ("text for a number", ("duration_s: 120", "duration_s: two minutes"), ["duration_s", "number", "two minutes"]),
+    ("YAML 1.1 boolean", ("  velocity: true", "  velocity: yes"), ["filter.velocity", "boolean", "yes"]),
+    ("boolean for a number", ("  mask_deg: 5", "  mask_deg: true"), ["sky.mask_deg", "number"]),
+    ("zero duration", ("duration_s: 120", "duration_s: 0"), ["duration_s", "greater than 0"]),
+    ("shorter than two samples", ("duration_s: 120", "duration_s: 0.011"), ["duration_s", "samples"]),
+    ("latitude out of range", ("{lat_deg: 56,", "{lat_deg: 156,"), ["approach.start.lat_deg", "89"]),
+    ("section that is a number", ("runway:\n  heading_deg: 0                # direction of landing, clockwise from true north\n  height_m: 0                   # above the WGS-84 ellipsoid", "runway: 5"), ["runway", "mapping"]),
+    ("unknown profile", ("  profile: paper ", "  profile: papre "), ["approach.profile", "papre", "did you mean 'paper'"]),
+    ("unknown kind", ("kind: landing", "kind: landnig"), ["kind", "did you mean 'landing'"]),
+    ("another version", ("version: 1", "version: 2"), ["version", "allowed: 1"]),
+    ("epoch without zone", ("epoch: 2018-09-13T12:00:00Z", "epoch: 2018-09-13"), ["epoch", "2018-09-13T12:00:00Z"]),
+    ("two spellings of one noise", ("    noise_deg_h: 30 ", "    arw_deg_sqrt_h: 0.05\n    noise_deg_h: 30 "), ["imu.gyro.arw_deg_sqrt_h", "two spellings"]),
+    ("mask above the upper one", ("  mask_deg: 5", "  mask_deg: 50\n  mask_upper_deg: 40"), ["sky.mask_deg", "below mask_upper_deg"]),
+    ("list of the wrong length", ("  lever_arm_m: [0, 0, 0] ", "  lever_arm_m: [0, 0] "), ["receiver.lever_arm_m", "too short"]),
+    ("pseudolite without place", ("  s_m: 200\n", ""), ["pseudolites.s_m", "need both"]),
+    ("three by count", ("  count: 2 ", "  count: 3 "), ["pseudolites.count", "allowed: 0, 1, 2"]),
+    ("almanac without a file name", ("  source: nominal-glonass ", "  source: almanac "), ["sky.almanac", "file name"]),
+    ("almanac that is not there", ("  source: nominal-glonass ", "  almanac: no/such.agl\n  source: almanac "), ["sky.almanac", "no/such.agl", "cannot be read"]),
+    ("start and threshold", ("  height_m: 0  ", "  threshold: {lat_deg: 56, lon_deg: 37}\n  height_m: 0  "), ["approach.start", "exactly one"]),
+]  # fmt: skip
+ELSEWHERE = {
+    "pseudolite without place", "almanac without a file name", "almanac that is not there", "duplicate key",
+    "duplicate key in a section", "start and threshold",
+}  # fmt: skip
+"""Cases reported at another line than the first changed one: that of the section, or the second of two."""
+
+
+@pytest.fixture
+def workplace(tmp_path: Path) -> Path:
+    """A folder with an earlier result that nothing may touch."""
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "s.h5").write_bytes(b"earlier result")
+    return tmp_path
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], workplace: Path, fragments: list[str]) -> None:
+    print(done.stderr, end="")
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    for fragment in fragments:
+        assert fragment in done.stderr, f"{fragment!r} is missing in:\n{done.stderr}"
+    assert (workplace / "results" / "s.h5").read_bytes() == b"earlier result"
+
+
+@pytest.mark.parametrize(("name", "change", "fragments"), CASES, ids=[c[0] for c in CASES])
+def test_scenario_refused(name: str, change: tuple[str, str], fragments: list[str], workplace: Path) -> None:
+    text, place = at(*change)
+    (workplace / "s.yaml").write_text(text)
+    command = "run" if "almanac that is not" in name else "validate"
+    extra = ["-o", "results/new.h5"] if command == "run" else []
+    done = navsim(command, "s.yaml", *extra, cwd=workplace)
+    assert_refused(done, workplace, ["s.yaml:" if name in ELSEWHERE else place, *fragments])
+
+
+def test_several_mistakes_are_reported_together(workplace: Path) -> None:
+    text = LANDING.replace("duration_s: 120", "duratoin_s: 120").replace("mask_deg: 5", "mask_deg: 500")
+    text = text.replace("    bias_mg: 1", "    bias_mg: -1")
+    (workplace / "s.yaml").write_text(text)
+    done = navsim("validate", "s.yaml", cwd=workplace)
+    assert_refused(done, workplace, ["duratoin_s", "sky.mask_deg", "imu.accelerometer.bias_mg"])
+    assert done.stderr.count("error:") == 3
+    places = [line_of(text, start) for start in ("duratoin_s", "bias_mg", "mask_deg")]
+    reported = [int(line.split("s.yaml:")[1].split(":")[0]) for line in done.stderr.splitlines()]
+    assert reported == sorted(places)
+
+
+WHOLE_FILES: list[tuple[str, bytes, list[str]]] = [
+    ("empty", b"", ["s.yaml:1:1", "empty"]),
+    ("comments only", b"# nothing\n", ["s.yaml:1:1", "empty"]),
+    ("not YAML", b"kind: landing\n  version: [1\n", ["s.yaml:2:", "not YAML"]),
+    ("a list", b"- kind: landing\n", ["s.yaml:1:1", "mapping"]),
+    ("binary", bytes(range(128, 256)), ["s.yaml", "not a text file"]),
+    ("two documents", b"kind: landing\n---\nkind: landing\n", ["s.yaml:2:", "not YAML"]),
+    ("tabs", b"kind: landing\nrunway:\n\theading_deg: 0\n", ["s.yaml:3:", "not YAML"]),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "fragments"), WHOLE_FILES, ids=[c[0] for c in WHOLE_FILES])
+def test_file_refused(name: str, content: bytes, fragments: list[str], workplace: Path) -> None:
+    (workplace / "s.yaml").write_bytes(content)
+    assert_refused(navsim("validate", "s.yaml", cwd=workplace), workplace, fragments)
+
+
+def test_folder_and_missing_file_refused(workplace: Path) -> None:
+    (workplace / "folder.yaml").mkdir()
+    assert_refused(navsim("run", "folder.yaml", cwd=workplace), workplace, ["folder.yaml", "this is a folder"])
+    assert_refused(navsim("run", "none.yaml", cwd=workplace), workplace, ["none.yaml", "No such file"])
+
+
+def near(text: str) -> str:
+    return text.replace("frame: table1", "frame: runway").replace("s_m: 200", "s_m: 1").replace("l1_m: 5000", "l1_m: 30")
+
+
+TOGETHER: list[tuple[str, Callable[[str], str], list[str]]] = [
+    ("pseudolite inside the aircraft", near, ["s.yaml:", "pseudolites.s_m", "PL1", "10 m"]),
+    ("fixes faster than the IMU", lambda t: t.replace("rate_hz: 10  ", "rate_hz: 100  ").replace("  rate_hz: 100\n", "  rate_hz: 50\n"), ["receiver.rate_hz", "faster than the IMU"]),
+    ("aircraft that stops", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  rollout_deceleration_m_s2: 3 "), ["approach.rollout_deceleration_m_s2", "2 m/s"]),
+    ("flare higher than the glide", lambda t: t.replace("profile: paper", "profile: smooth").replace("  corner_s: 0.5 ", "  flare_height_m: 150 "), ["approach", "no such path"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "change", "fragments"), TOGETHER, ids=[c[0] for c in TOGETHER])
+def test_values_that_do_not_fit_together(
+    name: str, change: Callable[[str], str], fragments: list[str], workplace: Path
+) -> None:
+    text = change(LANDING)
+    assert text != LANDING
+    (workplace / "s.yaml").write_text(text)
+    assert_refused(navsim("validate", "s.yaml", cwd=workplace), workplace, fragments)
+
+
+SETTINGS: list[tuple[str, list[str]]] = [
+    ("sky.msak_deg=3", ["--set sky.msak_deg=3", "did you mean 'mask_deg'"]),
+    ("sky.mask_deg", ["--set sky.mask_deg", "dotted.key=value"]),
+    ("sky.mask_deg=[1", ["--set sky.mask_deg=[1", "not YAML"]),
+    ("duration_s.x=1", ["--set duration_s.x=1", "single value"]),
+    ("receiver.lever_arm_m.7=1", ["list of 3"]),
+]
+
+
+@pytest.mark.parametrize(("setting", "fragments"), SETTINGS, ids=[s[0] for s in SETTINGS])
+def test_setting_refused(setting: str, fragments: list[str], workplace: Path) -> None:
+    (workplace / "s.yaml").write_text(LANDING)
+    assert_refused(navsim("validate", "s.yaml", "--set", setting, cwd=workplace), workplace, fragments)
+
+
+ALMANAC = b"""13 09 2018    3600
+ 1   1  1  13 09 2018  0.955206250E+04  0.000000000E+00  0.000000000E+00 -0.305175781E-04
+-0.9923382E+00  0.6754875E-02 -0.2874756E-01  0.4005432E-03 -0.2656180E+04  0.8544922E-03
+"""
+ALMANACS: list[tuple[str, bytes, list[str]]] = [
+    ("cut in half", ALMANAC[: len(ALMANAC) * 3 // 4], ["a.agl:3", "expected 6 numbers"]),
+    ("cut at a line", b"".join(ALMANAC.splitlines(True)[:2]), ["a.agl:2", "ends within a record"]),
+    ("empty", b"", ["empty"]),
+    ("another format", b"******** Week 837 almanac for PRN-01 ********\nID: 01\nHealth: 000\n", ["a.agl:1"]),
+    ("garbled number", ALMANAC.replace(b"0.4005432E-03", b"0.40O5432E-03"), ["a.agl:3", "0.40O5432E-03"]),
+    ("eccentricity of a comet", ALMANAC.replace(b"0.4005432E-03", b"0.9005432E+00"), ["a.agl:3", "eccentricity"]),
+    ("slot 99", ALMANAC.replace(b" 1   1  1", b"99   1  1"), ["a.agl:2", "slot"]),
+    ("slot twice", ALMANAC * 2, ["a.agl:5", "twice"]),
+    ("31 September", ALMANAC.replace(b"1  13 09 2018", b"1  31 09 2018"), ["a.agl:2", "no such date"]),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "fragments"), ALMANACS, ids=[c[0] for c in ALMANACS])
+def test_almanac_refused(name: str, content: bytes, fragments: list[str], workplace: Path) -> None:
+    (workplace / "a.agl").write_bytes(content)
+    (workplace / "s.yaml").write_text(
+        LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac")
+    )
+    done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=workplace)
+    assert_refused(done, workplace, ["sky.almanac", *fragments])
+    assert not (workplace / "results" / "new.h5").exists()
+
+
+def test_wrong_checksum_refused(workplace: Path) -> None:
+    (workplace / "a.agl").write_bytes(ALMANAC)
+    (workplace / "s.yaml").write_text(
+        LANDING.replace("source: nominal-glonass", f"almanac: a.agl\n  almanac_sha256: '{'0' * 64}'\n  source: almanac")
+    )
+    done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=workplace)
+    assert_refused(done, workplace, ["sky.almanac", "checksum"])
+
+
+def test_output_refused(workplace: Path) -> None:
+    (workplace / "s.yaml").write_text(LANDING)
+    (workplace / "file").write_text("")
+    with h5py.File(workplace / "other.h5", "w") as other:
+        other["x"] = 1.0
+    for target, fragments in (
+        ("no/such/folder/x.h5", ["no/such/folder", "no such folder"]),
+        ("file/x.h5", ["file"]),
+        ("results", ["results", "this is a folder"]),
+        ("/proc/x.h5", ["/proc", "cannot be written"]),
+        ("results/s.h5", ["results/s.h5", "not a readable HDF5 file"]),
+        ("other.h5", ["other.h5", "not a navsim result"]),
+    ):
+        assert_refused(navsim("run", "s.yaml", "-o", target, cwd=workplace), workplace, fragments)
+    with h5py.File(workplace / "other.h5") as other:
+        assert other["x"][()] == 1.0
+
+
+@pytest.mark.parametrize("command", ["show", "plot"])
+def test_result_refused(command: str, workplace: Path) -> None:
+    with h5py.File(workplace / "other.h5", "w") as other:
+        other["x"] = 1.0
+    for name, fragments in (
+        ("other.h5", ["other.h5", "not a navsim result"]),
+        ("results/s.h5", ["not a readable HDF5 file"]),
+        ("none.h5", ["no such file"]),
+        ("results", ["results"]),
+    ):
+        assert_refused(navsim(command, name, cwd=workplace), workplace, fragments)
+
+
+def test_options_refused(workplace: Path) -> None:
+    (workplace / "s.yaml").write_text(LANDING)
+    for options in (["--runs", "0"], ["--seed", "-1"], ["--keep", "some"], ["--no-such-option"], ["--workers", "0"]):
+        done = navsim("run", "s.yaml", *options, cwd=workplace)
+        assert_refused(done, workplace, [options[0]])
+    assert_refused(navsim("schema", "landnig", cwd=workplace), workplace, ["landing"])
+    assert_refused(navsim("init", "nothing", cwd=workplace), workplace, ["landing"])
+    assert_refused(navsim("init", "-o", "s.yaml", cwd=workplace), workplace, ["exists already"])
+    assert (workplace / "s.yaml").read_text() == LANDING

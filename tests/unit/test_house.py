@@ -1,0 +1,73 @@
+"""The one-way street of `docs/architecture.md`, and what must not be imported for `--help`."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
+ALLOWED = {
+    "core": set(),
+    "models": {"core"},
+    "estimation": {"core"},
+    "simulation": {"models", "estimation", "core"},
+    "scenario": {"models", "estimation", "core"},
+    "io": {"core", "models"},
+    "study": {"simulation", "scenario", "io", "models", "estimation", "core"},
+    "report": {"core", "io"},
+    "cli": {"core", "models", "estimation", "simulation", "scenario", "io", "study", "report"},
+}
+
+
+def rooms_imported(source: Path) -> set[str]:
+    """Rooms of navsim that a file imports, also inside functions."""
+    found = set()
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module]
+            if node.module == "navsim":
+                names = [f"navsim.{a.name}" for a in node.names]
+        elif isinstance(node, ast.Import):
+            names = [a.name for a in node.names]
+        else:
+            continue
+        found |= {n.split(".")[1] for n in names if n.startswith("navsim.")}
+    return found
+
+
+@pytest.mark.parametrize("room", sorted(ALLOWED))
+def test_imports_point_one_way(room: str) -> None:
+    files = sorted((PACKAGE / room).glob("**/*.py"))
+    assert files
+    for source in files:
+        wrong = rooms_imported(source) - ALLOWED[room] - {room}
+        assert not wrong, f"{source.relative_to(PACKAGE)} imports {wrong}"
+
+
+def test_every_room_has_its_rule() -> None:
+    rooms = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
+    assert rooms == set(ALLOWED)
+
+
+def modules_after(code: str) -> set[str]:
+    out = subprocess.run(
+        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"], capture_output=True, text=True, check=True
+    )
+    return set(out.stdout.split())
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = "import contextlib, io, sys\nsys.argv = ['navsim', '--help']\nfrom navsim.cli.main import main\n"
+    code += "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
+    heavy = {"numba", "scipy", "matplotlib", "h5py", "h5netcdf", "pymap3d", "pydantic", "yaml", "numpy"}
+    assert not heavy & modules_after(code)
+
+
+def test_validate_compiles_nothing() -> None:
+    scenario = PACKAGE.parent / "scenarios" / "landing.yaml"
+    code = f"from pathlib import Path\nfrom navsim.scenario.load import read\nread(Path({str(scenario)!r}))"
+    assert not {"numba", "scipy", "matplotlib", "h5py"} & modules_after(code)
