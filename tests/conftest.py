@@ -7,6 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+# the first example of a kernel may have to compile it
+settings.register_profile("navsim", deadline=None)
+settings.load_profile("navsim")
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"

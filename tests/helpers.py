@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from navsim.scenario.load import read
+
 from navsim.scenario.landing import Landing
+from navsim.scenario.load import read
 from navsim.study import landing
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"

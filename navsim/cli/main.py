@@ -22,14 +22,25 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-ScenarioArgument = Annotated[Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)]
+ScenarioArgument = Annotated[
+    Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
+]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Set a scenario key, dotted; may be given many times.", show_default=False),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Set a scenario key, dotted; may be given many times.",
+        show_default=False,
+    ),
 ]
 FiguresOption = Annotated[
     str | None,
-    typer.Option(metavar="FOLDER|none", help="Where figures go. Default: beside the result for one run.", show_default=False),
+    typer.Option(
+        metavar="FOLDER|none",
+        help="Where figures go. Default: beside the result for one run.",
+        show_default=False,
+    ),
 ]
 
 
@@ -110,11 +121,19 @@ def run(
     scenario: ScenarioArgument,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.h5", help="Result file. Default: results/<scenario stem>.h5.", show_default=False),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.h5",
+            help="Result file. Default: results/<scenario stem>.h5.",
+            show_default=False,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Root of all random numbers.")] = 1,
     runs: Annotated[int, typer.Option(min=1, help="Number of Monte Carlo runs.")] = 1,
-    first_run: Annotated[int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")] = 0,
+    first_run: Annotated[
+        int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
+    ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)] = None,
     keep: Annotated[str, typer.Option(metavar="errors|all|none", help="What is stored per run of several.")] = "errors",
     set_: SetOption = None,
@@ -122,7 +141,9 @@ def run(
     require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
-    json_: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")] = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
+    ] = False,
 ) -> None:
     """Fly a scenario and write its result file, the summary table and the figures."""
     if keep not in ("errors", "all", "none"):
@@ -170,14 +191,19 @@ def run(
     if not quiet and not json_:
         print(f"result   {target}")
         if written:
-            print(f"figures  {drawing}/{target.stem}_{{{','.join(p.stem.removeprefix(target.stem + '_') for p in written)}}}.png")
+            print(
+                f"figures  {drawing}/{target.stem}_{{{','.join(p.stem.removeprefix(target.stem + '_') for p in written)}}}.png"
+            )
     for warning in found:
         say(f"warning: {warning}")
     if found:
         say(f"{len(found)} warning(s)")
     lost = case.world.signals.time[case.world.dop[:, 1] != case.world.dop[:, 1]]
     if require_fix and lost.size:
-        leave(RUN_FAILED, f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)")
+        leave(
+            RUN_FAILED,
+            f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)",
+        )
 
 
 def _figure_folder(figures: str | None, target: Path, runs: int, quiet: bool) -> Path | None:
@@ -235,7 +261,9 @@ def show(
 @app.command()
 def plot(
     file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result file.", show_default=False)],
-    figures: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Default: beside the result.", show_default=False)] = None,
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Default: beside the result.", show_default=False)
+    ] = None,
 ) -> None:
     """Draw the figures of a result."""
     from navsim.io.results import ResultError, read
@@ -272,7 +300,10 @@ def schema(kind: Annotated[str, typer.Argument(help="Kind of scenario.")] = "lan
 @app.command()
 def init(
     template: Annotated[str, typer.Argument(help="Which one; a wrong name lists them.")] = "landing",
-    output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.yaml", help="Default: <template>.yaml.", show_default=False)] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.yaml", help="Default: <template>.yaml.", show_default=False),
+    ] = None,
 ) -> None:
     """Write a commented scenario to start from, which runs as it is."""
     from navsim.scenario.shipped import names, text

@@ -23,13 +23,13 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.attitude import left_jacobian
-from navsim.core.earth import RATE
 from navsim.core.jit import kernel
 from navsim.core.linear import cholesky, solve_cholesky, solve_lower
 from navsim.core.strapdown import (
     MID_DT,
     MID_FORCE,
     MID_GRAVITY,
+    MID_HEIGHT,
     MID_LAT,
     MID_MERIDIAN,
     MID_RATE_IN,
@@ -37,6 +37,7 @@ from navsim.core.strapdown import (
     MID_TRANSVERSE,
     MID_VEL,
 )
+from navsim.core.wgs84 import E2, RATE, SOMIGLIANA, A
 
 N = states.N
 STRIDE = 16
@@ -107,12 +108,12 @@ def transition(mid, noise, phi):
     # -(d omega) x v
     vr00 = -(-od_r0 * ve)
     vr10 = -(od_r0 * vn - on_r0 * vd)
-    vr20 = -(on_r0 * ve)
+    s2 = sin * sin
+    steepening = 2.0 * SOMIGLIANA / (1.0 + SOMIGLIANA * s2) + E2 / (1.0 - E2 * s2)
+    vr20 = -(on_r0 * ve) + mid[MID_GRAVITY] * steepening * sin * cos * irm
     vr02 = -(oe_r2 * vd - od_r2 * ve)
     vr12 = -(od_r2 * vn - on_r2 * vd)
-    vr22 = -(on_r2 * ve - oe_r2 * vn) + 2.0 * mid[MID_GRAVITY] / math.sqrt(
-        mid[MID_MERIDIAN] * mid[MID_TRANSVERSE]
-    )
+    vr22 = -(on_r2 * ve - oe_r2 * vn) + 2.0 * mid[MID_GRAVITY] / (A - 2.0 * mid[MID_HEIGHT])
     vv00 = -(ee_v0 * vd)
     vv01 = od + ed_v1 * ve
     vv02 = -oe

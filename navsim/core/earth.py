@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from navsim.core.jit import kernel
-from navsim.core.wgs84 import A, B, E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, F
+from navsim.core.wgs84 import E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, A, B, F
 
 __all__ = ["RATE", "ecef_to_llh", "gravity", "ned_axes", "radii"]
 

@@ -16,6 +16,7 @@ from typing import Any
 import llvmlite
 import numba
 
+_CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
 _KERNEL_ROOMS = ("core", "models", "estimation", "simulation")
 _WARM_MARK = "complete"
@@ -23,7 +24,7 @@ _WARM_MARK = "complete"
 
 def _digest() -> str:
     """Digest of everything that decides the machine code."""
-    h = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {numba.config.CPU_NAME}".encode())
+    h = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}".encode())
     for room in _KERNEL_ROOMS:
         for source in sorted((_PACKAGE / room).glob("*.py")):
             h.update(source.name.encode())
@@ -46,7 +47,7 @@ def _cache_folder() -> Path | None:
 
 _CACHE = _cache_folder()
 if _CACHE is not None:
-    numba.config.CACHE_DIR = str(_CACHE)
+    _CONFIG.CACHE_DIR = str(_CACHE)
 
 
 def is_warm() -> bool:

@@ -51,9 +51,7 @@ def ecef_from_llh(llh: np.ndarray) -> np.ndarray:
     lat, lon, height = llh[..., 0], llh[..., 1], llh[..., 2]
     n = A / np.sqrt(1.0 - E2 * np.sin(lat) ** 2)
     across = (n + height) * np.cos(lat)
-    return np.stack(
-        [across * np.cos(lon), across * np.sin(lon), (n * (1.0 - E2) + height) * np.sin(lat)], axis=-1
-    )
+    return np.stack([across * np.cos(lon), across * np.sin(lon), (n * (1.0 - E2) + height) * np.sin(lat)], axis=-1)
 
 
 def llh_from_ecef(ecef: np.ndarray) -> np.ndarray:

@@ -191,7 +191,16 @@ def run(
         previous[i] = dtheta[0, i] - nav[10 + i] * cursor[2]
         previous[3 + i] = dv[0, i] - nav[13 + i] * cursor[2]
     nees[0], nees_pv[0] = _record(
-        p, nav, truth_llh[0], truth_velocity[0], truth_quaternion[0], truth_bias[0], error[0], sigma[0], factor, x
+        p,
+        nav,
+        truth_llh[0],
+        truth_velocity[0],
+        truth_quaternion[0],
+        truth_bias[0],
+        error[0],
+        sigma[0],
+        factor,
+        x,
     )
     rejected = 0
     for e in range(fix_time.shape[0]):
@@ -201,9 +210,7 @@ def run(
         status[e] = NO_FIX
         velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
         if not math.isnan(fix_llh[e, 0]):
-            m = _measurement(
-                nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h
-            )
+            m = _measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
             r[:] = 0.0
             for i in range(3):
                 for j in range(3):

@@ -29,7 +29,19 @@ def _to_ned(c_ne, cofactor, out):
 
 @kernel
 def fixes(
-    start, position, velocity, sigma, rate_sigma, clock, pseudorange, range_rate, llh, v_ned, clocks, cov, v_cov
+    start,
+    position,
+    velocity,
+    sigma,
+    rate_sigma,
+    clock,
+    pseudorange,
+    range_rate,
+    llh,
+    v_ned,
+    clocks,
+    cov,
+    v_cov,
 ):
     """Fixes of one run.
 
@@ -57,9 +69,7 @@ def fixes(
         v_cov[e] = np.nan
         for s in range(sources):
             used[s] = not math.isnan(pseudorange[e, s])
-        n = solve_position(
-            position[e], pseudorange[e], sigma[e], used, clock, x, column, normal, cofactor, rhs, los
-        )
+        n = solve_position(position[e], pseudorange[e], sigma[e], used, clock, x, column, normal, cofactor, rhs, los)
         if n == 0:
             x[0:3] = start
             continue

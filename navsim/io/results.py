@@ -7,6 +7,7 @@ dimension's coordinate. Every dimension has one, so every dataset in the file ha
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import tempfile
 from collections.abc import Iterator
@@ -62,28 +63,41 @@ def check_writable(path: Path) -> None:
 
 
 def write(path: Path, result: Result) -> None:
-    """Write the result under a temporary name beside `path`, then rename it. Raises ResultError."""
-    import h5netcdf
+    """Write the result under a temporary name beside `path`, then rename it. Raises ResultError.
 
+    The file is built in memory and written by plain system calls: HDF5 itself does not survive a full disk,
+    it crashes the process while closing the file.
+    """
+    image = _image(result)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        try:
-            with h5netcdf.File(temporary, "w") as file:
-                _fill(file, result)
-            with open(temporary, "rb") as written:
-                os.fsync(written.fileno())
-            os.replace(temporary, path)
-        except OSError as error:
-            reason = error.strerror or str(error).splitlines()[0]
-            raise ResultError(f"{path}: cannot be written: {reason}; an earlier result there is untouched") from None
+        with open(temporary, "wb") as file:
+            file.write(image)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ResultError(f"{path}: cannot be written: {reason}; an earlier result there is untouched") from None
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
+def _image(result: Result) -> memoryview:
+    """The bytes of the HDF5 file."""
+    import h5netcdf
+
+    memory = io.BytesIO()
+    with h5netcdf.File(memory, "w") as file:
+        _fill(file, result)
+    return memory.getbuffer()
+
+
 def _fill(file: Any, result: Result) -> None:
     for name, value in result.attributes.items():
         file.attrs[name] = value
+
     # coordinates first: they create the dimensions their neighbours use
     def is_coordinate(item: tuple[str, Variable]) -> bool:
         return item[1].dims == (item[0].rsplit("/", 1)[-1],)
@@ -136,6 +150,8 @@ def _opened(path: Path) -> Iterator[Any]:
             if "navsim_version" not in file.attrs or "kind" not in file.attrs:
                 raise ResultError(f"{path}: an HDF5 file, but not a navsim result (no navsim_version and kind)")
             yield file
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise ResultError(f"{path}: a damaged HDF5 file ({str(error).splitlines()[0]})") from None
     except FileNotFoundError:
         raise ResultError(f"{path}: no such file") from None
     except IsADirectoryError:

@@ -15,9 +15,7 @@ GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
 _X, _Z = 0, 2
 
 
-def paper_profile(
-    speed_start: float, speed_touchdown: float, height: float, slope: float, corner: float
-) -> Path:
+def paper_profile(speed_start: float, speed_touchdown: float, height: float, slope: float, corner: float) -> Path:
     """Uniformly decelerated glide from time 0, then level flight at the touchdown speed.
 
     The paper's corner between the two is instantaneous; an IMU cannot live through that, so velocity and
@@ -117,7 +115,12 @@ def smooth_profile(
     # roll-out: the braking builds up linearly while the gear settles
     speed5 = speed_touchdown - 0.5 * (braking + rollout_deceleration) * settle
     x5 = speed_touchdown * settle - (braking / 3.0 + rollout_deceleration / 6.0) * settle**2
-    rollout = uniform(t5, np.array([x5, 0.0, 0.0]), np.array([speed5, 0.0, 0.0]), np.array([-rollout_deceleration, 0.0, 0.0]))
+    rollout = uniform(
+        t5,
+        np.array([x5, 0.0, 0.0]),
+        np.array([speed5, 0.0, 0.0]),
+        np.array([-rollout_deceleration, 0.0, 0.0]),
+    )
 
     def joined(begin: float, end: float, before: Segment, after: Segment) -> Segment:
         return blend(begin, end, before.jet(np.array([begin]))[0], after.jet(np.array([end]))[0])
@@ -129,5 +132,13 @@ def smooth_profile(
     polynomial[_X, :3] = shift[0, _X], shift[1, _X], 0.5 * shift[2, _X]
     polynomial[_Z, 0] = c
     flare = Segment(end, polynomial, np.array([0.0, 0.0, shift[0, _Z] - c]), tau)
-    segments = (level, joined(t1, t2, level, glide), glide, entry, flare, joined(t4, t5, flare, rollout), rollout)
+    segments = (
+        level,
+        joined(t1, t2, level, glide),
+        glide,
+        entry,
+        flare,
+        joined(t4, t5, flare, rollout),
+        rollout,
+    )
     return Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})

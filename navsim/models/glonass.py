@@ -162,33 +162,56 @@ def _short_period(a, i, h, l, u):  # type: ignore[no-untyped-def]
     )
     dh = (
         k * q * (sin(u) + 1.5 * l * sin(2 * u) - 1.5 * h * cos(2 * u))
-        - 0.25 * k * s2 * (
-            sin(u) - 7.0 / 3.0 * sin(3 * u) + 5.0 * l * sin(2 * u) - 8.5 * l * sin(4 * u)
-            + 8.5 * h * cos(4 * u) + h * cos(2 * u)
+        - 0.25
+        * k
+        * s2
+        * (
+            sin(u)
+            - 7.0 / 3.0 * sin(3 * u)
+            + 5.0 * l * sin(2 * u)
+            - 8.5 * l * sin(4 * u)
+            + 8.5 * h * cos(4 * u)
+            + h * cos(2 * u)
         )
         - 0.5 * k * c2 * l * sin(2 * u)
     )
     dl = (
         k * q * (cos(u) + 1.5 * l * cos(2 * u) + 1.5 * h * sin(2 * u))
-        - 0.25 * k * s2 * (
-            -cos(u) - 7.0 / 3.0 * cos(3 * u) - 5.0 * h * sin(2 * u) - 8.5 * l * cos(4 * u)
-            - 8.5 * h * sin(4 * u) + l * cos(2 * u)
+        - 0.25
+        * k
+        * s2
+        * (
+            -cos(u)
+            - 7.0 / 3.0 * cos(3 * u)
+            - 5.0 * h * sin(2 * u)
+            - 8.5 * l * cos(4 * u)
+            - 8.5 * h * sin(4 * u)
+            + l * cos(2 * u)
         )
         + 0.5 * k * c2 * h * sin(2 * u)
     )
     periodic = (
-        3.5 * l * sin(u) - 2.5 * h * cos(u) - 0.5 * sin(2 * u)
-        - 7.0 / 6.0 * l * sin(3 * u) + 7.0 / 6.0 * h * cos(3 * u)
+        3.5 * l * sin(u) - 2.5 * h * cos(u) - 0.5 * sin(2 * u) - 7.0 / 6.0 * l * sin(3 * u) + 7.0 / 6.0 * h * cos(3 * u)
     )
     dnode = -k * np.cos(i) * periodic
-    di = 0.5 * k * np.sin(i) * np.cos(i) * (
-        -l * cos(u) + h * sin(u) + cos(2 * u) + 7.0 / 3.0 * l * cos(3 * u) + 7.0 / 3.0 * h * sin(3 * u)
+    di = (
+        0.5
+        * k
+        * np.sin(i)
+        * np.cos(i)
+        * (-l * cos(u) + h * sin(u) + cos(2 * u) + 7.0 / 3.0 * l * cos(3 * u) + 7.0 / 3.0 * h * sin(3 * u))
     )
     du = (
         2.0 * k * q * (1.75 * l * sin(u) - 1.75 * h * cos(u))
-        + 3.0 * k * s2 * (
-            -7.0 / 24.0 * h * cos(u) - 7.0 / 24.0 * l * sin(u) - 49.0 / 72.0 * h * cos(3 * u)
-            + 49.0 / 72.0 * l * sin(3 * u) + 0.25 * sin(2 * u)
+        + 3.0
+        * k
+        * s2
+        * (
+            -7.0 / 24.0 * h * cos(u)
+            - 7.0 / 24.0 * l * sin(u)
+            - 49.0 / 72.0 * h * cos(3 * u)
+            + 49.0 / 72.0 * l * sin(3 * u)
+            + 0.25 * sin(2 * u)
         )
         + k * c2 * periodic
     )

@@ -120,9 +120,7 @@ class Trajectory:
         # lift: what is left of the specific force across the velocity through the air [2]
         share = _dot(force, ahead)
         share_rate = _dot(force_rate, ahead) + _dot(force, ahead_rate)
-        down, down_rate = _unit(
-            share * ahead - force, share_rate * ahead + share * ahead_rate - force_rate
-        )
+        down, down_rate = _unit(share * ahead - force, share_rate * ahead + share * ahead_rate - force_rate)
         right, right_rate = np.cross(down, ahead), np.cross(down_rate, ahead) + np.cross(down, ahead_rate)
         c, s = np.cos(self.angle_of_attack), np.sin(self.angle_of_attack)
         c_eb = np.stack([c * ahead - s * down, right, s * ahead + c * down], axis=-1)
@@ -185,9 +183,7 @@ def _unit(v: np.ndarray, v_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return u, (v_rate - _dot(u, v_rate) * u) / size
 
 
-def touchdown_from_start(
-    start: tuple[float, float], height: float, heading: float, begin: np.ndarray
-) -> Frame:
+def touchdown_from_start(start: tuple[float, float], height: float, heading: float, begin: np.ndarray) -> Frame:
     """The touchdown frame from which a path that begins at `begin` starts over the given point.
 
     start: latitude, longitude, rad. height: of the touchdown point, m. heading: rad. begin: (3,) first point
@@ -204,9 +200,7 @@ def touchdown_from_start(
     return tangent_frame(touchdown, heading)
 
 
-def touchdown_from_threshold(
-    threshold: tuple[float, float], height: float, heading: float, aim_point: float
-) -> Frame:
+def touchdown_from_threshold(threshold: tuple[float, float], height: float, heading: float, aim_point: float) -> Frame:
     """The touchdown frame `aim_point` metres beyond a threshold (latitude, longitude, rad)."""
     runway = tangent_frame(np.array([threshold[0], threshold[1], height]), heading)
     llh = wgs84.llh_from_ecef(runway.origin + aim_point * runway.axes[:, 0])

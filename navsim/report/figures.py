@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 COLUMN = 3.5
 """Width of a journal column, inches; two-column figures are twice that."""
-_STYLE = {
+_STYLE: Any = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.labelsize": 8.0,
@@ -50,18 +50,18 @@ def _figure(width: float, height: float) -> Figure:
 def _in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
     """Positions in the tangent plane of the threshold: along (positive beyond it), right, up, m."""
     threshold = result["/truth/threshold_llh"]
-    heading = np.radians(float(_setting(result, "runway", "heading_deg")))
+    heading = np.radians(_setting(result, "runway", "heading_deg"))
     offset = (ecef_from_llh(llh) - ecef_from_llh(threshold)) @ heading_axes(threshold, heading)
     return offset * np.array([1.0, 1.0, -1.0])
 
 
-def _setting(result: Result, *keys: str) -> object:
+def _setting(result: Result, *keys: str) -> float:
     import yaml
 
     node = yaml.safe_load(str(result.attributes["scenario"]))
     for key in keys:
         node = node[key]
-    return node
+    return float(node)
 
 
 def _touchdown(result: Result) -> float:
@@ -74,9 +74,15 @@ def track(result: Result) -> Figure:
     fig = _figure(2 * COLUMN, 3.6)
     plan, profile = fig.subplots(2, 1, height_ratios=[3, 2])
     path = _in_runway_axes(result, result["/truth/position_llh"])
-    length = float(_setting(result, "runway", "length_m"))  # type: ignore[arg-type]
-    width = float(_setting(result, "runway", "width_m"))  # type: ignore[arg-type]
-    plan.fill([0, length, length, 0], [-width / 2, -width / 2, width / 2, width / 2], color=_GREY, lw=0, label="runway")
+    length = _setting(result, "runway", "length_m")
+    width = _setting(result, "runway", "width_m")
+    plan.fill(
+        [0, length, length, 0],
+        [-width / 2, -width / 2, width / 2, width / 2],
+        color=_GREY,
+        lw=0,
+        label="runway",
+    )
     plan.plot([0, length], [0, 0], color=_GREY, lw=2.5, solid_capstyle="butt", alpha=0.6)
     plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft")
     plan.plot(path[0, 0], path[0, 1], "o", color=_BLUE, ms=3)
@@ -153,7 +159,7 @@ def _fix_errors(result: Result) -> np.ndarray:
     llh = result["/truth/position_llh"]
     when = result["/receiver/time"]
     truth = np.stack([np.interp(when, t, llh[:, i]) for i in range(3)], axis=1)
-    scale = np.array([6.378e6, 6.378e6 * np.cos(truth[0, 0]), -1.0])
+    scale = np.array([6.378e6, 6.378e6 * np.cos(llh[0, 0]), -1.0])
     fixes = result["/receiver/position_llh"]
     difference = (fixes - truth) * scale
     return difference.reshape(-1, 3)
@@ -241,7 +247,11 @@ def nees(result: Result) -> Figure:
         ax.plot(t, values, color=colour, label=label, **style)  # type: ignore[arg-type]
         if name != "nees_position_velocity":
             ax.axhspan(
-                variable.attributes["band_low"], variable.attributes["band_high"], color=colour, alpha=0.12, lw=0
+                variable.attributes["band_low"],
+                variable.attributes["band_high"],
+                color=colour,
+                alpha=0.12,
+                lw=0,
             )
     for ax in (upper, lower):
         ax.axhline(1.0, color=_GREY, lw=0.6)
@@ -252,7 +262,12 @@ def nees(result: Result) -> Figure:
     return fig
 
 
-_SUMMARY_FIGURES: dict[str, Callable[[Result], Figure]] = {"track": track, "sky": sky, "dop": dop, "nees": nees}
+_SUMMARY_FIGURES: dict[str, Callable[[Result], Figure]] = {
+    "track": track,
+    "sky": sky,
+    "dop": dop,
+    "nees": nees,
+}
 _RUN_FIGURES: dict[str, Callable[[Result], Figure]] = {"fixes": fixes, "errors": errors}
 
 

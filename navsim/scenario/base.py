@@ -36,7 +36,9 @@ Pair = Annotated[tuple[float, float], BeforeValidator(_as_tuple)]
 class Section(BaseModel):
     """A part of a scenario: immutable, no unknown keys, no silent conversions, finite numbers."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 S = typing.TypeVar("S", bound=Section)
@@ -111,7 +113,9 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
 
 
 def _noun(value: Any) -> str:
-    return {dict: "mapping", list: "list", tuple: "list"}.get(type(value), type(value).__name__)
+    if isinstance(value, dict):
+        return "mapping"
+    return "list" if isinstance(value, (list, tuple)) else type(value).__name__
 
 
 def hint(given: str, allowed: list[str]) -> str:
@@ -139,7 +143,7 @@ def _data_path(data: Any, location: tuple[str | int, ...], absent_leaf: bool) ->
 
 def _value_at(data: Any, path: KeyPath) -> Any:
     for part in path:
-        data = data.get(part) if isinstance(data, dict) else data[part]  # type: ignore[index]
+        data = data.get(part) if isinstance(data, dict) else data[part]
     return data
 
 

@@ -375,7 +375,8 @@ class Sky(Section):
 
         sectors = tuple(
             Sector(
-                (s.azimuth_deg[0] * DEG, s.azimuth_deg[1] * DEG), (s.elevation_deg[0] * DEG, s.elevation_deg[1] * DEG)
+                (s.azimuth_deg[0] * DEG, s.azimuth_deg[1] * DEG),
+                (s.elevation_deg[0] * DEG, s.elevation_deg[1] * DEG),
             )
             for s in self.interference
         )
@@ -550,7 +551,9 @@ class Landing(Section):
     def _whole(self) -> Self:
         if (self.approach.start is None) == (self.runway.threshold is None):
             raise reject(
-                "give exactly one of approach.start and runway.threshold; the other follows from it", "approach", "start"
+                "give exactly one of approach.start and runway.threshold; the other follows from it",
+                "approach",
+                "start",
             )
         if self.receiver.rate_hz > self.imu.rate_hz:
             raise reject("fixes cannot come faster than the IMU's samples (imu.rate_hz)", "receiver", "rate_hz")

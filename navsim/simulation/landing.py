@@ -16,6 +16,7 @@ import numpy as np
 from navsim.core import covariance, noise, states
 from navsim.core.attitude import rotate_left
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
+from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.estimation import error_state, receiver
 from navsim.models import imu, pseudorange
@@ -194,7 +195,7 @@ def build_world(
     fix_time = fix_time[fix_time + latency <= imu_time[-1] + 1e-9]
     at_fix = trajectory.motion(fix_time)
     signals = build_signals(at_fix, utc, lever_arm, satellites, listed, mask, ground, law)
-    cofactor, unknowns = geometry_covariance(signals.los, signals.clock, 1.0 / signals.sigma**2)
+    cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.sigma**2)
     at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + latency]))
     return World(
         imu_time=imu_time,
@@ -204,7 +205,8 @@ def build_world(
         signals=signals,
         dop=dops(signals.los, signals.clock),
         fix_covariance=cofactor[:, :3, :3],
-        clock=SPEED_OF_LIGHT * np.stack([clock_offset + clock_drift * fix_time, np.full_like(fix_time, clock_drift)], axis=1),
+        clock=SPEED_OF_LIGHT
+        * np.stack([clock_offset + clock_drift * fix_time, np.full_like(fix_time, clock_drift)], axis=1),
         start=trajectory.frame.origin,
         at_filter=at_filter,
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
@@ -226,7 +228,7 @@ def build_signals(
     c_ne = ned_matrix(motion.llh)
     arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
     antenna = motion.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
-    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, pseudorange.wgs84.RATE])
+    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
     swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, lever_arm))
     antenna_velocity = motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
     c_ue = enu_matrix(motion.llh)
@@ -331,7 +333,13 @@ def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErr
 
 
 def fly(
-    world: World, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad, settings: FilterSettings, seed: int, run: int
+    world: World,
+    initial: InitialErrors,
+    gyro: imu.Triad,
+    accel: imu.Triad,
+    settings: FilterSettings,
+    seed: int,
+    run: int,
 ) -> Run:
     """One landing, numbered `run`, of the ensemble of `seed`."""
     signals = world.signals

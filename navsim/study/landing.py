@@ -11,7 +11,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -120,9 +119,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
     )
 
 
-def _satellites(
-    scenario: Landing, document: Document, utc: float, warnings: list[str]
-) -> tuple[Satellites, Landing]:
+def _satellites(scenario: Landing, document: Document, utc: float, warnings: list[str]) -> tuple[Satellites, Landing]:
     """The constellation, and the scenario with the almanac's checksum written into it."""
     sky = scenario.sky
     constellation: glonass.Nominal | glonass.Almanac = glonass.Nominal()
@@ -248,7 +245,12 @@ class Ensemble:
 
 
 def fly_all(
-    case: Case, seed: int, first_run: int, runs: int, workers: int, done: Callable[[int], None] = lambda _: None
+    case: Case,
+    seed: int,
+    first_run: int,
+    runs: int,
+    workers: int,
+    done: Callable[[int], None] = lambda _: None,
 ) -> Ensemble:
     """Fly the runs on threads (the kernels release the GIL); `done(n)` is told how many are finished.
 
@@ -289,7 +291,9 @@ def findings(case: Case, ensemble: Ensemble) -> list[str]:
         out.append(f"no fix at all: too few usable sources at each of the {total} epochs")
     elif np.any(lost):
         times = case.world.signals.time[lost]
-        out.append(f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s")
+        out.append(
+            f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
+        )
     rejected = int(np.sum(ensemble["status"] == 2))
     if rejected:
         share = f" of {ensemble.runs} runs" if ensemble.runs > 1 else ""
@@ -357,7 +361,9 @@ def _coordinates(v: dict[str, Variable], ensemble: Ensemble) -> None:
 def _truth(v: dict[str, Variable], case: Case) -> None:
     truth = case.world.truth
     v["/truth/time"] = Variable(("time",), truth.time, "s", "time since the epoch")
-    v["/truth/position_llh"] = Variable(("time", "llh"), truth.llh, "rad, rad, m", "latitude, longitude, height of the IMU")
+    v["/truth/position_llh"] = Variable(
+        ("time", "llh"), truth.llh, "rad, rad, m", "latitude, longitude, height of the IMU"
+    )
     v["/truth/velocity_ned"] = Variable(("time", "ned"), truth.velocity_ned, "m/s", "velocity over ground")
     v["/truth/attitude_rpy"] = Variable(("time", "rpy"), truth.rpy, "rad", "roll, pitch, yaw")
     events = case.trajectory.path.events
@@ -407,26 +413,52 @@ def _measurements(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> Non
 def _receiver(v: dict[str, Variable], world: World, ensemble: Ensemble, clocks: list[int], every: bool) -> None:
     v["/receiver/time"] = Variable(("time",), world.signals.time, "s", "fix epochs, time of validity")
     v["/receiver/covariance_enu"] = Variable(
-        ("time", "enu", "enu_column"), world.fix_covariance, "m2", "weighted covariance of a position fix at truth"
+        ("time", "enu", "enu_column"),
+        world.fix_covariance,
+        "m2",
+        "weighted covariance of a position fix at truth",
     )
     if not every:
         return
-    v["/receiver/clock_name"] = Variable(("clock_name",), np.array([CLOCKS[c] for c in clocks], dtype=object), "1", "time scales")
+    v["/receiver/clock_name"] = Variable(
+        ("clock_name",), np.array([CLOCKS[c] for c in clocks], dtype=object), "1", "time scales"
+    )
     dims = ("run", "time")
     v["/receiver/position_llh"] = Variable((*dims, "llh"), ensemble["fix_llh"], "rad, rad, m", "fixes of the antenna")
-    v["/receiver/velocity_ned"] = Variable((*dims, "ned"), ensemble["fix_velocity"], "m/s", "velocity fixes of the antenna")
+    v["/receiver/velocity_ned"] = Variable(
+        (*dims, "ned"), ensemble["fix_velocity"], "m/s", "velocity fixes of the antenna"
+    )
     v["/receiver/clock"] = Variable(
-        (*dims, "clock_name"), ensemble["fix_clock"][..., clocks], "m", "receiver clock against each time scale"
+        (*dims, "clock_name"),
+        ensemble["fix_clock"][..., clocks],
+        "m",
+        "receiver clock against each time scale",
     )
 
 
 def _filter(v: dict[str, Variable], world: World, ensemble: Ensemble) -> None:
     v["/filter/time"] = Variable(("time",), world.filter_time, "s", "time 0, then the times the fixes are applied")
-    v["/filter/state"] = Variable(("state",), np.array(states.NAMES), "1", "states of the filter", {"state_units": ", ".join(states.UNITS)})
+    v["/filter/state"] = Variable(
+        ("state",),
+        np.array(states.NAMES),
+        "1",
+        "states of the filter",
+        {"state_units": ", ".join(states.UNITS)},
+    )
     mixed = "m, m/s, rad, rad/s, m/s2"
-    v["/filter/error"] = Variable(("run", "time", "state"), ensemble["error"], mixed, "truth minus estimate, after the update")
-    v["/filter/sigma"] = Variable(("run", "time", "state"), ensemble["sigma"], mixed, "1 sigma of the filter, after the update")
-    v["/filter/nees"] = Variable(("run", "time"), ensemble["nees"], "1", "normalised estimation error squared, 15 states", {"degrees_of_freedom": states.N})
+    v["/filter/error"] = Variable(
+        ("run", "time", "state"), ensemble["error"], mixed, "truth minus estimate, after the update"
+    )
+    v["/filter/sigma"] = Variable(
+        ("run", "time", "state"), ensemble["sigma"], mixed, "1 sigma of the filter, after the update"
+    )
+    v["/filter/nees"] = Variable(
+        ("run", "time"),
+        ensemble["nees"],
+        "1",
+        "normalised estimation error squared, 15 states",
+        {"degrees_of_freedom": states.N},
+    )
     v["/filter/nees_position_velocity"] = Variable(
         ("run", "time"), ensemble["nees_position_velocity"], "1",
         "normalised estimation error squared, position and velocity", {"degrees_of_freedom": 6},
@@ -454,7 +486,9 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
         numbers = np.full(5, np.nan)
         if values.size:
             numbers[:] = values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])
-        v[f"/summary/dop/{name}"] = Variable(("statistic",), numbers, "1", f"{name.upper()} over the fix epochs of the glide")
+        v[f"/summary/dop/{name}"] = Variable(
+            ("statistic",), numbers, "1", f"{name.upper()} over the fix epochs of the glide"
+        )
 
     variance = np.diagonal(world.fix_covariance, axis1=1, axis2=2)[glide]
     variance = variance[np.isfinite(variance[:, 0])]
@@ -474,9 +508,17 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     squares = np.mean(error[:, window] ** 2, axis=1) if window.any() else np.full((ensemble.runs, states.N), np.nan)
     rms = np.stack([rms_interval(squares[:, [i]]) for i in range(9)])
     over = "root mean square over runs and over 20 s to touchdown"
-    for name, part, axis, unit in (("position_ned", "position", "ned", "m"), ("velocity_ned", "velocity", "ned", "m/s"), ("attitude", "attitude", "ned", "rad")):
-        v[f"/summary/rms/{name}"] = Variable((axis, "interval"), rms[states.SLICES[part]], unit, f"{part} error, {over}")
-    v["/summary/rms/horizontal"] = Variable(("interval",), rms_interval(squares[:, :2]), "m", f"horizontal error, {over}")
+    for name, part, axis, unit in (
+        ("position_ned", "position", "ned", "m"),
+        ("velocity_ned", "velocity", "ned", "m/s"),
+        ("attitude", "attitude", "ned", "rad"),
+    ):
+        v[f"/summary/rms/{name}"] = Variable(
+            (axis, "interval"), rms[states.SLICES[part]], unit, f"{part} error, {over}"
+        )
+    v["/summary/rms/horizontal"] = Variable(
+        ("interval",), rms_interval(squares[:, :2]), "m", f"horizontal error, {over}"
+    )
     v["/summary/rms/vertical"] = Variable(("interval",), rms_interval(squares[:, 2:3]), "m", f"vertical error, {over}")
 
     _at_heights(v, case, error)
@@ -531,13 +573,22 @@ def _at_heights(v: dict[str, Variable], case: Case, error: np.ndarray) -> None:
         k = min(int(np.searchsorted(times, when, side="right")), times.size - 1)
         share = (when - times[k - 1]) / (times[k] - times[k - 1])
         north, east, down = ((1.0 - share) * error[:, k - 1, :3] + share * error[:, k, :3]).T
-        for name, value in (("along", c * north + s * east), ("lateral", c * east - s * north), ("vertical", -down)):
+        for name, value in (
+            ("along", c * north + s * east),
+            ("lateral", c * east - s * north),
+            ("vertical", -down),
+        ):
             axes[name].append(rms_interval(value[:, None] ** 2))
     heights = np.array(DECISION_HEIGHTS_FT) * FOOT
-    v["/summary/at/height"] = Variable(("height",), heights, "m", "true height above the runway: touchdown, 50, 100, 200 ft")
+    v["/summary/at/height"] = Variable(
+        ("height",), heights, "m", "true height above the runway: touchdown, 50, 100, 200 ft"
+    )
     for name, values in axes.items():
         v[f"/summary/at/{name}"] = Variable(
-            ("height", "interval"), np.array(values), "m", f"root mean square over runs of the {name} position error"
+            ("height", "interval"),
+            np.array(values),
+            "m",
+            f"root mean square over runs of the {name} position error",
         )
 
 

@@ -9,6 +9,7 @@ import pymap3d
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from navsim.core import earth, wgs84
 
 

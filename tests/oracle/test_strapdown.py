@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
-from navsim.core import attitude, strapdown, wgs84
-from navsim.models.kinematics import Trajectory
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from navsim.core import attitude, strapdown, wgs84
+from navsim.models.kinematics import Trajectory
 from tests.helpers import case, scenario
 
 
@@ -76,9 +77,11 @@ def test_truth_against_an_independent_integrator(name: str) -> None:
         acceleration = c @ f + gravity - 2 * np.cross(omega, y[3:6])
         return np.concatenate([y[3:6], acceleration, (c @ skew - earth @ c).ravel()])
 
-    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+    for begin, end in itertools.pairwise(ends):
         # a hair inside the segment, so that the integrator never sees the next one
-        solution = solve_ivp(rates, (begin + 1e-10, end - 1e-10), y, method="DOP853", rtol=1e-11, atol=1e-9, max_step=2.0)
+        solution = solve_ivp(
+            rates, (begin + 1e-10, end - 1e-10), y, method="DOP853", rtol=1e-11, atol=1e-9, max_step=2.0
+        )
         y = solution.y[:, -1]
     truth = trajectory.motion(np.array([120.0]))
     assert np.linalg.norm(y[:3] - truth.position_ecef[0]) < 1e-4
@@ -92,7 +95,10 @@ def test_published_increment(oracles: dict[str, Any]) -> None:
     nav = np.zeros(16)
     nav[6] = 1.0
     mid, dt = np.zeros(strapdown.MID_N), 0.01
-    dtheta, dv = np.array(entry["gyro_increment"], dtype=float), np.array(entry["accel_increment"], dtype=float)
+    dtheta, dv = (
+        np.array(entry["gyro_increment"], dtype=float),
+        np.array(entry["accel_increment"], dtype=float),
+    )
     strapdown.step(nav, dtheta, dv, np.concatenate([dtheta, dv]), dt, np.empty((3, 3)), mid)
     # the Earth turns the frame by 7e-7 rad meanwhile
     np.testing.assert_allclose(mid[9:12] * dt, entry["expected_dv_corrected"], atol=3e-6)

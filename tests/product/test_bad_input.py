@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - the table of cases reads best with a case a line
 """Every wrong input ends with exit code 2, one clear message with place and key, and no harm done."""
 
 from __future__ import annotations
@@ -17,7 +18,11 @@ LANDING = (SCENARIOS / "landing.yaml").read_text()
 
 def navsim(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "navsim", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=300
+        [sys.executable, "-m", "navsim", *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
 
 
@@ -143,7 +148,9 @@ def test_folder_and_missing_file_refused(workplace: Path) -> None:
 
 
 def near(text: str) -> str:
-    return text.replace("frame: table1", "frame: runway").replace("s_m: 200", "s_m: 1").replace("l1_m: 5000", "l1_m: 30")
+    return (
+        text.replace("frame: table1", "frame: runway").replace("s_m: 200", "s_m: 1").replace("l1_m: 5000", "l1_m: 30")
+    )
 
 
 TOGETHER: list[tuple[str, Callable[[str], str], list[str]]] = [
@@ -189,7 +196,11 @@ ALMANACS: list[tuple[str, bytes, list[str]]] = [
     ("empty", b"", ["empty"]),
     ("another format", b"******** Week 837 almanac for PRN-01 ********\nID: 01\nHealth: 000\n", ["a.agl:1"]),
     ("garbled number", ALMANAC.replace(b"0.4005432E-03", b"0.40O5432E-03"), ["a.agl:3", "0.40O5432E-03"]),
-    ("eccentricity of a comet", ALMANAC.replace(b"0.4005432E-03", b"0.9005432E+00"), ["a.agl:3", "eccentricity"]),
+    (
+        "eccentricity of a comet",
+        ALMANAC.replace(b"0.4005432E-03", b"0.9005432E+00"),
+        ["a.agl:3", "eccentricity"],
+    ),
     ("slot 99", ALMANAC.replace(b" 1   1  1", b"99   1  1"), ["a.agl:2", "slot"]),
     ("slot twice", ALMANAC * 2, ["a.agl:5", "twice"]),
     ("31 September", ALMANAC.replace(b"1  13 09 2018", b"1  31 09 2018"), ["a.agl:2", "no such date"]),
@@ -199,9 +210,7 @@ ALMANACS: list[tuple[str, bytes, list[str]]] = [
 @pytest.mark.parametrize(("name", "content", "fragments"), ALMANACS, ids=[c[0] for c in ALMANACS])
 def test_almanac_refused(name: str, content: bytes, fragments: list[str], workplace: Path) -> None:
     (workplace / "a.agl").write_bytes(content)
-    (workplace / "s.yaml").write_text(
-        LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac")
-    )
+    (workplace / "s.yaml").write_text(LANDING.replace("source: nominal-glonass", "almanac: a.agl\n  source: almanac"))
     done = navsim("run", "s.yaml", "-o", "results/new.h5", cwd=workplace)
     assert_refused(done, workplace, ["sky.almanac", *fragments])
     assert not (workplace / "results" / "new.h5").exists()
@@ -238,8 +247,12 @@ def test_output_refused(workplace: Path) -> None:
 def test_result_refused(command: str, workplace: Path) -> None:
     with h5py.File(workplace / "other.h5", "w") as other:
         other["x"] = 1.0
+    damaged = bytearray((workplace / "other.h5").read_bytes())
+    damaged[96:400] = bytes(304)
+    (workplace / "damaged.h5").write_bytes(damaged)
     for name, fragments in (
         ("other.h5", ["other.h5", "not a navsim result"]),
+        ("damaged.h5", ["damaged.h5", "damaged"]),
         ("results/s.h5", ["not a readable HDF5 file"]),
         ("none.h5", ["no such file"]),
         ("results", ["results"]),
@@ -249,7 +262,13 @@ def test_result_refused(command: str, workplace: Path) -> None:
 
 def test_options_refused(workplace: Path) -> None:
     (workplace / "s.yaml").write_text(LANDING)
-    for options in (["--runs", "0"], ["--seed", "-1"], ["--keep", "some"], ["--no-such-option"], ["--workers", "0"]):
+    for options in (
+        ["--runs", "0"],
+        ["--seed", "-1"],
+        ["--keep", "some"],
+        ["--no-such-option"],
+        ["--workers", "0"],
+    ):
         done = navsim("run", "s.yaml", *options, cwd=workplace)
         assert_refused(done, workplace, [options[0]])
     assert_refused(navsim("schema", "landnig", cwd=workplace), workplace, ["landing"])

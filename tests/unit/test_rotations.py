@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from navsim.core import attitude, rotation
 from scipy.spatial.transform import Rotation
 
+from navsim.core import attitude, rotation
 from tests.helpers import cross
 
 component = st.floats(-3.0, 3.0)

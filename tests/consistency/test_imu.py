@@ -1,0 +1,101 @@
+"""Simulated sensor noise against the Allan variance, by allantools."""
+
+from __future__ import annotations
+
+import allantools
+import numpy as np
+import pytest
+
+from navsim.models.imu import (
+    Triad,
+    allan_variance,
+    density_from_sample_sigma,
+    sample_sigma_from_density,
+    simulate,
+)
+from navsim.simulation.landing import generator
+from tests.helpers import scenario
+
+RATE = 100.0
+HOUR = int(3600 * RATE)
+
+
+def static_rates(run: int, gyro: Triad, accel: Triad, n: int, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angular rate and specific force errors (n, 3) of a standing IMU."""
+    still = np.zeros((n, 3))
+    dtheta, dv, _ = simulate(generator(1, run, "imu"), still, still, 1 / rate, gyro, accel)
+    return dtheta * rate, dv * rate
+
+
+def test_random_walk_coefficients_come_back() -> None:
+    """ARW and VRW from one static hour within 3 %, from the -1/2 slope of the Allan deviation, 0.1-1 s."""
+    imu = scenario("imu.gyro={noise_deg_h: 30}", "imu.accelerometer={noise_mg: 10}").imu
+    triads = imu.gyro.triad(RATE), imu.accelerometer.triad(RATE)
+    assert triads[0].noise_density * 180 / np.pi * 60 == pytest.approx(0.05)  # deg/sqrt(h)
+    records = static_rates(0, *triads, HOUR, RATE)
+    taus = np.geomspace(0.1, 1.0, 10)
+    for record, triad in zip(records, triads, strict=True):
+        for axis in range(3):
+            tau, deviation, _, _ = allantools.oadev(record[:, axis], rate=RATE, data_type="freq", taus=taus)
+            slope, _ = np.polyfit(np.log(tau), np.log(deviation), 1)
+            assert slope == pytest.approx(-0.5, abs=0.03)
+            coefficient = np.exp(np.mean(np.log(deviation * np.sqrt(tau))))
+            assert coefficient == pytest.approx(triad.noise_density, rel=0.03)
+
+
+def test_gauss_markov_follows_its_closed_form() -> None:
+    """Mean Allan variance of 200 static hours of three axes, 1 s to 600 s: within 5 % of the closed form."""
+    gyro = Triad(bias=1e-3, noise_density=3e-4, markov=5e-4, markov_time=40.0)
+    accel = Triad(bias=1e-2, noise_density=1e-2, markov=2e-2, markov_time=150.0)
+    taus = np.array([1, 2, 5, 10, 20, 50, 100, 200, 400, 600.0])
+    total = np.zeros((2, taus.size))
+    for run in range(200):
+        for i, record in enumerate(static_rates(run, gyro, accel, HOUR, RATE)):
+            for axis in range(3):
+                _, deviation, _, _ = allantools.oadev(record[:, axis], rate=RATE, data_type="freq", taus=taus)
+                total[i] += deviation**2
+    ratio = total / 600 / np.array([allan_variance(gyro, taus), allan_variance(accel, taus)])
+    np.testing.assert_allclose(ratio, 1.0, atol=0.05)
+
+
+def test_gauss_markov_is_stationary() -> None:
+    gyro = Triad(bias=0.0, noise_density=0.0, markov=1.0, markov_time=5.0)
+    accel = Triad(bias=0.0, noise_density=0.0)
+    still = np.zeros((2000, 3))
+    biases = np.stack([simulate(generator(2, r, "imu"), still, still, 0.1, gyro, accel)[2] for r in range(300)])
+    spread = biases[:, ::100, :3].std(axis=(0, 2))
+    np.testing.assert_allclose(spread, 1.0, atol=0.1)
+    lag = np.mean(biases[:, :-50, :3] * biases[:, 50:, :3])
+    assert lag == pytest.approx(np.exp(-1.0), abs=0.03)
+
+
+def test_the_two_spellings_of_noise_are_one() -> None:
+    per_sample = scenario("imu.gyro={noise_deg_h: 30}").imu.gyro.triad(RATE)
+    density = scenario("imu.gyro={arw_deg_sqrt_h: 0.05}").imu.gyro.triad(RATE)
+    assert per_sample.noise_density == pytest.approx(density.noise_density, rel=1e-12)
+    assert sample_sigma_from_density(density_from_sample_sigma(7.0, 50.0), 50.0) == pytest.approx(7.0)
+    per_sample = scenario("imu.accelerometer={noise_mg: 10}").imu.accelerometer.triad(RATE)
+    assert per_sample.noise_density == pytest.approx(0.0980665 / 10.0)
+
+
+def test_biases_are_drawn_per_axis_or_fixed() -> None:
+    imu = scenario("imu.gyro.drift_fixed_deg_h=[10, -20, 30]").imu
+    gyro, accel = imu.gyro.triad(RATE), imu.accelerometer.triad(RATE)
+    still = np.zeros((5, 3))
+    drawn = []
+    for run in range(2000):
+        _, _, bias = simulate(generator(1, run, "imu"), still, still, 0.01, gyro, accel)
+        np.testing.assert_allclose(np.degrees(bias[0, :3]) * 3600, [10, -20, 30])
+        assert np.all(bias == bias[0])
+        drawn.append(bias[0, 3:])
+    spread = np.std(drawn, axis=0) / 9.80665e-3
+    np.testing.assert_allclose(spread, 1.0, atol=0.06)
+
+
+def test_increments_carry_bias_and_truth() -> None:
+    gyro = Triad(bias=0.0, noise_density=0.0, fixed_bias=(1e-3, 2e-3, -1e-3))
+    accel = Triad(bias=0.0, noise_density=0.0, fixed_bias=(0.1, 0.0, -0.2))
+    dtheta, dv = np.random.default_rng(0).standard_normal((2, 10, 3))
+    out_theta, out_v, _ = simulate(generator(1, 1, "imu"), dtheta, dv, 0.01, gyro, accel)
+    np.testing.assert_allclose(out_theta - dtheta, 0.01 * np.array([[1e-3, 2e-3, -1e-3]] * 10), atol=1e-16)
+    np.testing.assert_allclose(out_v - dv, 0.01 * np.array([[0.1, 0.0, -0.2]] * 10), atol=1e-15)

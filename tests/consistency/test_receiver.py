@@ -1,0 +1,119 @@
+"""The fixes' scatter against their predicted covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from navsim.core import wgs84
+from navsim.core.dop import MAX_CLOCKS
+from navsim.core.noise import measure
+from navsim.estimation.receiver import fixes
+from navsim.simulation.landing import generator
+from tests.helpers import case
+
+FIXES = 5000
+
+
+def wishart_statistic(errors: np.ndarray, covariance: np.ndarray) -> float:
+    """-2 log likelihood ratio that the errors (n, p), mean known to be zero, have this covariance.
+
+    Asymptotically chi-square with p (p + 1) / 2 degrees of freedom (Anderson, An Introduction to
+    Multivariate Statistical Analysis, 3rd ed., section 10.8).
+    """
+    n, p = errors.shape
+    ratio = np.linalg.solve(covariance, errors.T @ errors / n)
+    return float(n * (np.trace(ratio) - np.log(np.linalg.det(ratio)) - p))
+
+
+def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.ndarray]:
+    """Position errors (n, 3), ENU, of fixes at one epoch's fixed geometry, and their predicted covariance."""
+    world = case(*settings).world
+    s = world.signals
+
+    def held(a: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(np.broadcast_to(a[epoch], (FIXES, *a.shape[1:])))
+
+    ranges, rates = np.empty((2, FIXES, len(s.names)))
+    measure(
+        generator(1, 0, "measurements"), held(s.range), held(s.delay), held(s.sigma), held(s.range_rate),
+        held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
+    )  # fmt: skip
+    llh, v, clocks = np.empty((FIXES, 3)), np.empty((FIXES, 3)), np.empty((FIXES, MAX_CLOCKS))
+    cov, v_cov = np.empty((FIXES, 3, 3)), np.empty((FIXES, 3, 3))
+    fixes(
+        world.start, held(s.position), held(s.velocity), held(s.sigma), held(s.rate_sigma), s.clock, ranges, rates,
+        llh, v, clocks, cov, v_cov,
+    )  # fmt: skip
+    truth = world.at_filter
+    ned = wgs84.ned_matrix(truth.llh[epoch + 1])
+    error = (wgs84.ecef_from_llh(llh) - truth.position_ecef[epoch + 1]) @ ned.T
+    return error[:, [1, 0, 2]] * [1, 1, -1], world.fix_covariance[epoch]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("pseudolites.count=0",),
+        (),
+        ("pseudolites.clock=own",),
+        ("signals.range_law=constant", "pseudolites.range_sigma_m=0.3"),
+    ],
+    ids=["satellites", "two pseudolites", "pseudolites with their own clock", "precise pseudolites"],
+)
+def test_scatter_is_the_predicted_covariance(settings: tuple[str, ...]) -> None:
+    """5000 fixes, Wishart likelihood-ratio test, 6 degrees of freedom, 1 %."""
+    error, covariance = many_fixes((*settings, "receiver.rate_hz=1"), 30)
+    assert wishart_statistic(error, covariance) < chi2.ppf(0.99, 6)
+    # the mean is zero too: Hotelling's statistic
+    mean = error.mean(axis=0)
+    assert FIXES * mean @ np.linalg.solve(covariance, mean) < chi2.ppf(0.99, 3)
+
+
+def test_the_test_can_fail() -> None:
+    """A covariance wrong by 5 % in one axis does not pass."""
+    error, covariance = many_fixes(("receiver.rate_hz=1",), 30)
+    wrong = covariance.copy()
+    wrong[2, 2] *= 1.1025
+    assert wishart_statistic(error, wrong) > chi2.ppf(0.99, 6)
+
+
+def test_velocity_of_fixes() -> None:
+    """Velocity errors of a whole run, normalised by their own covariance: mean square one per axis."""
+    flown = case("receiver.rate_hz=10", "receiver.lever_arm_m=[2, 1, -1]")
+    run = flown.fly(3, 0)
+    s = flown.world.signals
+    at = flown.trajectory.motion(s.time)
+    c_ne = wgs84.ned_matrix(at.llh)
+    omega_ie_b = np.einsum("nji,njk,k->ni", at.c_nb, c_ne, [0, 0, wgs84.RATE])
+    swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate - omega_ie_b, [2, 1, -1]))
+    error = run.fix_velocity - at.velocity_ned - swing
+    los = np.einsum("nij,nsj->nsi", c_ne, (s.position - at.position_ecef[:, None]))
+    los /= np.linalg.norm(los, axis=2, keepdims=True)
+    total = 0.0
+    for e in range(s.time.size):
+        h = np.concatenate([-los[e, s.used[e]], np.ones((s.used[e].sum(), 1))], axis=1)
+        p = np.linalg.inv(h.T @ h / 0.1**2)[:3, :3]
+        total += error[e] @ np.linalg.solve(p, error[e])
+    freedom = 3 * s.time.size
+    assert chi2.ppf(0.005, freedom) < total < chi2.ppf(0.995, freedom)
+
+
+def test_receiver_clocks_come_back() -> None:
+    flown = case("pseudolites.clock=own", "pseudolites.clock_offset_ns=100", "receiver.clock_offset_us=3")
+    run = flown.fly(1, 0)
+    offset = 299792458.0 * (3e-6 + 50e-9 * flown.world.signals.time)
+    assert np.all(np.isnan(run.fix_clock[:, 1]))
+    assert np.nanmean(run.fix_clock[:, 0] - offset) == pytest.approx(0.0, abs=1.0)
+    # pseudolites ahead of their scale by 100 ns are heard 30 m too near
+    assert np.nanmean(run.fix_clock[:, 2] - run.fix_clock[:, 0]) == pytest.approx(-29.98, abs=1.0)
+
+
+def test_survey_error_and_clock_offset_bias_the_fixes() -> None:
+    """They act on the truth alone: the mean fix is off by what the geometry makes of them."""
+    plain, _ = many_fixes(("receiver.rate_hz=1",), 30)
+    moved, _ = many_fixes(("receiver.rate_hz=1", "pseudolites.survey_error_m=[0, 5, 0]"), 30)
+    shifted, _ = many_fixes(("receiver.rate_hz=1", "pseudolites.clock_offset_ns=20"), 30)
+    for other in (moved, shifted):
+        assert 0.3 < np.linalg.norm((other - plain).mean(axis=0)) < 10.0

@@ -1,0 +1,417 @@
+"""Whole commands: the main job, its files, warnings, repeatability."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from PIL import Image
+
+from navsim.core import states
+from navsim.core.dop import dops
+from navsim.io.results import Result, read
+from tests.conftest import ROOT, SCENARIOS
+
+SHORT = ("--set", "duration_s=65")
+
+
+def navsim(*arguments: object, cwd: Path, code: int = 0) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "navsim", *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == code, done.stderr + done.stdout
+    assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("run")
+
+
+@pytest.fixture(scope="module")
+def landing(place: Path) -> tuple[subprocess.CompletedProcess[str], Path]:
+    """The main job as the README runs it, in an empty folder."""
+    done = navsim("run", SCENARIOS / "landing.yaml", cwd=place)
+    return done, place / "results" / "landing.h5"
+
+
+def test_summary_result_and_figures(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    done, file = landing
+    for word in (
+        "PDOP",
+        "horizontal position, m",
+        "touchdown, lateral",
+        "NEES, 15 states",
+        "results/landing.h5",
+    ):
+        assert word in done.stdout
+    assert file.is_file()
+    for name in ("track", "sky", "dop", "fixes", "errors", "nees"):
+        with Image.open(file.parent / f"landing_{name}.png") as image:
+            assert image.width >= 600
+            pixels = np.asarray(image.convert("L"))
+            assert 0.005 < np.mean(pixels < 128) < 0.5  # something is drawn, and not everything is black
+    assert sorted(p.name for p in file.parent.iterdir() if p.suffix == ".tmp") == []
+
+
+LAYOUT: dict[str, tuple[str, ...]] = {
+    "/truth/time": ("n",), "/truth/position_llh": ("n", "3"), "/truth/velocity_ned": ("n", "3"),
+    "/truth/attitude_rpy": ("n", "3"), "/geometry/time": ("e",), "/geometry/source": ("s",), "/geometry/clock": ("s",),
+    "/pseudolites/name": ("p",), "/pseudolites/position_llh": ("p", "3"), "/geometry/line_of_sight": ("e", "s", "3"),
+    "/geometry/gdop": ("e",), "/geometry/pdop": ("e",), "/geometry/hdop": ("e",), "/geometry/vdop": ("e",),
+    "/geometry/tdop": ("e",), "/measurements/pseudorange": ("run", "e", "s"),
+    "/measurements/range_rate": ("run", "e", "s"), "/measurements/cn0": ("run", "e", "s"),
+    "/receiver/position_llh": ("run", "e", "3"), "/receiver/velocity_ned": ("run", "e", "3"),
+    "/receiver/clock": ("run", "e", "c"), "/receiver/covariance_enu": ("e", "3", "3"), "/filter/time": ("t",),
+    "/filter/error": ("run", "t", "15"), "/filter/sigma": ("run", "t", "15"), "/filter/state": ("15",),
+    "/filter/nees": ("run", "t"), "/filter/nees_position_velocity": ("run", "t"),
+    "/filter/innovation_squared": ("run", "e"), "/summary/dop/gdop": ("5",), "/summary/dop/pdop": ("5",),
+    "/summary/dop/hdop": ("5",), "/summary/dop/vdop": ("5",), "/summary/dop/tdop": ("5",),
+    "/summary/fix/rms_horizontal": ("3",), "/summary/fix/rms_vertical": ("3",), "/summary/fix/rms_3d": ("3",),
+    "/summary/rms/position_ned": ("3", "3"), "/summary/rms/velocity_ned": ("3", "3"),
+    "/summary/rms/attitude": ("3", "3"), "/summary/rms/horizontal": ("3",), "/summary/rms/vertical": ("3",),
+    "/summary/at/height": ("h",), "/summary/at/lateral": ("h", "3"), "/summary/at/along": ("h", "3"),
+    "/summary/at/vertical": ("h", "3"), "/summary/consistency/nees": ("t",),
+    "/summary/consistency/nees_position_velocity": ("t",), "/summary/consistency/nis": ("t",),
+    "/summary/count/runs": (), "/summary/count/fixes": (), "/summary/count/epochs_without_fix": (),
+}  # fmt: skip
+"""Paths and shapes of `interface.md`."""
+
+
+def test_layout(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    sizes = {"n": 12001, "e": 1200, "s": 26, "p": 2, "t": 1201, "c": 1, "h": 4, "run": 1}
+    with h5py.File(landing[1]) as file:
+        for path, dims in LAYOUT.items():
+            assert file[path].shape == tuple(sizes.get(d) or int(d) for d in dims), path
+        for name in (
+            "kind",
+            "schema_version",
+            "navsim_version",
+            "seed",
+            "scenario",
+            "scenario_sha256",
+            "epoch",
+            "created",
+        ):
+            assert name in file.attrs
+
+        def described(name: str, node: Any) -> None:
+            if isinstance(node, h5py.Dataset):
+                assert node.attrs["units"], name
+                assert node.attrs["long_name"], name
+                assert node.is_scale or all(len(d) == 1 for d in node.dims), name
+
+        file.visititems(described)
+        assert file["/filter/innovation_squared"].attrs["degrees_of_freedom"] == 6
+        assert list(file["/filter/state"].asstr()[:]) == list(states.NAMES)
+        assert file["/geometry/source"].asstr()[0] == "R01"
+        assert file["/geometry/source"].asstr()[-1] == "PL2"
+
+
+def test_opens_in_xarray(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    with xr.open_datatree(landing[1], engine="h5netcdf") as tree:
+        assert tree["filter/error"].dims == ("run", "time", "state")
+        error = tree["filter/error"].sel(state="position_north")
+        assert error.shape == (1, 1201)
+        assert float(tree["summary/rms/horizontal"].sel(interval="value")) > 0
+        assert tree["geometry/pdop"].attrs["units"] == "1"
+
+
+def test_result_agrees_with_itself(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    """Summary figures recomputed from the stored histories, independently of the code that wrote them."""
+    r = read(landing[1])
+    np.testing.assert_allclose(
+        np.stack([r[f"/geometry/{d}"] for d in ("gdop", "pdop", "hdop", "vdop", "tdop")], axis=1),
+        dops(r["/geometry/line_of_sight"], r["/geometry/clock"]),
+    )
+    glide = r["/geometry/time"] <= 60.1878
+    assert r["/summary/dop/pdop"][0] == pytest.approx(r["/geometry/pdop"][glide].mean())
+    assert r["/summary/dop/pdop"][1] == pytest.approx(r["/geometry/pdop"][glide].min())
+    sko = np.sqrt(np.einsum("eii->ei", r["/receiver/covariance_enu"][glide])[:, :2].sum(axis=1)).mean()
+    assert r["/summary/fix/rms_horizontal"][0] == pytest.approx(sko)
+    t = r["/filter/time"]
+    window = (t >= 60.18782 - 20) & (t <= 60.18783)
+    error = r["/filter/error"][:, window, :]
+    assert r["/summary/rms/horizontal"][0] == pytest.approx(np.sqrt(np.mean(error[..., 0] ** 2 + error[..., 1] ** 2)))
+    assert r["/summary/rms/vertical"][0] == pytest.approx(np.sqrt(np.mean(error[..., 2] ** 2)))
+    assert np.all(r["/summary/rms/horizontal"][1] < r["/summary/rms/horizontal"][0])
+    assert np.all(r["/summary/rms/horizontal"][2] > r["/summary/rms/horizontal"][0])
+    np.testing.assert_allclose(r["/summary/consistency/nees"], r["/filter/nees"].mean(axis=0) / 15)
+    assert abs(r["/summary/at/vertical"][0, 0]) < 2.0
+
+
+def test_error_is_truth_minus_estimate(place: Path) -> None:
+    """Fixed initial errors come back in the result with their sign."""
+    out = place / "fixed.h5"
+    fixed = "initial_errors.fixed={position_m: [3, -4, 5], velocity_m_s: [0.1, 0.2, -0.3], attitude_deg: [1, -2, 3]}"
+    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-o", out, "--figures", "none", "--set", fixed, cwd=place)
+    r = read(out)
+    expected = [3, -4, 5, 0.1, 0.2, -0.3, *np.radians([1, -2, 3])]
+    np.testing.assert_allclose(r["/filter/error"][0, 0, :9], expected, rtol=1e-5)
+    np.testing.assert_allclose(r["/filter/sigma"][0, 0, :9], np.repeat([10, 1, np.radians(5)], 3))
+
+
+def stored(file: Path) -> dict[str, Any]:
+    """All that must be identical between repetitions: every dataset and attribute but a few."""
+    found: dict[str, Any] = {}
+    with h5py.File(file) as h:
+        left_out = ("created", "navsim_version")
+        found["/"] = {k: v for k, v in h.attrs.items() if k not in left_out and not k.startswith("provenance_")}
+
+        def take(name: str, node: Any) -> None:
+            pointers = ("REFERENCE_LIST", "DIMENSION_LIST")
+            found[name + "@"] = {k: np.asarray(v).tobytes() for k, v in node.attrs.items() if k not in pointers}
+            if isinstance(node, h5py.Dataset):
+                value = node.asstr()[()] if h5py.check_string_dtype(node.dtype) else node[()]
+                found[name] = (
+                    np.asarray(value).tolist().__repr__() if node.dtype.kind == "O" else np.asarray(value).tobytes()
+                )
+
+        h.visititems(take)
+    return found
+
+
+def test_repeats_bit_by_bit_whatever_the_workers(place: Path) -> None:
+    files = []
+    for workers in (1, 2):
+        file = place / f"w{workers}.h5"
+        options = ("--runs", 12, "--workers", workers, "--keep", "all", "-q", "-o", file)
+        navsim("run", SCENARIOS / "landing.yaml", *SHORT, *options, cwd=place)
+        files.append(stored(file))
+    assert files[0] == files[1]
+
+
+def test_a_run_alone_is_the_run_of_the_ensemble(place: Path) -> None:
+    many, one, other = place / "many.h5", place / "one.h5", place / "other.h5"
+    common = (SCENARIOS / "landing.yaml", *SHORT, "-q")
+    navsim("run", *common, "--runs", 9, "-o", many, cwd=place)
+    navsim("run", *common, "--first-run", 7, "-o", one, cwd=place)
+    navsim("run", *common, "--first-run", 7, "--seed", 2, "-o", other, cwd=place)
+    ensemble, alone = read(many), read(one)
+    for path in ("/filter/error", "/filter/sigma", "/filter/nees", "/filter/innovation_squared"):
+        np.testing.assert_array_equal(ensemble[path][7], alone[path][0])
+    assert alone["/run"].tolist() == [7]
+    assert np.any(read(other)["/filter/error"] != alone["/filter/error"])
+    assert "/receiver/position_llh" not in ensemble
+    assert not list(place.glob("many_*.png"))
+
+
+def test_stored_scenario_reproduces_the_result(
+    landing: tuple[subprocess.CompletedProcess[str], Path], place: Path
+) -> None:
+    """The resolved scenario in the file is a scenario, and flying it gives the same numbers."""
+    first = read(landing[1])
+    again = place / "again.yaml"
+    again.write_text(str(first.attributes["scenario"]))
+    navsim("run", again, "-q", "-o", place / "again.h5", cwd=place)
+    second = read(place / "again.h5")
+    assert second.attributes["scenario_sha256"] == first.attributes["scenario_sha256"]
+    np.testing.assert_array_equal(second["/filter/error"], first["/filter/error"])
+
+
+def test_json_is_alone_on_stdout(place: Path) -> None:
+    done = navsim("run", SCENARIOS / "landing_gnss_only.yaml", *SHORT, "--json", "--figures", "none", cwd=place)
+    summary = json.loads(done.stdout)
+    assert summary["kind"] == "landing"
+    assert summary["summary"]["count"]["fixes"] == 650
+    assert len(summary["summary"]["rms"]["horizontal"]) == 3
+    shown = json.loads(navsim("show", "results/landing_gnss_only.h5", "--json", cwd=place).stdout)
+    assert shown == summary
+
+
+def test_show_and_plot(landing: tuple[subprocess.CompletedProcess[str], Path], place: Path) -> None:
+    table = navsim("show", landing[1], landing[1], cwd=place).stdout
+    assert "PDOP" in table
+    figures = navsim("plot", landing[1], "--figures", "drawn", cwd=place).stdout.split()
+    assert len(figures) == 6
+    assert all((place / f).is_file() for f in figures)
+
+
+def test_init_schema_validate(place: Path) -> None:
+    assert "landing.yaml written" in navsim("init", cwd=place).stdout
+    assert "valid scenario" in navsim("validate", "landing.yaml", cwd=place).stdout
+    schema = json.loads(navsim("schema", "landing", cwd=place).stdout)
+    assert schema["additionalProperties"] is False
+    assert "speed_start_kmh" in json.dumps(schema)
+    dry = navsim("run", "landing.yaml", "--dry-run", cwd=place)
+    assert "12000 IMU samples" in dry.stderr
+    assert dry.stdout == ""
+
+
+@pytest.mark.parametrize("name", sorted(p.stem for p in SCENARIOS.glob("*.yaml")))
+def test_every_shipped_scenario_is_valid(name: str, place: Path) -> None:
+    navsim("validate", SCENARIOS / f"{name}.yaml", cwd=place)
+    assert "\t" not in (SCENARIOS / f"{name}.yaml").read_text()
+
+
+def warnings_of(done: subprocess.CompletedProcess[str]) -> list[str]:
+    return [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
+
+
+def test_epochs_without_a_fix(place: Path) -> None:
+    """Jammed but for the pseudolites: warned, exit 0, DOPs nan, sigma growing; --require-fix exits 3."""
+    jam = ("--set", "sky.mask_deg=89.9", *SHORT, "-o", place / "jam.h5")
+    done = navsim("run", SCENARIOS / "landing.yaml", *jam, cwd=place)
+    assert any("no fix at all" in w for w in warnings_of(done))
+    assert f"{len(warnings_of(done))} warning(s)" in done.stderr
+    r = read(place / "jam.h5")
+    assert np.all(np.isnan(r["/geometry/pdop"]))
+    assert np.all(np.isnan(r["/receiver/position_llh"]))
+    assert int(r["/summary/count/epochs_without_fix"]) == 650
+    assert np.all(np.diff(r["/filter/sigma"][0, :, 0]) > 0)
+    assert np.all(np.isnan(r["/summary/dop/pdop"]))
+    refused = navsim("run", SCENARIOS / "landing.yaml", *jam, "--require-fix", cwd=place, code=3)
+    assert "650 epochs without a fix" in refused.stderr
+    assert "0.1 s" in refused.stderr
+
+
+def test_some_epochs_without_a_fix(place: Path) -> None:
+    """Three pseudolites only seen from some of the path would be rare; a rising mask does it with four listed."""
+    text = """
+kind: landing
+version: 1
+epoch: 2018-09-13T12:00:00Z
+approach: {profile: paper, start: {lat_deg: 56, lon_deg: 37}}
+duration_s: 65
+sky:
+  source: nominal-glonass
+  mask_deg: 22
+  exclude: [R07, R08]
+"""
+    (place / "some.yaml").write_text(text)
+    base = navsim("run", "some.yaml", "-q", cwd=place)
+    r = read(place / "results" / "some.h5")
+    lost = np.isnan(r["/geometry/pdop"])
+    used = np.isfinite(r["/geometry/line_of_sight"][..., 0]).sum(axis=1)
+    np.testing.assert_array_equal(lost, used < 4)
+    assert bool(warnings_of(base)) == bool(lost.any())
+
+
+def test_old_almanac_and_fresh_one(place: Path, shared: Path) -> None:
+    """The real almanac by --set, as the docs show it; weeks later it is still used, with a warning."""
+    almanac = shared / "data" / "almanacs" / "MCCJ_180913.agl"
+    settings = (
+        "--set",
+        "sky.source=almanac",
+        "--set",
+        f"sky.almanac={almanac}",
+        *SHORT,
+        "-q",
+        "-o",
+        place / "a.h5",
+    )
+    fresh = navsim("run", SCENARIOS / "landing.yaml", *settings, cwd=place)
+    assert warnings_of(fresh) == []
+    r = read(place / "a.h5")
+    assert "almanac_sha256" in str(r.attributes["scenario"])
+    relative = os.path.relpath(almanac, place)
+    again = [a if not str(a).startswith("sky.almanac=") else f"sky.almanac={relative}" for a in settings]
+    navsim("run", SCENARIOS / "landing.yaml", *again, cwd=place)
+    np.testing.assert_array_equal(read(place / "a.h5")["/filter/error"], r["/filter/error"])
+    old = navsim("run", SCENARIOS / "landing.yaml", *settings, "--set", "epoch=2018-11-20T12:00:00Z", cwd=place)
+    # two months and a week; slots whose node is passed early in the day are the oldest
+    assert any(re.search(r"6[89] days away", w) for w in warnings_of(old))
+
+
+def test_short_flight_without_touchdown(place: Path) -> None:
+    done = navsim("run", SCENARIOS / "landing.yaml", "--set", "duration_s=30", "-o", place / "s.h5", cwd=place)
+    assert any("touchdown" in w for w in warnings_of(done))
+    r = read(place / "s.h5")
+    assert np.all(np.isnan(r["/summary/at/vertical"][0]))
+    assert np.isfinite(r["/summary/rms/horizontal"][0])
+
+
+def test_shorter_than_a_fix_interval(place: Path) -> None:
+    options = ("--set", "duration_s=0.05", "-o", place / "t.h5")
+    done = navsim("run", SCENARIOS / "landing.yaml", *options, cwd=place)
+    assert any("never gets a fix" in w for w in warnings_of(done))
+    assert read(place / "t.h5")["/filter/error"].shape == (1, 1, 15)
+
+
+def test_a_kill_leaves_no_half_file(place: Path) -> None:
+    """SIGKILL in the middle: nothing under the final name but what was there before."""
+    file = place / "killed.h5"
+    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file, cwd=place)
+    before = file.read_bytes()
+    command = [
+        sys.executable,
+        "-m",
+        "navsim",
+        "run",
+        str(SCENARIOS / "landing.yaml"),
+        "--runs",
+        "3000",
+        "-q",
+        "-o",
+        str(file),
+    ]
+    process = subprocess.Popen(command, cwd=place)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert process.returncode == -signal.SIGKILL
+    assert file.read_bytes() == before
+
+
+def test_interrupt_exits_130(place: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "navsim",
+        "run",
+        str(SCENARIOS / "landing.yaml"),
+        "--runs",
+        "3000",
+        "-q",
+        "-o",
+        "i.h5",
+    ]
+    process = subprocess.Popen(command, cwd=place, stderr=subprocess.PIPE, text=True)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    assert not (place / "i.h5").exists()
+
+
+def test_full_disk_is_a_clear_error(place: Path) -> None:
+    """Files limited to 100 kB stand for a full disk: exit 3, message, the earlier result untouched."""
+    file = place / "full.h5"
+    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file, cwd=place)
+    before = file.read_bytes()
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000));"
+        "from navsim.cli.main import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "run", str(SCENARIOS / "landing.yaml"), "-q", "-o", str(file)],
+        cwd=place, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "full.h5" in done.stderr
+    assert file.read_bytes() == before
+
+
+def test_version_and_module_entry() -> None:
+    done = navsim("--version", cwd=ROOT)
+    assert done.stdout.startswith("navsim 0.")
+    assert isinstance(Result({}, {}), Result)

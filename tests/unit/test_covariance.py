@@ -1,0 +1,214 @@
+"""The covariance kernels against dense algebra, and Phi against the mechanisation it linearises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from navsim.core import attitude, covariance, earth, states, strapdown
+
+N, STRIDE = states.N, covariance.STRIDE
+DT = 0.01
+NOISE = np.array([2e-7, 3e-4, 1 / 300.0, 1e-9, 1 / 100.0, 1e-6])
+
+
+def flat(p: np.ndarray) -> np.ndarray:
+    out = np.zeros((N, STRIDE))
+    out[:, :N] = p
+    return out.ravel()
+
+
+def square(p: np.ndarray) -> np.ndarray:
+    return p.reshape(N, STRIDE)[:, :N]
+
+
+def some_covariance(seed: int = 0) -> np.ndarray:
+    a = np.random.default_rng(seed).standard_normal((N, N))
+    scale = np.repeat([5.0, 0.5, 0.05, 1e-3, 1e-2], 3)
+    p = scale[:, None] * (a @ a.T / N + 0.1 * np.eye(N)) * scale
+    return 0.5 * (p + p.T)
+
+
+def some_state() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A fast, turning vehicle, so that no term of the error model is lost in rounding."""
+    nav = np.zeros(states.NAV_N)
+    nav[:3] = 0.98, 0.64, 2500.0
+    nav[3:6] = 180.0, -140.0, 25.0
+    nav[6:10] = Rotation.from_euler("ZYX", [2.0, 0.2, -0.4]).as_quat()[[3, 0, 1, 2]]
+    nav[10:16] = 1e-3, -2e-3, 5e-4, 0.02, -0.01, 0.03
+    return nav, np.array([2e-3, -1e-3, 1.5e-3]), np.array([0.03, -0.02, -0.11])
+
+
+def step(nav: np.ndarray, dtheta: np.ndarray, dv: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    after, mid = nav.copy(), np.zeros(strapdown.MID_N)
+    strapdown.step(after, dtheta, dv, np.zeros(6), dt, np.empty((3, 3)), mid)
+    return after, mid
+
+
+def perturbed(nav: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The state whose error against `nav` is x: truth = nav moved by x."""
+    out = nav.copy()
+    meridian, transverse = earth.radii(np.sin(nav[0]))
+    out[0] += x[0] / (meridian + nav[2])
+    out[1] += x[1] / ((transverse + nav[2]) * np.cos(nav[0]))
+    out[2] -= x[2]
+    out[3:6] += x[3:6]
+    q = out[6:10].copy()
+    attitude.rotate_left(q, *x[6:9])
+    out[6:10] = q
+    out[10:16] += x[9:15]
+    return out
+
+
+def error(truth: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+    meridian, transverse = earth.radii(np.sin(estimate[0]))
+    x = np.empty(N)
+    x[0] = (truth[0] - estimate[0]) * (meridian + estimate[2])
+    x[1] = (truth[1] - estimate[1]) * (transverse + estimate[2]) * np.cos(estimate[0])
+    x[2] = estimate[2] - truth[2]
+    x[3:6] = truth[3:6] - estimate[3:6]
+    attitude.difference(truth[6:10], estimate[6:10], x[6:9])
+    x[9:15] = truth[10:16] - estimate[10:16]
+    return x
+
+
+def dense_transition(mid: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    phi = np.zeros(covariance.SIZE)
+    covariance.transition(mid, noise, phi)
+    out = np.eye(N)
+    out[:9] += square(phi)[:9]
+    decay = 1 - mid[strapdown.MID_DT] * noise[[2, 4]] + 0.5 * (mid[strapdown.MID_DT] * noise[[2, 4]]) ** 2
+    out[9:, 9:] = np.diag(np.repeat(decay, 3))
+    return out
+
+
+def test_transition_is_the_derivative_of_the_mechanisation() -> None:
+    """Central differences of `strapdown.step` itself, error by error: every sign and term of Phi."""
+    nav, dtheta, dv = some_state()
+    after, mid = step(nav, dtheta, dv, DT)
+    phi = dense_transition(mid, np.zeros(6))
+    sizes = np.repeat([20.0, 1.0, 1e-4, 1e-4, 1e-2], 3)
+    for j in range(N):
+        x = np.zeros(N)
+        x[j] = sizes[j]
+        ends = []
+        for sign in (1.0, -1.0):
+            # the true increments are the same; the estimate takes off its own biases
+            moved, _ = step(perturbed(nav, sign * x), dtheta, dv, DT)
+            ends.append(error(moved, after))
+        column = (ends[0] - ends[1]) / (2 * sizes[j])
+        # 2e-4 of the largest effect of a block, 4e-3 where the effect itself is of second order in the interval
+        # and the turn within it (3e-3 rad) is felt; 1e-12 for the terms that Phi leaves out
+        for first in range(0, N, 3):
+            block = slice(first, first + 3)
+            size = np.abs(phi[block, j]).max()
+            share = 4e-3 if (first, j // 3) in ((0, 2), (0, 3), (0, 4), (3, 3)) else 2e-4
+            rounding = (2e-9 if first == 0 else 2e-13) / sizes[j]
+            np.testing.assert_allclose(
+                column[block],
+                phi[block, j],
+                rtol=0,
+                atol=share * size + 1e-12 + rounding,
+                err_msg=f"{first},{j}",
+            )
+
+
+def test_transition_is_of_second_order() -> None:
+    """Against the matrix exponential of F, the error of Phi falls with the third power of the interval."""
+    nav, dtheta, dv = some_state()
+    misfit = []
+    for dt in (0.04, 0.02):
+        scale = dt / DT
+        _, mid = step(nav, dtheta * scale, dv * scale, dt)
+        phi = dense_transition(mid, NOISE)
+        # F by extrapolation to zero interval at the same mid-point quantities
+        tiny = mid.copy()
+        tiny[strapdown.MID_DT] = 1e-7
+        f = (dense_transition(tiny, NOISE) - np.eye(N)) / 1e-7
+        scales = np.repeat([1.0, 1.0, 0.1, 0.01, 0.1], 3)
+        difference = (phi - expm(f * dt)) / scales[:, None] * scales
+        misfit.append(np.abs(difference).max())
+    assert misfit[1] < 1e-6
+    assert np.log2(misfit[0] / misfit[1]) > 2.7
+
+
+def test_predict_agrees_with_dense_algebra() -> None:
+    nav, dtheta, dv = some_state()
+    _, mid = step(nav, dtheta, dv, DT)
+    p = some_covariance()
+    phi = dense_transition(mid, NOISE)
+    q = np.zeros((N, N))
+    i = np.arange(3)
+    q[i, i] = DT**2 / 4 * NOISE[1] * DT
+    q[i, i + 3] = q[i + 3, i] = DT / 2 * NOISE[1] * DT
+    q[i + 3, i + 3] = NOISE[1] * DT
+    q[i + 6, i + 6] = NOISE[0] * DT
+    q[i + 9, i + 9] = NOISE[3] * DT
+    q[i + 12, i + 12] = NOISE[5] * DT
+    ours = flat(p)
+    covariance.predict(ours, mid, NOISE, np.zeros(covariance.SIZE), np.zeros(2 * covariance.SIZE), STRIDE)
+    expected = phi @ p @ phi.T + q
+    np.testing.assert_allclose(square(ours), expected, rtol=1e-12, atol=1e-15)
+    assert np.all(ours.reshape(N, STRIDE)[:, N] == 0.0)
+
+
+@pytest.mark.parametrize("m", [3, 6])
+def test_update_agrees_with_dense_algebra(m: int) -> None:
+    rng = np.random.default_rng(5)
+    p = some_covariance(1)
+    h = rng.standard_normal((m, N))
+    a = rng.standard_normal((m, m))
+    r = a @ a.T + np.eye(m)
+    ours = flat(p)
+    h6, r6 = np.zeros((6, N)), np.zeros((6, 6))
+    h6[:m], r6[:m, :m] = h, r
+    pht, s, k = np.empty((N, 6)), np.empty((6, 6)), np.empty((N, 6))
+    assert covariance.gain(ours, h6, r6, m, pht, s, k)
+    covariance.joseph(ours, h6, r6, m, pht, k, np.empty((1, N, 6)))
+    gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+    left = np.eye(N) - gain @ h
+    np.testing.assert_allclose(k[:, :m], gain, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(square(ours), left @ p @ left.T + gain @ r @ gain.T, rtol=1e-9, atol=1e-13)
+    np.testing.assert_array_equal(square(ours), square(ours).T)
+
+
+def test_update_with_a_useless_measurement_is_refused() -> None:
+    ours = flat(some_covariance())
+    out = covariance.gain(
+        ours, np.zeros((6, N)), np.zeros((6, 6)), 3, np.empty((N, 6)), np.empty((6, 6)), np.empty((N, 6))
+    )
+    assert not out
+
+
+def test_reset_is_the_change_of_the_attitude_error() -> None:
+    """exp(delta) exp(theta) = exp(theta + epsilon): delta by scipy's rotations, for small epsilon."""
+    theta = np.array([0.05, -0.12, 0.31])
+    g = np.eye(N)
+    step_size = 1e-6
+    for i in range(3):
+        turned = []
+        for sign in (1, -1):
+            epsilon = np.zeros(3)
+            epsilon[i] = sign * step_size
+            turned.append((Rotation.from_rotvec(theta + epsilon) * Rotation.from_rotvec(theta).inv()).as_rotvec())
+        g[6:9, 6 + i] = (turned[0] - turned[1]) / (2 * step_size)
+    p = some_covariance(2)
+    ours = flat(p)
+    covariance.reset(ours, *theta, np.empty((3, 3)), np.empty((N, 3)))
+    np.testing.assert_allclose(square(ours), g @ p @ g.T, rtol=1e-7, atol=1e-9)
+    np.testing.assert_array_equal(square(ours), square(ours).T)
+
+
+def test_normalised_square() -> None:
+    p = some_covariance(3)
+    e = np.random.default_rng(1).standard_normal(N)
+    factor, x = np.empty((N, N)), np.empty(N)
+    assert covariance.normalised_square(flat(p), e, 0, N, factor, x) == pytest.approx(
+        e @ np.linalg.solve(p, e), rel=1e-9
+    )
+    part = e[:6] @ np.linalg.solve(p[:6, :6], e[:6])
+    assert covariance.normalised_square(flat(p), e, 0, 6, factor, x) == pytest.approx(part, rel=1e-9)
+    p[4, 4] = -1.0
+    assert np.isnan(covariance.normalised_square(flat(p), e, 0, N, factor, x))
