@@ -191,9 +191,8 @@ def run(
     if not quiet and not json_:
         print(f"result   {target}")
         if written:
-            print(
-                f"figures  {drawing}/{target.stem}_{{{','.join(p.stem.removeprefix(target.stem + '_') for p in written)}}}.png"
-            )
+            names = ",".join(path.stem.removeprefix(f"{target.stem}_") for path in written)
+            print(f"figures  {drawing}/{target.stem}_{{{names}}}.png")
     for warning in found:
         say(f"warning: {warning}")
     if found:

@@ -244,7 +244,7 @@ def nees(result: Result) -> Figure:
         variable = result.variables[f"/summary/consistency/{name}"]
         values = np.asarray(variable.data)
         style = {"ls": "", "marker": ".", "ms": 1.5} if name == "nis" else {}
-        ax.plot(t, values, color=colour, label=label, **style)  # type: ignore[arg-type]
+        ax.plot(t, values, color=colour, label=label, **style)
         if name != "nees_position_velocity":
             ax.axhspan(
                 variable.attributes["band_low"],

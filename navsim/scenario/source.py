@@ -97,7 +97,7 @@ def _number(text: str) -> int | float:
         return float(plain.replace(".inf", "inf").replace(".nan", "nan"))
 
 
-def _scalar(node: yaml.ScalarNode) -> Any:
+def _scalar(node: yaml.Node) -> Any:
     kind = node.tag.rsplit(":", 1)[-1]
     if kind == "null":
         return None

@@ -1,0 +1,59 @@
+"""The same filter with dense 15 x 15 loops: the yardstick any machine can check the block-sparse kernel by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.core import covariance, strapdown
+from navsim.core.jit import kernel
+from navsim.core.states import N
+
+
+@kernel
+def _multiply(a, b, out):
+    for i in range(N):
+        for j in range(N):
+            t = 0.0
+            for k in range(N):
+                t += a[i, k] * b[k, j]
+            out[i, j] = t
+
+
+@kernel
+def dense_filter(nav, dtheta, dv, dt, p, q, every):
+    """Strapdown, Phi P Phi' + Q densely at every step, a six-measurement Joseph update each `every` steps."""
+    previous = np.zeros(6)
+    c_nb = np.empty((3, 3))
+    mid = np.empty(strapdown.MID_N)
+    noise = np.zeros(6)
+    flat = np.zeros(covariance.SIZE)
+    phi, a, b, gain = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
+    for k in range(dtheta.shape[0]):
+        strapdown.step(nav, dtheta[k], dv[k], previous, dt, c_nb, mid)
+        covariance.transition(mid, noise, flat)
+        for i in range(N):
+            for j in range(N):
+                phi[i, j] = flat[covariance.STRIDE * i + j]
+            phi[i, i] += 1.0
+        _multiply(phi, p, a)
+        phi_t = phi.T
+        _multiply(a, phi_t, b)
+        for i in range(N):
+            for j in range(N):
+                p[i, j] = b[i, j] + q[i, j]
+        if (k + 1) % every == 0:
+            # position and velocity, one after the other, in Joseph form
+            for m in range(6):
+                s = p[m, m] + 1.0
+                for i in range(N):
+                    for j in range(N):
+                        gain[i, j] = 1.0 if i == j else 0.0
+                    gain[i, m] -= p[i, m] / s
+                _multiply(gain, p, a)
+                gain_t = gain.T
+                column = p[:, m].copy() / s
+                _multiply(a, gain_t, b)
+                for i in range(N):
+                    for j in range(N):
+                        p[i, j] = b[i, j] + column[i] * column[j]
+    return p

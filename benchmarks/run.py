@@ -1,0 +1,222 @@
+"""Speed of navsim and of its rivals, as ratios within one run; writes RESULTS.md beside this file.
+
+Run by `make bench`. Times are medians with their range; absolute figures hold on this machine only, the
+ratios travel. Whole commands are timed as processes, kernels in this process after compilation.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+SCENARIO = ROOT / "scenarios" / "landing.yaml"
+STEPS = 12_000
+RIVAL_SECONDS = 12.0
+"""Length of flight given to the slowest rival, s; its time per step does not depend on it."""
+
+
+def timed(job: Callable[[], Any], repeat: int) -> list[float]:
+    """Seconds of each of `repeat` calls."""
+    out = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        job()
+        out.append(time.perf_counter() - start)
+    return out
+
+
+def shown(seconds: list[float], unit: str, scale: float) -> str:
+    """Median and range in a unit."""
+    low, mid, high = min(seconds) * scale, statistics.median(seconds) * scale, max(seconds) * scale
+    return f"{mid:.3g} {unit} ({low:.3g} to {high:.3g})"
+
+
+def command(*arguments: str, environment: dict[str, str] | None = None) -> Callable[[], None]:
+    """A navsim command line as a job."""
+
+    def job() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(
+                [sys.executable, "-m", "navsim", *arguments], cwd=folder, check=True, capture_output=True, env=environment
+            )
+
+    return job
+
+
+def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
+    scenario = str(SCENARIO)
+    flown = ["run", scenario, "--figures", "none"]
+    command(*flown)()
+    for name, arguments, must, repeat in (
+        ("`navsim --help`", ["--help"], 0.3, 9),
+        ("`navsim validate`", ["validate", scenario], 0.4, 9),
+        ("one landing, with file, without figures", flown, 1.5, 7),
+        ("one landing with its figures", ["run", scenario], 4.0, 5),
+        ("1000 landings, statistics, file", [*flown, "--runs", "1000"], 12.0, 3),
+    ):
+        seconds = timed(command(*arguments), repeat)  # type: ignore[arg-type]
+        rows.append((name, shown(seconds, "s", 1.0), f"{must} s", statistics.median(seconds) <= must))
+    one = timed(command(*flown, "--runs", "1000", "--workers", "1"), 3)
+    two = timed(command(*flown, "--runs", "1000", "--workers", "2"), 3)
+    ratio = statistics.median(one) / statistics.median(two)
+    rows.append(("1000 landings, 1 to 2 workers", f"{ratio:.2f}×", "1.8×", ratio >= 1.8))
+    with tempfile.TemporaryDirectory() as cache:
+        cold = timed(command("run", scenario, environment={**os.environ, "NUMBA_CACHE_DIR": cache}), 1)
+    rows.append(("first run ever, with figures (compiling)", shown(cold, "s", 1.0), "30 s", cold[0] <= 30.0))
+
+
+def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
+    from dense import dense_filter
+
+    from navsim.core import covariance, states, strapdown
+    from navsim.core.dop import MAX_CLOCKS
+    from navsim.estimation import error_state
+    from navsim.scenario.load import read
+    from navsim.study.landing import prepare
+
+    case = prepare(*read(SCENARIO, ["receiver.rate_hz=1"]))
+    world, settings = case.world, case.settings
+    dt = world.imu_time[1]
+    start = np.zeros(states.NAV_N)
+    start[:3], start[3:6], start[6:10] = (
+        world.truth.llh[0],
+        world.truth.velocity_ned[0],
+        world.truth.quaternion[0],
+    )
+    run = case.fly(1, 0)
+    e = run.fix_llh.shape[0]
+    cov = np.tile(np.diag([16.0, 16.0, 200.0]), (e, 1, 1))
+    v_cov = np.tile(np.eye(3) * 0.04, (e, 1, 1))
+    assert MAX_CLOCKS == 3
+    out = [np.empty((e + 1, 15)), np.empty((e + 1, 15)), np.empty(e + 1), np.empty(e + 1)]
+    tail = [np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)]
+    at = world.at_filter
+
+    def navsim_filter() -> None:
+        error_state.run(
+            world.imu_time, world.dtheta, world.dv, start.copy(), settings.covariance(), settings.noise(),
+            world.signals.time, run.fix_llh, run.fix_velocity, cov, v_cov, True, 0.0, np.zeros(3), np.full(2, np.inf), 0,
+            at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), *out, *tail, covariance.STRIDE,
+        )  # fmt: skip
+
+    history = np.empty((2, states.NAV_N))
+
+    def navsim_strapdown() -> None:
+        strapdown.navigate(start.copy(), world.dtheta, world.dv, dt, STEPS, history)
+
+    def dense() -> None:
+        dense_filter(start.copy(), world.dtheta, world.dv, dt, np.eye(15), np.eye(15) * 1e-9, 100)
+
+    for job in (navsim_filter, navsim_strapdown, dense):
+        job()
+    ours = timed(navsim_filter, 15)
+    alone = timed(navsim_strapdown, 15)
+    thick = timed(dense, 5)
+    per = 1e9 / STEPS
+    ours_mid, alone_mid = statistics.median(ours), statistics.median(alone)
+    ratio = statistics.median(thick) / ours_mid
+    rows.append(("filter, covariance every step, 1 Hz fixes", shown(ours, "ns/step", per), "", True))
+    rows.append(("strapdown alone", shown(alone, "ns/step", per), "", True))
+    rows.append(("dense 15×15 kernel of the same filter", shown(thick, "ns/step", per), "", True))
+    rows.append(("filter against the dense kernel", f"{ratio:.1f}×", "5×", ratio >= 5))
+    rivals(rows, world, ours_mid / STEPS, alone_mid / STEPS)
+
+
+def rivals(rows: list[tuple[str, str, str, bool]], world: Any, filter_step: float, strapdown_step: float) -> None:
+    """pyins on the same increments, in the same run."""
+    try:
+        import pandas as pd
+        from pyins import filters, inertial_sensor, measurements, strapdown, transform
+    except ImportError:
+        rows.append(("pyins", "not installed", "", True))
+        return
+    del transform
+    dt = float(world.imu_time[1])
+    increments = pd.DataFrame(
+        np.concatenate([np.full((STEPS, 1), dt), world.dtheta, world.dv], axis=1),
+        index=pd.Index(world.imu_time[1:], name="time"),
+        columns=["dt", "theta_x", "theta_y", "theta_z", "dv_x", "dv_y", "dv_z"],
+    )
+    truth = world.truth
+    columns = ["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"]
+    values = np.concatenate(
+        [np.degrees(truth.llh[:, :2]), truth.llh[:, 2:], truth.velocity_ned, np.degrees(truth.rpy)], axis=1
+    )
+    trajectory = pd.DataFrame(values, index=pd.Index(world.imu_time, name="time"), columns=columns)
+
+    def free() -> None:
+        strapdown.Integrator(trajectory.iloc[0]).integrate(increments)
+
+    free()
+    seconds = timed(free, 5)
+    theirs = statistics.median(seconds) / STEPS
+    rows.append(("pyins strapdown alone", shown(seconds, "µs/step", 1e6 / STEPS), "", True))
+    rows.append(("strapdown alone against pyins", f"{theirs / strapdown_step:.1f}×", "5×", theirs / strapdown_step >= 5))
+
+    gyro = inertial_sensor.EstimationModel(bias_sd=1e-3, noise=1e-5)
+    accel = inertial_sensor.EstimationModel(bias_sd=1e-2, noise=1e-2)
+    n = int(RIVAL_SECONDS / dt)
+    part = increments.iloc[:n]
+    at = trajectory.iloc[100 : n + 1 : 100]
+    sources = [
+        measurements.Position(at[["lat", "lon", "alt"]], 4.0),
+        measurements.NedVelocity(at[["VN", "VE", "VD"]], 0.2),
+    ]
+    for label, step, must in (("every step", dt, 5000), ("every 0.1 s, its default", 0.1, 500), ("every 1 s", 1.0, 0)):
+
+        def feedback(step: float = step) -> None:
+            filters.run_feedback_filter(
+                trajectory.iloc[0], 10.0, 1.0, 5.0, 5.0, part, gyro, accel, measurements=sources, time_step=step
+            )
+
+        seconds = timed(feedback, 3)
+        theirs = statistics.median(seconds) / n
+        ratio = theirs / filter_step
+        rows.append((f"pyins filter, covariance {label}", shown(seconds, "µs/step", 1e6 / n), "", True))
+        rows.append((f"filter against it ({label})", f"{ratio:.0f}×", f"{must}×" if must else "", ratio >= must))
+
+
+def main() -> int:
+    """Measure, write RESULTS.md, return 1 where a target is missed."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    rows: list[tuple[str, str, str, bool]] = []
+    whole_processes(rows)
+    kernels(rows)
+    cpu = next(
+        (line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line),
+        platform.processor(),
+    )
+    lines = [
+        "# Speed, measured",
+        "",
+        f"{datetime.now(UTC):%Y-%m-%d}, {cpu}, {os.cpu_count()} cores, Python {platform.python_version()}, "
+        f"numpy {np.__version__}. Made by `make bench`.",
+        "",
+        "Median (range). Reference job: 120 s landing, 100 Hz, 12 000 steps. Targets: `performance.md`.",
+        "",
+        "| what | measured | must | |",
+        "|---|---|---|---|",
+        *(f"| {w} | {m} | {t} | {'' if not t else 'holds' if ok else '**misses**'} |" for w, m, t, ok in rows),
+        "",
+    ]
+    (Path(__file__).resolve().parent / "RESULTS.md").write_text("\n".join(lines))
+    print("\n".join(lines))
+    return 0 if all(ok for *_, ok in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
