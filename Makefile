@@ -4,13 +4,16 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: run test lint validate bench clean
+.PHONY: run test lint docs validate bench clean
 
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
 
 test: $(STAMP)           ## the whole test suite, without the long studies
 	$(BIN)/python -m pytest -n 2 -m "not validate"
+
+docs: $(STAMP)           ## docs/validation.md from the oracle tests
+	$(BIN)/python -m pytest tests/oracle --validation docs/validation.md
 
 validate: $(STAMP)       ## the long statistical studies
 	$(BIN)/python -m pytest -m validate

@@ -51,7 +51,11 @@ def command(*arguments: str, environment: dict[str, str] | None = None) -> Calla
     def job() -> None:
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run(
-                [sys.executable, "-m", "navsim", *arguments], cwd=folder, check=True, capture_output=True, env=environment
+                [sys.executable, "-m", "navsim", *arguments],
+                cwd=folder,
+                check=True,
+                capture_output=True,
+                env=environment,
             )
 
     return job
@@ -109,8 +113,8 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     def navsim_filter() -> None:
         error_state.run(
             world.imu_time, world.dtheta, world.dv, start.copy(), settings.covariance(), settings.noise(),
-            world.signals.time, run.fix_llh, run.fix_velocity, cov, v_cov, True, 0.0, np.zeros(3), np.full(2, np.inf), 0,
-            at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), *out, *tail, covariance.STRIDE,
+            world.signals.time, run.fix_llh, run.fix_velocity, cov, v_cov, True, 0.0, np.zeros(3), np.full(2, np.inf),
+            0, at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), *out, *tail, covariance.STRIDE,
         )  # fmt: skip
 
     history = np.empty((2, states.NAV_N))
@@ -165,7 +169,9 @@ def rivals(rows: list[tuple[str, str, str, bool]], world: Any, filter_step: floa
     seconds = timed(free, 5)
     theirs = statistics.median(seconds) / STEPS
     rows.append(("pyins strapdown alone", shown(seconds, "µs/step", 1e6 / STEPS), "", True))
-    rows.append(("strapdown alone against pyins", f"{theirs / strapdown_step:.1f}×", "5×", theirs / strapdown_step >= 5))
+    rows.append(
+        ("strapdown alone against pyins", f"{theirs / strapdown_step:.1f}×", "5×", theirs / strapdown_step >= 5)
+    )
 
     gyro = inertial_sensor.EstimationModel(bias_sd=1e-3, noise=1e-5)
     accel = inertial_sensor.EstimationModel(bias_sd=1e-2, noise=1e-2)

@@ -30,3 +30,48 @@ def shared() -> Path:
 def oracles(shared: Path) -> dict[str, Any]:
     """Worked examples with their sources and tolerances."""
     return json.loads((shared / "data" / "oracles" / "oracles.json").read_text())
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--validation", metavar="FILE", help="write the table of oracle tests to FILE")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write docs/validation.md from the oracle tests that ran: claim, oracle, tolerance, result."""
+    target = session.config.getoption("--validation")
+    if not target:
+        return
+    rows: dict[str, list[str]] = {}
+    for item in session.items:
+        marker = item.get_closest_marker("validates")
+        if marker is None:
+            continue
+        report = getattr(item, "final_report", None)
+        outcome = "skipped" if report is None else report.outcome
+        name = item.nodeid.split("[")[0]
+        row = rows.setdefault(name, [marker.args[0], marker.args[1], marker.args[2], outcome])
+        if outcome == "failed":
+            row[3] = outcome
+    lines = [
+        "# Validation",
+        "",
+        "Made by `make docs` from the oracle tests; every claim is checked against something that is not navsim's own",
+        "code, each time the tests run. Self-checks (unit, product and consistency tests) are not listed.",
+        "",
+        "| claim | oracle | tolerance | result | test |",
+        "|---|---|---|---|---|",
+        *(
+            f"| {claim} | {oracle} | {tolerance} | {outcome} | `{name.split('/')[-1].split('::')[-1]}` |"
+            for name, (claim, oracle, tolerance, outcome) in rows.items()
+        ),
+        "",
+    ]
+    Path(target).write_text("\n".join(lines))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: Any, call: pytest.CallInfo[None]) -> Any:
+    report = yield
+    if report.when == "call" or (report.when == "setup" and report.outcome != "passed"):
+        item.final_report = report
+    return report

@@ -21,6 +21,7 @@ def directions(az_el_deg: list[list[float]]) -> np.ndarray:
     return unit_vector(azimuth, elevation)[None]
 
 
+@pytest.mark.validates("GDOP, PDOP, HDOP, VDOP, TDOP", "closed form (gnss_lib_py)", "1e-12")
 def test_closed_form(oracles: dict[str, Any]) -> None:
     """Five directions whose DOPs are known in closed form: to 1e-12."""
     entry = oracles["dop_closed_form"]
@@ -29,6 +30,7 @@ def test_closed_form(oracles: dict[str, Any]) -> None:
         assert value == pytest.approx(entry[name], abs=1e-12), name
 
 
+@pytest.mark.validates("DOPs and weighted covariance with one to three clocks", "numpy dense inverse", "1e-8 relative")
 def test_several_clocks_against_dense_algebra() -> None:
     rng = np.random.default_rng(3)
     for _ in range(50):
@@ -62,6 +64,7 @@ def test_no_solution_is_nan() -> None:
     assert np.all(np.isnan(dops(np.empty((2, 0, 3)), np.empty(0, int))))
 
 
+@pytest.mark.validates("GLONASS almanac propagation", "GLONASS ICD example (as coded in Orekit)", "1 mm, 1e-6 m/s")
 def test_glonass_almanac_of_the_icd(oracles: dict[str, Any]) -> None:
     """The ICD's worked example: 1 mm and 1e-6 m/s of 25 500 km and 4 km/s."""
     o = oracles["glonass_icd_almanac"]
@@ -100,6 +103,7 @@ def test_velocity_is_the_derivative_of_position(real: bool, request: pytest.Fixt
     np.testing.assert_allclose(ahead - behind, velocity, atol=0.2)
 
 
+@pytest.mark.validates("nominal GLONASS: radius, inclination, planes, places", "GLONASS ICD 3.3.2", "1e-6 deg")
 def test_nominal_constellation_is_that_of_the_icd() -> None:
     """Radius, inclination, three planes 120 degrees apart, eight places 45 degrees apart, shifted by 15."""
     t = np.array([1536840000.0])
@@ -119,6 +123,9 @@ def test_nominal_constellation_is_that_of_the_icd() -> None:
         assert (u[slot] - u[0] - 15 * plane + 45 * place + 180) % 360 - 180 == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.validates(
+    "nominal GLONASS near the real one of 2018-09-13", "almanac MCCJ_180913.agl", "median 4°, each 15°"
+)
 def test_nominal_is_near_the_real_constellation(shared: Path) -> None:
     """On the day its phase was taken from, each slot within 15 degrees as seen from the Earth's centre."""
     almanac = read_agl(shared / "data/almanacs/MCCJ_180913.agl")
@@ -132,6 +139,9 @@ def test_nominal_is_near_the_real_constellation(shared: Path) -> None:
 ALMANAC = "sky.almanac={}/data/almanacs/MCCJ_180913.agl"
 
 
+@pytest.mark.validates(
+    "nine satellites and their DOPs, 56N 37E, 2018-09-13 12:00 UTC", "`almanacs/SOURCE.md` (regression figure)", "0.02"
+)
 def test_published_figure_at_56n_37e(shared: Path) -> None:
     """`almanacs/SOURCE.md`: nine satellites and their DOPs at 2018-09-13 12:00 UTC, each within 0.02."""
     flown = case(
@@ -145,6 +155,7 @@ def test_published_figure_at_56n_37e(shared: Path) -> None:
     np.testing.assert_allclose(flown.world.dop[0], [1.69, 1.51, 0.97, 1.16, 0.75], atol=0.02)
 
 
+@pytest.mark.validates("row 1 of Table 2 from a real jammed sky", "the landing paper", "0.005")
 def test_sky_of_row_one(shared: Path) -> None:
     """`landing.md` section 3: a real sky, its upper part jammed, has row 1 of Table 2 at touchdown.
 
@@ -176,6 +187,7 @@ TABLE_1 = [
 ]
 
 
+@pytest.mark.validates("the ten coordinates of Table 1", "the landing paper", "all four decimals")
 @pytest.mark.parametrize(("count", "s", "l1", "published"), TABLE_1)
 def test_table_1(count: int, s: float, l1: float, published: list[tuple[float, float]]) -> None:
     """The ten published coordinates from S and L1, to all four decimals."""

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from navsim.core import earth, wgs84
 
 
+@pytest.mark.validates("geodetic and ECEF coordinates", "RTKLIB and roktools published points", "1e-7 deg, 2 mm")
 def test_published_points(oracles: dict[str, Any]) -> None:
     for entry in oracles["ecef_llh"]:
         lat, lon, h = entry["lat_lon_deg_h_m"]
@@ -23,6 +24,7 @@ def test_published_points(oracles: dict[str, Any]) -> None:
         assert back[2] == pytest.approx(h, abs=1e-3)
 
 
+@pytest.mark.validates("normal gravity", "NIMA TR8350.2 figures as in pyins' tests", "1e-9 m/s²")
 def test_published_gravity(oracles: dict[str, Any]) -> None:
     entry = oracles["gravity_somigliana"]
     assert earth.gravity(0.0, 0.0) == pytest.approx(entry["g_equator_h0"], abs=1e-10)
@@ -30,6 +32,7 @@ def test_published_gravity(oracles: dict[str, Any]) -> None:
     assert earth.gravity(0.5, 1000.0) == pytest.approx(earth.gravity(0.5, 0.0) * (1 - 2000.0 / wgs84.A), rel=1e-14)
 
 
+@pytest.mark.validates("geodetic and ECEF coordinates, random points", "pymap3d", "1e-8 m")
 @given(st.floats(-89.9, 89.9), st.floats(-180, 180), st.floats(-1e3, 5e5))
 def test_coordinates_agree_with_pymap3d(lat: float, lon: float, h: float) -> None:
     llh = np.array([np.radians(lat), np.radians(lon), h])
@@ -44,6 +47,7 @@ def test_coordinates_agree_with_pymap3d(lat: float, lon: float, h: float) -> Non
     np.testing.assert_allclose(axes, wgs84.ned_matrix(llh), atol=1e-15)
 
 
+@pytest.mark.validates("local axes, random points", "pymap3d", "1e-14")
 @given(st.floats(-89.9, 89.9), st.floats(-180, 180))
 def test_local_axes_agree_with_pymap3d(lat: float, lon: float) -> None:
     v = np.array([0.3, -2.0, 1.1])
@@ -52,6 +56,7 @@ def test_local_axes_agree_with_pymap3d(lat: float, lon: float) -> None:
     np.testing.assert_allclose(ned, [enu[1], enu[0], -enu[2]], atol=1e-14)
 
 
+@pytest.mark.validates("radii of curvature at pole and equator", "closed form", "1e-12")
 def test_radii_at_pole_and_equator() -> None:
     """Closed forms: a(1 - e2) and a on the equator, both a/sqrt(1 - e2) at the pole."""
     assert earth.radii(0.0) == pytest.approx((wgs84.A * (1 - wgs84.E2), wgs84.A), rel=1e-15)

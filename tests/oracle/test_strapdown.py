@@ -30,6 +30,11 @@ def mechanised(trajectory: Trajectory, rate: float, duration: float = 120.0) -> 
     return error, turn
 
 
+@pytest.mark.validates(
+    "error-free IMU returns the 120 s smooth approach at 100 Hz; second order in the step",
+    "the analytic path",
+    "1 cm, 1e-5 rad, order 1.95",
+)
 @pytest.mark.parametrize(
     "settings",
     [(), ("runway.heading_deg=137",), ("wind.speed_m_s=6", "wind.from_deg=60", "runway.heading_deg=330")],
@@ -50,12 +55,14 @@ def test_smooth_approach_comes_back(settings: tuple[str, ...]) -> None:
         assert order >= 1.95, f"errors {errors} fall with order {order:.2f}"
 
 
+@pytest.mark.validates("error-free IMU returns the paper's profile", "the analytic path", "1 cm, 1e-5 rad")
 def test_paper_profile_comes_back() -> None:
     position, turn = mechanised(scenario().trajectory(), 100.0)
     assert np.linalg.norm(position) < 0.01
     assert np.linalg.norm(turn) < 1e-5
 
 
+@pytest.mark.validates("specific force and angular rate belong to the path", "scipy DOP853 in ECEF", "0.1 mm, 1e-8 rad")
 @pytest.mark.parametrize("name", ["landing", "landing_smooth"])
 def test_truth_against_an_independent_integrator(name: str) -> None:
     """The path's own rates, integrated in ECEF by scipy's DOP853, give back the path."""
@@ -89,6 +96,7 @@ def test_truth_against_an_independent_integrator(name: str) -> None:
     assert turn.magnitude() < 1e-8
 
 
+@pytest.mark.validates("velocity increment with rotation correction", "pyins' tests", "3e-6 m/s")
 def test_published_increment(oracles: dict[str, Any]) -> None:
     """Velocity increment turned by half the rotation; ours goes one order further, 2e-6 here."""
     entry = oracles["strapdown_increment"]
@@ -104,6 +112,11 @@ def test_published_increment(oracles: dict[str, Any]) -> None:
     np.testing.assert_allclose(mid[9:12] * dt, entry["expected_dv_corrected"], atol=3e-6)
 
 
+@pytest.mark.validates(
+    "drift under coning, without and with the two-sample correction",
+    "closed form (Savage, Titterton)",
+    "5 % of the drift; (ωT)⁴/15 left",
+)
 def test_coning(oracles: dict[str, Any]) -> None:
     """Pure coning: uncorrected increments drift as published, the two-sample algorithm hardly at all."""
     dt = 0.01
