@@ -88,7 +88,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
 
     from navsim.core import covariance, states, strapdown
     from navsim.core.dop import MAX_CLOCKS
-    from navsim.estimation import error_state
+    from navsim.estimation import loosely_coupled
     from navsim.scenario.load import read
     from navsim.study.landing import prepare
 
@@ -111,7 +111,8 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     at = world.at_filter
 
     def navsim_filter() -> None:
-        error_state.run(
+        loosely_coupled.run(
+            settings.kind,
             world.imu_time, world.dtheta, world.dv, start.copy(), settings.covariance(), settings.noise(),
             world.signals.time, run.fix_llh, run.fix_velocity, cov, v_cov, True, 0.0, np.zeros(3), np.full(2, np.inf),
             0, at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), *out, *tail, covariance.STRIDE,

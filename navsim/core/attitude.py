@@ -98,6 +98,45 @@ def difference(p, q, out):
 
 
 @kernel
+def left_jacobian_derivative(x, y, z, u, out):
+    """out (3, 3) = d(J_l(theta) u) / d(theta) at theta = (x, y, z), u held: by differentiating the form below.
+
+    With J_l u = u + p theta x u + q theta x (theta x u), p and q functions of the angle:
+    -p [u x] + (theta x u) theta' p'/t + q ((theta.u) I + theta u' - 2 u theta') + theta x (theta x u) theta' q'/t
+    """
+    t2 = x * x + y * y + z * z
+    if t2 < _SMALL:
+        p = 0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0 + t2 / 3628800.0)))
+        q = 1.0 / 6.0 + t2 * (-1.0 / 120.0 + t2 * (1.0 / 5040.0 + t2 * (-1.0 / 362880.0 + t2 / 39916800.0)))
+        dp = -1.0 / 12.0 + t2 * (1.0 / 180.0 + t2 * (-1.0 / 6720.0 + t2 / 453600.0))
+        dq = -1.0 / 60.0 + t2 * (1.0 / 1260.0 + t2 * (-1.0 / 60480.0 + t2 / 4989600.0))
+    else:
+        t = math.sqrt(t2)
+        s = math.sin(t)
+        v = 1.0 - math.cos(t)
+        p = v / t2
+        q = (t - s) / (t2 * t)
+        dp = (t * s - 2.0 * v) / (t2 * t2)
+        dq = (t * v - 3.0 * (t - s)) / (t2 * t2 * t)
+    u0, u1, u2 = u[0], u[1], u[2]
+    c0, c1, c2 = y * u2 - z * u1, z * u0 - x * u2, x * u1 - y * u0
+    dot = x * u0 + y * u1 + z * u2
+    # coefficient vector of theta' (outer product from the right)
+    a0 = dp * c0 + dq * (x * dot - t2 * u0) - 2.0 * q * u0
+    a1 = dp * c1 + dq * (y * dot - t2 * u1) - 2.0 * q * u1
+    a2 = dp * c2 + dq * (z * dot - t2 * u2) - 2.0 * q * u2
+    out[0, 0] = a0 * x + q * (dot + x * u0)
+    out[0, 1] = a0 * y + q * x * u1 + p * u2
+    out[0, 2] = a0 * z + q * x * u2 - p * u1
+    out[1, 0] = a1 * x + q * y * u0 - p * u2
+    out[1, 1] = a1 * y + q * (dot + y * u1)
+    out[1, 2] = a1 * z + q * y * u2 + p * u0
+    out[2, 0] = a2 * x + q * z * u0 + p * u1
+    out[2, 1] = a2 * y + q * z * u1 - p * u0
+    out[2, 2] = a2 * z + q * (dot + z * u2)
+
+
+@kernel
 def left_jacobian(x, y, z, out):
     """Left Jacobian of SO(3) at the rotation vector (x, y, z), into `out` (3, 3) [2].
 

@@ -394,6 +394,40 @@ def reset(p, x, y, z, jac, work):
 
 
 @kernel
+def transport(p, diagonal, column, work, width):
+    """P <- G P G' for a G of five 3 x 3 blocks on the diagonal and five in the attitude column, in place.
+
+    diagonal: (5, 3, 3). column: (5, 3, 3), added to the attitude column; its attitude block must be zero.
+    work: (480,) space. The result is exactly symmetric.
+    """
+    a = work[:SIZE]
+    b = work[SIZE:]
+    _apply_blocks(diagonal, column, p, a, width)
+    _transpose(a, b)
+    _apply_blocks(diagonal, column, b, p, width)
+    for i in range(N):
+        for j in range(i):
+            t = 0.5 * (p[STRIDE * i + j] + p[STRIDE * j + i])
+            p[STRIDE * i + j] = t
+            p[STRIDE * j + i] = t
+
+
+@kernel
+def _apply_blocks(diagonal, column, p, out, width):
+    """out = G p, rows of stride 16; see `transport`."""
+    for block in range(5):
+        o = 48 * block
+        for i in range(3):
+            r = o + 16 * i
+            a0, a1, a2 = diagonal[block, i, 0], diagonal[block, i, 1], diagonal[block, i, 2]
+            c0, c1, c2 = column[block, i, 0], column[block, i, 1], column[block, i, 2]
+            for j in range(width):
+                out[r + j] = (a0 * p[o + j] + a1 * p[o + 16 + j] + a2 * p[o + 32 + j]) + (
+                    c0 * p[96 + j] + c1 * p[112 + j] + c2 * p[128 + j]
+                )
+
+
+@kernel
 def normalised_square(p, e, first, count, factor, x):
     """e' P^-1 e over the states first .. first + count - 1; nan where that block of P is not positive.
 

@@ -18,7 +18,7 @@ from navsim.core.attitude import rotate_left
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
-from navsim.estimation import error_state, receiver
+from navsim.estimation import error_state, loosely_coupled, receiver
 from navsim.models import imu, pseudorange
 from navsim.models.kinematics import Motion, Trajectory
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
@@ -90,8 +90,12 @@ class InitialErrors:
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """What the filter believes: initial sigmas, sensors, fixes. gate: (2,) limits for 3 and 6 measurements."""
+    """What the filter is and believes: kind (`loosely_coupled.KINDS`), initial sigmas, sensors, fixes.
 
+    gate: (2,) limits for 3 and 6 measurements.
+    """
+
+    kind: int
     initial: InitialErrors
     gyro: imu.Triad
     accel: imu.Triad
@@ -371,8 +375,8 @@ def fly(
     scale = settings.sigma_scale**2
     # the filter knows when a fix came and how old it believes it to be
     valid = signals.time + (truth.time[1:] - signals.time) - settings.latency if e else signals.time
-    error_state.run(
-        world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
+    loosely_coupled.run(
+        settings.kind, world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
         np.maximum(valid, 0.0), llh, velocity, scale * cov, scale * velocity_cov,
         settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
         truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],

@@ -17,6 +17,7 @@ import numpy as np
 import navsim
 from navsim.core import states
 from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.estimation.loosely_coupled import KINDS, REJECTED
 from navsim.io.almanac import AlmanacError, read_agl
 from navsim.io.results import Result, Variable
 from navsim.models import glonass
@@ -211,6 +212,7 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
         accel = _believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     return FilterSettings(
+        kind=KINDS[section.kind],
         initial=initial,
         gyro=gyro,
         accel=accel,
@@ -294,7 +296,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[str]:
         out.append(
             f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
         )
-    rejected = int(np.sum(ensemble["status"] == 2))
+    rejected = int(np.sum(ensemble["status"] == REJECTED))
     if rejected:
         share = f" of {ensemble.runs} runs" if ensemble.runs > 1 else ""
         out.append(f"{rejected} fixes{share} were rejected by the innovation gate")

@@ -1,0 +1,286 @@
+"""The loosely coupled loop all filter kinds share: mechanise, predict, weigh a fix, correct, record.
+
+Measurements are receiver fixes, z = fix - strapdown at the antenna: position, and velocity where wanted.
+The filter lives at the time its newest fix was valid. A fix that arrives `latency` late is applied to the
+state of its own time, interpolated inside the IMU interval, and the answer for the present is that state
+mechanised forward: the optimal use of late measurements, with nothing approximated.
+
+All kinds predict and weigh with the same plain errors d = (dr, dv, theta, db_g, db_a) and their covariance;
+they differ in how the estimate is fed back and the covariance carried to the new estimate, `correct`, and in
+the coordinates in which the error is judged, `own_error`: see `error_state`, `invariant`, `tfg`.
+
+Sources: [1] `landing.md` section 5; [2] `filter.md`; [3] Groves (2013), sections 14.2, 14.3 (loosely coupled
+update with lever arm, eqs. 14.102-14.108).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.attitude import dcm, difference
+from navsim.core.covariance import SIZE, STRIDE, gain, joseph, normalised_square, predict
+from navsim.core.earth import RATE, radii
+from navsim.core.jit import kernel
+from navsim.core.strapdown import MID_N, step
+from navsim.estimation import error_state, invariant, tfg
+
+ESKF, LEFT_INVARIANT, TFG = 0, 1, 2
+"""Kinds of filter."""
+KINDS = {"eskf": ESKF, "left-invariant": LEFT_INVARIANT, "tfg": TFG}
+
+NO_FIX, USED, REJECTED = 0, 1, 2
+"""What became of an epoch: no fix to use, fix used, fix rejected by the innovation gate."""
+
+_TIME_TOLERANCE = 1e-9
+"""Times closer than this are one, s: well under any sample interval, well over rounding."""
+
+
+@kernel
+def _advance(until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width):
+    """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
+
+    cursor: (3,) index of the current IMU interval, present time s, length of the interval last used s.
+    scratch: work space (MID_N + 3 * SIZE + 6,).
+    """
+    mid = scratch[:MID_N]
+    phi = scratch[MID_N : MID_N + SIZE]
+    work = scratch[MID_N + SIZE : MID_N + 3 * SIZE]
+    part = scratch[MID_N + 3 * SIZE :]
+    k = int(cursor[0])
+    now = cursor[1]
+    last = imu_time.shape[0] - 1
+    while k < last and now < until - _TIME_TOLERANCE:
+        end = imu_time[k + 1]
+        whole = end - imu_time[k]
+        whole_left = now - imu_time[k] < _TIME_TOLERANCE
+        to_end = end <= until + _TIME_TOLERANCE
+        dt = (end if to_end else until) - now
+        scale = dt / cursor[2]
+        if abs(scale - 1.0) > 1e-6:
+            for i in range(6):
+                previous[i] *= scale
+        if whole_left and to_end:
+            step(nav, dtheta[k], dv[k], previous, dt, c_nb, mid)
+        else:
+            share = dt / whole
+            for i in range(3):
+                part[i] = share * dtheta[k, i]
+                part[3 + i] = share * dv[k, i]
+            step(nav, part[0:3], part[3:6], previous, dt, c_nb, mid)
+        predict(p, mid, noise, phi, work, width)
+        cursor[2] = dt
+        if to_end:
+            k += 1
+            now = end
+        else:
+            now = until
+    cursor[0] = k
+    cursor[1] = now
+
+
+@kernel
+def _record(kind, p, nav, llh, vel, quat, bias, error, sigma, factor, own, x):
+    """Errors (truth - estimate) and sigmas of one instant; returns NEES of 15 states in the filter's own
+    coordinates and of 6 states in plain ones."""
+    meridian, transverse = radii(math.sin(nav[0]))
+    error[0] = (llh[0] - nav[0]) * (meridian + nav[2])
+    error[1] = (llh[1] - nav[1]) * (transverse + nav[2]) * math.cos(nav[0])
+    error[2] = nav[2] - llh[2]
+    for i in range(3):
+        error[states.VEL + i] = vel[i] - nav[states.NAV_VEL + i]
+        error[states.GYRO + i] = bias[i] - nav[states.NAV_GYRO + i]
+        error[states.ACCEL + i] = bias[3 + i] - nav[states.NAV_ACCEL + i]
+    difference(quat, nav[states.NAV_QUAT : states.NAV_QUAT + 4], error[states.ATT : states.ATT + 3])
+    for i in range(states.N):
+        sigma[i] = math.sqrt(p[(STRIDE + 1) * i])
+    _own_error(kind, nav, error, own)
+    full = normalised_square(p, own, 0, states.N, factor, x)
+    return full, normalised_square(p, error, 0, 6, factor, x)
+
+
+@kernel
+def _measurement(nav, previous, dt, c_nb, lever, llh, vel, with_velocity, z, h):
+    """Innovation z and matrix h of a fix at the antenna [3]; returns the number of measurements."""
+    dcm(nav[6:10], c_nb)
+    sin_lat = math.sin(nav[0])
+    cos_lat = math.cos(nav[0])
+    meridian, transverse = radii(sin_lat)
+    h[:] = 0.0
+    arm = np.empty(3)
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+        h[i, i] = 1.0
+    z[0] = (llh[0] - nav[0]) * (meridian + nav[2]) - arm[0]
+    z[1] = (llh[1] - nav[1]) * (transverse + nav[2]) * cos_lat - arm[1]
+    z[2] = nav[2] - llh[2] - arm[2]
+    # r_antenna = r + C l: d = -[C l x] theta
+    h[0, 7], h[0, 8] = arm[2], -arm[1]
+    h[1, 6], h[1, 8] = -arm[2], arm[0]
+    h[2, 6], h[2, 7] = arm[1], -arm[0]
+    if not with_velocity:
+        return 3
+    # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
+    rate = np.empty(3)
+    for i in range(3):
+        rate[i] = previous[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
+    bx = rate[1] * lever[2] - rate[2] * lever[1]
+    by = rate[2] * lever[0] - rate[0] * lever[2]
+    bz = rate[0] * lever[1] - rate[1] * lever[0]
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * bx + c_nb[i, 1] * by + c_nb[i, 2] * bz
+        z[3 + i] = vel[i] - nav[3 + i] - arm[i]
+        h[3 + i, 3 + i] = 1.0
+        # omega_true = omega_measured - b: d = C [l x] b_g
+        h[3 + i, 9] = c_nb[i, 1] * lever[2] - c_nb[i, 2] * lever[1]
+        h[3 + i, 10] = c_nb[i, 2] * lever[0] - c_nb[i, 0] * lever[2]
+        h[3 + i, 11] = c_nb[i, 0] * lever[1] - c_nb[i, 1] * lever[0]
+    h[3, 7], h[3, 8] = arm[2], -arm[1]
+    h[4, 6], h[4, 8] = -arm[2], arm[0]
+    h[5, 6], h[5, 7] = arm[1], -arm[0]
+    return 6
+
+
+@kernel
+def _correct(kind, nav, p, x, work):
+    if kind == ESKF:
+        error_state.correct(nav, p, x, work)
+    elif kind == LEFT_INVARIANT:
+        invariant.correct(nav, p, x, work)
+    else:
+        tfg.correct(nav, p, x, work)
+
+
+@kernel
+def _own_error(kind, nav, error, out):
+    if kind == ESKF:
+        for i in range(states.N):
+            out[i] = error[i]
+    elif kind == LEFT_INVARIANT:
+        invariant.own_error(error, out)
+    else:
+        tfg.own_error(nav, error, out)
+
+
+@kernel
+def run(
+    kind, imu_time, dtheta, dv, nav, p, noise,
+    fix_time, fix_llh, fix_velocity, fix_cov, fix_velocity_cov, with_velocity, latency, lever, gate, max_rejected,
+    truth_llh, truth_velocity, truth_quaternion, truth_bias,
+    error, sigma, nees, nees_pv, innovation, degrees, status, width,
+):  # fmt: skip
+    """Fly one run through the filter.
+
+    kind: ESKF, LEFT_INVARIANT or TFG.
+    imu_time: (n + 1,) s. dtheta, dv: (n, 3) measured increments. nav: (16,) initial estimate and p: (240,)
+    its covariance, both overwritten by the final ones at the last fix. noise: (6,) `core.covariance`.
+    fix_*: e epochs: time (s, of validity), llh, NED velocity, NED covariances (e, 3, 3); nan without a fix.
+    with_velocity: bool. latency: s. lever: (3,) IMU -> antenna, body, m. gate: (2,) largest normalised
+    innovation squared for 3 and 6 measurements. max_rejected: rejections in a row after which a fix is taken
+    nevertheless. truth_*: (e + 1, ...) at time 0 and at fix_time + latency; truth_bias (e + 1, 6).
+    Out: error, sigma (e + 1, 15), nees, nees_pv (e + 1,); innovation (e,) normalised squared, degrees (e,)
+    int, status (e,) int. width: `covariance.STRIDE`.
+    """
+    factor = np.empty((states.N, states.N))
+    x = np.empty(states.N)
+    own = np.empty(states.N)
+    h = np.empty((6, states.N))
+    z = np.empty(6)
+    r = np.empty((6, 6))
+    s = np.empty((6, 6))
+    k = np.empty((states.N, 6))
+    pht = np.empty((states.N, 6))
+    work = np.empty((1, states.N, 6))
+    c_nb = np.empty((3, 3))
+    scratch = np.empty(MID_N + 3 * SIZE + 6)
+    scratch[MID_N : MID_N + 3 * SIZE] = 0.0
+    space = np.zeros(3 * SIZE)
+    previous = np.empty(6)
+    cursor = np.zeros(3)
+    ahead_nav = np.empty(states.NAV_N)
+    ahead_p = np.empty(SIZE)
+    ahead_previous = np.empty(6)
+    ahead_cursor = np.empty(3)
+
+    cursor[1] = imu_time[0]
+    cursor[2] = imu_time[1] - imu_time[0]
+    for i in range(3):
+        previous[i] = dtheta[0, i] - nav[10 + i] * cursor[2]
+        previous[3 + i] = dv[0, i] - nav[13 + i] * cursor[2]
+    nees[0], nees_pv[0] = _record(
+        kind,
+        p,
+        nav,
+        truth_llh[0],
+        truth_velocity[0],
+        truth_quaternion[0],
+        truth_bias[0],
+        error[0],
+        sigma[0],
+        factor,
+        own,
+        x,
+    )
+    rejected = 0
+    for e in range(fix_time.shape[0]):
+        _advance(fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
+        innovation[e] = np.nan
+        degrees[e] = 0
+        status[e] = NO_FIX
+        velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
+        if not math.isnan(fix_llh[e, 0]):
+            m = _measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
+            r[:] = 0.0
+            for i in range(3):
+                for j in range(3):
+                    r[i, j] = fix_cov[e, i, j]
+                    if m == 6:
+                        r[3 + i, 3 + j] = fix_velocity_cov[e, i, j]
+            if gain(p, h, r, m, pht, s, k):
+                for i in range(states.N):
+                    x[i] = 0.0
+                    for a in range(m):
+                        x[i] += k[i, a] * z[a]
+                # z' S^-1 z through the Cholesky factor of S that `gain` left
+                q = 0.0
+                for a in range(m):
+                    t = z[a]
+                    for b in range(a):
+                        t -= s[a, b] * z[b]
+                    z[a] = t / s[a, a]
+                    q += z[a] * z[a]
+                innovation[e] = q
+                degrees[e] = m
+                if q <= gate[m // 3 - 1] or rejected >= max_rejected:
+                    status[e] = USED
+                    rejected = 0
+                    _correct(kind, nav, p, x, space)
+                    _measurement(
+                        nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h
+                    )
+                    gain(p, h, r, m, pht, s, k)
+                    joseph(p, h, r, m, pht, k, work)
+                else:
+                    status[e] = REJECTED
+                    rejected += 1
+        out = e + 1
+        if latency > 0.0:
+            ahead_nav[:] = nav
+            ahead_p[:] = p
+            ahead_previous[:] = previous
+            ahead_cursor[:] = cursor
+            _advance(
+                fix_time[e] + latency, imu_time, dtheta, dv, ahead_nav, ahead_p, ahead_cursor, ahead_previous,
+                noise, scratch, c_nb, width,
+            )  # fmt: skip
+            nees[out], nees_pv[out] = _record(
+                kind, ahead_p, ahead_nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
+                error[out], sigma[out], factor, own, x,
+            )  # fmt: skip
+        else:
+            nees[out], nees_pv[out] = _record(
+                kind, p, nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
+                error[out], sigma[out], factor, own, x,
+            )  # fmt: skip

@@ -1,0 +1,149 @@
+"""`kind: tfg`: the two-frames group filter, biases kept in the navigation frame, with the exact reset.
+
+The group holds attitude, position, velocity and B = C b of both biases; the estimate moves by
+u+ = u + J_l(theta) y_u for u in {r, v, B_g, B_a}. In these coordinates the posterior of a landing is nearly
+Gaussian where it is curved in plain ones, so the covariance stays true at large heading errors.
+
+    T: (dr, dv, theta, db_g, db_a) -> (dr, dv, theta, dB_g, dB_a),  dB = C db - [B x] theta
+    P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
+    M: J_l(theta) on the diagonal, d(J_l(theta) y_u)/d(theta) in the theta column
+
+Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group).
+[2] Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3] `filter.md`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative
+from navsim.core.covariance import transport
+from navsim.core.jit import kernel
+from navsim.core.linear import invert3
+from navsim.estimation.invariant import blocks_of_motion, move_rigidly, turned
+
+
+@kernel
+def correct(nav, p, x, work):
+    """Feed the estimated plain errors x (15,) back and carry P (240,) to the new estimate.
+
+    work: (720,) space.
+    """
+    diagonal = work[480:525].reshape(5, 3, 3)
+    column = work[525:570].reshape(5, 3, 3)
+    before = work[570:579].reshape(3, 3)
+    after = work[579:588].reshape(3, 3)
+    slope = work[588:597].reshape(3, 3)
+    y = work[597:600]
+    big = work[600:603]
+    moved = work[603:606]
+    dcm(nav[6:10], before)
+    blocks_of_motion(x, diagonal, column)
+    jac = diagonal[2]
+    move_rigidly(nav, x, jac)
+    dcm(nav[6:10], after)
+    t0, t1, t2 = x[states.ATT], x[states.ATT + 1], x[states.ATT + 2]
+
+    for sensor in range(2):
+        block = 3 + sensor
+        b = nav[states.NAV_GYRO + 3 * sensor : states.NAV_GYRO + 3 * sensor + 3]
+        turned(before, b, big)
+        turned(before, x[states.GYRO + 3 * sensor : states.GYRO + 3 * sensor + 3], y)
+        # y_B = C db - B x theta
+        y[0] -= big[1] * t2 - big[2] * t1
+        y[1] -= big[2] * t0 - big[0] * t2
+        y[2] -= big[0] * t1 - big[1] * t0
+        left_jacobian_derivative(t0, t1, t2, y, slope)
+        turned(jac, y, moved)
+        for i in range(3):
+            moved[i] += big[i]
+        for i in range(3):
+            b[i] = after[0, i] * moved[0] + after[1, i] * moved[1] + after[2, i] * moved[2]
+        # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
+        for i in range(3):
+            j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
+            slope[i, 0] -= j1 * big[2] - j2 * big[1]
+            slope[i, 1] -= j2 * big[0] - j0 * big[2]
+            slope[i, 2] -= j0 * big[1] - j1 * big[0]
+        for j in range(3):
+            # columns of C+' J, C+' slope and C+' J C
+            c0 = after[0, 0] * jac[0, j] + after[1, 0] * jac[1, j] + after[2, 0] * jac[2, j]
+            c1 = after[0, 1] * jac[0, j] + after[1, 1] * jac[1, j] + after[2, 1] * jac[2, j]
+            c2 = after[0, 2] * jac[0, j] + after[1, 2] * jac[1, j] + after[2, 2] * jac[2, j]
+            column[block, 0, j] = (
+                after[0, 0] * slope[0, j]
+                + after[1, 0] * slope[1, j]
+                + after[2, 0] * slope[2, j]
+                + b[1] * c2
+                - b[2] * c1
+            )
+            column[block, 1, j] = (
+                after[0, 1] * slope[0, j]
+                + after[1, 1] * slope[1, j]
+                + after[2, 1] * slope[2, j]
+                + b[2] * c0
+                - b[0] * c2
+            )
+            column[block, 2, j] = (
+                after[0, 2] * slope[0, j]
+                + after[1, 2] * slope[1, j]
+                + after[2, 2] * slope[2, j]
+                + b[0] * c1
+                - b[1] * c0
+            )
+        for i in range(3):
+            for j in range(3):
+                t = 0.0
+                for a in range(3):
+                    for c in range(3):
+                        t += after[a, i] * jac[a, c] * before[c, j]
+                diagonal[block, i, j] = t
+    transport(p, diagonal, column, work[:480], 16)
+
+
+@kernel
+def own_error(nav, error, out):
+    """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (15,).
+
+    y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors weighs it.
+    """
+    c_nb = np.empty((3, 3))
+    jac = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    truth = np.empty((3, 3))
+    big = np.empty(3)
+    y = np.empty(3)
+    dcm(nav[6:10], c_nb)
+    t0, t1, t2 = error[states.ATT], error[states.ATT + 1], error[states.ATT + 2]
+    left_jacobian(t0, t1, t2, jac)
+    invert3(jac, inverse)
+    turned(inverse, error[0:3], out[0:3])
+    turned(inverse, error[3:6], out[3:6])
+    for i in range(3):
+        out[states.ATT + i] = error[states.ATT + i]
+    # C_true = exp(theta x) C = (I + [theta x] J_l) C
+    for j in range(3):
+        y[0] = c_nb[0, j]
+        y[1] = c_nb[1, j]
+        y[2] = c_nb[2, j]
+        turned(jac, y, big)
+        truth[0, j] = y[0] + t1 * big[2] - t2 * big[1]
+        truth[1, j] = y[1] + t2 * big[0] - t0 * big[2]
+        truth[2, j] = y[2] + t0 * big[1] - t1 * big[0]
+    # theta in body axes
+    b0 = c_nb[0, 0] * t0 + c_nb[1, 0] * t1 + c_nb[2, 0] * t2
+    b1 = c_nb[0, 1] * t0 + c_nb[1, 1] * t1 + c_nb[2, 1] * t2
+    b2 = c_nb[0, 2] * t0 + c_nb[1, 2] * t1 + c_nb[2, 2] * t2
+    for sensor in range(2):
+        o = states.GYRO + 3 * sensor
+        n = states.NAV_GYRO + 3 * sensor
+        for i in range(3):
+            big[i] = 0.0
+            for j in range(3):
+                big[i] += truth[i, j] * (nav[n + j] + error[o + j]) - c_nb[i, j] * nav[n + j]
+        turned(inverse, big, y)
+        k0, k1, k2 = nav[n], nav[n + 1], nav[n + 2]
+        out[o] = c_nb[0, 0] * y[0] + c_nb[1, 0] * y[1] + c_nb[2, 0] * y[2] + k1 * b2 - k2 * b1
+        out[o + 1] = c_nb[0, 1] * y[0] + c_nb[1, 1] * y[1] + c_nb[2, 1] * y[2] + k2 * b0 - k0 * b2
+        out[o + 2] = c_nb[0, 2] * y[0] + c_nb[1, 2] * y[1] + c_nb[2, 2] * y[2] + k0 * b1 - k1 * b0

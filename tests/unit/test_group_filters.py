@@ -1,0 +1,127 @@
+"""Feedback and reset of the group filters against finite differences of their own definition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from navsim.core import attitude, states
+from navsim.estimation import error_state, invariant, tfg
+from scipy.spatial.transform import Rotation
+
+from tests.unit.test_covariance import error, flat, some_covariance, square
+
+N = states.N
+
+
+def start() -> np.ndarray:
+    nav = np.zeros(states.NAV_N)
+    nav[:3] = 0.98, 0.64, 150.0
+    nav[3:6] = 30.0, -4.0, 3.0
+    nav[6:10] = Rotation.from_euler("ZYX", [0.4, 0.1, -0.2]).as_quat()[[3, 0, 1, 2]]
+    nav[10:16] = 3e-3, -2e-3, 1e-3, 0.02, -0.01, 0.03
+    return nav
+
+
+def rotation(nav: np.ndarray) -> Rotation:
+    return Rotation.from_quat(nav[[7, 8, 9, 6]])
+
+
+def jacobian(theta: np.ndarray) -> np.ndarray:
+    out = np.empty((3, 3))
+    attitude.left_jacobian(*theta, out)
+    return out
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def retract(kind: str, nav: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The state reached from `nav` by the plain tangent x, by the definition of each kind."""
+    theta = x[6:9]
+    j = jacobian(theta)
+    c = rotation(nav)
+    after = Rotation.from_rotvec(theta) * c
+    out = nav.copy()
+    shift = j @ x[0:3] if kind != "eskf" else x[0:3]
+    error_state.move(out, *shift)
+    out[3:6] += j @ x[3:6] if kind != "eskf" else x[3:6]
+    out[6:10] = after.as_quat()[[3, 0, 1, 2]]
+    for first in (0, 3):
+        b, db = nav[10 + first : 13 + first], x[9 + first : 12 + first]
+        if kind == "tfg":
+            big = c.as_matrix() @ b
+            y = c.as_matrix() @ db - skew(big) @ theta
+            out[10 + first : 13 + first] = after.as_matrix().T @ (big + j @ y)
+        else:
+            out[10 + first : 13 + first] = b + db
+    return out
+
+
+KINDS: dict[str, Callable[..., None]] = {"eskf": error_state.correct, "left-invariant": invariant.correct, "tfg": tfg.correct}
+X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.5e-3, 0.02, 0.01, -0.03])
+
+
+def own(kind: str, nav: np.ndarray, plain: np.ndarray) -> np.ndarray:
+    out = np.empty(N)
+    if kind == "eskf":
+        return plain
+    if kind == "left-invariant":
+        invariant.own_error(plain, out)
+    else:
+        tfg.own_error(nav, plain, out)
+    return out
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_feedback_is_the_retraction(kind: str) -> None:
+    nav = start()
+    expected = retract(kind, nav, X)
+    KINDS[kind](nav, flat(some_covariance()), X, np.zeros(720))
+    sign = np.sign(nav[6] * expected[6])
+    np.testing.assert_allclose(nav[6:10], sign * expected[6:10], atol=1e-12)
+    np.testing.assert_allclose(np.delete(nav, range(6, 10)), np.delete(expected, range(6, 10)), rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_own_error_inverts_the_retraction(kind: str) -> None:
+    nav = start()
+    truth = retract(kind, nav, X)
+    np.testing.assert_allclose(own(kind, nav, error(truth, nav)), X, rtol=1e-6, atol=2e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reset_is_the_derivative_of_the_error_left(kind: str) -> None:
+    """G by central differences: truth = nav + (X + epsilon), estimate = nav + X, error left in own coordinates."""
+    estimate = retract(kind, start(), X)
+    g = np.empty((N, N))
+    sizes = np.repeat([1e-2, 1e-3, 1e-5, 1e-6, 1e-5], 3)
+    for i in range(N):
+        ends = []
+        for sign in (1, -1):
+            x = X.copy()
+            x[i] += sign * sizes[i]
+            truth = retract(kind, start(), x)
+            ends.append(own(kind, estimate, error(truth, estimate)))
+        g[:, i] = (ends[0] - ends[1]) / (2 * sizes[i])
+    p = some_covariance(7)
+    ours = flat(p)
+    KINDS[kind](start(), ours, X, np.zeros(720))
+    expected = g @ p @ g.T
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(square(ours) / scale / scale[:, None], expected / scale / scale[:, None], atol=3e-5)
+    np.testing.assert_array_equal(square(ours), square(ours).T)
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-3, 0.0999, 0.1001, 1.5])
+def test_derivative_of_the_left_jacobian(size: float) -> None:
+    theta, u = size * np.array([0.6, -0.64, 0.48]), np.array([0.7, -1.3, 2.0])
+    out = np.empty((3, 3))
+    attitude.left_jacobian_derivative(*theta, u, out)
+    for i in range(3):
+        step = np.zeros(3)
+        step[i] = 1e-5
+        slope = (jacobian(theta + step) - jacobian(theta - step)) @ u / 2e-5
+        np.testing.assert_allclose(out[:, i], slope, atol=1e-9)
