@@ -9,14 +9,14 @@ STAMP  := $(VENV)/.installed
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
 
-test: $(STAMP)           ## the whole test suite, without the long studies
-	$(BIN)/python -m pytest -n 2 -m "not validate"
+test: $(STAMP)           ## the whole test suite
+	$(BIN)/python -m pytest -n 2
 
 docs: $(STAMP)           ## docs/validation.md from the oracle tests
 	$(BIN)/python -m pytest tests/oracle --validation docs/validation.md
 
-validate: $(STAMP)       ## the long statistical studies
-	$(BIN)/python -m pytest -m validate
+validate: $(STAMP)       ## the long statistical studies: docs/filter-consistency.md
+	$(BIN)/python scripts/filter_consistency.py
 
 lint: $(STAMP)           ## style and types
 	$(BIN)/ruff check .

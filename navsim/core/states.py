@@ -1,7 +1,7 @@
 """The one table of states: order, slices, names, units. Nothing else in navsim counts to fifteen.
 
 Error state (filter, results): truth minus estimate, in the order of the paper's equation (1).
-Navigation state (strapdown): one flat array of sixteen numbers, the `NAV_*` offsets below.
+Navigation state (strapdown): one flat array of twenty numbers, the `NAV_*` offsets below.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ NAMES = (
 UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3 + ("m/s2",) * 3
 
 # --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n
-# (scalar first); gyro and accelerometer bias estimates [rad/s, m/s2]
-NAV_LLH, NAV_VEL, NAV_QUAT, NAV_GYRO, NAV_ACCEL = 0, 3, 6, 10, 13
-NAV_N = 16
+# (scalar first); gyro and accelerometer bias estimates [rad/s, m/s2]; the turn that the `tfg` filter's bias
+# axes have been held back by (quaternion, see `estimation.tfg`)
+NAV_LLH, NAV_VEL, NAV_QUAT, NAV_GYRO, NAV_ACCEL, NAV_HELD = 0, 3, 6, 10, 13, 16
+NAV_N = 20

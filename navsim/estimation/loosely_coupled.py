@@ -39,7 +39,7 @@ _TIME_TOLERANCE = 1e-9
 
 
 @kernel
-def _advance(until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width):
+def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width):
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
     cursor: (3,) index of the current IMU interval, present time s, length of the interval last used s.
@@ -71,6 +71,8 @@ def _advance(until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scrat
                 part[3 + i] = share * dv[k, i]
             step(nav, part[0:3], part[3:6], previous, dt, c_nb, mid)
         predict(p, mid, noise, phi, work, width)
+        if kind == TFG:
+            tfg.hold_axes(nav, p, previous, dt)
         cursor[2] = dt
         if to_end:
             k += 1
@@ -204,6 +206,8 @@ def run(
     ahead_previous = np.empty(6)
     ahead_cursor = np.empty(3)
 
+    nav[states.NAV_HELD] = 1.0
+    nav[states.NAV_HELD + 1 :] = 0.0
     cursor[1] = imu_time[0]
     cursor[2] = imu_time[1] - imu_time[0]
     for i in range(3):
@@ -225,7 +229,7 @@ def run(
     )
     rejected = 0
     for e in range(fix_time.shape[0]):
-        _advance(fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
+        _advance(kind, fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
         innovation[e] = np.nan
         degrees[e] = 0
         status[e] = NO_FIX
@@ -256,6 +260,8 @@ def run(
                 if q <= gate[m // 3 - 1] or rejected >= max_rejected:
                     status[e] = USED
                     rejected = 0
+                    # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
+                    # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
                     _correct(kind, nav, p, x, space)
                     _measurement(
                         nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h
@@ -272,7 +278,7 @@ def run(
             ahead_previous[:] = previous
             ahead_cursor[:] = cursor
             _advance(
-                fix_time[e] + latency, imu_time, dtheta, dv, ahead_nav, ahead_p, ahead_cursor, ahead_previous,
+                kind, fix_time[e] + latency, imu_time, dtheta, dv, ahead_nav, ahead_p, ahead_cursor, ahead_previous,
                 noise, scratch, c_nb, width,
             )  # fmt: skip
             nees[out], nees_pv[out] = _record(

@@ -8,6 +8,9 @@ Gaussian where it is curved in plain ones, so the covariance stays true at large
     P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
     M: J_l(theta) on the diagonal, d(J_l(theta) y_u)/d(theta) in the theta column
 
+C is the attitude of the moment, but for a quick turn made while heading is uncertain (`hold_axes`): C is then
+the attitude before it. Any C is a valid choice to first order; this one keeps the posterior straight.
+
 Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group).
 [2] Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3] `filter.md`.
 """
@@ -17,11 +20,47 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.core import states
-from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative
-from navsim.core.covariance import transport
+from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative, rotate_right
+from navsim.core.covariance import STRIDE, transport
 from navsim.core.jit import kernel
 from navsim.core.linear import invert3
 from navsim.estimation.invariant import blocks_of_motion, move_rigidly, turned
+
+HELD_RATE = 0.035
+"""Body rates above this (2 deg/s) turn the vehicle but not the bias axes, while heading is uncertain."""
+HELD_SIGMA = 0.07
+"""1 sigma of heading, rad (4 degrees), below which the bias axes follow the body at once."""
+
+
+@kernel
+def hold_axes(nav, p, increments, dt):
+    """Keep account of the turn the bias axes are held back by.
+
+    increments: bias-free angle increments over dt, rad. While heading is uncertain, what is known of a bias is
+    known along the axes it was observed in; a quick turn of the body must not carry it over to axes whose
+    direction is not known.
+    """
+    held = nav[states.NAV_HELD : states.NAV_HELD + 4]
+    if p[(STRIDE + 1) * (states.ATT + 2)] < HELD_SIGMA * HELD_SIGMA:
+        held[0] = 1.0
+        held[1:4] = 0.0
+        return
+    size = increments[0] ** 2 + increments[1] ** 2 + increments[2] ** 2
+    if size > (HELD_RATE * dt) ** 2:
+        rotate_right(held, increments[0], increments[1], increments[2])
+
+
+@kernel
+def bias_axes(nav, out):
+    """C (3, 3): the attitude less the turn held back, which takes biases into the frame they are kept in."""
+    q = nav[states.NAV_QUAT : states.NAV_QUAT + 4]
+    m = nav[states.NAV_HELD : states.NAV_HELD + 4]
+    back = np.empty(4)
+    back[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2] + q[3] * m[3]
+    back[1] = -q[0] * m[1] + q[1] * m[0] - q[2] * m[3] + q[3] * m[2]
+    back[2] = -q[0] * m[2] + q[1] * m[3] + q[2] * m[0] - q[3] * m[1]
+    back[3] = -q[0] * m[3] - q[1] * m[2] + q[2] * m[1] + q[3] * m[0]
+    dcm(back, out)
 
 
 @kernel
@@ -38,11 +77,11 @@ def correct(nav, p, x, work):
     y = work[597:600]
     big = work[600:603]
     moved = work[603:606]
-    dcm(nav[6:10], before)
+    bias_axes(nav, before)
     blocks_of_motion(x, diagonal, column)
     jac = diagonal[2]
     move_rigidly(nav, x, jac)
-    dcm(nav[6:10], after)
+    bias_axes(nav, after)
     t0, t1, t2 = x[states.ATT], x[states.ATT + 1], x[states.ATT + 2]
 
     for sensor in range(2):
@@ -114,7 +153,7 @@ def own_error(nav, error, out):
     truth = np.empty((3, 3))
     big = np.empty(3)
     y = np.empty(3)
-    dcm(nav[6:10], c_nb)
+    bias_axes(nav, c_nb)
     t0, t1, t2 = error[states.ATT], error[states.ATT + 1], error[states.ATT + 2]
     left_jacobian(t0, t1, t2, jac)
     invert3(jac, inverse)

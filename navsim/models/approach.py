@@ -5,14 +5,20 @@ Source: `landing.md` section 1. Speeds are along the path over ground.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 
-from navsim.models.path import DEGREE, Path, Segment, blend, uniform
+from navsim.models.path import DEGREE, Arc, Path, Segment, blend, uniform
 
 GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
 _X, _Z = 0, 2
+
+
+def joined(begin: float, end: float, before: Segment | Arc, after: Segment | Arc) -> Segment:
+    """The blend from `before` at one time to `after` at a later one."""
+    return blend(begin, end, before.jet(np.array([begin]))[0], after.jet(np.array([end]))[0])
 
 
 def paper_profile(speed_start: float, speed_touchdown: float, height: float, slope: float, corner: float) -> Path:
@@ -31,7 +37,7 @@ def paper_profile(speed_start: float, speed_touchdown: float, height: float, slo
     glide = uniform(0.0, -slant * along, speed_start * along, -deceleration * along)
     level = uniform(touchdown, np.zeros(3), speed_touchdown * ahead, np.zeros(3))
     begin, end = touchdown - 0.5 * corner, touchdown + 0.5 * corner
-    joint = blend(begin, end, glide.jet(np.array([begin]))[0], level.jet(np.array([end]))[0])
+    joint = joined(begin, end, glide, level)
     level = uniform(end, speed_touchdown * 0.5 * corner * ahead, speed_touchdown * ahead, np.zeros(3))
     return Path((glide, joint, level), {GLIDE_START: 0.0, TOUCHDOWN: touchdown})
 
@@ -122,9 +128,6 @@ def smooth_profile(
         np.array([-rollout_deceleration, 0.0, 0.0]),
     )
 
-    def joined(begin: float, end: float, before: Segment, after: Segment) -> Segment:
-        return blend(begin, end, before.jet(np.array([begin]))[0], after.jet(np.array([end]))[0])
-
     begin, end = t3 - 0.5 * flare_blend, t3 + 0.5 * flare_blend
     entry = joined(begin, end, glide, flare)
     shift = flare.jet(np.array([end]))[0]
@@ -142,3 +145,29 @@ def smooth_profile(
         rollout,
     )
     return Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})
+
+
+def s_turn(speed: float, height: float, rate: float, period: float, blend_time: float, duration: float) -> Path:
+    """Level flight turning right and left in turn, for filters to prove themselves in.
+
+    speed: m/s; height: over the origin, m; rate: of turn, rad/s; period: of one right and one left turn, s;
+    blend_time: rolling from one side to the other, s; duration: s. The first turn is a half one, so that the
+    track swings about the x axis. Raises ValueError where the rolls would not fit between the turns.
+    """
+    half = 0.5 * period
+    if blend_time > 0.5 * half:
+        raise ValueError("rolling takes more than half of each turn")
+    arcs = [Arc(0.0, np.array([0.0, 0.0, -height]), 0.0, speed, rate)]
+    end = 0.5 * half
+    while end < duration:
+        last = arcs[-1]
+        at = last.jet(np.array([end]))[0]
+        arcs.append(Arc(end, at[0], last.track + last.rate * (end - last.start), speed, -last.rate))
+        end += half
+    segments: list[Segment | Arc] = [arcs[0]]
+    for before, after in itertools.pairwise(arcs):
+        begin, end = after.start - 0.5 * blend_time, after.start + 0.5 * blend_time
+        segments.append(joined(begin, end, before, after))
+        at = after.jet(np.array([end]))[0]
+        segments.append(Arc(end, at[0], after.track + after.rate * (end - after.start), speed, after.rate))
+    return Path(tuple(segments), {})

@@ -99,6 +99,8 @@ class Trajectory:
     frame: Frame
     wind: Wind
     angle_of_attack: float
+    pitch_follows_path: bool = True
+    """False: the nose keeps `angle_of_attack` above the horizon, whatever the slope."""
 
     def motion(self, t: np.ndarray) -> Motion:
         """Everything at the times t (n,), s."""
@@ -116,7 +118,14 @@ class Trajectory:
         force_rate = jerk + 2.0 * np.cross(_EARTH_RATE, acceleration) - gravity_rate
 
         wind, wind_rate = self.wind.at(t)
-        ahead, ahead_rate = _unit(velocity - wind @ to_ecef, acceleration - wind_rate @ to_ecef)
+        air, air_rate = velocity - wind @ to_ecef, acceleration - wind_rate @ to_ecef
+        if not self.pitch_follows_path:
+            vertical = self.frame.axes[:, 2]
+            air, air_rate = (
+                air - (air @ vertical)[:, None] * vertical,
+                air_rate - (air_rate @ vertical)[:, None] * vertical,
+            )
+        ahead, ahead_rate = _unit(air, air_rate)
         # lift: what is left of the specific force across the velocity through the air [2]
         share = _dot(force, ahead)
         share_rate = _dot(force_rate, ahead) + _dot(force, ahead_rate)

@@ -41,6 +41,35 @@ class Segment:
 
 
 @dataclass(frozen=True)
+class Arc:
+    """Level flight along a circle at constant speed and turn rate (rad/s, positive to the right, not zero).
+
+    position: (3,) at the start; track: direction of flight there, rad from the x axis towards y.
+    """
+
+    start: float
+    position: np.ndarray
+    track: float
+    speed: float
+    rate: float
+
+    def jet(self, t: np.ndarray) -> np.ndarray:
+        """Position, velocity, acceleration and jerk at the times t (n,): (n, 4, 3)."""
+        s = np.asarray(t, dtype=float) - self.start
+        angle = self.track + self.rate * s
+        out = np.zeros((s.size, 4, 3))
+        radius = self.speed / self.rate
+        out[:, 0, 0] = radius * (np.sin(angle) - np.sin(self.track))
+        out[:, 0, 1] = radius * (np.cos(self.track) - np.cos(angle))
+        out[:, 0] += self.position
+        for k in range(1, 4):
+            size = self.speed * self.rate ** (k - 1)
+            turned = angle + (k - 1) * 0.5 * math.pi
+            out[:, k, 0], out[:, k, 1] = size * np.cos(turned), size * np.sin(turned)
+        return out
+
+
+@dataclass(frozen=True)
 class Path:
     """Segments in order of time; the first and the last reach to infinity.
 
@@ -48,7 +77,7 @@ class Path:
     tangent plane. events: named times, s.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[Segment | Arc, ...]
     events: dict[str, float]
 
     @property

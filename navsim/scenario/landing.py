@@ -105,6 +105,32 @@ class _Approach(Section):
     """along the path, over ground"""
     angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 3.0
     """constant; pitch = path angle relative to the air + angle of attack"""
+    pitch: Literal["path", "level"] = "path"
+    """path: the nose follows the path; level: it keeps angle_of_attack_deg above the horizon"""
+
+
+class STurn(_Approach):
+    """Level flight turning right and left, not a landing: for filters to prove themselves in."""
+
+    profile: Literal["s-turn"]
+    turn_rate_deg_s: Annotated[float, Field(gt=0.0, le=45.0)] = 6.0
+    period_s: Positive = 30.0
+    """one turn to the right and one to the left"""
+    roll_s: Positive = 2.0
+    """time to roll from one side to the other"""
+
+    def path(self) -> Path:
+        """The path in the tangent plane of its first point, an hour long. Raises ValueError where there is none."""
+        from navsim.models.approach import s_turn
+
+        return s_turn(
+            self.speed_start_kmh * KMH,
+            self.start_height_m,
+            self.turn_rate_deg_s * DEG,
+            self.period_s,
+            self.roll_s,
+            3600.0,
+        )
 
 
 class PaperApproach(_Approach):
@@ -537,7 +563,7 @@ class Landing(Section):
     """UTC of time 0"""
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 120.0
     runway: Runway = Runway()
-    approach: Annotated[PaperApproach | SmoothApproach, Field(discriminator="profile")]
+    approach: Annotated[PaperApproach | SmoothApproach | STurn, Field(discriminator="profile")]
     wind: WindSection = WindSection()
     imu: Imu = Imu()
     initial_errors: InitialErrors = InitialErrors()
@@ -572,7 +598,7 @@ class Landing(Section):
 
         times = np.linspace(0.0, self.duration_s, 400)
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
-        if np.any(path.jet(times)[:, 1, 0] < 2.0):
+        if slowest < 2.0:
             key = "rollout_deceleration_m_s2" if isinstance(self.approach, SmoothApproach) else "profile"
             raise reject(
                 f"the aircraft falls to {slowest:.1f} m/s within duration_s; its attitude follows from its path, "
@@ -634,6 +660,7 @@ class Landing(Section):
             frame,
             Wind(wind, events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None),
             self.approach.angle_of_attack_deg * DEG,
+            self.approach.pitch == "path",
         )
 
     def threshold(self, frame: Frame) -> np.ndarray:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -102,7 +103,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
         clock_offset=receiver.clock_offset_us * 1e-6,
         clock_drift=receiver.clock_drift_ppb * 1e-9,
     )
-    touchdown = trajectory.path.events[TOUCHDOWN]
+    touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
     if touchdown > scenario.duration_s:
         warnings.append(
             f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
@@ -479,9 +480,9 @@ def _filter(v: dict[str, Variable], world: World, ensemble: Ensemble) -> None:
 def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     world = case.world
     events = case.trajectory.path.events
-    touchdown = min(events[TOUCHDOWN], case.scenario.duration_s)
+    touchdown = min(events.get(TOUCHDOWN, math.inf), case.scenario.duration_s)
     fix_time = world.signals.time
-    glide = (fix_time >= events[GLIDE_START] - 1e-9) & (fix_time <= touchdown + 1e-9)
+    glide = (fix_time >= events.get(GLIDE_START, 0.0) - 1e-9) & (fix_time <= touchdown + 1e-9)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         values = world.dop[glide, i]
         values = values[np.isfinite(values)]
@@ -560,14 +561,15 @@ def _at_heights(v: dict[str, Variable], case: Case, error: np.ndarray) -> None:
     """Errors in runway axes when the true height above the runway passes the decision heights."""
     path = case.trajectory.path
     times = case.world.filter_time
-    touchdown = path.events[TOUCHDOWN]
+    touchdown = path.events.get(TOUCHDOWN, math.inf)
     c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
     fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
     height = -path.jet(fine)[:, 0, 2]
     axes = {"lateral": [], "along": [], "vertical": []}  # type: dict[str, list[np.ndarray]]
     for feet in DECISION_HEIGHTS_FT:
         above = np.flatnonzero(height >= feet * FOOT)
-        when = touchdown if feet == 0 else (fine[above[-1]] if above.size and above[-1] < fine.size - 1 else np.nan)
+        crossed = above.size and above[-1] < fine.size - 1
+        when = touchdown if feet == 0 else (fine[above[-1]] if crossed else np.nan)
         if not when <= times[-1] + 1e-9:
             for values in axes.values():
                 values.append(np.full(3, np.nan))

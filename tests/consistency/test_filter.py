@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.study.landing import default_workers, fly_all
+from navsim.study.landing import Case, default_workers, fly_all
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -14,10 +14,10 @@ GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.
 
 
 @pytest.mark.parametrize("velocity", ["true", "false"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_consistency_of_a_thousand_runs(seed: int, velocity: str) -> None:
-    """NEES and NIS of 1000 runs at 10, 20, ... 120 s, within the bounds of the issue."""
-    flown = case(*GENTLE, f"filter.velocity={velocity}")
+@pytest.mark.parametrize(("seed", "kind"), [(1, "eskf"), (2, "eskf"), (3, "eskf"), (1, "tfg"), (1, "left-invariant")])
+def test_consistency_of_a_thousand_runs(seed: int, kind: str, velocity: str) -> None:
+    """NEES and NIS of 1000 runs at 10, 20, ... 120 s: close to one for every kind in the small-angle world."""
+    flown = case(*GENTLE, f"filter.velocity={velocity}", f"filter.kind={kind}")
     ensemble = fly_all(flown, seed, 0, 1000, default_workers())
     time = flown.world.filter_time
     at = [int(np.argmin(np.abs(time - t))) for t in range(10, 121, 10)]
@@ -30,6 +30,52 @@ def test_consistency_of_a_thousand_runs(seed: int, velocity: str) -> None:
     assert 0.95 < part.mean() < 1.07
     nis = ensemble["innovation_squared"].sum() / ensemble["degrees"].sum()
     assert 0.98 < nis < 1.02
+
+
+FIXES = {
+    "A": ("receiver.rate_hz=1", "filter.velocity=false"),
+    "B": ("receiver.rate_hz=1", "filter.velocity=true"),
+    "C": ("receiver.rate_hz=10", "filter.velocity=false"),
+}
+"""Fixes of position at 1 Hz, of position and velocity at 1 Hz, of position at 10 Hz."""
+
+
+def at_tens(flown: Case, runs: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean NEES/15 (own coordinates) and NEES/6 at 10, 20, ... 120 s."""
+    ensemble = fly_all(flown, 1, 0, runs, default_workers())
+    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    return ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
+
+
+@pytest.mark.parametrize("fixes", FIXES)
+def test_tfg_is_true_at_the_papers_errors(fixes: str) -> None:
+    """5 degrees, 700 deg/h, constant pitch: NEES/15 and NEES/6 within 0.9-1.15 at every 10 s, 500 runs."""
+    full, part = at_tens(case(*FIXES[fixes], "pseudolites.count=0", "approach.pitch=level", "filter.kind=tfg"), 500)
+    assert np.all((full > 0.9) & (full < 1.15)), full
+    assert np.all((part > 0.9) & (part < 1.15)), part
+
+
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        (FIXES["A"], "s_turn"),
+        ((*FIXES["A"], "approach.pitch=level", "imu.gyro.drift_deg_h=1400"), "landing_gnss_only"),
+        ((*FIXES["A"], "approach.pitch=level", "initial_errors.attitude_deg=10"), "landing_gnss_only"),
+    ],
+    ids=["S-turn", "1400 deg/h", "10 deg"],
+)
+def test_tfg_beyond_the_papers_errors(settings: tuple[str, ...], name: str) -> None:
+    """At most 1.4 in a 6 deg/s S-turn, at 1400 deg/h and at 10 degrees of initial attitude error."""
+    full, part = at_tens(case(*settings, "filter.kind=tfg", name=name), 500)
+    assert full.max() < 1.4, full
+    assert part.max() < 1.4, part
+
+
+def test_main_scenario_is_consistent() -> None:
+    """`landing.yaml` as shipped, where the nose follows the path: within 0.9-1.2 for the default filter."""
+    full, part = at_tens(case(), 500)
+    assert np.all((full > 0.9) & (full < 1.2)), full
+    assert np.all((part > 0.9) & (part < 1.15)), part
 
 
 def test_late_fixes_with_a_lever_arm_are_used_as_well() -> None:
@@ -70,10 +116,11 @@ def test_gate_rejects_blunders_and_lets_go() -> None:
     assert not np.any(case(*GENTLE).fly(1, 0).status == 2)
 
 
-@pytest.mark.parametrize("name", sorted(p.stem for p in SCENARIOS.glob("landing*.yaml")))
-def test_covariance_stays_positive_definite(name: str) -> None:
+@pytest.mark.parametrize("kind", ["eskf", "tfg", "left-invariant"])
+@pytest.mark.parametrize("name", sorted(p.stem for p in SCENARIOS.glob("*.yaml")))
+def test_covariance_stays_positive_definite(name: str, kind: str) -> None:
     """Every output of every shipped scenario: NEES is nan where the Cholesky factorisation of P fails."""
-    ensemble = fly_all(case(name=name), 1, 0, 20, default_workers())
+    ensemble = fly_all(case(f"filter.kind={kind}", name=name), 1, 0, 20, default_workers())
     assert np.all(np.isfinite(ensemble["nees"]))
     assert np.all(ensemble["sigma"] > 0.0)
 

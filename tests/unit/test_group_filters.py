@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from navsim.core import attitude, states
-from navsim.estimation import error_state, invariant, tfg
 from scipy.spatial.transform import Rotation
 
+from navsim.core import attitude, states
+from navsim.estimation import error_state, invariant, tfg
 from tests.unit.test_covariance import error, flat, some_covariance, square
 
 N = states.N
@@ -21,7 +21,12 @@ def start() -> np.ndarray:
     nav[3:6] = 30.0, -4.0, 3.0
     nav[6:10] = Rotation.from_euler("ZYX", [0.4, 0.1, -0.2]).as_quat()[[3, 0, 1, 2]]
     nav[10:16] = 3e-3, -2e-3, 1e-3, 0.02, -0.01, 0.03
+    nav[16:20] = Rotation.from_rotvec([0.1, 0.3, -0.2]).as_quat()[[3, 0, 1, 2]]  # bias axes held back
     return nav
+
+
+def bias_axes(nav: np.ndarray) -> Rotation:
+    return rotation(nav) * Rotation.from_quat(nav[[17, 18, 19, 16]]).inv()
 
 
 def rotation(nav: np.ndarray) -> Rotation:
@@ -52,15 +57,20 @@ def retract(kind: str, nav: np.ndarray, x: np.ndarray) -> np.ndarray:
     for first in (0, 3):
         b, db = nav[10 + first : 13 + first], x[9 + first : 12 + first]
         if kind == "tfg":
-            big = c.as_matrix() @ b
-            y = c.as_matrix() @ db - skew(big) @ theta
-            out[10 + first : 13 + first] = after.as_matrix().T @ (big + j @ y)
+            axes = bias_axes(nav)
+            big = axes.as_matrix() @ b
+            y = axes.as_matrix() @ db - skew(big) @ theta
+            out[10 + first : 13 + first] = (Rotation.from_rotvec(theta) * axes).as_matrix().T @ (big + j @ y)
         else:
             out[10 + first : 13 + first] = b + db
     return out
 
 
-KINDS: dict[str, Callable[..., None]] = {"eskf": error_state.correct, "left-invariant": invariant.correct, "tfg": tfg.correct}
+KINDS: dict[str, Callable[..., None]] = {
+    "eskf": error_state.correct,
+    "left-invariant": invariant.correct,
+    "tfg": tfg.correct,
+}
 X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.5e-3, 0.02, 0.01, -0.03])
 
 
@@ -125,3 +135,18 @@ def test_derivative_of_the_left_jacobian(size: float) -> None:
         step[i] = 1e-5
         slope = (jacobian(theta + step) - jacobian(theta - step)) @ u / 2e-5
         np.testing.assert_allclose(out[:, i], slope, atol=1e-9)
+
+
+def test_bias_axes_are_held_through_quick_turns_only() -> None:
+    """Quick turns with an uncertain heading are held back; slow ones and those with a known heading are not."""
+    p = flat(np.diag(np.repeat([1.0, 1.0, 0.04, 1e-6, 1e-4], 3)))
+    nav = start()
+    nav[16:20] = 1.0, 0.0, 0.0, 0.0
+    turn = np.array([0.0, 0.002, 0.0])
+    tfg.hold_axes(nav, p, turn, 0.01)
+    np.testing.assert_allclose(nav[16:20], Rotation.from_rotvec(turn).as_quat()[[3, 0, 1, 2]], atol=1e-15)
+    tfg.hold_axes(nav, p, turn, 1.0)
+    np.testing.assert_allclose(nav[18], 0.001, rtol=1e-5)
+    known = flat(np.diag(np.repeat([1.0, 1.0, 1e-4, 1e-6, 1e-4], 3)))
+    tfg.hold_axes(nav, known, turn, 0.01)
+    np.testing.assert_array_equal(nav[16:20], [1.0, 0.0, 0.0, 0.0])

@@ -10,7 +10,7 @@ from navsim.models.path import blend, uniform
 from tests.helpers import scenario
 
 
-@pytest.mark.parametrize("name", ["landing", "landing_smooth"])
+@pytest.mark.parametrize("name", ["landing", "landing_smooth", "s_turn"])
 def test_continuous_to_the_acceleration(name: str) -> None:
     path = scenario(name=name).approach.path()
     for knot, before, after in zip(path.knots, path.segments[:-1], path.segments[1:], strict=True):
@@ -18,7 +18,7 @@ def test_continuous_to_the_acceleration(name: str) -> None:
         np.testing.assert_allclose(left[:3], right[:3], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["landing", "landing_smooth"])
+@pytest.mark.parametrize("name", ["landing", "landing_smooth", "s_turn"])
 def test_jets_are_derivatives(name: str) -> None:
     path = scenario(name=name).approach.path()
     t = np.linspace(0.3, 119.7, 777)
@@ -74,3 +74,20 @@ def test_blend_meets_both_states() -> None:
     joint = blend(2.0, 3.0, before.jet(np.array([2.0]))[0], after.jet(np.array([3.0]))[0])
     np.testing.assert_allclose(joint.jet(np.array([2.0]))[0, :3], before.jet(np.array([2.0]))[0, :3], atol=1e-12)
     np.testing.assert_allclose(joint.jet(np.array([3.0]))[0, :3], after.jet(np.array([3.0]))[0, :3], atol=1e-12)
+
+
+def test_s_turn_keeps_speed_and_rate() -> None:
+    """30 m/s and 6 deg/s right and left but for the rolls, in which the speed stays within 1 %."""
+    path = scenario(name="s_turn").approach.path()
+    t = np.linspace(0.0, 120.0, 2401)
+    jet = path.jet(t)
+    speed = np.linalg.norm(jet[:, 1], axis=1)
+    np.testing.assert_allclose(speed, 30.0, rtol=0.01)
+    np.testing.assert_allclose(jet[:, 0, 2], -150.0, atol=1e-9)
+    rate = np.degrees(jet[:, 1, 0] * jet[:, 2, 1] - jet[:, 1, 1] * jet[:, 2, 0]) / speed**2
+    steady = np.min(np.abs(t[:, None] - path.knots), axis=1) > 2.0
+    np.testing.assert_allclose(np.abs(rate[steady]), 6.0, rtol=1e-9)
+    assert np.abs(rate).max() < 7.0  # a C2 roll overshoots the turn rate by a sixth
+    track = np.degrees(np.unwrap(np.arctan2(jet[:, 1, 1], jet[:, 1, 0])))
+    assert -50 < track.min() < -40
+    assert 40 < track.max() < 50
