@@ -29,7 +29,9 @@ def dense_filter(nav, dtheta, dv, dt, p, q, every):
     flat = np.zeros(covariance.SIZE)
     phi, a, b, gain = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     for k in range(dtheta.shape[0]):
-        strapdown.step(nav, dtheta[k], dv[k], previous, dt, c_nb, mid)
+        strapdown.step(
+            nav, dtheta[k, 0], dtheta[k, 1], dtheta[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], previous, dt, c_nb, mid
+        )
         covariance.transition(mid, noise, flat)
         for i in range(N):
             for j in range(N):

@@ -103,8 +103,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     )
     run = case.fly(1, 0)
     e = run.fix_llh.shape[0]
-    cov = np.tile(np.diag([16.0, 16.0, 200.0]), (e, 1, 1))
-    v_cov = np.tile(np.eye(3) * 0.04, (e, 1, 1))
+    cov = np.tile(np.diag([16.0, 16.0, 200.0, 0.04, 0.04, 0.04]), (e, 1, 1))
     assert MAX_CLOCKS == 3
     out = [np.empty((e + 1, 15)), np.empty((e + 1, 15)), np.empty(e + 1), np.empty(e + 1)]
     tail = [np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)]
@@ -114,7 +113,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
         loosely_coupled.run(
             settings.kind,
             world.imu_time, world.dtheta, world.dv, start.copy(), settings.covariance(), settings.noise(),
-            world.signals.time, run.fix_llh, run.fix_velocity, cov, v_cov, True, 0.0, np.zeros(3), np.full(2, np.inf),
+            world.signals.time, run.fix_llh, run.fix_velocity, cov, True, 0.0, np.zeros(3), np.full(2, np.inf),
             0, at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), *out, *tail, covariance.STRIDE,
         )  # fmt: skip
 

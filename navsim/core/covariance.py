@@ -17,23 +17,21 @@ attitude, JGCD 40 (2017).
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from navsim.core import states
 from navsim.core.attitude import left_jacobian
-from navsim.core.jit import kernel
+from navsim.core.jit import inlined, kernel
 from navsim.core.linear import cholesky, solve_cholesky, solve_lower
 from navsim.core.strapdown import (
+    MID_COS,
     MID_DT,
     MID_FORCE,
     MID_GRAVITY,
     MID_HEIGHT,
-    MID_LAT,
     MID_MERIDIAN,
     MID_RATE_IN,
-    MID_TAN,
+    MID_SIN,
     MID_TRANSVERSE,
     MID_VEL,
 )
@@ -53,13 +51,13 @@ NOISE_ACCEL_DECAY, NOISE_ACCEL_DRIVE = 4, 5
 NOISE_N = 6
 
 
-@kernel
+@inlined
 def transition(mid, noise, phi):
     """Phi - I over one interval, rows 0-8 of the flat `phi` (stride 16), and the bias rows' diagonal.
 
     Second order in dt: I + F dt + F^2 dt^2 / 2 with F at mid-interval. Left out of F^2 are the products of
     two Earth-curvature terms (each below 1e-10 in Phi at 100 Hz and aircraft speeds).
-    mid: (25,) from `strapdown.step`. noise: (6,).
+    mid: (MID_N,) from `strapdown.step`. noise: (6,). phi: (240,) zero but for what this function writes.
     """
     dt = mid[MID_DT]
     h = 0.5 * dt * dt
@@ -68,9 +66,9 @@ def transition(mid, noise, phi):
     vn, ve, vd = mid[MID_VEL], mid[MID_VEL + 1], mid[MID_VEL + 2]
     irm = 1.0 / mid[MID_MERIDIAN]
     irt = 1.0 / mid[MID_TRANSVERSE]
-    tan = mid[MID_TAN]
-    cos = math.cos(mid[MID_LAT])
-    sin = tan * cos
+    sin = mid[MID_SIN]
+    cos = mid[MID_COS]
+    tan = sin / cos
     ien, ied = RATE * cos, -RATE * sin
     sec2 = 1.0 + tan * tan
 
@@ -84,9 +82,6 @@ def transition(mid, noise, phi):
     ed_v1 = -tan * irt
     ed_r0 = -ve * sec2 * irt * irm
     ed_r2 = -ve * tan * irt * irt
-
-    for k in range(9 * STRIDE):
-        phi[k] = 0.0
 
     # position rows: F_rr r + v
     rr00 = -vd * irm
@@ -210,7 +205,7 @@ def transition(mid, noise, phi):
         phi[128 + 9 + j] = -gg * c2 + h * (wn * c1 - we * c0)
 
 
-@kernel
+@inlined
 def _apply_transition(phi, decay_gyro, decay_accel, p, out, width):
     """out = Phi p, rows of stride 16, leaving out the blocks of Phi that are zero."""
     for i in range(3):
@@ -267,7 +262,7 @@ def _apply_transition(phi, decay_gyro, decay_accel, p, out, width):
             out[o + j] = decay_accel * p[o + j]
 
 
-@kernel
+@inlined
 def _transpose(a, out):
     """out = a', both 15 x 15 of stride 16."""
     for i in range(N):
@@ -275,11 +270,11 @@ def _transpose(a, out):
             out[STRIDE * j + i] = a[STRIDE * i + j]
 
 
-@kernel
-def predict(p, mid, noise, phi, work, width):
+@inlined
+def predict(p, mid, noise, phi, a, b, width):
     """P <- Phi P Phi' + Q over one interval, in place.
 
-    p: (240,). mid: (25,) from `strapdown.step`. noise: (6,). phi: (240,) and work: (480,) are work space.
+    p: (240,). mid: (MID_N,) from `strapdown.step`. noise: (6,). phi, a, b: (240,) work space, zero at first.
     """
     transition(mid, noise, phi)
     dt = mid[MID_DT]
@@ -287,8 +282,6 @@ def predict(p, mid, noise, phi, work, width):
     decay_gyro = 1.0 - x + 0.5 * x * x
     x = dt * noise[NOISE_ACCEL_DECAY]
     decay_accel = 1.0 - x + 0.5 * x * x
-    a = work[:SIZE]
-    b = work[SIZE:]
     _apply_transition(phi, decay_gyro, decay_accel, p, a, width)
     _transpose(a, b)
     _apply_transition(phi, decay_gyro, decay_accel, b, p, width)
@@ -394,14 +387,12 @@ def reset(p, x, y, z, jac, work):
 
 
 @kernel
-def transport(p, diagonal, column, work, width):
+def transport(p, diagonal, column, a, b, width):
     """P <- G P G' for a G of five 3 x 3 blocks on the diagonal and five in the attitude column, in place.
 
     diagonal: (5, 3, 3). column: (5, 3, 3), added to the attitude column; its attitude block must be zero.
-    work: (480,) space. The result is exactly symmetric.
+    a, b: (240,) work space. The result is exactly symmetric.
     """
-    a = work[:SIZE]
-    b = work[SIZE:]
     _apply_blocks(diagonal, column, p, a, width)
     _transpose(a, b)
     _apply_blocks(diagonal, column, b, p, width)

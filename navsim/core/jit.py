@@ -76,3 +76,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     inf or nan as in numpy, which also lets loops vectorise.
     """
     return numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy")(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile like `kernel`, and have LLVM put the code into its callers: passing an array costs ten words."""
+    return numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy", forceinline=True)(function)

@@ -89,11 +89,14 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, normal, c
 
 
 @kernel
-def solve_velocity(los, source_velocity, range_rate, sigma, used, v, normal, cofactor):
+def solve_velocity(source, los, source_velocity, range_rate, sigma, used, x, v, normal, cofactor, slope):
     """Velocity and the drift of the one receiver clock, from the unit vectors of the position fix.
 
-    los, source_velocity: (s, 3) ECEF, m/s. range_rate, sigma: (s,) m/s. v: (4,) out, ECEF m/s.
-    cofactor: (6, 6) out. normal: work space. Returns False where it cannot be solved.
+    source, los, source_velocity: (s, 3) ECEF, m, m/s. range_rate, sigma: (s,) m/s. x: position fix, ECEF.
+    v: (4,) out, ECEF m/s. cofactor: (6, 6) out, covariance from the range rates' noise alone.
+    slope: (3, 4) out, its first three columns' transpose is d(velocity error)/d(position error): a position
+    off by dr turns the unit vectors, which counts beside a near source (5 m at 200 m and 30 m/s: 0.7 m/s).
+    normal: work space. Returns False where it cannot be solved.
     """
     for i in range(4):
         v[i] = 0.0
@@ -123,4 +126,24 @@ def solve_velocity(los, source_velocity, range_rate, sigma, used, v, normal, cof
     if not invert_spd(normal, 4, cofactor):
         return False
     solve_cholesky(normal, 4, v)
+    for a in range(3):
+        for i in range(4):
+            slope[a, i] = 0.0
+    for s in range(los.shape[0]):
+        if not used[s]:
+            continue
+        ux, uy, uz = los[s, 0], los[s, 1], los[s, 2]
+        distance = (source[s, 0] - x[0]) * ux + (source[s, 1] - x[1]) * uy + (source[s, 2] - x[2]) * uz
+        wx, wy, wz = source_velocity[s, 0] - v[0], source_velocity[s, 1] - v[1], source_velocity[s, 2] - v[2]
+        along = ux * wx + uy * wy + uz * wz
+        weight = 1.0 / (sigma[s] * sigma[s] * distance)
+        for a in range(3):
+            # (I - u u') (v_source - v) / distance, the change of the range rate with the position
+            d = weight * (wx - along * ux if a == 0 else wy - along * uy if a == 1 else wz - along * uz)
+            slope[a, 0] -= d * ux
+            slope[a, 1] -= d * uy
+            slope[a, 2] -= d * uz
+            slope[a, 3] += d
+    for a in range(3):
+        solve_cholesky(normal, 4, slope[a])
     return True

@@ -16,32 +16,32 @@ import numpy as np
 
 from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
 from navsim.core.earth import RATE, gravity, radii
-from navsim.core.jit import kernel
+from navsim.core.jit import inlined, kernel
 
 # What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
-MID_DCM, MID_FORCE, MID_RATE_IN, MID_DT, MID_LAT = 0, 9, 12, 15, 16
-"""Offsets: C_nb by rows (9), specific force NED m/s2 (3), omega_in NED rad/s (3), interval s, latitude rad,"""
-MID_TAN, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 17, 18, 19, 22, 23
-"""tan(latitude), height m, velocity NED m/s (3), radii of curvature plus height m."""
+MID_DCM, MID_FORCE, MID_RATE_IN, MID_DT, MID_SIN = 0, 9, 12, 15, 16
+"""Offsets: C_nb by rows (9), specific force NED m/s2 (3), omega_in NED rad/s (3), interval s, sin(latitude),"""
+MID_COS, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 17, 18, 19, 22, 23
+"""cos(latitude), height m, velocity NED m/s (3), radii of curvature plus height m."""
 MID_GRAVITY = 24
 MID_N = 25
 
 
-@kernel
-def step(nav, dtheta, dv, previous, dt, c_nb, mid):
+@inlined
+def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
     """Advance the navigation state by one interval, in place.
 
     nav: (16,) see `navsim.core.states`; its bias estimates are taken off the increments.
-    dtheta, dv: (3,) raw increments, rad and m/s, over dt (s).
+    gx ... fz: raw increments of angle (rad) and velocity (m/s) over dt (s); scalars, since a slice costs more.
     previous: (6,) bias-free increments of the interval before, scaled to dt; overwritten by the present ones.
     c_nb: (3, 3) work space. mid: (25,) quantities at mid-interval for the error model.
     """
-    tx = dtheta[0] - nav[10] * dt
-    ty = dtheta[1] - nav[11] * dt
-    tz = dtheta[2] - nav[12] * dt
-    ux = dv[0] - nav[13] * dt
-    uy = dv[1] - nav[14] * dt
-    uz = dv[2] - nav[15] * dt
+    tx = gx - nav[10] * dt
+    ty = gy - nav[11] * dt
+    tz = gz - nav[12] * dt
+    ux = fx - nav[13] * dt
+    uy = fy - nav[14] * dt
+    uz = fz - nav[15] * dt
     px, py, pz = previous[0], previous[1], previous[2]
     sx, sy, sz = previous[3], previous[4], previous[5]
     previous[0], previous[1], previous[2] = tx, ty, tz
@@ -64,10 +64,11 @@ def step(nav, dtheta, dv, previous, dt, c_nb, mid):
     by += k * (pz * ux - px * uz + sz * tx - sx * tz)
     bz += k * (px * uy - py * ux + sx * ty - sy * tx)
 
-    dcm(nav[6:10], c_nb)
-    fx = c_nb[0, 0] * bx + c_nb[0, 1] * by + c_nb[0, 2] * bz
-    fy = c_nb[1, 0] * bx + c_nb[1, 1] * by + c_nb[1, 2] * bz
-    fz = c_nb[2, 0] * bx + c_nb[2, 1] * by + c_nb[2, 2] * bz
+    q = nav[6:10]
+    dcm(q, c_nb)
+    sn = c_nb[0, 0] * bx + c_nb[0, 1] * by + c_nb[0, 2] * bz
+    se = c_nb[1, 0] * bx + c_nb[1, 1] * by + c_nb[1, 2] * bz
+    sd = c_nb[2, 0] * bx + c_nb[2, 1] * by + c_nb[2, 2] * bz
 
     # velocity, latitude and height at mid-interval, predicted: their error is of third order in dt
     lat = nav[0]
@@ -77,9 +78,9 @@ def step(nav, dtheta, dv, previous, dt, c_nb, mid):
     meridian, transverse = radii(sin_lat)
     half = 0.5 * dt
     g = gravity(sin_lat, nav[2])
-    vnm = vn + 0.5 * fx
-    vem = ve + 0.5 * fy
-    vdm = vd + 0.5 * (fz + g * dt)
+    vnm = vn + 0.5 * sn
+    vem = ve + 0.5 * se
+    vdm = vd + 0.5 * (sd + g * dt)
     h = nav[2] - vdm * half
     dlat = vnm / (meridian + h) * half
     sin_m = sin_lat + cos_lat * dlat
@@ -100,9 +101,9 @@ def step(nav, dtheta, dv, previous, dt, c_nb, mid):
 
     # specific force into the frame of mid-interval, then gravity and Coriolis, this one from a mid-interval
     # velocity that has already felt it
-    dn = fx - 0.5 * (ze * fz - zd * fy)
-    de = fy - 0.5 * (zd * fx - zn * fz)
-    dd = fz - 0.5 * (zn * fy - ze * fx)
+    dn = sn - 0.5 * (ze * sd - zd * se)
+    de = se - 0.5 * (zd * sn - zn * sd)
+    dd = sd - 0.5 * (zn * se - ze * sn)
     on, oe, od = 2.0 * en + wn, we, 2.0 * ed + wd
     dd += g * dt
     cn = vn + 0.5 * (dn - (oe * vdm - od * vem) * dt)
@@ -117,7 +118,6 @@ def step(nav, dtheta, dv, previous, dt, c_nb, mid):
     nav[1] += 0.5 * (ve + ve1) * dt / (rt * cos_m)
     nav[3], nav[4], nav[5] = vn1, ve1, vd1
 
-    q = nav[6:10]
     rotate_right(q, ax, ay, az)
     rotate_left(q, -(en + ce / rt) * dt, cn / rm * dt, -(ed - ce / rt * tan_m) * dt)
     normalise(q)
@@ -135,8 +135,8 @@ def step(nav, dtheta, dv, previous, dt, c_nb, mid):
     mid[13] = we
     mid[14] = ed + wd
     mid[15] = dt
-    mid[16] = lat + dlat
-    mid[17] = tan_m
+    mid[16] = sin_m
+    mid[17] = cos_m
     mid[18] = h
     mid[19], mid[20], mid[21] = vnm, vem, vdm
     mid[22] = rm
@@ -158,6 +158,6 @@ def navigate(nav, dtheta, dv, dt, every, out):
     mid = np.empty(MID_N)
     out[0] = nav
     for k in range(dtheta.shape[0]):
-        step(nav, dtheta[k], dv[k], previous, dt, c_nb, mid)
+        step(nav, dtheta[k, 0], dtheta[k, 1], dtheta[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], previous, dt, c_nb, mid)
         if (k + 1) % every == 0:
             out[(k + 1) // every] = nav

@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.attitude import left_jacobian, left_jacobian_derivative, rotate_left
-from navsim.core.covariance import transport
+from navsim.core.covariance import SIZE, STRIDE, transport
 from navsim.core.jit import kernel
 from navsim.core.linear import invert3
 from navsim.estimation.error_state import move
@@ -65,7 +65,7 @@ def correct(nav, p, x, work):
     for i in range(3):
         nav[states.NAV_GYRO + i] += x[states.GYRO + i]
         nav[states.NAV_ACCEL + i] += x[states.ACCEL + i]
-    transport(p, diagonal, column, work[:480], 16)
+    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE], STRIDE)
 
 
 @kernel

@@ -43,12 +43,12 @@ def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise,
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
     cursor: (3,) index of the current IMU interval, present time s, length of the interval last used s.
-    scratch: work space (MID_N + 3 * SIZE + 6,).
+    scratch: work space (MID_N + 3 * SIZE,), zero at first.
     """
     mid = scratch[:MID_N]
     phi = scratch[MID_N : MID_N + SIZE]
-    work = scratch[MID_N + SIZE : MID_N + 3 * SIZE]
-    part = scratch[MID_N + 3 * SIZE :]
+    a = scratch[MID_N + SIZE : MID_N + 2 * SIZE]
+    b = scratch[MID_N + 2 * SIZE : MID_N + 3 * SIZE]
     k = int(cursor[0])
     now = cursor[1]
     last = imu_time.shape[0] - 1
@@ -62,15 +62,12 @@ def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise,
         if abs(scale - 1.0) > 1e-6:
             for i in range(6):
                 previous[i] *= scale
-        if whole_left and to_end:
-            step(nav, dtheta[k], dv[k], previous, dt, c_nb, mid)
-        else:
-            share = dt / whole
-            for i in range(3):
-                part[i] = share * dtheta[k, i]
-                part[3 + i] = share * dv[k, i]
-            step(nav, part[0:3], part[3:6], previous, dt, c_nb, mid)
-        predict(p, mid, noise, phi, work, width)
+        share = 1.0 if whole_left and to_end else dt / whole
+        step(
+            nav, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
+            share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], previous, dt, c_nb, mid,
+        )  # fmt: skip
+        predict(p, mid, noise, phi, a, b, width)
         if kind == TFG:
             tfg.hold_axes(nav, p, previous, dt)
         cursor[2] = dt
@@ -169,7 +166,7 @@ def _own_error(kind, nav, error, out):
 @kernel
 def run(
     kind, imu_time, dtheta, dv, nav, p, noise,
-    fix_time, fix_llh, fix_velocity, fix_cov, fix_velocity_cov, with_velocity, latency, lever, gate, max_rejected,
+    fix_time, fix_llh, fix_velocity, fix_cov, with_velocity, latency, lever, gate, max_rejected,
     truth_llh, truth_velocity, truth_quaternion, truth_bias,
     error, sigma, nees, nees_pv, innovation, degrees, status, width,
 ):  # fmt: skip
@@ -178,7 +175,7 @@ def run(
     kind: ESKF, LEFT_INVARIANT or TFG.
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) measured increments. nav: (16,) initial estimate and p: (240,)
     its covariance, both overwritten by the final ones at the last fix. noise: (6,) `core.covariance`.
-    fix_*: e epochs: time (s, of validity), llh, NED velocity, NED covariances (e, 3, 3); nan without a fix.
+    fix_*: e epochs: time (s, of validity), llh, NED velocity, covariance of both (e, 6, 6); nan without a fix.
     with_velocity: bool. latency: s. lever: (3,) IMU -> antenna, body, m. gate: (2,) largest normalised
     innovation squared for 3 and 6 measurements. max_rejected: rejections in a row after which a fix is taken
     nevertheless. truth_*: (e + 1, ...) at time 0 and at fix_time + latency; truth_bias (e + 1, 6).
@@ -196,8 +193,7 @@ def run(
     pht = np.empty((states.N, 6))
     work = np.empty((1, states.N, 6))
     c_nb = np.empty((3, 3))
-    scratch = np.empty(MID_N + 3 * SIZE + 6)
-    scratch[MID_N : MID_N + 3 * SIZE] = 0.0
+    scratch = np.zeros(MID_N + 3 * SIZE)
     space = np.zeros(3 * SIZE)
     previous = np.empty(6)
     cursor = np.zeros(3)
@@ -236,12 +232,9 @@ def run(
         velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
         if not math.isnan(fix_llh[e, 0]):
             m = _measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
-            r[:] = 0.0
-            for i in range(3):
-                for j in range(3):
+            for i in range(m):
+                for j in range(m):
                     r[i, j] = fix_cov[e, i, j]
-                    if m == 6:
-                        r[3 + i, 3 + j] = fix_velocity_cov[e, i, j]
             if gain(p, h, r, m, pht, s, k):
                 for i in range(states.N):
                     x[i] = 0.0

@@ -21,7 +21,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative, rotate_right
-from navsim.core.covariance import STRIDE, transport
+from navsim.core.covariance import SIZE, STRIDE, transport
 from navsim.core.jit import kernel
 from navsim.core.linear import invert3
 from navsim.estimation.invariant import blocks_of_motion, move_rigidly, turned
@@ -138,7 +138,7 @@ def correct(nav, p, x, work):
                     for c in range(3):
                         t += after[a, i] * jac[a, c] * before[c, j]
                 diagonal[block, i, j] = t
-    transport(p, diagonal, column, work[:480], 16)
+    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE], STRIDE)
 
 
 @kernel

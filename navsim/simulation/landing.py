@@ -362,10 +362,10 @@ def fly(
     )  # fmt: skip
 
     llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
-    cov, velocity_cov = np.empty((e, 3, 3)), np.empty((e, 3, 3))
+    cov = np.empty((e, 6, 6))
     receiver.fixes(
         world.start, signals.position, signals.velocity, signals.sigma, signals.rate_sigma, signals.clock,
-        ranges, rates, llh, velocity, clocks, cov, velocity_cov,
+        ranges, rates, llh, velocity, clocks, cov,
     )  # fmt: skip
 
     error, sigma = np.empty((e + 1, states.N)), np.empty((e + 1, states.N))
@@ -377,7 +377,7 @@ def fly(
     valid = signals.time + (truth.time[1:] - signals.time) - settings.latency if e else signals.time
     loosely_coupled.run(
         settings.kind, world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
-        np.maximum(valid, 0.0), llh, velocity, scale * cov, scale * velocity_cov,
+        np.maximum(valid, 0.0), llh, velocity, scale * cov,
         settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
         truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],
         error, sigma, nees, nees_pv, innovation, degrees, status, covariance.STRIDE,

@@ -10,7 +10,8 @@ from navsim.core import wgs84
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.noise import measure
 from navsim.estimation.receiver import fixes
-from navsim.simulation.landing import generator
+from navsim.models.kinematics import Motion
+from navsim.simulation.landing import World, generator
 from tests.helpers import case
 
 FIXES = 5000
@@ -41,10 +42,10 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
         held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
     )  # fmt: skip
     llh, v, clocks = np.empty((FIXES, 3)), np.empty((FIXES, 3)), np.empty((FIXES, MAX_CLOCKS))
-    cov, v_cov = np.empty((FIXES, 3, 3)), np.empty((FIXES, 3, 3))
+    cov = np.empty((FIXES, 6, 6))
     fixes(
         world.start, held(s.position), held(s.velocity), held(s.sigma), held(s.rate_sigma), s.clock, ranges, rates,
-        llh, v, clocks, cov, v_cov,
+        llh, v, clocks, cov,
     )  # fmt: skip
     truth = world.at_filter
     ned = wgs84.ned_matrix(truth.llh[epoch + 1])
@@ -89,15 +90,51 @@ def test_velocity_of_fixes() -> None:
     omega_ie_b = np.einsum("nji,njk,k->ni", at.c_nb, c_ne, [0, 0, wgs84.RATE])
     swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate - omega_ie_b, [2, 1, -1]))
     error = run.fix_velocity - at.velocity_ned - swing
-    los = np.einsum("nij,nsj->nsi", c_ne, (s.position - at.position_ecef[:, None]))
-    los /= np.linalg.norm(los, axis=2, keepdims=True)
-    total = 0.0
-    for e in range(s.time.size):
-        h = np.concatenate([-los[e, s.used[e]], np.ones((s.used[e].sum(), 1))], axis=1)
-        p = np.linalg.inv(h.T @ h / 0.1**2)[:3, :3]
-        total += error[e] @ np.linalg.solve(p, error[e])
+    total = sum(x @ np.linalg.solve(p, x) for x, p in zip(error, noise_only(flown.world, at, c_ne), strict=True))
     freedom = 3 * s.time.size
     assert chi2.ppf(0.005, freedom) < total < chi2.ppf(0.995, freedom)
+
+
+def noise_only(world: World, at: Motion, c_ne: np.ndarray) -> np.ndarray:
+    """Covariance (e, 3, 3), NED, that the noise of the range rates alone gives the velocity, densely."""
+    s = world.signals
+    los = np.einsum("nij,nsj->nsi", c_ne, s.position - at.position_ecef[:, None])
+    los /= np.linalg.norm(los, axis=2, keepdims=True)
+    out = []
+    for e in range(s.time.size):
+        h = np.concatenate([-los[e, s.used[e]], np.ones((s.used[e].sum(), 1))], axis=1)
+        out.append(np.linalg.inv(h.T @ h / 0.1**2)[:3, :3])
+    return np.array(out)
+
+
+def test_position_and_velocity_beside_a_near_pseudolite() -> None:
+    """Passing 220 m from a pseudolite, position errors turn the unit vectors: the joint covariance knows."""
+    flown = case("pseudolites.l1_m=1000", "receiver.rate_hz=5", name="landing_smooth")
+    world = flown.world
+    at = flown.trajectory.motion(world.signals.time)
+    near = np.linalg.norm(world.signals.position[:, -1] - at.position_ecef, axis=1) < 260.0
+    assert near.sum() > 10
+    c_ne = wgs84.ned_matrix(at.llh)
+    arm = np.einsum("nij,j->ni", at.c_nb, flown.scenario.receiver.lever_arm_m)
+    total, count = np.zeros(2), 0
+    for run in range(400):
+        s = world.signals
+        ranges, rates = np.empty((2, *s.range.shape))
+        measure(
+            generator(1, run, "measurements"), s.range, s.delay, s.sigma, s.range_rate, s.rate_sigma, s.used,
+            world.clock, ranges, rates,
+        )  # fmt: skip
+        e = s.time.size
+        llh, v, clocks, cov = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS)), np.empty((e, 6, 6))
+        fixes(world.start, s.position, s.velocity, s.sigma, s.rate_sigma, s.clock, ranges, rates, llh, v, clocks, cov)
+        antenna = at.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
+        position = np.einsum("nij,nj->ni", c_ne, wgs84.ecef_from_llh(llh) - antenna)
+        error = np.concatenate([position, v - at.velocity_ned], axis=1)[near]
+        for one, p, plain in zip(error, cov[near], noise_only(world, at, c_ne)[near], strict=True):
+            total += one @ np.linalg.solve(p, one) / 6, one[3:] @ np.linalg.solve(plain, one[3:]) / 3
+            count += 1
+    assert 0.95 < total[0] / count < 1.08  # what is left is the curvature of 4 m at 220 m
+    assert total[1] / count > 2.0  # by the noise of the range rates alone it would look far better than it is
 
 
 def test_receiver_clocks_come_back() -> None:

@@ -107,7 +107,7 @@ def test_published_increment(oracles: dict[str, Any]) -> None:
         np.array(entry["gyro_increment"], dtype=float),
         np.array(entry["accel_increment"], dtype=float),
     )
-    strapdown.step(nav, dtheta, dv, np.concatenate([dtheta, dv]), dt, np.empty((3, 3)), mid)
+    strapdown.step(nav, *dtheta, *dv, np.concatenate([dtheta, dv]), dt, np.empty((3, 3)), mid)
     # the Earth turns the frame by 7e-7 rad meanwhile
     np.testing.assert_allclose(mid[9:12] * dt, entry["expected_dv_corrected"], atol=3e-6)
 
@@ -164,7 +164,7 @@ def test_kernel_uses_the_same_coning_correction() -> None:
     nav[6] = 1.0
     work = np.concatenate([previous, np.zeros(3)])
     mid, dt = np.zeros(strapdown.MID_N), 0.01
-    strapdown.step(nav, now, np.array([0.0, 0.0, -9.78 * dt]), work, dt, np.empty((3, 3)), mid)
+    strapdown.step(nav, *now, 0.0, 0.0, -9.78 * dt, work, dt, np.empty((3, 3)), mid)
     expected = Rotation.from_rotvec(now + np.cross(previous, now) / 12.0).as_matrix()
     matrix = np.empty((3, 3))
     attitude.dcm(nav[6:10], matrix)

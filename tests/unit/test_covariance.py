@@ -43,7 +43,7 @@ def some_state() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def step(nav: np.ndarray, dtheta: np.ndarray, dv: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     after, mid = nav.copy(), np.zeros(strapdown.MID_N)
-    strapdown.step(after, dtheta, dv, np.zeros(6), dt, np.empty((3, 3)), mid)
+    strapdown.step(after, *dtheta, *dv, np.zeros(6), dt, np.empty((3, 3)), mid)
     return after, mid
 
 
@@ -148,7 +148,7 @@ def test_predict_agrees_with_dense_algebra() -> None:
     q[i + 9, i + 9] = NOISE[3] * DT
     q[i + 12, i + 12] = NOISE[5] * DT
     ours = flat(p)
-    covariance.predict(ours, mid, NOISE, np.zeros(covariance.SIZE), np.zeros(2 * covariance.SIZE), STRIDE)
+    covariance.predict(ours, mid, NOISE, *np.zeros((3, covariance.SIZE)), STRIDE)
     expected = phi @ p @ phi.T + q
     np.testing.assert_allclose(square(ours), expected, rtol=1e-12, atol=1e-15)
     assert np.all(ours.reshape(N, STRIDE)[:, N] == 0.0)
