@@ -135,18 +135,27 @@ def run(
         int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
     ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)] = None,
-    keep: Annotated[str, typer.Option(metavar="errors|all|none", help="What is stored per run of several.")] = "errors",
+    keep: Annotated[
+        str | None,
+        typer.Option(
+            metavar="errors|all|none",
+            help="What is stored per run. Default: all for one run, errors for several.",
+            show_default=False,
+        ),
+    ] = None,
     set_: SetOption = None,
     figures: FiguresOption = None,
     require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
     json_: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
     ] = False,
 ) -> None:
     """Fly a scenario and write its result file, the summary table and the figures."""
-    if keep not in ("errors", "all", "none"):
+    kept = keep or ("all" if runs == 1 else "errors")
+    if kept not in ("errors", "all", "none"):
         leave(BAD_INPUT, f"--keep {keep}: allowed are errors, all, none")
     checked, document = _read(scenario, set_)
     target = _target(scenario, output)
@@ -156,6 +165,7 @@ def run(
     from navsim.io.results import ResultError, write
     from navsim.scenario.source import InputError
     from navsim.study import landing
+    from navsim.study.ensemble import PartialError
 
     if not jit.is_warm() and not dry_run:
         say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
@@ -172,19 +182,30 @@ def run(
             f"{case.world.signals.time.size} fix epochs, {sources} sources; would write {target}"
         )
         return
+    store = _store(target, landing.partial_key(case, seed, first_run, runs, kept), runs, fresh)
     try:
         with _progress(runs, not quiet) as done:
-            ensemble = landing.fly_all(case, seed, first_run, runs, workers or landing.default_workers(), done)
+            ensemble = landing.fly_all(
+                case, seed, first_run, runs, workers or landing.default_workers(), keep=kept, store=store, done=done
+            )
         found = landing.findings(case, ensemble)
-        result = landing.result(case, ensemble, seed, keep=keep)
+        result = landing.result(case, ensemble, seed, keep=kept)
         write(target, result)
         written = []
         if drawing is not None:
             from navsim.report.figures import save
 
             written = save(result, drawing, target.stem)
-    except ResultError as error:
+    except (ResultError, PartialError) as error:
         leave(RUN_FAILED, error)
+    except KeyboardInterrupt:
+        if store is not None:
+            say(f"finished runs are kept in {store.folder}; the same command goes on from there")
+        raise
+    if store is not None:
+        if store.redone:
+            say(f"{store.redone} damaged batch(es) of an earlier attempt were flown again")
+        store.remove()
     jit.mark_warm()
 
     _print_summary(result, str(target.stem), quiet, json_)
@@ -203,6 +224,19 @@ def run(
             RUN_FAILED,
             f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)",
         )
+
+
+def _store(target: Path, key: dict[str, Any], runs: int, fresh: bool) -> Any:
+    """The place for partial work beside the result; None for a study of a single batch."""
+    from navsim.study.ensemble import BATCH, PartialError, Store
+
+    folder = target.with_name(f"{target.name}.partial")
+    if runs <= BATCH and not folder.exists():
+        return None
+    try:
+        return Store(folder, key, fresh)
+    except PartialError as error:
+        leave(BAD_INPUT, error)
 
 
 def _figure_folder(figures: str | None, target: Path, runs: int, quiet: bool) -> Path | None:

@@ -22,7 +22,7 @@ _KERNEL_ROOMS = ("core", "models", "estimation", "simulation")
 _WARM_MARK = "complete"
 
 
-def _digest() -> str:
+def digest() -> str:
     """Digest of everything that decides the machine code."""
     h = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}".encode())
     for room in _KERNEL_ROOMS:
@@ -37,7 +37,7 @@ def _cache_folder() -> Path | None:
     base = os.environ.get("NUMBA_CACHE_DIR") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "navsim"
     )
-    folder = Path(base) / f"kernels-{_digest()}"
+    folder = Path(base) / f"kernels-{digest()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return folder if os.access(folder, os.W_OK) else None

@@ -10,7 +10,7 @@ import contextlib
 import io
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,26 @@ class ResultError(Exception):
 
 
 @dataclass(frozen=True)
+class Stream:
+    """Numbers too many to hold at once: blocks along the first axis, made anew each time they are asked for."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    blocks: Callable[[], Iterable[np.ndarray]]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """All of it, for those who can hold it."""
+        return np.concatenate(list(self.blocks())).astype(dtype or self.dtype)
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all blocks together, bytes."""
+        return int(np.prod(self.shape)) * self.dtype.itemsize
+
+
+@dataclass(frozen=True)
 class Variable:
-    """Data (any shape; numbers or text) with names for its dimensions."""
+    """Data (any shape; numbers, text or a Stream) with names for its dimensions."""
 
     dims: tuple[str, ...]
     data: Any
@@ -62,19 +80,34 @@ def check_writable(path: Path) -> None:
         raise ResultError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
 
 
+IN_MEMORY = 64e6
+"""Results up to this size, bytes, are built in memory and then written."""
+
+
 def write(path: Path, result: Result) -> None:
     """Write the result under a temporary name beside `path`, then rename it. Raises ResultError.
 
-    The file is built in memory and written by plain system calls: HDF5 itself does not survive a full disk,
-    it crashes the process while closing the file.
+    HDF5 does not survive a full disk, it crashes the process while closing the file. So a small file is built
+    in memory and written by plain system calls; for a large one, which is written block by block, the space is
+    claimed first.
     """
-    image = _image(result)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
-        with open(temporary, "wb") as file:
-            file.write(image)
-            file.flush()
-            os.fsync(file.fileno())
+        if size < IN_MEMORY:
+            image = _image(result)
+            with open(temporary, "wb") as file:
+                file.write(image)
+                file.flush()
+                os.fsync(file.fileno())
+        else:
+            _claim(temporary, int(1.05 * size + IN_MEMORY))
+            import h5netcdf
+
+            with h5netcdf.File(temporary, "w") as tree:
+                _fill(tree, result)
+            with open(temporary, "rb") as file:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -82,6 +115,14 @@ def write(path: Path, result: Result) -> None:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _claim(path: Path, size: int) -> None:
+    """Find out whether the disk takes a file of this size; raises OSError where it does not."""
+    with open(path, "wb") as file:
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
+    path.unlink()
 
 
 def _image(result: Result) -> memoryview:
@@ -106,6 +147,16 @@ def _fill(file: Any, result: Result) -> None:
     for path, variable in ordered:
         group_name, _, name = path.rpartition("/")
         group = file if not group_name else file[group_name] if group_name in file else file.create_group(group_name)
+        if isinstance(variable.data, Stream):
+            stream = variable.data
+            stored = group.create_variable(name, variable.dims, stream.dtype)
+            start = 0
+            for block in stream.blocks():
+                if block.size:
+                    stored[start : start + block.shape[0]] = block
+                start += block.shape[0]
+            _describe(stored, variable)
+            continue
         data = np.asarray(variable.data)
         if is_coordinate((path, variable)):
             group.dimensions[name] = data.shape[0]
@@ -120,10 +171,14 @@ def _fill(file: Any, result: Result) -> None:
             stored = group.create_variable(name, variable.dims, data.dtype)
             if data.size:
                 stored[...] = data
-        stored.attrs["units"] = variable.units
-        stored.attrs["long_name"] = variable.long_name
-        for key, value in variable.attributes.items():
-            stored.attrs[key] = value
+        _describe(stored, variable)
+
+
+def _describe(stored: Any, variable: Variable) -> None:
+    stored.attrs["units"] = variable.units
+    stored.attrs["long_name"] = variable.long_name
+    for key, value in variable.attributes.items():
+        stored.attrs[key] = value
 
 
 def read(path: Path) -> Result:

@@ -10,17 +10,17 @@ import hashlib
 import math
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
 import navsim
 from navsim.core import states
+from navsim.core.jit import digest as kernel_digest
 from navsim.core.wgs84 import SPEED_OF_LIGHT
 from navsim.estimation.loosely_coupled import KINDS, REJECTED
 from navsim.io.almanac import AlmanacError, read_agl
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result, Stream, Variable
 from navsim.models import glonass
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
@@ -41,6 +41,8 @@ from navsim.simulation.landing import (
     build_world,
     fly,
 )
+from navsim.study.ensemble import Arrays, Ensemble, Store
+from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.statistics import chi_square_exceedance, consistency_band, rms_interval
 
 SCHEMA_VERSION = 1
@@ -235,16 +237,44 @@ def _believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro 
     return truth.model_copy(update=values)
 
 
+HISTORIES = {
+    "none": (),
+    "errors": ("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "status"),
+    "all": tuple(Run.__dataclass_fields__),
+}
+"""Histories of a run that are stored, by `--keep`."""
+
+
 @dataclass(frozen=True)
-class Ensemble:
-    """Runs first_run, first_run + 1, ... stacked: the fields of `Run` with a leading run axis."""
+class LandingStudy:
+    """An ensemble of a case as the engine flies it (`study.ensemble.Study`)."""
 
-    first_run: int
-    runs: int
-    stacked: dict[str, np.ndarray]
+    case: Case
+    seed: int
+    keep: str
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self.stacked[name]
+    def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
+        """Fly runs first ... first + count - 1 and reduce them, in order."""
+        runs = [self.case.fly(self.seed, run) for run in range(first, first + count)]
+        window = _rms_window(self.case)
+        crossings = _crossings(self.case)
+        per_run = {
+            "mean_square": np.stack([_mean_square(r.error[window]) for r in runs]),
+            "at_height": np.stack([_at_heights(self.case, crossings, r.error) for r in runs]),
+            "fixes": np.array([np.sum(~np.isnan(r.fix_llh[:, 0])) for r in runs]),
+            "lost": np.array([np.sum(np.isnan(r.fix_llh[:, 0])) for r in runs]),
+            "rejected": np.array([np.sum(r.status == REJECTED) for r in runs]),
+            "broken": np.array([not np.all(np.isfinite(r.nees)) for r in runs]),
+            "degrees": np.array([r.degrees.max(initial=0) for r in runs]),
+        }
+        sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
+        for r in runs:
+            sums["nees"] += r.nees / states.N
+            sums["nees_position_velocity"] += r.nees_position_velocity / 6
+            sums["nis"][0] = np.nan
+            sums["nis"][1:] += r.innovation_squared / np.maximum(r.degrees, 1)
+        kept = {name: np.stack([getattr(r, name) for r in runs]) for name in HISTORIES[self.keep]}
+        return per_run, sums, kept
 
 
 def fly_all(
@@ -253,29 +283,27 @@ def fly_all(
     first_run: int,
     runs: int,
     workers: int,
+    *,
+    keep: str = "all",
+    store: Store | None = None,
     done: Callable[[int], None] = lambda _: None,
 ) -> Ensemble:
-    """Fly the runs on threads (the kernels release the GIL); `done(n)` is told how many are finished.
+    """Fly runs of a case; see `study.ensemble.fly_all`."""
+    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, workers, store, done)
 
-    Every run has its own random streams, so the numbers do not depend on `workers`.
-    """
-    numbers = range(first_run, first_run + runs)
-    results: list[Run] = []
-    if min(workers, runs) <= 1:
-        for run in numbers:
-            results.append(case.fly(seed, run))
-            done(len(results))
-    else:
-        with ThreadPoolExecutor(max_workers=workers) as pool:
-            try:
-                for result in pool.map(lambda run: case.fly(seed, run), numbers):
-                    results.append(result)
-                    done(len(results))
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-    names = Run.__dataclass_fields__
-    return Ensemble(first_run, runs, {n: np.stack([getattr(r, n) for r in results]) for n in names})
+
+def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> dict[str, object]:
+    """What partial work must agree in to be resumed: scenario, random numbers, extent, code."""
+    text = resolved_yaml(case.scenario)
+    return {
+        "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "seed": seed,
+        "first_run": first_run,
+        "runs": runs,
+        "keep": keep,
+        "navsim_version": navsim.__version__,
+        "kernels": kernel_digest(),
+    }
 
 
 def default_workers() -> int:
@@ -297,13 +325,59 @@ def findings(case: Case, ensemble: Ensemble) -> list[str]:
         out.append(
             f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
         )
-    rejected = int(np.sum(ensemble["status"] == REJECTED))
+    rejected = int(ensemble.per_run("rejected").sum())
     if rejected:
         share = f" of {ensemble.runs} runs" if ensemble.runs > 1 else ""
         out.append(f"{rejected} fixes{share} were rejected by the innovation gate")
-    broken = int(np.sum(np.any(~np.isfinite(ensemble["nees"]), axis=1)))
+    broken = int(ensemble.per_run("broken").sum())
     if broken:
         out.append(f"the filter's covariance lost positive definiteness in {broken} of {ensemble.runs} runs")
+    return out
+
+
+# --- what is reduced within a batch
+
+
+def _touchdown(case: Case) -> float:
+    """Time of touchdown, or the end of a flight without one, s."""
+    return min(case.trajectory.path.events.get(TOUCHDOWN, math.inf), case.scenario.duration_s)
+
+
+def _rms_window(case: Case) -> np.ndarray:
+    """Which filter outputs lie in the last seconds before touchdown (t,)."""
+    t, end = case.world.filter_time, _touchdown(case)
+    return (t >= end - RMS_WINDOW - 1e-9) & (t <= end + 1e-9)
+
+
+def _mean_square(error: np.ndarray) -> np.ndarray:
+    """Mean square over time (t, 15) -> (15,); nan for no time at all."""
+    return np.mean(error**2, axis=0) if error.shape[0] else np.full(error.shape[1], np.nan)
+
+
+def _crossings(case: Case) -> list[float]:
+    """Times when the true height above the runway passes the decision heights, nan where it does not."""
+    path = case.trajectory.path
+    touchdown = path.events.get(TOUCHDOWN, math.inf)
+    fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
+    height = -path.jet(fine)[:, 0, 2]
+    times = []
+    for feet in DECISION_HEIGHTS_FT:
+        above = np.flatnonzero(height >= feet * FOOT)
+        crossed = above.size and above[-1] < fine.size - 1
+        when = touchdown if feet == 0 else (float(fine[above[-1]]) if crossed else math.nan)
+        times.append(when if when <= case.world.filter_time[-1] + 1e-9 else math.nan)
+    return times
+
+
+def _at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
+    """Lateral, along-track and vertical position error (h, 3) of one run at the crossings, m."""
+    t = case.world.filter_time
+    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
+    out = np.full((len(crossings), 3), np.nan)
+    for row, when in zip(out, crossings, strict=True):
+        if math.isfinite(when):
+            north, east, down = (np.interp(when, t, error[:, i]) for i in range(3))
+            row[:] = c * east - s * north, c * north + s * east, -down
     return out
 
 
@@ -313,10 +387,10 @@ _XYZ = ("north", "east", "down")
 
 
 def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str, created: str | None = None) -> Result:
-    """The result tree of an ensemble.
+    """The result tree of an ensemble that was flown with the same `keep`.
 
     keep: `all` also stores measurements and fixes of every run, `errors` the filter's errors, `none` the
-    statistics alone. For one run everything is kept but with `none`.
+    statistics alone.
     """
     scenario, world = case.scenario, case.world
     text = resolved_yaml(scenario)
@@ -336,14 +410,21 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str, created: str
     _coordinates(v, ensemble)
     _truth(v, case)
     clocks = _geometry(v, case)
+    _receiver(v, world, ensemble, clocks, keep == "all")
+    if keep == "all":
+        _measurements(v, case, ensemble)
     if keep != "none":
-        every = keep == "all" or ensemble.runs == 1
-        if every:
-            _measurements(v, case, ensemble)
-        _receiver(v, world, ensemble, clocks, every)
         _filter(v, world, ensemble)
     _summary(v, case, ensemble)
     return Result(attributes, v)
+
+
+def _history(
+    ensemble: Ensemble, name: str, convert: Callable[[np.ndarray], np.ndarray] = lambda block: block
+) -> Stream:
+    """A kept history as a stream of blocks along the run axis, never in memory as a whole."""
+    first = convert(next(ensemble.blocks(name)))
+    return Stream((ensemble.runs, *first.shape[1:]), first.dtype, lambda: map(convert, ensemble.blocks(name)))
 
 
 def _coordinates(v: dict[str, Variable], ensemble: Ensemble) -> None:
@@ -407,9 +488,9 @@ def _measurements(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> Non
     v["/measurements/time"] = Variable(("time",), s.time, "s", "fix epochs")
     v["/measurements/source"] = Variable(("source",), np.array(s.names, dtype=object), "1", "names of the sources")
     dims = ("run", "time", "source")
-    v["/measurements/pseudorange"] = Variable(dims, ensemble["pseudorange"], "m", "pseudoranges")
-    v["/measurements/range_rate"] = Variable(dims, ensemble["range_rate"], "m/s", "pseudorange rates")
-    cn0 = np.broadcast_to(s.cn0, (ensemble.runs, *s.cn0.shape))
+    v["/measurements/pseudorange"] = Variable(dims, _history(ensemble, "pseudorange"), "m", "pseudoranges")
+    v["/measurements/range_rate"] = Variable(dims, _history(ensemble, "range_rate"), "m/s", "pseudorange rates")
+    cn0 = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
     v["/measurements/cn0"] = Variable(dims, cn0, "dB-Hz", "carrier to noise density ratio")
 
 
@@ -427,13 +508,15 @@ def _receiver(v: dict[str, Variable], world: World, ensemble: Ensemble, clocks: 
         ("clock_name",), np.array([CLOCKS[c] for c in clocks], dtype=object), "1", "time scales"
     )
     dims = ("run", "time")
-    v["/receiver/position_llh"] = Variable((*dims, "llh"), ensemble["fix_llh"], "rad, rad, m", "fixes of the antenna")
+    v["/receiver/position_llh"] = Variable(
+        (*dims, "llh"), _history(ensemble, "fix_llh"), "rad, rad, m", "fixes of the antenna"
+    )
     v["/receiver/velocity_ned"] = Variable(
-        (*dims, "ned"), ensemble["fix_velocity"], "m/s", "velocity fixes of the antenna"
+        (*dims, "ned"), _history(ensemble, "fix_velocity"), "m/s", "velocity fixes of the antenna"
     )
     v["/receiver/clock"] = Variable(
         (*dims, "clock_name"),
-        ensemble["fix_clock"][..., clocks],
+        _history(ensemble, "fix_clock", lambda block: block[..., clocks]),
         "m",
         "receiver clock against each time scale",
     )
@@ -450,37 +533,36 @@ def _filter(v: dict[str, Variable], world: World, ensemble: Ensemble) -> None:
     )
     mixed = "m, m/s, rad, rad/s, m/s2"
     v["/filter/error"] = Variable(
-        ("run", "time", "state"), ensemble["error"], mixed, "truth minus estimate, after the update"
+        ("run", "time", "state"), _history(ensemble, "error"), mixed, "truth minus estimate, after the update"
     )
     v["/filter/sigma"] = Variable(
-        ("run", "time", "state"), ensemble["sigma"], mixed, "1 sigma of the filter, after the update"
+        ("run", "time", "state"), _history(ensemble, "sigma"), mixed, "1 sigma of the filter, after the update"
     )
     v["/filter/nees"] = Variable(
         ("run", "time"),
-        ensemble["nees"],
+        _history(ensemble, "nees"),
         "1",
         "normalised estimation error squared, 15 states",
         {"degrees_of_freedom": states.N},
     )
     v["/filter/nees_position_velocity"] = Variable(
-        ("run", "time"), ensemble["nees_position_velocity"], "1",
+        ("run", "time"), _history(ensemble, "nees_position_velocity"), "1",
         "normalised estimation error squared, position and velocity", {"degrees_of_freedom": 6},
     )  # fmt: skip
     v["/filter/epoch"] = Variable(("epoch",), world.signals.time, "s", "fix epochs, time of validity")
-    degrees = ensemble["degrees"]
+    innovation = _history(ensemble, "innovation_squared")
     v["/filter/innovation_squared"] = Variable(
-        ("run", "epoch"), ensemble["innovation_squared"], "1", "normalised innovation squared, nan without a fix",
-        {"degrees_of_freedom": int(degrees.max()) if degrees.size else 0},
+        ("run", "epoch"), innovation, "1", "normalised innovation squared, nan without a fix",
+        {"degrees_of_freedom": int(ensemble.per_run("degrees").max())},
     )  # fmt: skip
-    v["/filter/fix_status"] = Variable(
-        ("run", "epoch"), ensemble["status"].astype(np.int8), "1", "0 no fix, 1 used, 2 rejected by the gate"
-    )
+    status = _history(ensemble, "status", lambda block: block.astype(np.int8))
+    v["/filter/fix_status"] = Variable(("run", "epoch"), status, "1", "0 no fix, 1 used, 2 rejected by the gate")
 
 
 def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     world = case.world
     events = case.trajectory.path.events
-    touchdown = min(events.get(TOUCHDOWN, math.inf), case.scenario.duration_s)
+    touchdown = _touchdown(case)
     fix_time = world.signals.time
     glide = (fix_time >= events.get(GLIDE_START, 0.0) - 1e-9) & (fix_time <= touchdown + 1e-9)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
@@ -506,9 +588,7 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
         )  # fmt: skip
 
     t = world.filter_time
-    window = (t >= touchdown - RMS_WINDOW - 1e-9) & (t <= touchdown + 1e-9)
-    error = ensemble["error"]
-    squares = np.mean(error[:, window] ** 2, axis=1) if window.any() else np.full((ensemble.runs, states.N), np.nan)
+    squares = ensemble.per_run("mean_square")
     rms = np.stack([rms_interval(squares[:, [i]]) for i in range(9)])
     over = "root mean square over runs and over 20 s to touchdown"
     for name, part, axis, unit in (
@@ -524,76 +604,39 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     )
     v["/summary/rms/vertical"] = Variable(("interval",), rms_interval(squares[:, 2:3]), "m", f"vertical error, {over}")
 
-    _at_heights(v, case, error)
-
-    runs = ensemble.runs
-    v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
-    for name, values, degrees in (
-        ("nees", ensemble["nees"], states.N),
-        ("nees_position_velocity", ensemble["nees_position_velocity"], 6),
-    ):
-        low, high = consistency_band(degrees, runs)
-        v[f"/summary/consistency/{name}"] = Variable(
-            ("time",), values.mean(axis=0) / degrees, "1", f"ensemble mean of {name} per degree of freedom",
-            {"band_low": low, "band_high": high, "degrees_of_freedom": degrees},
-        )  # fmt: skip
-    degrees_each = ensemble["degrees"]
-    with np.errstate(invalid="ignore"):
-        each = ensemble["innovation_squared"] / np.where(degrees_each > 0, degrees_each, 1)
-    nis = np.concatenate([[np.nan], each.mean(axis=0)])
-    most = int(degrees_each.max()) if degrees_each.size else 0
-    low, high = consistency_band(most, runs) if most else (np.nan, np.nan)
-    v["/summary/consistency/nis"] = Variable(
-        ("time",), nis, "1", "ensemble mean of the normalised innovation squared per degree of freedom",
-        {"band_low": low, "band_high": high, "degrees_of_freedom": most},
-    )  # fmt: skip
-
-    lost = np.isnan(ensemble["fix_llh"][..., 0])
-    for name, value, meaning in (
-        ("runs", runs, "number of runs"),
-        ("fixes", int(np.sum(~lost)), "fixes of all runs"),
-        ("epochs_without_fix", int(np.sum(lost)), "epochs of all runs without a fix"),
-    ):
-        v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
-
-
-def _at_heights(v: dict[str, Variable], case: Case, error: np.ndarray) -> None:
-    """Errors in runway axes when the true height above the runway passes the decision heights."""
-    path = case.trajectory.path
-    times = case.world.filter_time
-    touchdown = path.events.get(TOUCHDOWN, math.inf)
-    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
-    fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
-    height = -path.jet(fine)[:, 0, 2]
-    axes = {"lateral": [], "along": [], "vertical": []}  # type: dict[str, list[np.ndarray]]
-    for feet in DECISION_HEIGHTS_FT:
-        above = np.flatnonzero(height >= feet * FOOT)
-        crossed = above.size and above[-1] < fine.size - 1
-        when = touchdown if feet == 0 else (fine[above[-1]] if crossed else np.nan)
-        if not when <= times[-1] + 1e-9:
-            for values in axes.values():
-                values.append(np.full(3, np.nan))
-            continue
-        k = min(int(np.searchsorted(times, when, side="right")), times.size - 1)
-        share = (when - times[k - 1]) / (times[k] - times[k - 1])
-        north, east, down = ((1.0 - share) * error[:, k - 1, :3] + share * error[:, k, :3]).T
-        for name, value in (
-            ("along", c * north + s * east),
-            ("lateral", c * east - s * north),
-            ("vertical", -down),
-        ):
-            axes[name].append(rms_interval(value[:, None] ** 2))
     heights = np.array(DECISION_HEIGHTS_FT) * FOOT
     v["/summary/at/height"] = Variable(
         ("height",), heights, "m", "true height above the runway: touchdown, 50, 100, 200 ft"
     )
-    for name, values in axes.items():
+    at = ensemble.per_run("at_height")
+    for i, name in enumerate(("lateral", "along", "vertical")):
         v[f"/summary/at/{name}"] = Variable(
             ("height", "interval"),
-            np.array(values),
+            np.stack([rms_interval(at[:, h, [i]] ** 2) for h in range(heights.size)]),
             "m",
             f"root mean square over runs of the {name} position error",
         )
 
+    runs = ensemble.runs
+    v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
+    most = int(ensemble.per_run("degrees").max())
+    for name, degrees, meaning in (
+        ("nees", states.N, "normalised estimation error squared, 15 states"),
+        ("nees_position_velocity", 6, "normalised estimation error squared, position and velocity"),
+        ("nis", most, "normalised innovation squared"),
+    ):
+        low, high = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)
+        v[f"/summary/consistency/{name}"] = Variable(
+            ("time",), ensemble.mean(name), "1", f"ensemble mean per degree of freedom: {meaning}",
+            {"band_low": low, "band_high": high, "degrees_of_freedom": degrees},
+        )  # fmt: skip
 
-__all__ = ["Case", "Ensemble", "default_workers", "findings", "fly_all", "prepare", "result"]
+    for name, value, meaning in (
+        ("runs", runs, "number of runs"),
+        ("fixes", int(ensemble.per_run("fixes").sum()), "fixes of all runs"),
+        ("epochs_without_fix", int(ensemble.per_run("lost").sum()), "epochs of all runs without a fix"),
+    ):
+        v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
+
+
+__all__ = ["Case", "Ensemble", "default_workers", "findings", "fly_all", "partial_key", "prepare", "result"]
