@@ -308,18 +308,23 @@ def gain(p, h, r, m, pht, s, k):
     p: (240,). h: (m, 15). r: (m, m). m: number of measurements. Out: pht (15, m'), s (m', m') holds the lower
     Cholesky factor of S, k (15, m'), with m' >= m. Returns False where S is not positive definite.
     """
-    for i in range(N):
-        for a in range(m):
-            t = 0.0
-            for j in range(N):
-                t += p[STRIDE * i + j] * h[a, j]
-            pht[i, a] = t
+    # H is mostly zero (a fix measures position and velocity, and the lever arm little else)
+    for a in range(m):
+        for i in range(N):
+            pht[i, a] = 0.0
+        for j in range(N):
+            c = h[a, j]
+            if c != 0.0:
+                for i in range(N):
+                    pht[i, a] += c * p[STRIDE * j + i]
     for a in range(m):
         for b in range(a + 1):
-            t = r[a, b]
-            for j in range(N):
-                t += h[a, j] * pht[j, b]
-            s[a, b] = t
+            s[a, b] = r[a, b]
+        for j in range(N):
+            c = h[a, j]
+            if c != 0.0:
+                for b in range(a + 1):
+                    s[a, b] += c * pht[j, b]
     if not cholesky(s, m):
         return False
     for i in range(N):
@@ -342,21 +347,24 @@ def joseph(p, h, r, m, pht, k, work):
             for a in range(m):
                 t += k[i, a] * pht[j, a]
             p[STRIDE * i + j] -= t
-    for i in range(N):
-        for a in range(m):
+    for a in range(m):
+        for i in range(N):
             t = 0.0
             for b in range(m):
                 t += k[i, b] * r[b, a]
-            for j in range(N):
-                t -= p[STRIDE * i + j] * h[a, j]
             work[0, i, a] = t
+        for j in range(N):
+            c = h[a, j]
+            if c != 0.0:
+                for i in range(N):
+                    work[0, i, a] -= c * p[STRIDE * i + j]
     for i in range(N):
         for j in range(i + 1):
-            t = 0.5 * (p[STRIDE * i + j] + p[STRIDE * j + i])
+            t = p[STRIDE * i + j] + p[STRIDE * j + i]
             for a in range(m):
-                t += 0.5 * (work[0, i, a] * k[j, a] + work[0, j, a] * k[i, a])
-            p[STRIDE * i + j] = t
-            p[STRIDE * j + i] = t
+                t += work[0, i, a] * k[j, a] + work[0, j, a] * k[i, a]
+            p[STRIDE * i + j] = 0.5 * t
+            p[STRIDE * j + i] = 0.5 * t
 
 
 @kernel

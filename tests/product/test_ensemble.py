@@ -1,0 +1,186 @@
+"""Studies of many runs: killed, interrupted, damaged, refused, and always the same numbers in the end."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.io.results import read
+from navsim.study.ensemble import BATCH
+from tests.conftest import SCENARIOS
+from tests.product.test_run import SHORT, navsim, stored
+
+RUNS = 16 * BATCH
+COMMAND = ("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", RUNS, "-q")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("ensemble")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(place: Path) -> Path:
+    file = place / "undisturbed.h5"
+    navsim(*COMMAND, "-o", file, cwd=place)
+    assert not Path(f"{file}.partial").exists()
+    return file
+
+
+def finished(file: Path) -> list[Path]:
+    return sorted(Path(f"{file}.partial").glob("*.sha256"))
+
+
+def stopped_by(number: signal.Signals, file: Path, after: int, cwd: Path) -> subprocess.Popen[str]:
+    """Start the study and send it a signal once some more batches are finished."""
+    before = len(finished(file))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "navsim", *map(str, COMMAND), "-o", str(file)],
+        cwd=cwd,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 120
+    while len(finished(file)) < before + after and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(number)
+    return process
+
+
+def test_killed_three_times_and_resumed(place: Path, undisturbed: Path) -> None:
+    file = place / "killed.h5"
+    for _ in range(3):
+        process = stopped_by(signal.SIGKILL, file, 2, place)
+        process.wait()
+        assert process.returncode == -signal.SIGKILL
+        assert not file.exists()
+    assert 3 <= len(finished(file)) < 16
+    navsim(*COMMAND, "--workers", 1, "-o", file, cwd=place)
+    assert stored(file) == stored(undisturbed)
+    assert not Path(f"{file}.partial").exists()
+
+
+def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path) -> None:
+    file = place / "interrupted.h5"
+    process = stopped_by(signal.SIGINT, file, 2, place)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    assert "interrupted.h5.partial" in stderr
+    kept = {path.name: path.stat().st_mtime_ns for path in finished(file)}
+    assert len(kept) >= 2
+    navsim(*COMMAND, "-o", file, cwd=place)
+    assert stored(file) == stored(undisturbed)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1000])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def orphan(path: Path) -> None:
+    path.with_suffix(".sha256").unlink()
+
+
+@pytest.mark.parametrize("damage", [cut, flip, orphan])
+def test_damaged_batches_are_flown_again(damage: Callable[[Path], None], place: Path, undisturbed: Path) -> None:
+    file = place / f"{damage.__name__}.h5"
+    stopped_by(signal.SIGKILL, file, 3, place).wait()
+    victim = finished(file)[0].with_suffix(".npz")
+    damage(victim)
+    done = navsim(*COMMAND, "-o", file, cwd=place)
+    assert ("1 damaged batch" in done.stderr) == (damage is not orphan)
+    assert stored(file) == stored(undisturbed)
+
+
+def test_another_study_is_refused_unless_fresh(place: Path) -> None:
+    file = place / "other.h5"
+    stopped_by(signal.SIGKILL, file, 2, place).wait()
+    refused = navsim(*COMMAND, "--seed", 2, "-o", file, cwd=place, code=2)
+    assert re.search(r"other.h5.partial.*another study.*seed 1 there, 2 here.*--fresh", refused.stderr)
+    assert len(finished(file)) >= 2
+    navsim(*COMMAND, "--seed", 2, "--fresh", "-o", file, cwd=place)
+    assert read(file).attributes["seed"] == 2
+
+
+def test_full_disk_keeps_finished_batches(place: Path) -> None:
+    """A limit on the size of a file stands for a full disk: the first batch that does not fit ends the study."""
+    file = place / "full.h5"
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000));"
+        "from navsim.cli.main import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, COMMAND), "-o", str(file)], cwd=place, capture_output=True, text=True
+    )
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "full.h5.partial" in done.stderr
+    assert "cannot be written" in done.stderr
+    assert not file.exists()
+
+
+def test_large_result_on_a_full_disk(place: Path) -> None:
+    """The file of an ensemble is larger than its batches; when it does not fit, the batches stay."""
+    file = place / "large.h5"
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000_000, 20_000_000));"
+        "from navsim.cli.main import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, COMMAND), "-o", str(file)], cwd=place, capture_output=True, text=True
+    )
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(finished(file)) == 16
+    navsim(*COMMAND, "-o", file, cwd=place)
+    assert read(file)["/run"].size == RUNS
+
+
+def test_keep_decides_what_is_stored(place: Path) -> None:
+    base = ("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", 30, "-q", "-o", "keep.h5", "--keep")
+    summaries = []
+    for keep, stored_paths, left_out in (
+        ("none", ["/summary/rms/horizontal"], ["/filter/error", "/receiver/position_llh"]),
+        ("errors", ["/filter/error", "/filter/sigma"], ["/receiver/position_llh", "/measurements/pseudorange"]),
+        ("all", ["/filter/error", "/receiver/position_llh", "/measurements/pseudorange"], []),
+    ):
+        navsim(*base, keep, cwd=place)
+        r = read(place / "keep.h5")
+        assert all(path in r for path in stored_paths)
+        assert not any(path in r for path in left_out)
+        summaries.append({p: v.data for p, v in r.variables.items() if p.startswith("/summary")})
+    for path in summaries[0]:
+        np.testing.assert_array_equal(summaries[0][path], summaries[1][path])
+        np.testing.assert_array_equal(summaries[0][path], summaries[2][path])
+
+
+def test_statistics_do_not_need_the_histories(place: Path, undisturbed: Path) -> None:
+    """The streamed summary against one recomputed from the stored errors of all runs."""
+    r = read(undisturbed)
+    t = r["/filter/time"]
+    window = (t >= 60.18782 - 20) & (t <= 60.18783)
+    mean_square = np.mean(r["/filter/error"][:, window] ** 2, axis=(0, 1))
+    assert r["/summary/rms/horizontal"][0] == pytest.approx(np.sqrt(mean_square[:2].sum()))
+    np.testing.assert_allclose(r["/summary/rms/velocity_ned"][:, 0], np.sqrt(mean_square[3:6]))
+    np.testing.assert_allclose(r["/summary/consistency/nees"], r["/filter/nees"].mean(axis=0) / 15)
+    np.testing.assert_allclose(r["/summary/consistency/nis"][1:], r["/filter/innovation_squared"].mean(axis=0) / 6)
+    at = r["/filter/error"][:, :, :3]
+    touchdown = np.array([[np.interp(60.187821483, t, run[:, i]) for i in range(3)] for run in at])
+    assert r["/summary/at/vertical"][0, 0] == pytest.approx(np.sqrt(np.mean(touchdown[:, 2] ** 2)), rel=1e-6)
+    assert r["/summary/at/lateral"][0, 0] == pytest.approx(np.sqrt(np.mean(touchdown[:, 1] ** 2)), rel=1e-6)
