@@ -9,7 +9,7 @@ import math
 
 from navsim.core.dop import clock_columns
 from navsim.core.jit import kernel
-from navsim.core.linear import cholesky, invert_spd, solve_cholesky
+from navsim.core.linear import cholesky, invert_factored, invert_spd, solve_cholesky
 
 _MAX_ITERATIONS = 20
 _CONVERGED = 1e-2
@@ -79,11 +79,7 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, normal, c
         if not move < 1e18:  # also nan
             return 0
         if move < _CONVERGED * _CONVERGED:
-            for j in range(n):
-                for i in range(n):
-                    cofactor[j, i] = 0.0
-                cofactor[j, j] = 1.0
-                solve_cholesky(normal, n, cofactor[j])
+            invert_factored(normal, n, cofactor)
             return n
     return 0
 

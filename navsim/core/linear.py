@@ -59,12 +59,18 @@ def invert_spd(a, n, out):
     """out = a^-1 of the symmetric positive definite a (n, n), which is spoiled; False if it is not one."""
     if not cholesky(a, n):
         return False
+    invert_factored(a, n, out)
+    return True
+
+
+@kernel
+def invert_factored(l, n, out):
+    """out = (L L')^-1."""
     for j in range(n):
         for i in range(n):
             out[j, i] = 0.0
         out[j, j] = 1.0
-        solve_cholesky(a, n, out[j])
-    return True
+        solve_cholesky(l, n, out[j])
 
 
 @kernel

@@ -64,6 +64,13 @@ def bias_axes(nav, out):
 
 
 @kernel
+def turned_back(matrix, u, out):
+    """out = matrix' u for 3-vectors; out may not be u."""
+    for i in range(3):
+        out[i] = matrix[0, i] * u[0] + matrix[1, i] * u[1] + matrix[2, i] * u[2]
+
+
+@kernel
 def correct(nav, p, x, work):
     """Feed the estimated plain errors x (15,) back and carry P (240,) to the new estimate.
 
@@ -97,8 +104,7 @@ def correct(nav, p, x, work):
         turned(jac, y, moved)
         for i in range(3):
             moved[i] += big[i]
-        for i in range(3):
-            b[i] = after[0, i] * moved[0] + after[1, i] * moved[1] + after[2, i] * moved[2]
+        turned_back(after, moved, b)
         # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
         for i in range(3):
             j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
@@ -106,31 +112,12 @@ def correct(nav, p, x, work):
             slope[i, 1] -= j2 * big[0] - j0 * big[2]
             slope[i, 2] -= j0 * big[1] - j1 * big[0]
         for j in range(3):
-            # columns of C+' J, C+' slope and C+' J C
-            c0 = after[0, 0] * jac[0, j] + after[1, 0] * jac[1, j] + after[2, 0] * jac[2, j]
-            c1 = after[0, 1] * jac[0, j] + after[1, 1] * jac[1, j] + after[2, 1] * jac[2, j]
-            c2 = after[0, 2] * jac[0, j] + after[1, 2] * jac[1, j] + after[2, 2] * jac[2, j]
-            column[block, 0, j] = (
-                after[0, 0] * slope[0, j]
-                + after[1, 0] * slope[1, j]
-                + after[2, 0] * slope[2, j]
-                + b[1] * c2
-                - b[2] * c1
-            )
-            column[block, 1, j] = (
-                after[0, 1] * slope[0, j]
-                + after[1, 1] * slope[1, j]
-                + after[2, 1] * slope[2, j]
-                + b[2] * c0
-                - b[0] * c2
-            )
-            column[block, 2, j] = (
-                after[0, 2] * slope[0, j]
-                + after[1, 2] * slope[1, j]
-                + after[2, 2] * slope[2, j]
-                + b[0] * c1
-                - b[1] * c0
-            )
+            # column j of C+' J, then of C+' slope
+            turned_back(after, jac[:, j], y)
+            turned_back(after, slope[:, j], big)
+            column[block, 0, j] = big[0] + b[1] * y[2] - b[2] * y[1]
+            column[block, 1, j] = big[1] + b[2] * y[0] - b[0] * y[2]
+            column[block, 2, j] = big[2] + b[0] * y[1] - b[1] * y[0]
         for i in range(3):
             for j in range(3):
                 t = 0.0

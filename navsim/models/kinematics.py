@@ -11,6 +11,7 @@ Sources: [1] Groves (2013), eqs. 2.147-2.149 (specific force in rotating axes), 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class Motion:
     specific_force: np.ndarray
     angular_rate: np.ndarray
 
-    @property
+    @cached_property
     def quaternion(self) -> np.ndarray:
         """Attitude b -> n, scalar first (n, 4)."""
         return quaternion_from_dcm(self.c_nb)

@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -253,27 +254,44 @@ class LandingStudy:
     seed: int
     keep: str
 
+    @cached_property
+    def window(self) -> np.ndarray:
+        """Which filter outputs count for the RMS errors."""
+        return _rms_window(self.case)
+
+    @cached_property
+    def crossings(self) -> list[float]:
+        """Times at the decision heights, s."""
+        return _crossings(self.case)
+
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
         """Fly runs first ... first + count - 1 and reduce them, in order."""
-        runs = [self.case.fly(self.seed, run) for run in range(first, first + count)]
-        window = _rms_window(self.case)
-        crossings = _crossings(self.case)
-        per_run = {
-            "mean_square": np.stack([_mean_square(r.error[window]) for r in runs]),
-            "at_height": np.stack([_at_heights(self.case, crossings, r.error) for r in runs]),
-            "fixes": np.array([np.sum(~np.isnan(r.fix_llh[:, 0])) for r in runs]),
-            "lost": np.array([np.sum(np.isnan(r.fix_llh[:, 0])) for r in runs]),
-            "rejected": np.array([np.sum(r.status == REJECTED) for r in runs]),
-            "broken": np.array([not np.all(np.isfinite(r.nees)) for r in runs]),
-            "degrees": np.array([r.degrees.max(initial=0) for r in runs]),
-        }
+        window, crossings = self.window, self.crossings
+        rows: list[dict[str, np.ndarray | np.generic]] = []
         sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
-        for r in runs:
-            sums["nees"] += r.nees / states.N
-            sums["nees_position_velocity"] += r.nees_position_velocity / 6
-            sums["nis"][0] = np.nan
-            sums["nis"][1:] += r.innovation_squared / np.maximum(r.degrees, 1)
-        kept = {name: np.stack([getattr(r, name) for r in runs]) for name in HISTORIES[self.keep]}
+        sums["nis"][0] = np.nan
+        kept: Arrays = {}
+        for i in range(count):
+            # one run at a time: holding all of a batch costs more in memory traffic than flying them
+            run = self.case.fly(self.seed, first + i)
+            rows.append(
+                {
+                    "mean_square": _mean_square(run.error[window]),
+                    "at_height": _at_heights(self.case, crossings, run.error),
+                    "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
+                    "lost": np.sum(np.isnan(run.fix_llh[:, 0])),
+                    "rejected": np.sum(run.status == REJECTED),
+                    "broken": ~np.all(np.isfinite(run.nees)),
+                    "degrees": run.degrees.max(initial=0),
+                }
+            )
+            sums["nees"] += run.nees / states.N
+            sums["nees_position_velocity"] += run.nees_position_velocity / 6
+            sums["nis"][1:] += run.innovation_squared / np.maximum(run.degrees, 1)
+            for name in HISTORIES[self.keep]:
+                history = getattr(run, name)
+                kept.setdefault(name, np.empty((count, *history.shape), history.dtype))[i] = history
+        per_run = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
         return per_run, sums, kept
 
 

@@ -16,7 +16,7 @@ import pytest
 from navsim.io.results import read
 from navsim.study.ensemble import BATCH
 from tests.conftest import SCENARIOS
-from tests.product.test_run import SHORT, navsim, stored
+from tests.product.test_run import SHORT, navsim, stored, with_files_limited
 
 RUNS = 16 * BATCH
 COMMAND = ("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", RUNS, "-q")
@@ -119,14 +119,7 @@ def test_another_study_is_refused_unless_fresh(place: Path) -> None:
 def test_full_disk_keeps_finished_batches(place: Path) -> None:
     """A limit on the size of a file stands for a full disk: the first batch that does not fit ends the study."""
     file = place / "full.h5"
-    code = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000));"
-        "from navsim.cli.main import main; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, COMMAND), "-o", str(file)], cwd=place, capture_output=True, text=True
-    )
+    done = with_files_limited(1_000_000, *COMMAND, "-o", file, cwd=place)
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     assert "full.h5.partial" in done.stderr
@@ -137,14 +130,7 @@ def test_full_disk_keeps_finished_batches(place: Path) -> None:
 def test_large_result_on_a_full_disk(place: Path) -> None:
     """The file of an ensemble is larger than its batches; when it does not fit, the batches stay."""
     file = place / "large.h5"
-    code = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000_000, 20_000_000));"
-        "from navsim.cli.main import main; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, COMMAND), "-o", str(file)], cwd=place, capture_output=True, text=True
-    )
+    done = with_files_limited(20_000_000, *COMMAND, "-o", file, cwd=place)
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     assert len(finished(file)) == 16

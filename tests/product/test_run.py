@@ -39,6 +39,17 @@ def navsim(*arguments: object, cwd: Path, code: int = 0) -> subprocess.Completed
     return done
 
 
+def with_files_limited(size: int, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """navsim where no file may grow beyond `size` bytes, which stands for a full disk."""
+    code = (
+        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}));"
+        "from navsim.cli.main import main; main()"
+    )
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+
+
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("run")
@@ -396,15 +407,7 @@ def test_full_disk_is_a_clear_error(place: Path) -> None:
     file = place / "full.h5"
     navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file, cwd=place)
     before = file.read_bytes()
-    code = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000));"
-        "from navsim.cli.main import main; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, "run", str(SCENARIOS / "landing.yaml"), "-q", "-o", str(file)],
-        cwd=place, capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+    done = with_files_limited(100_000, "run", SCENARIOS / "landing.yaml", "-q", "-o", file, cwd=place)
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     assert "full.h5" in done.stderr
