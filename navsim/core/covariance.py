@@ -41,6 +41,9 @@ N = states.N
 STRIDE = 16
 SIZE = N * STRIDE
 
+_STEEPENING = 2.0 * SOMIGLIANA + E2
+"""d(ln gravity)/d(latitude) = this times sin(lat) cos(lat), to 1 %: the effect itself is 1e-8 of a step."""
+
 # process noise, one flat array
 NOISE_GYRO, NOISE_ACCEL = 0, 1
 """White angular rate (rad2/s) and specific force (m2/s3) densities: the squares of ARW and VRW."""
@@ -103,12 +106,10 @@ def transition(mid, noise, phi):
     # -(d omega) x v
     vr00 = -(-od_r0 * ve)
     vr10 = -(od_r0 * vn - on_r0 * vd)
-    s2 = sin * sin
-    steepening = 2.0 * SOMIGLIANA / (1.0 + SOMIGLIANA * s2) + E2 / (1.0 - E2 * s2)
-    vr20 = -(on_r0 * ve) + mid[MID_GRAVITY] * steepening * sin * cos * irm
+    vr20 = -(on_r0 * ve) + mid[MID_GRAVITY] * _STEEPENING * sin * cos * irm
     vr02 = -(oe_r2 * vd - od_r2 * ve)
     vr12 = -(od_r2 * vn - on_r2 * vd)
-    vr22 = -(on_r2 * ve - oe_r2 * vn) + 2.0 * mid[MID_GRAVITY] / (A - 2.0 * mid[MID_HEIGHT])
+    vr22 = -(on_r2 * ve - oe_r2 * vn) + 2.0 / A * mid[MID_GRAVITY] * (1.0 + 2.0 / A * mid[MID_HEIGHT])
     vv00 = -(ee_v0 * vd)
     vv01 = od + ed_v1 * ve
     vv02 = -oe
@@ -206,8 +207,8 @@ def transition(mid, noise, phi):
 
 
 @inlined
-def _apply_transition(phi, decay_gyro, decay_accel, p, out, width):
-    """out = Phi p, rows of stride 16, leaving out the blocks of Phi that are zero."""
+def _apply_transition(phi, p, out, width):
+    """The first nine rows of out = Phi p, rows of stride 16, leaving out the blocks of Phi that are zero."""
     for i in range(3):
         o = 16 * i
         c0, c1, c2 = phi[o], phi[o + 1], phi[o + 2]
@@ -252,14 +253,15 @@ def _apply_transition(phi, decay_gyro, decay_accel, p, out, width):
                 + (c6 * p[96 + j] + c7 * p[112 + j] + c8 * p[128 + j])
                 + (b0 * p[144 + j] + b1 * p[160 + j] + b2 * p[176 + j])
             )
-    for i in range(9, 12):
-        o = 16 * i
-        for j in range(width):
-            out[o + j] = decay_gyro * p[o + j]
-    for i in range(12, 15):
-        o = 16 * i
-        for j in range(width):
-            out[o + j] = decay_accel * p[o + j]
+
+
+@inlined
+def _decay_biases(decay_gyro, decay_accel, p, out, width):
+    """The bias rows of Phi p."""
+    for j in range(3 * width):
+        out[144 + j] = decay_gyro * p[144 + j]
+    for j in range(3 * width):
+        out[192 + j] = decay_accel * p[192 + j]
 
 
 @inlined
@@ -282,9 +284,11 @@ def predict(p, mid, noise, phi, a, b, width):
     decay_gyro = 1.0 - x + 0.5 * x * x
     x = dt * noise[NOISE_ACCEL_DECAY]
     decay_accel = 1.0 - x + 0.5 * x * x
-    _apply_transition(phi, decay_gyro, decay_accel, p, a, width)
+    _apply_transition(phi, p, a, width)
+    _decay_biases(decay_gyro, decay_accel, p, a, width)
     _transpose(a, b)
-    _apply_transition(phi, decay_gyro, decay_accel, b, p, width)
+    _apply_transition(phi, b, p, width)
+    _decay_biases(decay_gyro, decay_accel, b, p, width)
     # white noise enters velocity as it adds up over the interval, and position through the trapezoid rule
     qg = noise[NOISE_GYRO] * dt
     qa = noise[NOISE_ACCEL] * dt

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,12 +58,16 @@ def is_warm() -> bool:
 
 
 def mark_warm() -> None:
-    """Remember that the kernels of a whole run are now in the cache."""
-    if _CACHE is not None:
-        try:
-            (_CACHE / _WARM_MARK).touch()
-        except OSError:  # a full or read-only disk costs the next start some seconds, nothing else
-            return
+    """Remember that the kernels of a whole run are now in the cache, and drop those unused for a month."""
+    if _CACHE is None:
+        return
+    try:
+        (_CACHE / _WARM_MARK).touch()
+        for mark in _CACHE.parent.glob(f"kernels-*/{_WARM_MARK}"):
+            if mark.stat().st_mtime < time.time() - 30 * 86400.0:
+                shutil.rmtree(mark.parent, ignore_errors=True)
+    except OSError:  # a full or read-only disk costs the next start some seconds, nothing else
+        return
 
 
 def cache_place() -> str:
