@@ -105,7 +105,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     e = run.fix_llh.shape[0]
     cov = np.tile(np.diag([16.0, 16.0, 200.0, 0.04, 0.04, 0.04]), (e, 1, 1))
     assert MAX_CLOCKS == 3
-    out = [np.empty((e + 1, 15)), np.empty((e + 1, 15)), np.empty(e + 1), np.empty(e + 1)]
+    out = [np.empty((e + 1, *shape)) for shape in ((15,), (15,), (), (), (5,))]
     tail = [np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)]
     at = world.at_filter
 

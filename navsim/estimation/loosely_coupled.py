@@ -81,9 +81,9 @@ def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise,
 
 
 @kernel
-def _record(kind, p, nav, llh, vel, quat, bias, error, sigma, factor, own, x):
+def _record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own, x):
     """Errors (truth - estimate) and sigmas of one instant; returns NEES of 15 states in the filter's own
-    coordinates and of 6 states in plain ones."""
+    coordinates and of 6 states in plain ones. groups: (5,) normalised squares of each triple of states."""
     meridian, transverse = radii(math.sin(nav[0]))
     error[0] = (llh[0] - nav[0]) * (meridian + nav[2])
     error[1] = (llh[1] - nav[1]) * (transverse + nav[2]) * math.cos(nav[0])
@@ -97,6 +97,9 @@ def _record(kind, p, nav, llh, vel, quat, bias, error, sigma, factor, own, x):
         sigma[i] = math.sqrt(p[(STRIDE + 1) * i])
     _own_error(kind, nav, error, own)
     full = normalised_square(p, own, 0, states.N, factor, x)
+    for group in range(5):
+        # position and velocity in plain coordinates, the rest in the filter's own
+        groups[group] = normalised_square(p, error if group < 2 else own, 3 * group, 3, factor, x)
     return full, normalised_square(p, error, 0, 6, factor, x)
 
 
@@ -168,7 +171,7 @@ def run(
     kind, imu_time, dtheta, dv, nav, p, noise,
     fix_time, fix_llh, fix_velocity, fix_cov, with_velocity, latency, lever, gate, max_rejected,
     truth_llh, truth_velocity, truth_quaternion, truth_bias,
-    error, sigma, nees, nees_pv, innovation, degrees, status, width,
+    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, width,
 ):  # fmt: skip
     """Fly one run through the filter.
 
@@ -179,8 +182,8 @@ def run(
     with_velocity: bool. latency: s. lever: (3,) IMU -> antenna, body, m. gate: (2,) largest normalised
     innovation squared for 3 and 6 measurements. max_rejected: rejections in a row after which a fix is taken
     nevertheless. truth_*: (e + 1, ...) at time 0 and at fix_time + latency; truth_bias (e + 1, 6).
-    Out: error, sigma (e + 1, 15), nees, nees_pv (e + 1,); innovation (e,) normalised squared, degrees (e,)
-    int, status (e,) int. width: `covariance.STRIDE`.
+    Out: error, sigma (e + 1, 15); nees, nees_pv (e + 1,); nees_group (e + 1, 5); innovation (e,) normalised
+    squared, degrees (e,) int, status (e,) int. width: `covariance.STRIDE`.
     """
     factor = np.empty((states.N, states.N))
     x = np.empty(states.N)
@@ -219,6 +222,7 @@ def run(
         truth_bias[0],
         error[0],
         sigma[0],
+        nees_group[0],
         factor,
         own,
         x,
@@ -276,10 +280,10 @@ def run(
             )  # fmt: skip
             nees[out], nees_pv[out] = _record(
                 kind, ahead_p, ahead_nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
-                error[out], sigma[out], factor, own, x,
+                error[out], sigma[out], nees_group[out], factor, own, x,
             )  # fmt: skip
         else:
             nees[out], nees_pv[out] = _record(
                 kind, p, nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
-                error[out], sigma[out], factor, own, x,
+                error[out], sigma[out], nees_group[out], factor, own, x,
             )  # fmt: skip

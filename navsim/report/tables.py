@@ -39,6 +39,17 @@ def _unit_mean(result: Result, name: str) -> str:
     return f"{known.mean():.3f}  (95 % band {low:.3f} to {high:.3f}; {100 * inside:.0f} % of times inside)"
 
 
+def _group(result: Result, i: int) -> str:
+    mean = result["/summary/consistency/mean_group"][i]
+    return f"{_number(mean)}  ({result['/summary/consistency/verdict'][i]})"
+
+
+def _coverage(result: Result, i: int) -> str:
+    value, low, high = 100 * result["/summary/coverage/position"][i]
+    reach = f"  [{_number(low, 1)}, {_number(high, 1)}]" if np.isfinite(low) else ""
+    return f"{_number(value, 1)} %{reach}  (Gaussian {100 * result['/summary/coverage/expected'][i]:.1f} %)"
+
+
 def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
     """One table of the summaries, a column a result: names and results in order."""
     from rich import box
@@ -90,6 +101,10 @@ def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
     row("  NEES, 15 states", lambda r: _unit_mean(r, "nees"))
     row("  NEES, position and velocity", lambda r: _unit_mean(r, "nees_position_velocity"))
     row("  NIS", lambda r: _unit_mean(r, "nis"))
+    for i, name in enumerate(results[0][1]["/summary/consistency/group"]):
+        row(f"  {str(name).replace('_', ' ')}, last 20 s", lambda r, i=i: _group(r, i))
+    for i, level in enumerate(results[0][1]["/summary/coverage/level"]):
+        row(f"  position within {level:g}σ", lambda r, i=i: _coverage(r, i))
     return table
 
 
@@ -110,7 +125,8 @@ def summary_json(result: Result) -> dict[str, Any]:
 
 
 def _plain(data: np.ndarray) -> Any:
+    """Arrays as nested lists of plain numbers and text; what is not finite becomes None."""
     if data.ndim:
-        return [_plain(d) for d in data]
+        return [_plain(np.asarray(d)) for d in data]
     value = data.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -313,6 +313,7 @@ class Run:
     sigma: np.ndarray
     nees: np.ndarray
     nees_position_velocity: np.ndarray
+    nees_group: np.ndarray
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
@@ -369,7 +370,7 @@ def fly(
     )  # fmt: skip
 
     error, sigma = np.empty((e + 1, states.N)), np.empty((e + 1, states.N))
-    nees, nees_pv = np.empty(e + 1), np.empty(e + 1)
+    nees, nees_pv, nees_group = np.empty(e + 1), np.empty(e + 1), np.empty((e + 1, 5))
     innovation, degrees, status = np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)
     truth = world.at_filter
     scale = settings.sigma_scale**2
@@ -380,8 +381,8 @@ def fly(
         np.maximum(valid, 0.0), llh, velocity, scale * cov,
         settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
         truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],
-        error, sigma, nees, nees_pv, innovation, degrees, status, covariance.STRIDE,
+        error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, covariance.STRIDE,
     )  # fmt: skip
     return Run(
-        ranges, rates, llh, velocity, clocks, error, sigma, nees, nees_pv, innovation, degrees, status
+        ranges, rates, llh, velocity, clocks, error, sigma, nees, nees_pv, nees_group, innovation, degrees, status
     )  # fmt: skip

@@ -44,11 +44,24 @@ from navsim.simulation.landing import (
 )
 from navsim.study.ensemble import Arrays, Ensemble, Store
 from navsim.study.ensemble import fly_all as fly_ensemble
-from navsim.study.statistics import chi_square_exceedance, consistency_band, rms_interval
+from navsim.study.statistics import (
+    chi_square_exceedance,
+    consistency_band,
+    ellipsoid_probability,
+    mean_interval,
+    rms_interval,
+    verdict,
+)
 
 SCHEMA_VERSION = 1
 FOOT = 0.3048
 DECISION_HEIGHTS_FT = (0, 50, 100, 200)
+GROUPS = tuple(states.SLICES)
+"""Groups of states that are judged by themselves."""
+LEVELS = np.array([1.0, 2.0, 3.0])
+"""Sigma levels of the position ellipsoids whose coverage is counted."""
+_NO_LEVEL = np.full(LEVELS.size, np.nan)
+PERCENTILES = (50, 95, 99)
 RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
 
@@ -270,6 +283,7 @@ class LandingStudy:
         rows: list[dict[str, np.ndarray | np.generic]] = []
         sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
         sums["nis"][0] = np.nan
+        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, len(GROUPS)))
         kept: Arrays = {}
         for i in range(count):
             # one run at a time: holding all of a batch costs more in memory traffic than flying them
@@ -283,10 +297,12 @@ class LandingStudy:
                     "rejected": np.sum(run.status == REJECTED),
                     "broken": ~np.all(np.isfinite(run.nees)),
                     "degrees": run.degrees.max(initial=0),
+                    "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
                 }
             )
             sums["nees"] += run.nees / states.N
             sums["nees_position_velocity"] += run.nees_position_velocity / 6
+            sums["nees_group"] += run.nees_group / 3
             sums["nis"][1:] += run.innovation_squared / np.maximum(run.degrees, 1)
             for name in HISTORIES[self.keep]:
                 history = getattr(run, name)
@@ -635,6 +651,31 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
             f"root mean square over runs of the {name} position error",
         )
 
+    v["/summary/percentile"] = Variable(
+        ("percentile",), np.array(PERCENTILES), "1", "percentiles over runs of the size of an error"
+    )
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        v[f"/summary/at/{name}_percentile"] = Variable(
+            ("height", "percentile"), np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T, "m",
+            f"percentiles over runs of the size of the {name} position error",
+        )  # fmt: skip
+    for name, first, last in (("horizontal", 0, 2), ("vertical", 2, 3)):
+        size = np.sqrt(squares[:, first:last].sum(axis=1))
+        v[f"/summary/rms/{name}_percentile"] = Variable(
+            ("percentile",), np.percentile(size, PERCENTILES), "m",
+            f"percentiles over runs of the {name} error, root mean square over 20 s to touchdown",
+        )  # fmt: skip
+
+    v["/summary/coverage/level"] = Variable(("level",), LEVELS, "1", "size of the ellipsoid in sigmas")
+    inside = ensemble.per_run("inside")
+    v["/summary/coverage/position"] = Variable(
+        ("level", "interval"), np.stack([mean_interval(inside[:, k]) for k in range(LEVELS.size)]), "1",
+        "share of outputs after time 0 with the position error inside its ellipsoid",
+    )  # fmt: skip
+    v["/summary/coverage/expected"] = Variable(
+        ("level",), np.array([ellipsoid_probability(k, 3) for k in LEVELS]), "1", "share of a Gaussian error"
+    )
+
     runs = ensemble.runs
     v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
     most = int(ensemble.per_run("degrees").max())
@@ -648,6 +689,25 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
             ("time",), ensemble.mean(name), "1", f"ensemble mean per degree of freedom: {meaning}",
             {"band_low": low, "band_high": high, "degrees_of_freedom": degrees},
         )  # fmt: skip
+
+    band = consistency_band(3, runs)
+    groups = ensemble.mean("nees_group")
+    v["/summary/consistency/group"] = Variable(
+        ("group",), np.array(GROUPS, dtype=object), "1", "groups of three states"
+    )
+    v["/summary/consistency/nees_group"] = Variable(
+        ("time", "group"), groups, "1", "ensemble mean per degree of freedom of each group's normalised squared error",
+        {"band_low": band[0], "band_high": band[1], "degrees_of_freedom": 3},
+    )  # fmt: skip
+    window = _rms_window(case)
+    late = groups[window].mean(axis=0) if window.any() else np.full(len(GROUPS), np.nan)
+    v["/summary/consistency/mean_group"] = Variable(
+        ("group",), late, "1", "mean of nees_group over 20 s to touchdown; one is right"
+    )
+    v["/summary/consistency/verdict"] = Variable(
+        ("group",), np.array([verdict(m, band) for m in late], dtype=object), "1",
+        "mean_group against the 95 % band of a single time",
+    )  # fmt: skip
 
     for name, value, meaning in (
         ("runs", runs, "number of runs"),

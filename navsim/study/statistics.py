@@ -52,3 +52,33 @@ def consistency_band(degrees: int, runs: int) -> tuple[float, float]:
     total = degrees * runs
     tail = 0.5 * (1.0 - CONFIDENCE)
     return chi_square_quantile(tail, total) / total, chi_square_quantile(1.0 - tail, total) / total
+
+
+def ellipsoid_probability(level: float, dimensions: int) -> float:
+    """Chance that a Gaussian error lies within its `level`-sigma ellipsoid."""
+    from scipy.special import gammainc
+
+    return float(gammainc(0.5 * dimensions, 0.5 * level**2))
+
+
+def mean_interval(values: np.ndarray) -> np.ndarray:
+    """Mean over runs with its two-sided 95 % interval (normal approximation): value, low, high.
+
+    values: (run,). The interval of a single run is not defined.
+    """
+    from scipy.special import ndtri
+
+    mean = float(np.mean(values))
+    if values.size < 2:
+        return np.array([mean, np.nan, np.nan])
+    reach = float(ndtri(0.5 + 0.5 * CONFIDENCE)) * float(np.std(values, ddof=1)) / np.sqrt(values.size)
+    return np.array([mean, mean - reach, mean + reach])
+
+
+def verdict(mean: float, band: tuple[float, float]) -> str:
+    """What a mean normalised square per degree of freedom says about the sigma it was normalised by."""
+    if not np.isfinite(mean):
+        return "undefined"
+    if mean > band[1]:
+        return "sigma too small"
+    return "sigma too large" if mean < band[0] else "true"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from navsim.io.results import read
 from navsim.study.ensemble import BATCH
@@ -170,3 +171,29 @@ def test_statistics_do_not_need_the_histories(place: Path, undisturbed: Path) ->
     touchdown = np.array([[np.interp(60.187821483, t, run[:, i]) for i in range(3)] for run in at])
     assert r["/summary/at/vertical"][0, 0] == pytest.approx(np.sqrt(np.mean(touchdown[:, 2] ** 2)), rel=1e-6)
     assert r["/summary/at/lateral"][0, 0] == pytest.approx(np.sqrt(np.mean(touchdown[:, 1] ** 2)), rel=1e-6)
+
+
+def test_percentiles_coverage_and_verdicts(undisturbed: Path) -> None:
+    """Against the stored histories, and the shares of a Gaussian."""
+    r = read(undisturbed)
+    t = r["/filter/time"]
+    window = (t >= 60.18782 - 20) & (t <= 60.18783)
+    size = np.sqrt(np.mean(r["/filter/error"][:, window, 2] ** 2, axis=1))
+    np.testing.assert_allclose(r["/summary/rms/vertical_percentile"], np.percentile(size, [50, 95, 99]))
+    np.testing.assert_allclose(r["/summary/coverage/expected"], chi2.cdf([1, 4, 9], 3))
+    value, low, high = r["/summary/coverage/position"].T
+    assert np.all((low < value) & (value < high))
+    np.testing.assert_allclose(value, r["/summary/coverage/expected"], atol=0.04)
+    groups = r["/summary/consistency/nees_group"]
+    assert groups.shape == (t.size, 5)
+    np.testing.assert_allclose(groups[0], 1.0, atol=0.15)  # the initial errors are drawn from P
+    for name, mean, verdict in zip(
+        r["/summary/consistency/group"],
+        r["/summary/consistency/mean_group"],
+        r["/summary/consistency/verdict"],
+        strict=True,
+    ):
+        low, high = (r.variables["/summary/consistency/nees_group"].attributes[f"band_{k}"] for k in ("low", "high"))
+        expected = "sigma too small" if mean > high else "sigma too large" if mean < low else "true"
+        assert verdict == expected, name
+    assert r["/summary/consistency/verdict"][0] == "true"
