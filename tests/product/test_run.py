@@ -293,25 +293,23 @@ def test_epochs_without_a_fix(place: Path) -> None:
 
 
 def test_some_epochs_without_a_fix(place: Path) -> None:
-    """Three pseudolites only seen from some of the path would be rare; a rising mask does it with four listed."""
-    text = """
-kind: landing
-version: 1
-epoch: 2018-09-13T12:00:00Z
-approach: {profile: paper, start: {lat_deg: 56, lon_deg: 37}}
-duration_s: 65
-sky:
-  source: nominal-glonass
-  mask_deg: 22
-  exclude: [R07, R08]
-"""
-    (place / "some.yaml").write_text(text)
-    base = navsim("run", "some.yaml", "-q", cwd=place)
-    r = read(place / "results" / "some.h5")
+    """Four satellites, of which R07 sinks below the mask half-way: fixes before, none after, both counted."""
+    jam = ("--set", "sky.mask_deg=22.15", "--set", "sky.exclude=[R08]", "--set", "pseudolites.count=0")
+    done = navsim("run", SCENARIOS / "landing.yaml", *SHORT, *jam, "-q", "-o", "some.h5", cwd=place)
+    r = read(place / "some.h5")
     lost = np.isnan(r["/geometry/pdop"])
     used = np.isfinite(r["/geometry/line_of_sight"][..., 0]).sum(axis=1)
-    np.testing.assert_array_equal(lost, used < 4)
-    assert bool(warnings_of(base)) == bool(lost.any())
+    assert set(used) == {3, 4}
+    np.testing.assert_array_equal(lost, used == 3)
+    assert not lost[0]
+    assert lost[-1]
+    assert warnings_of(done) == [
+        f"warning: {lost.sum()} of 650 epochs without a fix, the first at {r['/geometry/time'][lost][0]:g} s, "
+        "the last at 65 s"
+    ]
+    assert int(r["/summary/count/epochs_without_fix"]) == lost.sum()
+    last_fix = int(np.flatnonzero(~lost)[-1]) + 1
+    assert np.all(np.diff(r["/filter/sigma"][0, last_fix:, 0]) > 0)
 
 
 def test_old_almanac_and_fresh_one(place: Path, shared: Path) -> None:
