@@ -11,6 +11,9 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+MOST_RUNS = 1_000_000
+"""Where `--until` gives up, unless --runs says otherwise."""
+
 OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
 app = typer.Typer(
@@ -130,7 +133,17 @@ def run(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Root of all random numbers.")] = 1,
-    runs: Annotated[int, typer.Option(min=1, help="Number of Monte Carlo runs.")] = 1,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Number of Monte Carlo runs. Default: 1.", show_default=False)
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EXPR",
+            help="Stop once an interval is narrow, as in 'rms_horizontal within 2%'; --runs is then the most.",
+            show_default=False,
+        ),
+    ] = None,
     first_run: Annotated[
         int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
     ] = 0,
@@ -154,6 +167,7 @@ def run(
     ] = False,
 ) -> None:
     """Fly a scenario and write its result file, the summary table and the figures."""
+    runs = runs or (1 if until is None else MOST_RUNS)
     kept = keep or ("all" if runs == 1 else "errors")
     if kept not in ("errors", "all", "none"):
         leave(BAD_INPUT, f"--keep {keep}: allowed are errors, all, none")
@@ -167,6 +181,10 @@ def run(
     from navsim.study import landing
     from navsim.study.ensemble import PartialError
 
+    try:
+        enough = landing.stopping_rule(until) if until is not None else None
+    except ValueError as error:
+        leave(BAD_INPUT, f"--until {error}")
     if not jit.is_warm() and not dry_run:
         say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
     try:
@@ -185,9 +203,12 @@ def run(
     store = _store(target, landing.partial_key(case, seed, first_run, runs, kept), runs, fresh)
     try:
         with _progress(runs, not quiet) as done:
+            threads = workers or landing.default_workers()
             ensemble = landing.fly_all(
-                case, seed, first_run, runs, workers or landing.default_workers(), keep=kept, store=store, done=done
+                case, seed, first_run, runs, threads, keep=kept, store=store, done=done, enough=enough
             )
+        if enough is not None and not enough(ensemble):
+            say(f"warning: --until {until}: not reached within {runs} runs")
         found = landing.findings(case, ensemble)
         result = landing.result(case, ensemble, seed, keep=kept)
         write(target, result)

@@ -182,12 +182,15 @@ def fly_all(
     workers: int,
     store: Store | None = None,
     done: Callable[[int], None] = lambda _: None,
+    enough: Callable[[Ensemble], bool] | None = None,
 ) -> Ensemble:
     """Fly the runs in batches on `workers` threads (the kernels release the GIL).
 
     store: keeps finished batches and gives back those of an earlier attempt. `done(n)` is told how many runs are
-    finished. Raises what a batch raises, PartialError where the store is full; KeyboardInterrupt passes
-    through once the batches in flight are kept.
+    finished. enough: asked after every batch, in the order of runs, whether the ensemble so far will do; it then
+    ends there, wherever the other workers are, so the end does not depend on them either. Raises what a batch
+    raises, PartialError where the store is full; KeyboardInterrupt passes through once the batches in flight
+    are kept.
     """
     starts = range(first_run, first_run + runs, BATCH)
     finished: dict[int, Batch] = {}
@@ -206,7 +209,21 @@ def fly_all(
     def report() -> None:
         done(sum(count(first) for first in finished))
 
+    checked = 0
+
+    def settled() -> Ensemble | None:
+        """The shortest ensemble that will do, as far as batches are finished without a gap."""
+        nonlocal checked
+        while enough and checked < len(starts) and starts[checked] in finished:
+            checked += 1
+            so_far = Ensemble(first_run, min(checked * BATCH, runs), [finished[first] for first in starts[:checked]])
+            if enough(so_far):
+                return so_far
+        return None
+
     report()
+    if (ended := settled()) is not None:
+        return ended
     todo = iter([first for first in starts if first not in finished])
     with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
         flying: set[Future[tuple[int, Batch]]] = set()
@@ -222,6 +239,10 @@ def fly_all(
                     first, batch = future.result()
                     finished[first] = batch
                 report()
+                if (ended := settled()) is not None:
+                    for future in flying:
+                        future.cancel()
+                    return ended
         except BaseException:
             for future in flying:
                 future.cancel()

@@ -9,6 +9,7 @@ import datetime
 import hashlib
 import math
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -321,9 +322,34 @@ def fly_all(
     keep: str = "all",
     store: Store | None = None,
     done: Callable[[int], None] = lambda _: None,
+    enough: Callable[[Ensemble], bool] | None = None,
 ) -> Ensemble:
     """Fly runs of a case; see `study.ensemble.fly_all`."""
-    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, workers, store, done)
+    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, workers, store, done, enough)
+
+
+_UNTIL = re.compile(r"\s*(rms_horizontal|rms_vertical)\s+within\s+([0-9.]+)\s*%\s*")
+
+
+def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
+    """`rms_horizontal within 2%`: true once the 95 % interval reaches no further than that from its value.
+
+    Raises ValueError for anything else.
+    """
+    match = _UNTIL.fullmatch(expression)
+    try:
+        share = float(match.group(2)) / 100.0 if match else 0.0
+    except ValueError:
+        share = 0.0
+    if match is None or share <= 0.0:
+        raise ValueError(f"{expression!r}: expected `rms_horizontal within 2%` or `rms_vertical within 2%`")
+    columns = slice(0, 2) if match.group(1) == "rms_horizontal" else slice(2, 3)
+
+    def enough(ensemble: Ensemble) -> bool:
+        value, low, high = rms_interval(ensemble.per_run("mean_square")[:, columns])
+        return bool(0.5 * (high - low) <= share * value)
+
+    return enough
 
 
 def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> dict[str, object]:
@@ -717,4 +743,14 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
         v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
 
 
-__all__ = ["Case", "Ensemble", "default_workers", "findings", "fly_all", "partial_key", "prepare", "result"]
+__all__ = [
+    "Case",
+    "Ensemble",
+    "default_workers",
+    "findings",
+    "fly_all",
+    "partial_key",
+    "prepare",
+    "result",
+    "stopping_rule",
+]
