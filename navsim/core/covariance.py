@@ -342,7 +342,7 @@ def gain(p, h, r, m, pht, s, k):
 def joseph(p, h, r, m, pht, k, work):
     """P <- (I - K H) P (I - K H)' + K R K', in place and exactly symmetric [2].
 
-    Arguments as left by `gain`; work: (2, 15, m') space.
+    Arguments as left by `gain`; work: (15, m') space.
     """
     # with A = P - K (P H')': the Joseph form is A + (K R - A H') K'
     for i in range(N):
@@ -356,17 +356,17 @@ def joseph(p, h, r, m, pht, k, work):
             t = 0.0
             for b in range(m):
                 t += k[i, b] * r[b, a]
-            work[0, i, a] = t
+            work[i, a] = t
         for j in range(N):
             c = h[a, j]
             if c != 0.0:
                 for i in range(N):
-                    work[0, i, a] -= c * p[STRIDE * i + j]
+                    work[i, a] -= c * p[STRIDE * i + j]
     for i in range(N):
         for j in range(i + 1):
             t = p[STRIDE * i + j] + p[STRIDE * j + i]
             for a in range(m):
-                t += work[0, i, a] * k[j, a] + work[0, j, a] * k[i, a]
+                t += work[i, a] * k[j, a] + work[j, a] * k[i, a]
             p[STRIDE * i + j] = 0.5 * t
             p[STRIDE * j + i] = 0.5 * t
 

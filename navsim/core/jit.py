@@ -50,6 +50,7 @@ def _cache_folder() -> Path | None:
 _CACHE = _cache_folder()
 if _CACHE is not None:
     _CONFIG.CACHE_DIR = str(_CACHE)
+_OPTIONS: dict[str, Any] = {"cache": _CACHE is not None, "nogil": True, "error_model": "numpy"}
 
 
 def is_warm() -> bool:
@@ -81,9 +82,9 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     fastmath stays off: it changes the last bits from one compilation to the next. Division by zero gives
     inf or nan as in numpy, which also lets loops vectorise.
     """
-    return numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy")(function)
+    return numba.njit(**_OPTIONS)(function)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile like `kernel`, and have LLVM put the code into its callers: passing an array costs ten words."""
-    return numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy", forceinline=True)(function)
+    return numba.njit(**_OPTIONS, forceinline=True)(function)

@@ -31,7 +31,7 @@ MID_N = 25
 def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
     """Advance the navigation state by one interval, in place.
 
-    nav: (16,) see `navsim.core.states`; its bias estimates are taken off the increments.
+    nav: navigation state, see `navsim.core.states`; its bias estimates are taken off the increments.
     gx ... fz: raw increments of angle (rad) and velocity (m/s) over dt (s); scalars, since a slice costs more.
     previous: (6,) bias-free increments of the interval before, scaled to dt; overwritten by the present ones.
     c_nb: (3, 3) work space. mid: (25,) quantities at mid-interval for the error model.
@@ -148,7 +148,7 @@ def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
 def navigate(nav, dtheta, dv, dt, every, out):
     """Mechanise increments alone, without a filter: out[j] is the state after j * every intervals.
 
-    nav: (16,) initial state, overwritten by the final one. dtheta, dv: (n, 3) rad, m/s. dt: s.
+    nav: initial navigation state, overwritten by the final one. dtheta, dv: (n, 3) rad, m/s. dt: s.
     out: (n // every + 1, 16).
     """
     previous = np.zeros(6)

@@ -176,7 +176,7 @@ def run(
     """Fly one run through the filter.
 
     kind: ESKF, LEFT_INVARIANT or TFG.
-    imu_time: (n + 1,) s. dtheta, dv: (n, 3) measured increments. nav: (16,) initial estimate and p: (240,)
+    imu_time: (n + 1,) s. dtheta, dv: (n, 3) measured increments. nav: (20,) initial estimate and p: (240,)
     its covariance, both overwritten by the final ones at the last fix. noise: (6,) `core.covariance`.
     fix_*: e epochs: time (s, of validity), llh, NED velocity, covariance of both (e, 6, 6); nan without a fix.
     with_velocity: bool. latency: s. lever: (3,) IMU -> antenna, body, m. gate: (2,) largest normalised
@@ -194,7 +194,7 @@ def run(
     s = np.empty((6, 6))
     k = np.empty((states.N, 6))
     pht = np.empty((states.N, 6))
-    work = np.empty((1, states.N, 6))
+    work = np.empty((states.N, 6))
     c_nb = np.empty((3, 3))
     scratch = np.zeros(MID_N + 3 * SIZE)
     space = np.zeros(3 * SIZE)

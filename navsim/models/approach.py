@@ -102,7 +102,9 @@ def smooth_profile(
     run = t4 - t2
     x2 = -(speed_start * cos * run - 0.5 * braking * run**2)
     x1 = x2 - speed_start * capture * 0.5 * (1.0 + cos)
-    level = uniform(0.0, [x1 - speed_start * t1, 0, -height], [speed_start, 0, 0], np.zeros(3))  # type: ignore[arg-type]
+    level = uniform(
+        0.0, np.array([x1 - speed_start * t1, 0.0, -height]), np.array([speed_start, 0.0, 0.0]), np.zeros(3)
+    )
     glide = uniform(
         t2,
         np.array([x2, 0.0, -h2]),

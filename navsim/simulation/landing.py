@@ -325,7 +325,7 @@ def generator(seed: int, run: int, stream: str) -> np.random.Generator:
 
 
 def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErrors) -> np.ndarray:
-    """The navigation state at time 0 (16,): the truth minus drawn or fixed errors."""
+    """The navigation state at time 0 (20,): the truth minus drawn or fixed errors."""
     drawn = rng.standard_normal(9) * np.repeat([errors.position, errors.velocity, errors.attitude], 3)
     x = drawn if errors.fixed is None else errors.fixed
     nav = np.zeros(states.NAV_N)

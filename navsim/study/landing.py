@@ -73,6 +73,7 @@ class Case:
 
     scenario: Landing
     trajectory: Trajectory
+    ground: Ground
     world: World
     initial: InitialErrors
     gyro: Triad
@@ -90,6 +91,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
     warnings: list[str] = []
     utc = scenario.epoch.timestamp()
     trajectory = scenario.trajectory()
+    ground = _ground(scenario, trajectory)
     satellites, listed = None, None
     if scenario.sky.source == "directions":
         listed = _listed(scenario)
@@ -109,7 +111,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
         satellites=satellites,
         listed=listed,
         mask=scenario.sky.mask(),
-        ground=_ground(scenario, trajectory),
+        ground=ground,
         law=ErrorLaw(
             scenario.signals.range_law,
             scenario.signals.range_sigma_m,
@@ -129,6 +131,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
     return Case(
         scenario,
         trajectory,
+        ground,
         world,
         _initial(scenario),
         truth_gyro,
@@ -307,7 +310,9 @@ class LandingStudy:
             sums["nis"][1:] += run.innovation_squared / np.maximum(run.degrees, 1)
             for name in HISTORIES[self.keep]:
                 history = getattr(run, name)
-                kept.setdefault(name, np.empty((count, *history.shape), history.dtype))[i] = history
+                if name not in kept:
+                    kept[name] = np.empty((count, *history.shape), history.dtype)
+                kept[name][i] = history
         per_run = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
         return per_run, sums, kept
 
@@ -535,7 +540,7 @@ def _geometry(v: dict[str, Variable], case: Case) -> list[int]:
         v[f"/geometry/{name}"] = Variable(
             ("time",), world.dop[:, i], "1", f"{name.upper()}, unit weights, nan without a fix"
         )
-    ground = _ground(case.scenario, case.trajectory)
+    ground = case.ground
     v["/pseudolites/name"] = Variable(("name",), np.array(ground.names, dtype=object), "1", "names of the pseudolites")
     v["/pseudolites/position_llh"] = Variable(
         ("name", "llh"), ground.llh, "rad, rad, m", "surveyed positions of the pseudolites"

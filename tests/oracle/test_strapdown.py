@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from navsim.core import attitude, strapdown, wgs84
 from navsim.models.kinematics import Trajectory
-from tests.helpers import case, scenario
+from tests.helpers import case, cross, scenario
 
 
 def mechanised(trajectory: Trajectory, rate: float, duration: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
@@ -78,11 +78,9 @@ def test_truth_against_an_independent_integrator(name: str) -> None:
         motion = trajectory.motion(np.array([t]))
         c = y[6:].reshape(3, 3)
         w, f = motion.angular_rate[0], motion.specific_force[0]
-        skew = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-        earth = np.array([[0, -omega[2], 0], [omega[2], 0, 0], [0, 0, 0]])
         gravity = wgs84.gravity_ecef(y[:3])
         acceleration = c @ f + gravity - 2 * np.cross(omega, y[3:6])
-        return np.concatenate([y[3:6], acceleration, (c @ skew - earth @ c).ravel()])
+        return np.concatenate([y[3:6], acceleration, (c @ cross(w) - cross(omega) @ c).ravel()])
 
     for begin, end in itertools.pairwise(ends):
         # a hair inside the segment, so that the integrator never sees the next one

@@ -353,49 +353,29 @@ def test_shorter_than_a_fix_interval(place: Path) -> None:
     assert read(place / "t.h5")["/filter/error"].shape == (1, 1, 15)
 
 
+def signalled(number: signal.Signals, file: Path, cwd: Path) -> tuple[int, str]:
+    """Exit code and standard error of a long study that gets a signal after three seconds."""
+    arguments = ("run", SCENARIOS / "landing.yaml", "--runs", 3000, "-q", "-o", file)
+    command = [sys.executable, "-m", "navsim", *map(str, arguments)]
+    process = subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True)
+    time.sleep(3.0)
+    process.send_signal(number)
+    _, stderr = process.communicate(timeout=60)
+    return process.returncode, stderr
+
+
 def test_a_kill_leaves_no_half_file(place: Path) -> None:
     """SIGKILL in the middle: nothing under the final name but what was there before."""
     file = place / "killed.h5"
     navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file, cwd=place)
     before = file.read_bytes()
-    command = [
-        sys.executable,
-        "-m",
-        "navsim",
-        "run",
-        str(SCENARIOS / "landing.yaml"),
-        "--runs",
-        "3000",
-        "-q",
-        "-o",
-        str(file),
-    ]
-    process = subprocess.Popen(command, cwd=place)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert process.returncode == -signal.SIGKILL
+    assert signalled(signal.SIGKILL, file, place)[0] == -signal.SIGKILL
     assert file.read_bytes() == before
 
 
 def test_interrupt_exits_130(place: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "navsim",
-        "run",
-        str(SCENARIOS / "landing.yaml"),
-        "--runs",
-        "3000",
-        "-q",
-        "-o",
-        "i.h5",
-    ]
-    process = subprocess.Popen(command, cwd=place, stderr=subprocess.PIPE, text=True)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
+    code, stderr = signalled(signal.SIGINT, place / "i.h5", place)
+    assert code == 130
     assert "Traceback" not in stderr
     assert not (place / "i.h5").exists()
 

@@ -166,7 +166,7 @@ def test_update_agrees_with_dense_algebra(m: int) -> None:
     h6[:m], r6[:m, :m] = h, r
     pht, s, k = np.empty((N, 6)), np.empty((6, 6)), np.empty((N, 6))
     assert covariance.gain(ours, h6, r6, m, pht, s, k)
-    covariance.joseph(ours, h6, r6, m, pht, k, np.empty((1, N, 6)))
+    covariance.joseph(ours, h6, r6, m, pht, k, np.empty((N, 6)))
     gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
     left = np.eye(N) - gain @ h
     np.testing.assert_allclose(k[:, :m], gain, rtol=1e-9, atol=1e-12)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from navsim.core import attitude, states
 from navsim.estimation import error_state, invariant, tfg
+from tests.helpers import cross
 from tests.unit.test_covariance import error, flat, some_covariance, square
 
 N = states.N
@@ -39,10 +40,6 @@ def jacobian(theta: np.ndarray) -> np.ndarray:
     return out
 
 
-def skew(v: np.ndarray) -> np.ndarray:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
 def retract(kind: str, nav: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The state reached from `nav` by the plain tangent x, by the definition of each kind."""
     theta = x[6:9]
@@ -59,7 +56,7 @@ def retract(kind: str, nav: np.ndarray, x: np.ndarray) -> np.ndarray:
         if kind == "tfg":
             axes = bias_axes(nav)
             big = axes.as_matrix() @ b
-            y = axes.as_matrix() @ db - skew(big) @ theta
+            y = axes.as_matrix() @ db - cross(big) @ theta
             out[10 + first : 13 + first] = (Rotation.from_rotvec(theta) * axes).as_matrix().T @ (big + j @ y)
         else:
             out[10 + first : 13 + first] = b + db
