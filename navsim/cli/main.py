@@ -156,6 +156,14 @@ def run(
             show_default=False,
         ),
     ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="monte-carlo|covariance",
+            help="Fly runs, or compute their accuracy to first order. Default: the scenario's.",
+            show_default=False,
+        ),
+    ] = None,
     set_: SetOption = None,
     figures: FiguresOption = None,
     require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
@@ -167,11 +175,14 @@ def run(
     ] = False,
 ) -> None:
     """Fly a scenario and write its result file, the summary table and the figures."""
+    checked, document = _read(scenario, [*(set_ or []), *([f"method={method}"] if method else [])])
+    analytic = checked.method == "covariance"
+    if analytic and (runs or until or keep):
+        leave(BAD_INPUT, "--runs, --until and --keep belong to method monte-carlo; a covariance analysis has no runs")
     runs = runs or (1 if until is None else MOST_RUNS)
     kept = keep or ("all" if runs == 1 else "errors")
     if kept not in ("errors", "all", "none"):
         leave(BAD_INPUT, f"--keep {keep}: allowed are errors, all, none")
-    checked, document = _read(scenario, set_)
     target = _target(scenario, output)
     drawing = _figure_folder(figures, target, runs, quiet)
 
@@ -195,22 +206,27 @@ def run(
         for warning in case.warnings:
             say(f"warning: {warning}")
         sources = len(case.world.signals.names)
+        extent = "covariance analysis" if analytic else f"{runs} run(s)"
         say(
-            f"{scenario}: {runs} run(s) of {case.scenario.duration_s:g} s, {case.world.dtheta.shape[0]} IMU samples, "
+            f"{scenario}: {extent} of {case.scenario.duration_s:g} s, {case.world.dtheta.shape[0]} IMU samples, "
             f"{case.world.signals.time.size} fix epochs, {sources} sources; would write {target}"
         )
         return
-    store = _store(target, landing.partial_key(case, seed, first_run, runs, kept), runs, fresh)
+    store = None if analytic else _store(target, landing.partial_key(case, seed, first_run, runs, kept), runs, fresh)
     try:
-        with _progress(runs, not quiet) as done:
-            threads = workers or landing.default_workers()
-            ensemble = landing.fly_all(
-                case, seed, first_run, runs, threads, keep=kept, store=store, done=done, enough=enough
-            )
-        if enough is not None and not enough(ensemble):
-            say(f"warning: --until {until}: not reached within {runs} runs")
-        found = landing.findings(case, ensemble)
-        result = landing.result(case, ensemble, seed, keep=kept)
+        if analytic:
+            found = landing.fix_findings(case)
+            result = landing.covariance_result(case, landing.covariance_analysis(case), seed)
+        else:
+            with _progress(runs, not quiet) as done:
+                threads = workers or landing.default_workers()
+                ensemble = landing.fly_all(
+                    case, seed, first_run, runs, threads, keep=kept, store=store, done=done, enough=enough
+                )
+            if enough is not None and not enough(ensemble):
+                say(f"warning: --until {until}: not reached within {runs} runs")
+            found = landing.findings(case, ensemble)
+            result = landing.result(case, ensemble, seed, keep=kept)
         write(target, result)
         written = []
         if drawing is not None:

@@ -306,6 +306,17 @@ def predict(p, mid, noise, phi, a, b, width):
 
 
 @kernel
+def carry(phi, matrix, work, width):
+    """The first nine rows of matrix <- Phi matrix, in place; the bias rows stay as they are.
+
+    phi: (240,) as `transition` writes it. matrix: (240,) rows of stride 16. work: (240,) space.
+    """
+    _apply_transition(phi, matrix, work, width)
+    for i in range(9 * STRIDE):
+        matrix[i] = work[i]
+
+
+@kernel
 def gain(p, h, r, m, pht, s, k):
     """Innovation covariance S = H P H' + R, its Cholesky factor and the gain K = P H' S^-1.
 

@@ -21,7 +21,16 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.attitude import dcm, difference
-from navsim.core.covariance import SIZE, STRIDE, gain, joseph, normalised_square, predict
+from navsim.core.covariance import (
+    NOISE_ACCEL_DECAY,
+    NOISE_GYRO_DECAY,
+    SIZE,
+    STRIDE,
+    gain,
+    joseph,
+    normalised_square,
+    predict,
+)
 from navsim.core.earth import RATE, radii
 from navsim.core.jit import kernel
 from navsim.core.strapdown import MID_N, step
@@ -34,12 +43,12 @@ KINDS = {"eskf": ESKF, "left-invariant": LEFT_INVARIANT, "tfg": TFG}
 NO_FIX, USED, REJECTED = 0, 1, 2
 """What became of an epoch: no fix to use, fix used, fix rejected by the innovation gate."""
 
-_TIME_TOLERANCE = 1e-9
+TIME_TOLERANCE = 1e-9
 """Times closer than this are one, s: well under any sample interval, well over rounding."""
 
 
 @kernel
-def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width):
+def advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width):
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
     cursor: (3,) index of the current IMU interval, present time s, length of the interval last used s.
@@ -52,11 +61,11 @@ def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise,
     k = int(cursor[0])
     now = cursor[1]
     last = imu_time.shape[0] - 1
-    while k < last and now < until - _TIME_TOLERANCE:
+    while k < last and now < until - TIME_TOLERANCE:
         end = imu_time[k + 1]
         whole = end - imu_time[k]
-        whole_left = now - imu_time[k] < _TIME_TOLERANCE
-        to_end = end <= until + _TIME_TOLERANCE
+        whole_left = now - imu_time[k] < TIME_TOLERANCE
+        to_end = end <= until + TIME_TOLERANCE
         dt = (end if to_end else until) - now
         scale = dt / cursor[2]
         if abs(scale - 1.0) > 1e-6:
@@ -68,6 +77,9 @@ def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise,
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], previous, dt, c_nb, mid,
         )  # fmt: skip
         predict(p, mid, noise, phi, a, b, width)
+        for i in range(3):
+            nav[states.NAV_GYRO + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
+            nav[states.NAV_ACCEL + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
         if kind == TFG:
             tfg.hold_axes(nav, p, previous, dt)
         cursor[2] = dt
@@ -81,7 +93,7 @@ def _advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise,
 
 
 @kernel
-def _record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own, x):
+def record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own, x):
     """Errors (truth - estimate) and sigmas of one instant; returns NEES of 15 states in the filter's own
     coordinates and of 6 states in plain ones. groups: (5,) normalised squares of each triple of states."""
     meridian, transverse = radii(math.sin(nav[0]))
@@ -104,7 +116,7 @@ def _record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, ow
 
 
 @kernel
-def _measurement(nav, previous, dt, c_nb, lever, llh, vel, with_velocity, z, h):
+def measurement(nav, previous, dt, c_nb, lever, llh, vel, with_velocity, z, h):
     """Innovation z and matrix h of a fix at the antenna [3]; returns the number of measurements."""
     dcm(nav[6:10], c_nb)
     sin_lat = math.sin(nav[0])
@@ -212,7 +224,7 @@ def run(
     for i in range(3):
         previous[i] = dtheta[0, i] - nav[10 + i] * cursor[2]
         previous[3 + i] = dv[0, i] - nav[13 + i] * cursor[2]
-    nees[0], nees_pv[0] = _record(
+    nees[0], nees_pv[0] = record(
         kind,
         p,
         nav,
@@ -229,13 +241,13 @@ def run(
     )
     rejected = 0
     for e in range(fix_time.shape[0]):
-        _advance(kind, fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
+        advance(kind, fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
         innovation[e] = np.nan
         degrees[e] = 0
         status[e] = NO_FIX
         velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
         if not math.isnan(fix_llh[e, 0]):
-            m = _measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
+            m = measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
             for i in range(m):
                 for j in range(m):
                     r[i, j] = fix_cov[e, i, j]
@@ -260,9 +272,7 @@ def run(
                     # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
                     # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
                     _correct(kind, nav, p, x, space)
-                    _measurement(
-                        nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h
-                    )
+                    measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
                     gain(p, h, r, m, pht, s, k)
                     joseph(p, h, r, m, pht, k, work)
                 else:
@@ -274,16 +284,16 @@ def run(
             ahead_p[:] = p
             ahead_previous[:] = previous
             ahead_cursor[:] = cursor
-            _advance(
+            advance(
                 kind, fix_time[e] + latency, imu_time, dtheta, dv, ahead_nav, ahead_p, ahead_cursor, ahead_previous,
                 noise, scratch, c_nb, width,
             )  # fmt: skip
-            nees[out], nees_pv[out] = _record(
+            nees[out], nees_pv[out] = record(
                 kind, ahead_p, ahead_nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
                 error[out], sigma[out], nees_group[out], factor, own, x,
             )  # fmt: skip
         else:
-            nees[out], nees_pv[out] = _record(
+            nees[out], nees_pv[out] = record(
                 kind, p, nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
                 error[out], sigma[out], nees_group[out], factor, own, x,
             )  # fmt: skip

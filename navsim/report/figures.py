@@ -230,6 +230,37 @@ def errors(result: Result) -> Figure:
     return fig
 
 
+def budget(result: Result) -> Figure:
+    """True root mean square error against the filter's belief, and what each source contributes."""
+    fig = _figure(2 * COLUMN, 4.4)
+    axes = fig.subplots(2, 2, sharex=True)
+    t = result["/covariance/time"]
+    after = t >= t[0] + 0.05 * (t[-1] - t[0])
+    names = [str(n).replace("_", " ") for n in result["/budget/source"]]
+    square = result["/budget/rms"] ** 2
+    for column, (title, states) in enumerate((("horizontal position", [0, 1]), ("vertical position", [2]))):
+        upper, lower = axes[0, column], axes[1, column]
+        true = np.sqrt((result["/covariance/rms"][:, states] ** 2).sum(axis=1))
+        believed = np.sqrt((result["/filter/sigma"][0][:, states] ** 2).sum(axis=1))
+        upper.plot(t, true, color=_BLUE, label="true RMS")
+        upper.plot(t, believed, color=_ORANGE, ls="--", label="the filter's σ")
+        upper.set_ylim(0, 1.15 * max(true[after].max(), believed[after].max()))
+        upper.set_title(title)
+        share = square[:, :, states].sum(axis=2)
+        share = 100.0 * share / np.maximum(share.sum(axis=0), np.finfo(float).tiny)
+        shown = np.flatnonzero(share[:, after].max(axis=1) > 1.0)
+        colours = mpl.colormaps["tab20"](shown)
+        lower.stackplot(t, share[shown], labels=[names[i] for i in shown], colors=colours, lw=0)
+        lower.set_ylim(0, 100)
+        lower.set_xlim(t[0], t[-1])
+        lower.set_xlabel("time, s")
+        lower.legend(fontsize=5.5, loc="lower left", frameon=True, framealpha=0.85)
+    axes[0, 0].set_ylabel("error, m")
+    axes[0, 0].legend()
+    axes[1, 0].set_ylabel("share of mean square, %")
+    return fig
+
+
 def nees(result: Result) -> Figure:
     """NEES per degree of freedom over time with its 95 % band; NIS below it."""
     fig = _figure(COLUMN, 2.8)
@@ -245,7 +276,7 @@ def nees(result: Result) -> Figure:
         values = np.asarray(variable.data)
         style = {"ls": "", "marker": ".", "ms": 1.5} if name == "nis" else {}
         ax.plot(t, values, color=colour, label=label, **style)
-        if name != "nees_position_velocity":
+        if name != "nees_position_velocity" and "band_low" in variable.attributes:
             ax.axhspan(
                 variable.attributes["band_low"],
                 variable.attributes["band_high"],
@@ -258,7 +289,8 @@ def nees(result: Result) -> Figure:
         ax.set_ylim(bottom=0)
         ax.legend(loc="upper right", ncols=2)
     lower.set_xlabel("time, s")
-    upper.set_title(f"mean of {int(result['/summary/count/runs'])} run(s); shaded: 95 % band of 15 states and of NIS")
+    runs = int(result["/summary/count/runs"])
+    upper.set_title(f"mean of {runs} run(s); shaded: 95 % band of 15 states and of NIS" if runs else "expected, linear")
     return fig
 
 
@@ -268,7 +300,12 @@ _SUMMARY_FIGURES: dict[str, Callable[[Result], Figure]] = {
     "dop": dop,
     "nees": nees,
 }
-_RUN_FIGURES: dict[str, Callable[[Result], Figure]] = {"fixes": fixes, "errors": errors}
+_FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
+    "fixes": ("/receiver/position_llh", fixes),
+    "errors": ("/filter/error", errors),
+    "budget": ("/budget/rms", budget),
+}
+"""Figures that need a variable not every result has."""
 
 
 def save(result: Result, folder: Path, stem: str) -> list[Path]:
@@ -278,11 +315,7 @@ def save(result: Result, folder: Path, stem: str) -> list[Path]:
     """
     if result.attributes["kind"] != "landing":
         raise ResultError(f"there are no figures for results of kind {result.attributes['kind']}")
-    figures = dict(_SUMMARY_FIGURES)
-    if "/receiver/position_llh" in result:
-        figures["fixes"] = _RUN_FIGURES["fixes"]
-    if "/filter/error" in result:
-        figures["errors"] = _RUN_FIGURES["errors"]
+    figures = _SUMMARY_FIGURES | {name: draw for name, (needed, draw) in _FIGURES_OF.items() if needed in result}
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -34,17 +34,39 @@ def _unit_mean(result: Result, name: str) -> str:
     known = data[np.isfinite(data)]
     if known.size == 0:
         return "-"
+    if "band_low" not in variable.attributes:
+        return f"{known.mean():.3f}  (expected; {known.min():.3f} to {known.max():.3f})"
     low, high = variable.attributes["band_low"], variable.attributes["band_high"]
     inside = np.mean((known >= low) & (known <= high))
     return f"{known.mean():.3f}  (95 % band {low:.3f} to {high:.3f}; {100 * inside:.0f} % of times inside)"
 
 
+def _runs(result: Result) -> str:
+    if result.attributes.get("method") == "covariance":
+        return "none: linear covariance analysis"
+    return f"{int(result['/summary/count/runs'])}, seed {result.attributes['seed']}"
+
+
+def _budget(result: Result, i: int) -> str:
+    if "/summary/budget/source" not in result:
+        return "-"
+    cells = []
+    for axis in ("horizontal", "vertical"):
+        share = 100.0 * result[f"/summary/budget/{axis}_share"][i]
+        cells.append(f"{_number(result[f'/summary/budget/{axis}'][i])} ({_number(share, 1)} %)")
+    return ", ".join(cells)
+
+
 def _group(result: Result, i: int) -> str:
+    if "/summary/consistency/mean_group" not in result:
+        return "-"
     mean = result["/summary/consistency/mean_group"][i]
     return f"{_number(mean)}  ({result['/summary/consistency/verdict'][i]})"
 
 
 def _coverage(result: Result, i: int) -> str:
+    if "/summary/coverage/position" not in result:
+        return "-"
     value, low, high = 100 * result["/summary/coverage/position"][i]
     reach = f"  [{_number(low, 1)}, {_number(high, 1)}]" if np.isfinite(low) else ""
     return f"{_number(value, 1)} %{reach}  (Gaussian {100 * result['/summary/coverage/expected'][i]:.1f} %)"
@@ -66,7 +88,7 @@ def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
     def section(title: str) -> None:
         table.add_row(f"[bold]{title}[/bold]", *("" for _ in results))
 
-    row("runs", lambda r: f"{int(r['/summary/count/runs'])}, seed {r.attributes['seed']}")
+    row("runs", _runs)
     row(
         "fixes, epochs without",
         lambda r: f"{int(r['/summary/count/fixes'])}, {int(r['/summary/count/epochs_without_fix'])}",
@@ -101,10 +123,17 @@ def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
     row("  NEES, 15 states", lambda r: _unit_mean(r, "nees"))
     row("  NEES, position and velocity", lambda r: _unit_mean(r, "nees_position_velocity"))
     row("  NIS", lambda r: _unit_mean(r, "nis"))
-    for i, name in enumerate(results[0][1]["/summary/consistency/group"]):
-        row(f"  {str(name).replace('_', ' ')}, last 20 s", lambda r, i=i: _group(r, i))
-    for i, level in enumerate(results[0][1]["/summary/coverage/level"]):
-        row(f"  position within {level:g}σ", lambda r, i=i: _coverage(r, i))
+    flown = next((r for _, r in results if "/summary/coverage/level" in r), None)
+    if flown is not None:
+        for i, name in enumerate(flown["/summary/consistency/group"]):
+            row(f"  {str(name).replace('_', ' ')}, last 20 s", lambda r, i=i: _group(r, i))
+        for i, level in enumerate(flown["/summary/coverage/level"]):
+            row(f"  position within {level:g}σ", lambda r, i=i: _coverage(r, i))
+    analysed = next((r for _, r in results if "/summary/budget/source" in r), None)
+    if analysed is not None:
+        section("Error budget, same 20 s (share of mean square), m")
+        for i, name in enumerate(analysed["/summary/budget/source"]):
+            row(f"  {str(name).replace('_', ' ')}", lambda r, i=i: _budget(r, i))
     return table
 
 

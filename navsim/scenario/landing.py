@@ -562,6 +562,8 @@ class Landing(Section):
     epoch: Utc
     """UTC of time 0"""
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 120.0
+    method: Literal["monte-carlo", "covariance"] = "monte-carlo"
+    """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget"""
     runway: Runway = Runway()
     approach: Annotated[PaperApproach | SmoothApproach | STurn, Field(discriminator="profile")]
     wind: WindSection = WindSection()

@@ -1,0 +1,20 @@
+"""Landing studies: a scenario as models, Monte Carlo and covariance analysis of it, the result tree."""
+
+from navsim.study.landing.case import Case, fix_findings, prepare
+from navsim.study.landing.covariance import covariance_analysis, covariance_result
+from navsim.study.landing.ensemble import default_workers, findings, fly_all, partial_key, stopping_rule
+from navsim.study.landing.result import result
+
+__all__ = [
+    "Case",
+    "covariance_analysis",
+    "covariance_result",
+    "default_workers",
+    "findings",
+    "fix_findings",
+    "fly_all",
+    "partial_key",
+    "prepare",
+    "result",
+    "stopping_rule",
+]

@@ -1,0 +1,272 @@
+"""A landing scenario turned into models, ready to be flown."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.estimation.loosely_coupled import KINDS
+from navsim.io.almanac import AlmanacError, read_agl
+from navsim.models import glonass
+from navsim.models.approach import TOUCHDOWN
+from navsim.models.imu import Triad
+from navsim.models.kinematics import Trajectory
+from navsim.scenario.base import DEG
+from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing
+from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.simulation.landing import (
+    ErrorLaw,
+    FilterSettings,
+    Ground,
+    InitialErrors,
+    Listed,
+    Run,
+    Satellites,
+    World,
+    build_world,
+    fly,
+)
+from navsim.study.statistics import (
+    chi_square_exceedance,
+)
+
+FOOT = 0.3048
+DECISION_HEIGHTS_FT = (0, 50, 100, 200)
+PERCENTILES = (50, 95, 99)
+RMS_WINDOW = 20.0
+"""Length of the stretch before touchdown over which RMS errors are taken, s."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario turned into models, ready to be flown any number of times."""
+
+    scenario: Landing
+    trajectory: Trajectory
+    ground: Ground
+    world: World
+    initial: InitialErrors
+    gyro: Triad
+    accel: Triad
+    settings: FilterSettings
+    warnings: list[str] = field(default_factory=list)
+
+    def fly(self, seed: int, run: int) -> Run:
+        """Run number `run` of the ensemble of `seed`."""
+        return fly(self.world, self.initial, self.gyro, self.accel, self.settings, seed, run)
+
+
+def prepare(scenario: Landing, document: Document) -> Case:
+    """Build everything the runs share. Raises InputError for an almanac that cannot be used."""
+    warnings: list[str] = []
+    utc = scenario.epoch.timestamp()
+    trajectory = scenario.trajectory()
+    ground = _ground(scenario, trajectory)
+    satellites, listed = None, None
+    if scenario.sky.source == "directions":
+        listed = _listed(scenario)
+    else:
+        satellites, scenario = _satellites(scenario, document, utc, warnings)
+    receiver = scenario.receiver
+    truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
+    truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
+    world = build_world(
+        trajectory,
+        utc=utc,
+        duration=scenario.duration_s,
+        imu_rate=scenario.imu.rate_hz,
+        fix_rate=receiver.rate_hz,
+        latency=receiver.latency_s,
+        lever_arm=np.array(receiver.lever_arm_m),
+        satellites=satellites,
+        listed=listed,
+        mask=scenario.sky.mask(),
+        ground=ground,
+        law=ErrorLaw(
+            scenario.signals.range_law,
+            scenario.signals.range_sigma_m,
+            scenario.signals.range_scale_deg * DEG,
+            scenario.signals.range_rate_sigma_m_s,
+            scenario.signals.cn0_dbhz,
+        ),
+        clock_offset=receiver.clock_offset_us * 1e-6,
+        clock_drift=receiver.clock_drift_ppb * 1e-9,
+    )
+    touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
+    if touchdown > scenario.duration_s:
+        warnings.append(
+            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
+            f"(duration_s: {scenario.duration_s:g}); figures at touchdown are not defined"
+        )
+    return Case(
+        scenario,
+        trajectory,
+        ground,
+        world,
+        _initial(scenario),
+        truth_gyro,
+        truth_accel,
+        _settings(scenario, truth_gyro, truth_accel),
+        warnings,
+    )
+
+
+def _satellites(scenario: Landing, document: Document, utc: float, warnings: list[str]) -> tuple[Satellites, Landing]:
+    """The constellation, and the scenario with the almanac's checksum written into it."""
+    sky = scenario.sky
+    constellation: glonass.Nominal | glonass.Almanac = glonass.Nominal()
+    if sky.source == "almanac":
+        assert sky.almanac is not None
+        key = ("sky", "almanac")
+        path = document.resolve(key, sky.almanac)
+
+        def wrong(message: str, line: int = 0) -> InputError:
+            named = document.place(key)
+            if not line:
+                return InputError([Problem(named, "sky.almanac", f"{sky.almanac}: {message}")])
+            return InputError([Problem(Place(str(path), line, 1), "sky.almanac", f"{message} (named at {named})")])
+
+        try:
+            checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+            constellation = read_agl(path)
+        except AlmanacError as error:
+            raise wrong(f"not a usable .agl almanac: {error}", error.line) from None
+        except OSError as error:
+            raise wrong(f"cannot be read: {error.strerror or error} ({path})") from None
+        if sky.almanac_sha256 not in (None, checksum):
+            raise wrong(f"has the checksum {checksum}, not the one of sky.almanac_sha256")
+        scenario = scenario.model_copy(update={"sky": sky.model_copy(update={"almanac_sha256": checksum})})
+        age = constellation.age(utc) / 86400.0
+        if age > sky.almanac_warning_days:
+            warnings.append(
+                f"the almanac {sky.almanac} is {age:.0f} days away from the epoch; satellite positions may be off"
+            )
+    names = tuple(f"R{slot:02d}" for slot in constellation.slot)
+    healthy = np.ones(len(names), dtype=bool) if sky.use_unhealthy else constellation.healthy
+    if not np.all(healthy):
+        out = ", ".join(n for n, h in zip(names, healthy, strict=True) if not h)
+        warnings.append(f"not used, because the almanac marks them as unhealthy: {out}")
+    chosen = healthy & np.array([name not in sky.exclude for name in names])
+    return Satellites(constellation, names, CLOCKS.index("glonass"), chosen), scenario
+
+
+def _listed(scenario: Landing) -> Listed:
+    directions = scenario.sky.directions
+    names = tuple(f"X{i:02d}" for i in range(1, len(directions) + 1))
+    return Listed(
+        names,
+        np.array([d.azimuth_deg for d in directions]) * DEG,
+        np.array([d.elevation_deg for d in directions]) * DEG,
+        np.array([CLOCKS.index(d.clock) for d in directions]),
+        np.array([name not in scenario.sky.exclude for name in names]),
+    )
+
+
+def _ground(scenario: Landing, trajectory: Trajectory) -> Ground:
+    section = scenario.pseudolites
+    return Ground(
+        names=section.names(),
+        llh=scenario.pseudolite_positions(trajectory.frame),
+        survey_error=np.array(section.survey_error_m),
+        clock=CLOCKS.index(section.clock),
+        # a transmitter ahead of its time scale is heard too early
+        delay=-SPEED_OF_LIGHT * section.clock_offset_ns * 1e-9,
+        sigma=section.range_sigma_m,
+        rate_sigma=section.range_rate_sigma_m_s,
+        cn0=section.cn0_dbhz,
+    )
+
+
+def _initial(scenario: Landing) -> InitialErrors:
+    section = scenario.initial_errors
+    fixed = None
+    if section.fixed is not None:
+        f = section.fixed
+        fixed = np.array([*f.position_m, *f.velocity_m_s, *(a * DEG for a in f.attitude_deg)])
+    return InitialErrors(section.attitude_deg * DEG, section.position_m, section.velocity_m_s, fixed)
+
+
+def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
+    """The filter's beliefs: what its section leaves out is what the truth has."""
+    section = scenario.filter
+    rate = scenario.imu.rate_hz
+    truth = scenario.initial_errors
+    given = section.initial
+    initial = InitialErrors(
+        (truth.attitude_deg if given.attitude_deg is None else given.attitude_deg) * DEG,
+        truth.position_m if given.position_m is None else given.position_m,
+        truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
+    )
+    if section.imu.gyro is not None:
+        gyro = _believed(scenario.imu.gyro, section.imu.gyro).triad(rate)
+    if section.imu.accelerometer is not None:
+        accel = _believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
+    lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
+    return FilterSettings(
+        kind=KINDS[section.kind],
+        initial=initial,
+        gyro=gyro,
+        accel=accel,
+        with_velocity=section.velocity,
+        latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,
+        lever_arm=np.array(lever_arm),
+        sigma_scale=section.fix_sigma_scale,
+        gate=np.array([chi_square_exceedance(section.gate.probability, m) for m in (3, 6)]),
+        max_rejected=section.gate.max_rejected,
+    )
+
+
+def _believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro | Accelerometer:
+    """The true sensor with the filter's own values put in; one spelling of the noise displaces the other."""
+    values = given.model_dump(exclude_none=True)
+    for pair in (("noise_deg_h", "arw_deg_sqrt_h"), ("noise_mg", "vrw_m_s_sqrt_h")):
+        if values.keys() & set(pair):
+            values = {p: None for p in pair if hasattr(truth, p)} | values
+    return truth.model_copy(update=values)
+
+
+def fix_findings(case: Case) -> list[str]:
+    """Warnings about the input and about epochs without a fix."""
+    out = list(case.warnings)
+    lost = np.isnan(case.world.dop[:, 1])
+    total = lost.size
+    if total == 0:
+        out.append("the simulation is shorter than one fix interval: the filter never gets a fix")
+    elif np.all(lost):
+        out.append(f"no fix at all: too few usable sources at each of the {total} epochs")
+    elif np.any(lost):
+        times = case.world.signals.time[lost]
+        out.append(
+            f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
+        )
+    return out
+
+
+def touchdown_time(case: Case) -> float:
+    """Time of touchdown, or the end of a flight without one, s."""
+    return min(case.trajectory.path.events.get(TOUCHDOWN, math.inf), case.scenario.duration_s)
+
+
+def rms_window(case: Case) -> np.ndarray:
+    """Which filter outputs lie in the last seconds before touchdown (t,)."""
+    t, end = case.world.filter_time, touchdown_time(case)
+    return (t >= end - RMS_WINDOW - 1e-9) & (t <= end + 1e-9)
+
+
+def crossing_times(case: Case) -> list[float]:
+    """Times when the true height above the runway passes the decision heights, nan where it does not."""
+    path = case.trajectory.path
+    touchdown = path.events.get(TOUCHDOWN, math.inf)
+    fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
+    height = -path.jet(fine)[:, 0, 2]
+    times = []
+    for feet in DECISION_HEIGHTS_FT:
+        above = np.flatnonzero(height >= feet * FOOT)
+        crossed = above.size and above[-1] < fine.size - 1
+        when = touchdown if feet == 0 else (float(fine[above[-1]]) if crossed else math.nan)
+        times.append(when if when <= case.world.filter_time[-1] + 1e-9 else math.nan)
+    return times

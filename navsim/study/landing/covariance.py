@@ -1,0 +1,134 @@
+"""Linear covariance analysis of a landing scenario: the accuracy table and the error budget without a single run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navsim.core import states
+from navsim.io.results import Result, Variable
+from navsim.scenario.base import DEG
+from navsim.simulation.landing_covariance import SOURCES, Analysis, analyse, folded_quantile
+from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
+from navsim.study.landing.tree import accuracy, base
+
+BUDGET = (*SOURCES, "systematic")
+"""Sources of error in the order of the budget; systematic: what is not random, such as survey errors, fixed biases,
+a wrong lever arm or latency in the filter."""
+
+
+def covariance_analysis(case: Case) -> Analysis:
+    """The analysis of a case."""
+    ground = np.isin(case.world.signals.names, case.ground.names)
+    return analyse(case.world, case.initial, case.gyro, case.accel, case.settings, ground)
+
+
+def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
+    """The result tree: the names of a Monte Carlo study where they mean the same, with `/covariance` and `/budget`."""
+    out = base(case, seed)
+    v = out.variables
+    world = case.world
+    t = world.filter_time
+    square = np.concatenate([analysis.variance, analysis.mean[None] ** 2])
+    total = square.sum(axis=0)
+    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))
+
+    mixed = "m, m/s, rad, rad/s, m/s2"
+    units = {"state_units": ", ".join(states.UNITS)}
+    v["/filter/time"] = Variable(("time",), t, "s", "time 0, then the times the fixes are applied")
+    v["/filter/state"] = Variable(("state",), np.array(states.NAMES), "1", "states of the filter", units)
+    v["/filter/sigma"] = Variable(
+        ("run", "time", "state"), believed[None], mixed, "1 sigma the filter believes in, after the update"
+    )
+    v["/run"] = Variable(("run",), np.zeros(1, np.int64), "1", "no run: along the error-free flight")
+    v["/covariance/time"] = v["/filter/time"]
+    v["/covariance/state"] = v["/filter/state"]
+    v["/covariance/rms"] = Variable(
+        ("time", "state"), np.sqrt(total), mixed, "true root mean square error, after the update"
+    )
+    v["/covariance/mean"] = Variable(("time", "state"), analysis.mean, mixed, "mean error, truth minus estimate")
+    v["/budget/source"] = Variable(("source",), np.array(BUDGET), "1", "sources of error")
+    v["/budget/time"] = v["/filter/time"]
+    v["/budget/state"] = v["/filter/state"]
+    v["/budget/rms"] = Variable(
+        ("source", "time", "state"), np.sqrt(square), mixed, "root mean square error from each source alone"
+    )
+    _summary(v, case, analysis, square)
+    return out
+
+
+def _exact(values: np.ndarray) -> np.ndarray:
+    """Values (...) as intervals of no width (..., 3)."""
+    return np.repeat(np.asarray(values)[..., None], 3, axis=-1)
+
+
+def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.ndarray) -> None:
+    window = rms_window(case)
+    late = square[:, window].mean(axis=1) if window.any() else np.full((len(BUDGET), states.N), np.nan)
+    mean, cov = _at_heights(case, analysis)
+    accuracy(
+        v,
+        _exact(np.sqrt(late.sum(axis=0)[:9])),
+        _exact(np.sqrt(late[:, :2].sum())),
+        _exact(np.sqrt(late[:, 2].sum())),
+        _exact(np.sqrt(mean**2 + np.diagonal(cov, axis1=1, axis2=2)).T),
+    )
+    v["/summary/percentile"] = Variable(("percentile",), np.array(PERCENTILES), "1", "percentiles of an error's size")
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        quantiles = [
+            [folded_quantile(p / 100.0, m[i], math.sqrt(c[i, i])) for p in PERCENTILES]
+            for m, c in zip(mean, cov, strict=True)
+        ]
+        v[f"/summary/at/{name}_percentile"] = Variable(
+            ("height", "percentile"), np.array(quantiles), "m", f"percentiles of the size of the {name} position error"
+        )
+    v["/summary/budget/source"] = Variable(("source",), np.array(BUDGET), "1", "sources of error")
+    for name, columns in (("horizontal", [0, 1]), ("vertical", [2])):
+        part = late[:, columns].sum(axis=1)
+        v[f"/summary/budget/{name}"] = Variable(
+            ("source",), np.sqrt(part), "m", f"{name} error from each source alone, as in /summary/rms"
+        )
+        v[f"/summary/budget/{name}_share"] = Variable(
+            ("source",),
+            part / part.sum() if part.any() else np.full(part.shape, np.nan),
+            "1",
+            f"share of each source in the mean square {name} error",
+        )
+    t = case.world.filter_time
+    v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
+    nis = np.concatenate([[np.nan], analysis.nis / np.maximum(analysis.degrees, 1)])
+    for name, values, degrees, meaning in (
+        ("nees", analysis.expected_square(slice(0, states.N)), states.N, "estimation error squared, 15 states"),
+        ("nees_position_velocity", analysis.expected_square(slice(0, 6)), 6, "estimation error squared, 6 states"),
+        ("nis", nis, int(analysis.degrees.max(initial=0)), "innovation squared"),
+    ):
+        v[f"/summary/consistency/{name}"] = Variable(
+            ("time",), values, "1", f"expected per degree of freedom: normalised {meaning}",
+            {"degrees_of_freedom": degrees},
+        )  # fmt: skip
+    lost = int(np.sum(np.isnan(case.world.dop[:, 1])))
+    for name, value, meaning in (
+        ("runs", 0, "number of runs"),
+        ("fixes", case.world.dop.shape[0] - lost, "fixes"),
+        ("epochs_without_fix", lost, "epochs without a fix"),
+    ):
+        v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
+
+
+def _at_heights(case: Case, analysis: Analysis) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (h, 3) and covariance (h, 3, 3) of lateral, along, vertical errors at the decision heights; both are
+    interpolated between the filter's outputs."""
+    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
+    to_runway = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+    t = case.world.filter_time
+    times = crossing_times(case)
+    mean, cov = np.full((len(times), 3), np.nan), np.full((len(times), 3, 3), np.nan)
+    for i, when in enumerate(times):
+        if math.isfinite(when):
+            last = min(int(np.searchsorted(t, when, side="right")), t.size - 1)
+            share = (when - t[last - 1]) / (t[last] - t[last - 1])
+            for out, history in ((mean, analysis.mean), (cov, analysis.covariance)):
+                here = (1.0 - share) * history[last - 1] + share * history[last]
+                out[i] = to_runway @ here[:3] if out is mean else to_runway @ here[:3, :3] @ to_runway.T
+    return mean, cov

@@ -1,0 +1,186 @@
+"""Monte Carlo of a landing: what is kept and reduced of each run, when to stop, what is worth a warning."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+import navsim
+from navsim.core import states
+from navsim.core.jit import digest as kernel_digest
+from navsim.estimation.loosely_coupled import REJECTED
+from navsim.scenario.base import DEG
+from navsim.scenario.load import resolved_yaml
+from navsim.simulation.landing import (
+    Run,
+)
+from navsim.study.ensemble import Arrays, Ensemble, Store
+from navsim.study.ensemble import fly_all as fly_ensemble
+from navsim.study.landing.case import Case, crossing_times, fix_findings, rms_window
+from navsim.study.statistics import (
+    rms_interval,
+)
+
+GROUPS = tuple(states.SLICES)
+"""Groups of states that are judged by themselves."""
+LEVELS = np.array([1.0, 2.0, 3.0])
+"""Sigma levels of the position ellipsoids whose coverage is counted."""
+_NO_LEVEL = np.full(LEVELS.size, np.nan)
+
+
+HISTORIES = {
+    "none": (),
+    "errors": ("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "status"),
+    "all": tuple(Run.__dataclass_fields__),
+}
+"""Histories of a run that are stored, by `--keep`."""
+
+
+@dataclass(frozen=True)
+class LandingStudy:
+    """An ensemble of a case as the engine flies it (`study.ensemble.Study`)."""
+
+    case: Case
+    seed: int
+    keep: str
+
+    @cached_property
+    def window(self) -> np.ndarray:
+        """Which filter outputs count for the RMS errors."""
+        return rms_window(self.case)
+
+    @cached_property
+    def crossings(self) -> list[float]:
+        """Times at the decision heights, s."""
+        return crossing_times(self.case)
+
+    def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
+        """Fly runs first ... first + count - 1 and reduce them, in order."""
+        window, crossings = self.window, self.crossings
+        rows: list[dict[str, np.ndarray | np.generic]] = []
+        sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
+        sums["nis"][0] = np.nan
+        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, len(GROUPS)))
+        kept: Arrays = {}
+        for i in range(count):
+            # one run at a time: holding all of a batch costs more in memory traffic than flying them
+            run = self.case.fly(self.seed, first + i)
+            rows.append(
+                {
+                    "mean_square": _mean_square(run.error[window]),
+                    "at_height": at_heights(self.case, crossings, run.error),
+                    "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
+                    "lost": np.sum(np.isnan(run.fix_llh[:, 0])),
+                    "rejected": np.sum(run.status == REJECTED),
+                    "broken": ~np.all(np.isfinite(run.nees)),
+                    "degrees": run.degrees.max(initial=0),
+                    "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
+                }
+            )
+            sums["nees"] += run.nees / states.N
+            sums["nees_position_velocity"] += run.nees_position_velocity / 6
+            sums["nees_group"] += run.nees_group / 3
+            sums["nis"][1:] += run.innovation_squared / np.maximum(run.degrees, 1)
+            for name in HISTORIES[self.keep]:
+                history = getattr(run, name)
+                if name not in kept:
+                    kept[name] = np.empty((count, *history.shape), history.dtype)
+                kept[name][i] = history
+        per_run = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+        return per_run, sums, kept
+
+
+def fly_all(
+    case: Case,
+    seed: int,
+    first_run: int,
+    runs: int,
+    workers: int,
+    *,
+    keep: str = "all",
+    store: Store | None = None,
+    done: Callable[[int], None] = lambda _: None,
+    enough: Callable[[Ensemble], bool] | None = None,
+) -> Ensemble:
+    """Fly runs of a case; see `study.ensemble.fly_all`."""
+    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, workers, store, done, enough)
+
+
+_UNTIL = re.compile(r"\s*(rms_horizontal|rms_vertical)\s+within\s+([0-9.]+)\s*%\s*")
+
+
+def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
+    """`rms_horizontal within 2%`: true once the 95 % interval reaches no further than that from its value.
+
+    Raises ValueError for anything else.
+    """
+    match = _UNTIL.fullmatch(expression)
+    try:
+        share = float(match.group(2)) / 100.0 if match else 0.0
+    except ValueError:
+        share = 0.0
+    if match is None or share <= 0.0:
+        raise ValueError(f"{expression!r}: expected `rms_horizontal within 2%` or `rms_vertical within 2%`")
+    columns = slice(0, 2) if match.group(1) == "rms_horizontal" else slice(2, 3)
+
+    def enough(ensemble: Ensemble) -> bool:
+        value, low, high = rms_interval(ensemble.per_run("mean_square")[:, columns])
+        return bool(0.5 * (high - low) <= share * value)
+
+    return enough
+
+
+def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> dict[str, object]:
+    """What partial work must agree in to be resumed: scenario, random numbers, extent, code."""
+    text = resolved_yaml(case.scenario)
+    return {
+        "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "seed": seed,
+        "first_run": first_run,
+        "runs": runs,
+        "keep": keep,
+        "navsim_version": navsim.__version__,
+        "kernels": kernel_digest(),
+    }
+
+
+def default_workers() -> int:
+    """As many threads as this process may use cores."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def findings(case: Case, ensemble: Ensemble) -> list[str]:
+    """Warnings about what happened, beside those about the input."""
+    out = fix_findings(case)
+    rejected = int(ensemble.per_run("rejected").sum())
+    if rejected:
+        share = f" of {ensemble.runs} runs" if ensemble.runs > 1 else ""
+        out.append(f"{rejected} fixes{share} were rejected by the innovation gate")
+    broken = int(ensemble.per_run("broken").sum())
+    if broken:
+        out.append(f"the filter's covariance lost positive definiteness in {broken} of {ensemble.runs} runs")
+    return out
+
+
+def _mean_square(error: np.ndarray) -> np.ndarray:
+    """Mean square over time (t, 15) -> (15,); nan for no time at all."""
+    return np.mean(error**2, axis=0) if error.shape[0] else np.full(error.shape[1], np.nan)
+
+
+def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
+    """Lateral, along-track and vertical position error (h, 3) of one run at the crossings, m."""
+    t = case.world.filter_time
+    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
+    out = np.full((len(crossings), 3), np.nan)
+    for row, when in zip(out, crossings, strict=True):
+        if math.isfinite(when):
+            north, east, down = (np.interp(when, t, error[:, i]) for i in range(3))
+            row[:] = c * east - s * north, c * north + s * east, -down
+    return out

@@ -1,0 +1,199 @@
+"""The result tree of a Monte Carlo study of a landing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from navsim.core import states
+from navsim.io.results import Result, Stream, Variable
+from navsim.scenario.landing import CLOCKS
+from navsim.simulation.landing import (
+    World,
+)
+from navsim.study.ensemble import Ensemble
+from navsim.study.landing.case import PERCENTILES, Case, rms_window
+from navsim.study.landing.ensemble import GROUPS, LEVELS
+from navsim.study.landing.tree import accuracy, base
+from navsim.study.statistics import (
+    consistency_band,
+    ellipsoid_probability,
+    mean_interval,
+    rms_interval,
+    verdict,
+)
+
+
+def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
+    """The result tree of an ensemble that was flown with the same `keep`.
+
+    keep: `all` also stores measurements and fixes of every run, `errors` the filter's errors, `none` the
+    statistics alone.
+    """
+    out = base(case, seed)
+    v = out.variables
+    runs = np.arange(ensemble.first_run, ensemble.first_run + ensemble.runs)
+    v["/run"] = Variable(("run",), runs, "1", "number of the run in the ensemble of the seed")
+    if keep == "all":
+        _receiver(v, case, ensemble)
+        _measurements(v, case, ensemble)
+    if keep != "none":
+        _filter(v, case.world, ensemble)
+    _summary(v, case, ensemble)
+    return out
+
+
+def _history(
+    ensemble: Ensemble, name: str, convert: Callable[[np.ndarray], np.ndarray] = lambda block: block
+) -> Stream:
+    """A kept history as a stream of blocks along the run axis, never in memory as a whole."""
+    first = convert(next(ensemble.blocks(name)))
+    return Stream((ensemble.runs, *first.shape[1:]), first.dtype, lambda: map(convert, ensemble.blocks(name)))
+
+
+def _measurements(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
+    s = case.world.signals
+    v["/measurements/time"] = Variable(("time",), s.time, "s", "fix epochs")
+    v["/measurements/source"] = Variable(("source",), np.array(s.names, dtype=object), "1", "names of the sources")
+    dims = ("run", "time", "source")
+    v["/measurements/pseudorange"] = Variable(dims, _history(ensemble, "pseudorange"), "m", "pseudoranges")
+    v["/measurements/range_rate"] = Variable(dims, _history(ensemble, "range_rate"), "m/s", "pseudorange rates")
+    cn0 = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
+    v["/measurements/cn0"] = Variable(dims, cn0, "dB-Hz", "carrier to noise density ratio")
+
+
+def _receiver(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
+    s = case.world.signals
+    clocks = sorted(set(s.clock[np.any(s.used, axis=0)].tolist()))
+    v["/receiver/clock_name"] = Variable(
+        ("clock_name",), np.array([CLOCKS[c] for c in clocks], dtype=object), "1", "time scales"
+    )
+    dims = ("run", "time")
+    v["/receiver/position_llh"] = Variable(
+        (*dims, "llh"), _history(ensemble, "fix_llh"), "rad, rad, m", "fixes of the antenna"
+    )
+    v["/receiver/velocity_ned"] = Variable(
+        (*dims, "ned"), _history(ensemble, "fix_velocity"), "m/s", "velocity fixes of the antenna"
+    )
+    v["/receiver/clock"] = Variable(
+        (*dims, "clock_name"),
+        _history(ensemble, "fix_clock", lambda block: block[..., clocks]),
+        "m",
+        "receiver clock against each time scale",
+    )
+
+
+def _filter(v: dict[str, Variable], world: World, ensemble: Ensemble) -> None:
+    v["/filter/time"] = Variable(("time",), world.filter_time, "s", "time 0, then the times the fixes are applied")
+    v["/filter/state"] = Variable(
+        ("state",),
+        np.array(states.NAMES),
+        "1",
+        "states of the filter",
+        {"state_units": ", ".join(states.UNITS)},
+    )
+    mixed = "m, m/s, rad, rad/s, m/s2"
+    v["/filter/error"] = Variable(
+        ("run", "time", "state"), _history(ensemble, "error"), mixed, "truth minus estimate, after the update"
+    )
+    v["/filter/sigma"] = Variable(
+        ("run", "time", "state"), _history(ensemble, "sigma"), mixed, "1 sigma of the filter, after the update"
+    )
+    v["/filter/nees"] = Variable(
+        ("run", "time"),
+        _history(ensemble, "nees"),
+        "1",
+        "normalised estimation error squared, 15 states",
+        {"degrees_of_freedom": states.N},
+    )
+    v["/filter/nees_position_velocity"] = Variable(
+        ("run", "time"), _history(ensemble, "nees_position_velocity"), "1",
+        "normalised estimation error squared, position and velocity", {"degrees_of_freedom": 6},
+    )  # fmt: skip
+    v["/filter/epoch"] = Variable(("epoch",), world.signals.time, "s", "fix epochs, time of validity")
+    innovation = _history(ensemble, "innovation_squared")
+    v["/filter/innovation_squared"] = Variable(
+        ("run", "epoch"), innovation, "1", "normalised innovation squared, nan without a fix",
+        {"degrees_of_freedom": int(ensemble.per_run("degrees").max())},
+    )  # fmt: skip
+    status = _history(ensemble, "status", lambda block: block.astype(np.int8))
+    v["/filter/fix_status"] = Variable(("run", "epoch"), status, "1", "0 no fix, 1 used, 2 rejected by the gate")
+
+
+def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
+    t = case.world.filter_time
+    squares = ensemble.per_run("mean_square")
+    at = ensemble.per_run("at_height")
+    accuracy(
+        v,
+        np.stack([rms_interval(squares[:, [i]]) for i in range(9)]),
+        rms_interval(squares[:, :2]),
+        rms_interval(squares[:, 2:3]),
+        np.stack([[rms_interval(at[:, h, [i]] ** 2) for h in range(at.shape[1])] for i in range(3)]),
+    )
+
+    v["/summary/percentile"] = Variable(
+        ("percentile",), np.array(PERCENTILES), "1", "percentiles over runs of the size of an error"
+    )
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        v[f"/summary/at/{name}_percentile"] = Variable(
+            ("height", "percentile"), np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T, "m",
+            f"percentiles over runs of the size of the {name} position error",
+        )  # fmt: skip
+    for name, first, last in (("horizontal", 0, 2), ("vertical", 2, 3)):
+        size = np.sqrt(squares[:, first:last].sum(axis=1))
+        v[f"/summary/rms/{name}_percentile"] = Variable(
+            ("percentile",), np.percentile(size, PERCENTILES), "m",
+            f"percentiles over runs of the {name} error, root mean square over 20 s to touchdown",
+        )  # fmt: skip
+
+    v["/summary/coverage/level"] = Variable(("level",), LEVELS, "1", "size of the ellipsoid in sigmas")
+    inside = ensemble.per_run("inside")
+    v["/summary/coverage/position"] = Variable(
+        ("level", "interval"), np.stack([mean_interval(inside[:, k]) for k in range(LEVELS.size)]), "1",
+        "share of outputs after time 0 with the position error inside its ellipsoid",
+    )  # fmt: skip
+    v["/summary/coverage/expected"] = Variable(
+        ("level",), np.array([ellipsoid_probability(k, 3) for k in LEVELS]), "1", "share of a Gaussian error"
+    )
+
+    runs = ensemble.runs
+    v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
+    most = int(ensemble.per_run("degrees").max())
+    for name, degrees, meaning in (
+        ("nees", states.N, "normalised estimation error squared, 15 states"),
+        ("nees_position_velocity", 6, "normalised estimation error squared, position and velocity"),
+        ("nis", most, "normalised innovation squared"),
+    ):
+        low, high = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)
+        v[f"/summary/consistency/{name}"] = Variable(
+            ("time",), ensemble.mean(name), "1", f"ensemble mean per degree of freedom: {meaning}",
+            {"band_low": low, "band_high": high, "degrees_of_freedom": degrees},
+        )  # fmt: skip
+
+    band = consistency_band(3, runs)
+    groups = ensemble.mean("nees_group")
+    v["/summary/consistency/group"] = Variable(
+        ("group",), np.array(GROUPS, dtype=object), "1", "groups of three states"
+    )
+    v["/summary/consistency/nees_group"] = Variable(
+        ("time", "group"), groups, "1", "ensemble mean per degree of freedom of each group's normalised squared error",
+        {"band_low": band[0], "band_high": band[1], "degrees_of_freedom": 3},
+    )  # fmt: skip
+    window = rms_window(case)
+    late = groups[window].mean(axis=0) if window.any() else np.full(len(GROUPS), np.nan)
+    v["/summary/consistency/mean_group"] = Variable(
+        ("group",), late, "1", "mean of nees_group over 20 s to touchdown; one is right"
+    )
+    v["/summary/consistency/verdict"] = Variable(
+        ("group",), np.array([verdict(m, band) for m in late], dtype=object), "1",
+        "mean_group against the 95 % band of a single time",
+    )  # fmt: skip
+
+    for name, value, meaning in (
+        ("runs", runs, "number of runs"),
+        ("fixes", int(ensemble.per_run("fixes").sum()), "fixes of all runs"),
+        ("epochs_without_fix", int(ensemble.per_run("lost").sum()), "epochs of all runs without a fix"),
+    ):
+        v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
