@@ -15,7 +15,8 @@ test: $(STAMP)           ## the whole test suite
 docs: $(STAMP)           ## docs/validation.md from the oracle tests
 	$(BIN)/python -m pytest tests/oracle --validation docs/validation.md
 
-validate: $(STAMP)       ## the long statistical studies: docs/filter-consistency.md
+validate: $(STAMP)       ## the long statistical studies: docs/filter-consistency.md, docs/covariance-against-runs.md
+	$(BIN)/python scripts/covariance_against_runs.py
 	$(BIN)/python scripts/filter_consistency.py
 
 lint: $(STAMP)           ## style and types

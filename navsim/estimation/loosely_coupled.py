@@ -36,9 +36,9 @@ from navsim.core.jit import kernel
 from navsim.core.strapdown import MID_N, step
 from navsim.estimation import error_state, invariant, tfg
 
-ESKF, LEFT_INVARIANT, TFG = 0, 1, 2
-"""Kinds of filter."""
-KINDS = {"eskf": ESKF, "left-invariant": LEFT_INVARIANT, "tfg": TFG}
+ESKF, LEFT_INVARIANT, TFG, MAP = 0, 1, 2, 3
+"""Kinds of filter; MAP is no filter but `estimation.smoother`."""
+KINDS = {"eskf": ESKF, "left-invariant": LEFT_INVARIANT, "tfg": TFG, "map": MAP}
 
 NO_FIX, USED, REJECTED = 0, 1, 2
 """What became of an epoch: no fix to use, fix used, fix rejected by the innovation gate."""

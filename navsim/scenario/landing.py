@@ -538,8 +538,9 @@ class Gate(Section):
 class Filter(Section):
     """What the filter does and believes; what is left out follows from the truth."""
 
-    kind: Literal["tfg", "eskf", "left-invariant"] = "tfg"
-    """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset"""
+    kind: Literal["tfg", "eskf", "left-invariant", "map"] = "tfg"
+    """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset. map: batch
+    smoother, each output from all fixes, as a reference"""
     velocity: bool = True
     """use the velocity of the fixes beside their position"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None

@@ -18,7 +18,7 @@ from navsim.core.attitude import rotate_left
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
-from navsim.estimation import error_state, loosely_coupled, receiver
+from navsim.estimation import error_state, loosely_coupled, receiver, smoother
 from navsim.models import imu, pseudorange
 from navsim.models.kinematics import Motion, Trajectory
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
@@ -376,13 +376,17 @@ def fly(
     scale = settings.sigma_scale**2
     # the filter knows when a fix came and how old it believes it to be
     valid = signals.time + (truth.time[1:] - signals.time) - settings.latency if e else signals.time
-    loosely_coupled.run(
-        settings.kind, world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
+    flight = (
+        world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
         np.maximum(valid, 0.0), llh, velocity, scale * cov,
         settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
         truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],
         error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, covariance.STRIDE,
     )  # fmt: skip
+    if settings.kind == loosely_coupled.MAP:
+        smoother.run(*flight)
+    else:
+        loosely_coupled.run(settings.kind, *flight)
     return Run(
         ranges, rates, llh, velocity, clocks, error, sigma, nees, nees_pv, nees_group, innovation, degrees, status
     )  # fmt: skip

@@ -133,3 +133,22 @@ def test_markov_bias_is_followed() -> None:
     )  # fmt: skip
     ensemble = fly_all(flown, 2, 0, 400, default_workers())
     assert 0.94 < ensemble["nees"][:, 10:].mean() / 15 < 1.06
+
+
+@pytest.mark.parametrize("fixes", FIXES)
+def test_batch_smoother_is_true_where_filters_are_not(fixes: str) -> None:
+    """The paper's errors, the nose following the path, where `tfg` reaches 3: `map` stays within 0.9-1.15."""
+    full, part = at_tens(case(*FIXES[fixes], "filter.kind=map", name="landing_gnss_only"), 300)
+    assert np.all((full > 0.9) & (full < 1.15)), full
+    assert np.all((part > 0.9) & (part < 1.15)), part
+
+
+def test_smoothed_errors_are_smaller_and_the_last_is_the_filters() -> None:
+    """In the small-angle world the last output is that of a filter; before it, later fixes help."""
+    settings = ("imu.gyro.drift_deg_h=7", "initial_errors.attitude_deg=0.05", "receiver.rate_hz=1")
+    filtered = case(*settings, "receiver.latency_s=0.253").fly(1, 0)
+    smoothed = case(*settings, "receiver.latency_s=0.253", "filter.kind=map").fly(1, 0)
+    np.testing.assert_allclose(smoothed.sigma[-1], filtered.sigma[-1], rtol=2e-3)
+    np.testing.assert_allclose(smoothed.error[-1], filtered.error[-1], atol=1e-2 * filtered.sigma[-1].max(), rtol=0)
+    assert np.all(np.abs(smoothed.error[-1] - filtered.error[-1]) < 0.02 * filtered.sigma[-1])
+    assert np.all(smoothed.sigma[40, :6] < 0.9 * filtered.sigma[40, :6])

@@ -1,0 +1,122 @@
+"""The linear covariance analysis against Monte Carlo: two computations that share no formula for accuracy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.core import states
+from navsim.simulation.landing_covariance import SOURCES
+from navsim.study.landing import Case, covariance_analysis, covariance_result, default_workers, fly_all
+from tests.helpers import case
+
+GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
+MISTUNED = (
+    "filter.fix_sigma_scale=2",
+    "filter.velocity=false",
+    "filter.imu={gyro: {drift_deg_h: 20, noise_deg_h: 90}}",
+)
+
+
+def ratios(flown: Case, runs: int, first: int, count: int) -> np.ndarray:
+    """RMS over runs divided by the predicted one, at every 10 s, of `count` states."""
+    error = fly_all(flown, 1, 0, runs, default_workers())["error"]
+    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    analysis = covariance_analysis(flown)
+    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
+    measured = np.sqrt(np.mean(error**2, axis=0))
+    return (measured / predicted)[at, first : first + count]
+
+
+@pytest.mark.parametrize("settings", [(), MISTUNED], ids=["matched", "mistuned"])
+def test_two_thousand_runs_agree(settings: tuple[str, ...]) -> None:
+    """Every component of position and velocity at every 10 s, 1 degree and 70 deg/h: within 8 %."""
+    ratio = ratios(case(*GENTLE, *settings), 2000, states.POS, 6)
+    assert np.all(np.abs(ratio - 1.0) < 0.08), ratio
+
+
+def test_a_mistuned_filter_is_shown_right() -> None:
+    """Its sigma is wrong by far more than the 8 % of the test before, and the analysis says by how much."""
+    flown = case(*GENTLE, *MISTUNED)
+    analysis = covariance_analysis(flown)
+    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[-1]
+    true = np.sqrt(analysis.variance.sum(axis=0))[-1]
+    assert believed[0] / true[0] > 1.3
+    assert believed[8] / true[8] < 0.95 or believed[11] / true[11] < 0.5
+    ensemble = fly_all(flown, 1, 0, 500, default_workers())
+    np.testing.assert_allclose(ensemble["nees"].mean(axis=0)[20:] / 15, analysis.expected_square(slice(0, 15))[20:],
+                               rtol=0.15)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("pseudolites.survey_error_m=[15, -10, 3]", "pseudolites.clock_offset_ns=30"),
+        ("receiver.lever_arm_m=[2.0, 0.5, -1.0]", "filter.lever_arm_m=[0, 0, 0]", "filter.gate.probability=0"),
+        ("receiver.latency_s=0.25", "filter.latency_s=0.05", "filter.gate.probability=0"),
+        ("imu.gyro.drift_fixed_deg_h=[50, -60, 40]", "initial_errors.fixed={attitude_deg: [1, -1, 0.5]}"),
+        ("imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40"),
+        ("imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "filter.imu={gyro: {drift_deg_h: 0}}"),
+    ],
+    ids=["survey and clock", "lever arm", "latency", "fixed values", "Markov", "Markov believed, constant beside it"],
+)
+def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
+    """Errors the filter knows nothing of: RMS of 600 runs within 13 % (4.5 sigma of the sampling) at every 10 s."""
+    ratio = ratios(case(*GENTLE, *settings), 600, states.POS, 6)
+    assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
+
+
+ALONE = {
+    "initial_attitude": ("initial_errors.attitude_deg", "1"),
+    "gyro_bias": ("imu.gyro.drift_deg_h", "70"),
+    "accelerometer_noise": ("imu.accelerometer.noise_mg", "10"),
+}
+"""Keys that switch one source on."""
+
+
+@pytest.mark.parametrize("source", ALONE)
+def test_each_share_is_what_that_source_does_alone(source: str) -> None:
+    """With all other sources switched off in the truth, and kept in the filter, runs show that share."""
+    quiet = {
+        "imu.gyro.drift_deg_h": "0", "imu.gyro.noise_deg_h": "0", "imu.accelerometer.bias_mg": "0",
+        "imu.accelerometer.noise_mg": "0", "initial_errors.attitude_deg": "0", "initial_errors.position_m": "0",
+        "initial_errors.velocity_m_s": "0",
+    }  # fmt: skip
+    # ranging noise cannot be switched off: it is made small in truth and believed large by the filter
+    ranging = (
+        "signals.range_sigma_m=0.0022", "signals.range_rate_sigma_m_s=0.0001", "pseudolites.range_sigma_m=0.0022",
+        "pseudolites.range_rate_sigma_m_s=0.0001", "filter.fix_sigma_scale=1000",
+    )  # fmt: skip
+    believed = (
+        "filter.initial={attitude_deg: 1, position_m: 10, velocity_m_s: 1}",
+        "filter.imu={gyro: {drift_deg_h: 70, noise_deg_h: 30}, accelerometer: {bias_mg: 1, noise_mg: 10}}",
+    )
+    key, value = ALONE[source]
+    quiet[key] = value
+    flown = case(
+        "receiver.rate_hz=1", "filter.velocity=false", *(f"{k}={v}" for k, v in quiet.items()), *ranging, *believed
+    )
+    error = fly_all(flown, 1, 0, 400, default_workers())["error"]
+    whole = case(*GENTLE, "filter.velocity=false")
+    budget = np.sqrt(covariance_analysis(whole).variance[SOURCES.index(source)])
+    at = [20, 60, 100]
+    np.testing.assert_allclose(np.sqrt(np.mean(error**2, axis=0))[at, :6], budget[at, :6], rtol=0.16, atol=2e-3)
+
+
+def test_result_has_the_same_table() -> None:
+    """Names of a Monte Carlo result, the budget adds up, and the percentiles are Gaussian ones."""
+    flown = case(*GENTLE)
+    result = covariance_result(flown, covariance_analysis(flown), 1)
+    assert result["/filter/sigma"].shape == (1, 121, 15)
+    np.testing.assert_allclose(np.sqrt((result["/budget/rms"] ** 2).sum(axis=0)), result["/covariance/rms"])
+    assert result["/summary/budget/horizontal_share"].sum() == pytest.approx(1.0)
+    value, low, high = result["/summary/rms/horizontal"]
+    assert value == low == high
+    assert value == pytest.approx(np.sqrt((result["/summary/budget/horizontal"] ** 2).sum()))
+    np.testing.assert_allclose(
+        result["/summary/at/lateral_percentile"], result["/summary/at/lateral"][:, :1] * [0.67449, 1.95996, 2.57583],
+        rtol=1e-4,
+    )  # fmt: skip
+    # runway to the north: lateral is east, along is north
+    at = np.interp(60.1869, result["/covariance/time"], result["/covariance/rms"][:, 1])
+    assert result["/summary/at/lateral"][0, 0] == pytest.approx(at, rel=1e-3)

@@ -1,0 +1,87 @@
+"""The batch smoother against a general least-squares solver that knows nothing of Kalman filters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from navsim.core import states
+from navsim.core.covariance import SIZE, STRIDE
+from navsim.core.strapdown import navigate
+from navsim.estimation import error_state, smoother
+from tests.helpers import case
+
+SIGMA = np.repeat([10.0, 1.0, np.radians(5.0), np.radians(700.0 / 3600.0), 9.8e-3], 3)
+FIX_SIGMA = 4.0
+EPOCHS = 20
+
+
+def injected(start: np.ndarray, x: np.ndarray) -> np.ndarray:
+    nav = start.copy()
+    error_state.inject(nav, x)
+    return nav
+
+
+@pytest.mark.validates(
+    "The `map` smoother minimises the nonlinear least-squares cost of the whole flight",
+    "scipy.optimize.least_squares with numerical derivatives through the mechanisation",
+    "5e-3 of a sigma in every state at the last fix",
+)
+def test_map_is_the_least_squares_solution() -> None:
+    """Perfect sensors but for constant biases, 5 degrees and 700 deg/h: fifteen unknowns, 60 positions and a prior."""
+    flown = case("receiver.rate_hz=1", f"duration_s={EPOCHS}", "imu.gyro.noise_deg_h=0", "imu.accelerometer.noise_mg=0")
+    world = flown.world
+    rng = np.random.default_rng(5)
+    truth = world.at_filter
+    start = np.zeros(states.NAV_N)
+    start[:3], start[3:6], start[6:10] = truth.llh[0], truth.velocity_ned[0], truth.quaternion[0]
+    start = injected(start, -SIGMA * rng.standard_normal(15) * np.repeat([1, 1, 1, 0, 0], 3))
+    bias = SIGMA[9:] * rng.standard_normal(6)
+    dt = 0.01
+    dtheta, dv = world.dtheta + bias[:3] * dt, world.dv + bias[3:] * dt
+    radius = np.array([6.38e6, 6.38e6 * np.cos(truth.llh[0, 0]), -1.0])
+    fixes = truth.llh[1:] + FIX_SIGMA * rng.standard_normal((EPOCHS, 3)) / radius
+
+    def residuals(shifted: np.ndarray) -> np.ndarray:
+        # in sigmas and away from zero, so that the solver's relative steps are steps of 1e-4 sigma
+        x = SIGMA * (shifted - 10.0)
+        out = np.empty((EPOCHS + 1, states.NAV_N))
+        navigate(injected(start, x), dtheta, dv, dt, 100, out)
+        misfit = np.empty((EPOCHS, 3))
+        for row, nav, fix in zip(misfit, out[1:], fixes, strict=True):
+            z = np.empty(15)
+            target = nav.copy()
+            target[:3] = fix
+            smoother._difference(target, nav, z)
+            row[:] = z[:3]
+        return np.concatenate([x / SIGMA, misfit.ravel() / FIX_SIGMA])
+
+    solution = least_squares(
+        residuals, np.full(15, 10.0), "3-point", diff_step=1e-5, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    expected = np.empty((EPOCHS + 1, states.NAV_N))
+    navigate(injected(start, SIGMA * (solution.x - 10.0)), dtheta, dv, dt, 100, expected)
+
+    p = np.zeros(SIZE)
+    p[np.arange(15) * (STRIDE + 1)] = SIGMA**2
+    nav = start.copy()
+    out = [np.empty((EPOCHS + 1, 15)), np.empty((EPOCHS + 1, 15)), np.empty(EPOCHS + 1), np.empty(EPOCHS + 1)]
+    tail = [np.empty((EPOCHS + 1, 5)), np.empty(EPOCHS), np.empty(EPOCHS, np.int64), np.empty(EPOCHS, np.int64)]
+    cov = np.tile(np.diag(np.repeat([FIX_SIGMA**2, 1.0], 3)), (EPOCHS, 1, 1))
+    smoother.run(
+        world.imu_time, dtheta, dv, nav, p, np.zeros(6), np.arange(1.0, EPOCHS + 1), fixes, np.full((EPOCHS, 3), 0.0),
+        cov, False, 0.0, np.zeros(3), np.full(2, np.inf), 0, truth.llh, truth.velocity_ned, truth.quaternion,
+        np.tile(bias, (EPOCHS + 1, 1)), *out, *tail, STRIDE,
+    )  # fmt: skip
+    gap = np.empty(15)
+    smoother._difference(nav, expected[-1], gap)
+    assert np.all(np.abs(gap) < 5e-3 * out[1][-1]), gap / out[1][-1]
+    # the prior is left by 0.5 degrees and more, so this is not the linear problem
+    turned = Rotation.from_quat(nav[[7, 8, 9, 6]]) * Rotation.from_quat(start[[7, 8, 9, 6]]).inv()
+    assert turned.magnitude() > np.radians(0.5)
+    # its sigmas are those of the Jacobian at the solution, carried to the end
+    jacobian = solution.jac
+    initial = SIGMA * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    np.testing.assert_allclose(out[1][0][9:], initial[9:], rtol=2e-2)
