@@ -22,7 +22,7 @@ _TRAVEL_TIME = 0.07
 class Signals:
     """All sources over all fix epochs; a source that is not received has `used` false there.
 
-    time: (e,) s. names: (s,). clock: (s,) number of the clock unknown. used: (e, s) bool.
+    time: (e,) s. antenna: (e, 3) ECEF, m. names: (s,). clock: (s,) number of the clock unknown. used: (e, s) bool.
     position, velocity: (e, s, 3) where the receiver believes the sources (satellites at the time of
     transmission, in ECEF axes at reception), m, m/s. range, range_rate: (e, s) true, m, m/s.
     delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
@@ -31,6 +31,7 @@ class Signals:
     """
 
     time: np.ndarray
+    antenna: np.ndarray
     names: tuple[str, ...]
     clock: np.ndarray
     used: np.ndarray

@@ -78,6 +78,18 @@ class ErrorLaw:
 
 
 @dataclass(frozen=True)
+class Environment:
+    """All sources of signals and the antenna that hears them; lever_arm (3,) IMU to antenna, body, m."""
+
+    satellites: Satellites | None
+    listed: Listed | None
+    mask: Mask
+    ground: Ground
+    law: ErrorLaw
+    lever_arm: np.ndarray
+
+
+@dataclass(frozen=True)
 class InitialErrors:
     """1 sigma per axis of the initial errors, rad, m, m/s; `fixed` (9,) position, velocity, attitude errors
     (truth - estimate) instead of drawn ones."""
@@ -173,18 +185,13 @@ def epochs(duration: float, rate: float) -> np.ndarray:
 
 def build_world(
     trajectory: Trajectory,
+    environment: Environment,
     *,
     utc: float,
     duration: float,
     imu_rate: float,
     fix_rate: float,
     latency: float,
-    lever_arm: np.ndarray,
-    satellites: Satellites | None,
-    listed: Listed | None,
-    mask: Mask,
-    ground: Ground,
-    law: ErrorLaw,
     clock_offset: float,
     clock_drift: float,
 ) -> World:
@@ -198,7 +205,7 @@ def build_world(
     fix_time = epochs(duration, fix_rate)
     fix_time = fix_time[fix_time + latency <= imu_time[-1] + 1e-9]
     at_fix = trajectory.motion(fix_time)
-    signals = build_signals(at_fix, utc, lever_arm, satellites, listed, mask, ground, law)
+    signals = build_signals(at_fix, utc, environment)
     cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.sigma**2)
     at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + latency]))
     return World(
@@ -217,23 +224,15 @@ def build_world(
     )
 
 
-def build_signals(
-    motion: Motion,
-    utc: float,
-    lever_arm: np.ndarray,
-    satellites: Satellites | None,
-    listed: Listed | None,
-    mask: Mask,
-    ground: Ground,
-    law: ErrorLaw,
-) -> pseudorange.Signals:
+def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
     """All sources at the times of `motion`, seen from the antenna; see `pseudorange.Signals`."""
     e = motion.time.size
+    satellites, listed, ground, law = environment.satellites, environment.listed, environment.ground, environment.law
     c_ne = ned_matrix(motion.llh)
-    arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
+    arm = np.einsum("nij,j->ni", motion.c_nb, environment.lever_arm)
     antenna = motion.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
     earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
-    swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, lever_arm))
+    swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, environment.lever_arm))
     antenna_velocity = motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
     c_ue = enu_matrix(motion.llh)
 
@@ -278,11 +277,12 @@ def build_signals(
     offset = believed - antenna[:, None]
     los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
     azimuth, elevation = azimuth_elevation(los)
-    used = np.array(chosen, dtype=bool) & (on_ground | mask.passes(azimuth, elevation))
+    used = np.array(chosen, dtype=bool) & (on_ground | environment.mask.passes(azimuth, elevation))
     los[~used] = np.nan
     satellite_sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
     return pseudorange.Signals(
         time=motion.time,
+        antenna=antenna,
         names=tuple(names),
         clock=np.array(clocks, dtype=np.int64),
         used=used,

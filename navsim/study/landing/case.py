@@ -19,6 +19,7 @@ from navsim.scenario.base import DEG
 from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation.landing import (
+    Environment,
     ErrorLaw,
     FilterSettings,
     Ground,
@@ -60,39 +61,45 @@ class Case:
         return fly(self.world, self.initial, self.gyro, self.accel, self.settings, seed, run)
 
 
-def prepare(scenario: Landing, document: Document) -> Case:
-    """Build everything the runs share. Raises InputError for an almanac that cannot be used."""
+def environment(scenario: Landing, document: Document) -> tuple[Environment, Landing, list[str]]:
+    """The sources of signals, the scenario with the almanac's checksum written into it, warnings.
+
+    Raises InputError for an almanac that cannot be used.
+    """
     warnings: list[str] = []
-    utc = scenario.epoch.timestamp()
-    trajectory = scenario.trajectory()
-    ground = _ground(scenario, trajectory)
+    ground = _ground(scenario, scenario.trajectory())
     satellites, listed = None, None
     if scenario.sky.source == "directions":
         listed = _listed(scenario)
     else:
-        satellites, scenario = _satellites(scenario, document, utc, warnings)
+        satellites, scenario = _satellites(scenario, document, warnings)
+    signals = scenario.signals
+    law = ErrorLaw(
+        signals.range_law,
+        signals.range_sigma_m,
+        signals.range_scale_deg * DEG,
+        signals.range_rate_sigma_m_s,
+        signals.cn0_dbhz,
+    )
+    lever_arm = np.array(scenario.receiver.lever_arm_m)
+    return Environment(satellites, listed, scenario.sky.mask(), ground, law, lever_arm), scenario, warnings
+
+
+def prepare(scenario: Landing, document: Document) -> Case:
+    """Build everything the runs share. Raises InputError for an almanac that cannot be used."""
+    sources, scenario, warnings = environment(scenario, document)
+    trajectory = scenario.trajectory()
     receiver = scenario.receiver
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = build_world(
         trajectory,
-        utc=utc,
+        sources,
+        utc=scenario.epoch.timestamp(),
         duration=scenario.duration_s,
         imu_rate=scenario.imu.rate_hz,
         fix_rate=receiver.rate_hz,
         latency=receiver.latency_s,
-        lever_arm=np.array(receiver.lever_arm_m),
-        satellites=satellites,
-        listed=listed,
-        mask=scenario.sky.mask(),
-        ground=ground,
-        law=ErrorLaw(
-            scenario.signals.range_law,
-            scenario.signals.range_sigma_m,
-            scenario.signals.range_scale_deg * DEG,
-            scenario.signals.range_rate_sigma_m_s,
-            scenario.signals.cn0_dbhz,
-        ),
         clock_offset=receiver.clock_offset_us * 1e-6,
         clock_drift=receiver.clock_drift_ppb * 1e-9,
     )
@@ -105,7 +112,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
     return Case(
         scenario,
         trajectory,
-        ground,
+        sources.ground,
         world,
         _initial(scenario),
         truth_gyro,
@@ -115,9 +122,10 @@ def prepare(scenario: Landing, document: Document) -> Case:
     )
 
 
-def _satellites(scenario: Landing, document: Document, utc: float, warnings: list[str]) -> tuple[Satellites, Landing]:
+def _satellites(scenario: Landing, document: Document, warnings: list[str]) -> tuple[Satellites, Landing]:
     """The constellation, and the scenario with the almanac's checksum written into it."""
     sky = scenario.sky
+    utc = scenario.epoch.timestamp()
     constellation: glonass.Nominal | glonass.Almanac = glonass.Nominal()
     if sky.source == "almanac":
         assert sky.almanac is not None
