@@ -12,7 +12,7 @@ from navsim.core.wgs84 import SPEED_OF_LIGHT
 from navsim.estimation.loosely_coupled import KINDS
 from navsim.io.almanac import AlmanacError, read_agl
 from navsim.models import glonass
-from navsim.models.approach import TOUCHDOWN
+from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Trajectory
 from navsim.scenario.base import DEG
@@ -29,6 +29,7 @@ from navsim.simulation.landing import (
     Satellites,
     World,
     build_world,
+    epochs,
     fly,
 )
 from navsim.study.statistics import (
@@ -252,6 +253,15 @@ def fix_findings(case: Case) -> list[str]:
             f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
         )
     return out
+
+
+def glide_epochs(scenario: Landing, trajectory: Trajectory) -> np.ndarray:
+    """Fix epochs from the start of the glide to touchdown, s."""
+    events = trajectory.path.events
+    first = events.get(GLIDE_START, 0.0)
+    last = min(events.get(TOUCHDOWN, math.inf), scenario.duration_s)
+    time = epochs(scenario.duration_s, scenario.receiver.rate_hz)
+    return time[(time >= first - 1e-9) & (time <= last + 1e-9)]
 
 
 def touchdown_time(case: Case) -> float:
