@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: run test lint docs validate bench clean
+.PHONY: run test lint docs table2 calibrate validate bench clean
 
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
@@ -14,6 +14,12 @@ test: $(STAMP)           ## the whole test suite
 
 docs: $(STAMP)           ## docs/validation.md from the oracle tests
 	$(BIN)/python -m pytest tests/oracle --validation docs/validation.md
+
+table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results/table2.*
+	$(BIN)/navsim table2
+
+calibrate: $(STAMP)      ## find the skies of Table 2 again: scenarios/table2*.yaml
+	$(BIN)/python scripts/calibrate_table2.py
 
 validate: $(STAMP)       ## the long statistical studies: docs/filter-consistency.md, docs/covariance-against-runs.md
 	$(BIN)/python scripts/covariance_against_runs.py
@@ -38,5 +44,5 @@ $(VENV)/.bench: $(STAMP) requirements-bench.lock
 	touch $@
 
 clean:                   ## remove the environment and everything generated
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing*
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

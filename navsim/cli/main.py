@@ -77,17 +77,17 @@ def _root(
 
 
 @contextmanager
-def _progress(total: int, shown: bool) -> Iterator[Callable[[int], None]]:
-    """A progress bar over `total` runs on standard error, or nothing."""
+def _progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[int], None]]:
+    """A progress bar over `total` of something on standard error, or nothing."""
     if not shown or total < 2 or not sys.stderr.isatty():
         yield lambda _: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("runs", total=total)
+        task = bar.add_task(what, total=total)
         yield lambda done: bar.update(task, completed=done)
 
 
@@ -230,7 +230,7 @@ def run(
         write(target, result)
         written = []
         if drawing is not None:
-            from navsim.report.figures import save
+            from navsim.report.views import save
 
             written = save(result, drawing, target.stem)
     except (ResultError, PartialError) as error:
@@ -297,12 +297,67 @@ def _print_summary(result: Any, name: str, quiet: bool, as_json: bool) -> None:
 
 
 def _print_table(results: list[tuple[str, Any]]) -> None:
+    from navsim.report.tables import summary_table
+    from navsim.report.views import VIEWS
+
+    kinds = {str(result.attributes["kind"]) for _, result in results}
+    if len(kinds) > 1:
+        leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
+    view = VIEWS.get(kinds.pop())
+    if view is None:
+        _print(summary_table(results), 52 + 40 * len(results))
+        return
+    for name, result in results:
+        print(name)
+        _print(view.console(result), view.width)
+
+
+def _print(table: Any, width: int) -> None:
+    """Print a table, in this width where there is no terminal to ask for its own."""
     from rich.console import Console
 
-    from navsim.report.tables import summary_table
+    Console(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
 
-    width = None if sys.stdout.isatty() else 52 + 40 * len(results)
-    Console(width=width, highlight=False).print(summary_table(results))
+
+@app.command()
+def table2(
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")] = Path(
+        "results"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Root of all random numbers.")] = 1,
+    runs: Annotated[int, typer.Option(min=1, help="Monte Carlo runs a row.")] = 400,
+    workers: Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
+) -> None:
+    """Set the paper's Table 2 beside the computed one; exit 1 when claim C3 or the direction of C4 fails."""
+    from navsim.core import jit
+    from navsim.io.results import ResultError, check_writable, write
+    from navsim.report.table2 import console, save
+    from navsim.study import table2 as study
+    from navsim.study.landing import default_workers
+
+    try:
+        check_writable(output / "table2.h5")
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    if not jit.is_warm():
+        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    with _progress(len(study.CALIBRATIONS) * len(study.ROWS), not quiet, "rows") as done:
+        found = study.compute_all(seed, runs, workers or default_workers(), done)
+    result = study.result(found, seed, runs)
+    try:
+        write(output / "table2.h5", result)
+        written = save(result, output)
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    if not quiet:
+        _print(console(result), 170)
+        print(f"files    {output}/table2.h5, {', '.join(path.name for path in written)}")
+    jit.mark_warm()
+    held = dict(zip(result["/claims/claim"], result["/claims/holds"][0], strict=True))
+    broken = [name for name in ("C3", "C4") if not held[name]]
+    if broken:
+        leave(CHECK_FAILED, f"claims that must hold fail: {', '.join(broken)}")
 
 
 @app.command()
@@ -340,7 +395,7 @@ def plot(
 
     try:
         result = read(file)
-        from navsim.report.figures import save
+        from navsim.report.views import save
 
         for path in save(result, figures or file.parent, file.stem):
             print(path)

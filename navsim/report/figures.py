@@ -40,10 +40,13 @@ _STYLE: Any = {
     "legend.frameon": False,
     "savefig.dpi": 200,
 }
-_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#777777"  # told apart by the colour-blind
+_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
+COLOURS = (_BLUE, _ORANGE, _GREEN)
+"""Told apart by the colour-blind."""
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -71,7 +74,7 @@ def _touchdown(result: Result) -> float:
 
 def track(result: Result) -> Figure:
     """Plan view with the pseudolites, and the height profile."""
-    fig = _figure(2 * COLUMN, 3.6)
+    fig = new_figure(2 * COLUMN, 3.6)
     plan, profile = fig.subplots(2, 1, height_ratios=[3, 2])
     path = _in_runway_axes(result, result["/truth/position_llh"])
     length = _setting(result, "runway", "length_m")
@@ -112,7 +115,7 @@ def track(result: Result) -> Figure:
 
 def sky(result: Result) -> Figure:
     """Directions to the used sources over the approach, pseudolites included."""
-    fig = _figure(COLUMN, 3.4)
+    fig = new_figure(COLUMN, 3.4)
     ax = fig.add_subplot(projection="polar")
     ax.set_theta_zero_location("N")  # type: ignore[attr-defined]
     ax.set_theta_direction(-1)  # type: ignore[attr-defined]
@@ -140,7 +143,7 @@ def sky(result: Result) -> Figure:
 
 def dop(result: Result) -> Figure:
     """DOPs over time."""
-    fig = _figure(COLUMN, 2.4)
+    fig = new_figure(COLUMN, 2.4)
     ax = fig.subplots()
     t = result["/geometry/time"]
     for name, colour in (("pdop", _BLUE), ("vdop", _ORANGE), ("hdop", _GREEN)):
@@ -167,7 +170,7 @@ def _fix_errors(result: Result) -> np.ndarray:
 
 def fixes(result: Result) -> Figure:
     """Scatter of the fixes about the truth, with the 95 % ellipse of the mean predicted covariance."""
-    fig = _figure(COLUMN, 3.0)
+    fig = new_figure(COLUMN, 3.0)
     ax = fig.subplots()
     error = _fix_errors(result)
     error = error[np.isfinite(error[:, 0])]
@@ -200,7 +203,7 @@ _ROWS: tuple[tuple[str, float], ...] = (
 
 def errors(result: Result) -> Figure:
     """The fifteen errors of the first run with their 3 sigma bounds."""
-    fig = _figure(2 * COLUMN, 6.2)
+    fig = new_figure(2 * COLUMN, 6.2)
     axes = fig.subplots(5, 3, sharex=True)
     t = result["/filter/time"]
     error, sigma = result["/filter/error"][0], result["/filter/sigma"][0]
@@ -232,7 +235,7 @@ def errors(result: Result) -> Figure:
 
 def budget(result: Result) -> Figure:
     """True root mean square error against the filter's belief, and what each source contributes."""
-    fig = _figure(2 * COLUMN, 4.4)
+    fig = new_figure(2 * COLUMN, 4.4)
     axes = fig.subplots(2, 2, sharex=True)
     t = result["/covariance/time"]
     after = t >= t[0] + 0.05 * (t[-1] - t[0])
@@ -263,7 +266,7 @@ def budget(result: Result) -> Figure:
 
 def nees(result: Result) -> Figure:
     """NEES per degree of freedom over time with its 95 % band; NIS below it."""
-    fig = _figure(COLUMN, 2.8)
+    fig = new_figure(COLUMN, 2.8)
     upper, lower = fig.subplots(2, 1, sharex=True)
     t = result["/summary/consistency/time"]
     for name, colour, label in (
@@ -308,22 +311,35 @@ _FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
 """Figures that need a variable not every result has."""
 
 
-def save(result: Result, folder: Path, stem: str) -> list[Path]:
-    """Write every figure the result has data for as `folder/stem_NAME.png`; returns the files.
+def landing(result: Result) -> dict[str, Figure]:
+    """Every figure a landing has data for, by name."""
+    chosen = _SUMMARY_FIGURES | {name: draw for name, (needed, draw) in _FIGURES_OF.items() if needed in result}
+    return {name: draw(result) for name, draw in chosen.items()}
 
-    Raises ResultError where they cannot be written or the result is of a kind without figures.
-    """
-    if result.attributes["kind"] != "landing":
-        raise ResultError(f"there are no figures for results of kind {result.attributes['kind']}")
-    figures = _SUMMARY_FIGURES | {name: draw for name, (needed, draw) in _FIGURES_OF.items() if needed in result}
+
+def save_figures(draw: Callable[[], dict[str, Figure]], folder: Path, stem: str) -> list[Path]:
+    """Draw figures in the common style and write them as `folder/stem_NAME.png`. Raises ResultError."""
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(_STYLE):
-            for name, draw in figures.items():
+            for name, figure in draw().items():
                 target = folder / f"{stem}_{name}.png"
-                draw(result).savefig(target)
+                figure.savefig(target)
                 written.append(target)
     except OSError as error:
         raise ResultError(f"{folder}: figures cannot be written there: {error.strerror or error}") from None
     return written
+
+
+def save_text(path: Path, text: str) -> Path:
+    """Write a text file whole or not at all. Raises ResultError."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path

@@ -19,4 +19,9 @@ def names() -> list[str]:
 
 def text(name: str) -> str:
     """The text of one template."""
-    return (_folder() / f"{name}.yaml").read_text(encoding="utf-8")
+    return path(name).read_text(encoding="utf-8")
+
+
+def path(name: str) -> Path:
+    """The file of one template."""
+    return _folder() / f"{name}.yaml"
