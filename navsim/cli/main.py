@@ -101,7 +101,7 @@ def _read(scenario: Path, assignments: list[str] | None) -> Any:
         leave(BAD_INPUT, *error.problems)
 
 
-def _target(scenario: Path, output: Path | None) -> Path:
+def _target(scenario: Path, output: Path | None, kind: str = "landing") -> Path:
     """The result's path, found writable and free of other people's data before anything is computed."""
     from navsim.io.results import ResultError, check_writable, read_kind
 
@@ -111,9 +111,9 @@ def _target(scenario: Path, output: Path | None) -> Path:
             raise ResultError(f"{target.parent}: no such folder; create it first or choose another -o/--output")
         check_writable(target)
         if target.exists():
-            kind = read_kind(target)
-            if kind != "landing":
-                raise ResultError(f"{target}: holds a result of kind {kind}, not landing; it will not be overwritten")
+            there = read_kind(target)
+            if there != kind:
+                raise ResultError(f"{target}: holds a result of kind {there}, not {kind}; it will not be overwritten")
     except ResultError as error:
         leave(BAD_INPUT, error)
     return target
@@ -263,12 +263,12 @@ def run(
         )
 
 
-def _store(target: Path, key: dict[str, Any], runs: int, fresh: bool) -> Any:
+def _store(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Any:
     """The place for partial work beside the result; None for a study of a single batch."""
     from navsim.study.ensemble import BATCH, PartialError, Store
 
     folder = target.with_name(f"{target.name}.partial")
-    if runs <= BATCH and not folder.exists():
+    if runs <= (batch or BATCH) and not folder.exists():
         return None
     try:
         return Store(folder, key, fresh)
@@ -317,6 +317,105 @@ def _print(table: Any, width: int) -> None:
     from rich.console import Console
 
     Console(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
+
+
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output", "-o", metavar="FILE.h5", help="Result file. Default: results/<study stem>.h5.", show_default=False
+    ),
+]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)]
+SeedOption = Annotated[int, typer.Option(min=0, help="Root of all random numbers.")]
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+
+
+@app.command()
+def sweep(
+    study: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)],
+    output: OutputOption = None,
+    seed: SeedOption = 1,
+    runs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Monte Carlo runs a combination. Default: the study's.", show_default=False),
+    ] = None,
+    workers: WorkersOption = None,
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="dop|covariance|monte-carlo", help="Default: the study's.", show_default=False),
+    ] = None,
+    set_: SetOption = None,
+    figures: FiguresOption = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, compute nothing.")] = False,
+    fresh: FreshOption = False,
+    quiet: QuietOption = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the best combinations as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Compute every combination of the listed settings: a cube, a table, maps. Resumable after a kill."""
+    from navsim.scenario.load import read_study
+    from navsim.scenario.source import InputError
+    from navsim.scenario.sweep import Sweep
+
+    extra = [*(set_ or []), *([f"method={method}"] if method else []), *([f"runs={runs}"] if runs else [])]
+    try:
+        section, document, base = read_study(study, Sweep, extra)
+        target = _target(study, output, "sweep")
+        from navsim.core import jit
+        from navsim.io.results import ResultError, write
+        from navsim.report import sweep as report
+        from navsim.study import sweep as computing
+        from navsim.study.ensemble import PartialError
+        from navsim.study.landing import default_workers
+
+        planned = computing.plan(section, document, base, seed)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in planned.axes)
+    if dry_run:
+        say(f"{study}: {planned.size} combinations ({extent}), method {section.method}; would write {target}")
+        return
+    if not jit.is_warm():
+        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    drawing = _figure_folder("none" if quiet and figures is None else figures, target, 1, quiet)
+    store = _store(target, computing.partial_key(planned), planned.size, fresh, planned.batch)
+    try:
+        with _progress(planned.size, not quiet, "combinations") as done:
+            found = computing.compute(planned, workers or default_workers(), store, done)
+        result = computing.sweep_result(planned, found)
+        write(target, result)
+        table = report.save_csv(result, target.with_suffix(".csv"))
+        written = []
+        if drawing is not None:
+            from navsim.report.views import save
+
+            written = save(result, drawing, target.stem)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    except (ResultError, PartialError) as error:
+        leave(RUN_FAILED, error)
+    except KeyboardInterrupt:
+        say(f"finished combinations are kept in {target}.partial; the same command goes on from there")
+        raise
+    if store is not None:
+        if store.redone:
+            say(f"{store.redone} damaged batch(es) of an earlier attempt were computed again")
+        store.remove()
+    jit.mark_warm()
+    if json_:
+        import json
+
+        print(json.dumps(report.best_json(result), indent=1, allow_nan=False))
+    elif not quiet:
+        _print(report.console(result), 150)
+        print(f"result   {target}, {table}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")
+    refused = int(result.attributes["refused"])
+    if refused:
+        say(f"warning: {refused} of {planned.size} combinations are no valid scenario or have no solution: nan")
 
 
 @app.command()
@@ -405,9 +504,21 @@ def plot(
 
 @app.command()
 def validate(scenario: ScenarioArgument, set_: SetOption = None) -> None:
-    """Check a scenario file and say what is wrong with it."""
-    checked, _ = _read(scenario, set_)
-    print(f"{scenario}: a valid scenario of kind {checked.kind}")
+    """Check a scenario or study file and say what is wrong with it."""
+    from navsim.scenario.load import read_any, read_study
+    from navsim.scenario.source import InputError
+    from navsim.scenario.sweep import Sweep
+
+    try:
+        checked, document = read_any(scenario, set_ or [])
+        kind = document.data["kind"]
+        if isinstance(checked, Sweep):
+            from navsim.study.sweep import plan
+
+            plan(*read_study(scenario, Sweep, set_ or []), seed=1)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    print(f"{scenario}: a valid {'study' if kind in ('sweep', 'optimize') else 'scenario'} of kind {kind}")
 
 
 @app.command()

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from navsim.scenario.base import Section, hint, validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.source import Document, InputError, Problem, assign, load
+from navsim.scenario.optimize import Optimize
+from navsim.scenario.source import Document, InputError, Problem, assign, load, set_value
+from navsim.scenario.sweep import Sweep
 
-KINDS: dict[str, type[Section]] = {"landing": Landing}
-"""The scenario kinds this version can run."""
+KINDS: dict[str, type[Section]] = {"landing": Landing, "sweep": Sweep, "optimize": Optimize}
+"""The kinds of files this version knows."""
+S = TypeVar("S", Sweep, Optimize)
 
 
-def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
-    """The scenario in a file, after `--set` assignments, and the document behind it.
+def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
+    """The scenario or study in a file, after `--set` assignments, and the document behind it.
 
     Raises InputError listing every problem found.
     """
@@ -26,9 +31,37 @@ def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document
         missing = "kind" not in document.data
         said = "this key is required; " if missing else f"{kind!r} is no kind of scenario; "
         raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(KINDS)))])
-    scenario = validated(KINDS[str(kind)], document)
-    assert isinstance(scenario, Landing)
+    return validated(KINDS[str(kind)], document), document
+
+
+def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
+    """As `read_any`, for scenarios that `navsim run` flies."""
+    scenario, document = read_any(path, assignments)
+    if not isinstance(scenario, Landing):
+        kind = document.data["kind"]
+        message = f"`kind: {kind}` is a study: navsim {kind} {path}"
+        raise InputError([Problem(document.place(("kind",)), "kind", message)])
     return scenario, document
+
+
+def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tuple[S, Document, Document]:
+    """A study of the wanted kind after `--set` assignments, its document, and that of its base scenario.
+
+    The base has the study's `set` in it; it need not be whole before the varied keys are in too. Raises InputError.
+    """
+    study, document = read_any(path, assignments)
+    if not isinstance(study, kind):
+        given = document.data["kind"]
+        known = next(name for name, section in KINDS.items() if section is kind)
+        message = f"`navsim {known}` takes a study of `kind: {known}`, not {given}"
+        raise InputError([Problem(document.place(("kind",)), "kind", message)])
+    base = load(document.resolve(("base",), study.base))
+    for key, value in study.set.items():
+        set_value(base, key, copy.deepcopy(value), document.place(("set", key)), document.folder)
+    if base.data.get("kind") != "landing":
+        message = f"the base of a study is a landing scenario; {study.base} is of kind {base.data.get('kind')!r}"
+        raise InputError([Problem(document.place(("base",)), "base", message)])
+    return study, document, base
 
 
 def resolved_yaml(scenario: Section) -> str:

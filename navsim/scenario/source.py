@@ -6,6 +6,7 @@ the constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.
 
 from __future__ import annotations
 
+import copy
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,6 +59,12 @@ class Document:
     keys: dict[KeyPath, Place] = field(default_factory=dict)
     values: dict[KeyPath, Place] = field(default_factory=dict)
     folders: dict[KeyPath, Path] = field(default_factory=dict)
+
+    def copy(self) -> Document:
+        """Another document with the same contents, free to be changed."""
+        return Document(
+            self.file, self.folder, copy.deepcopy(self.data), dict(self.keys), dict(self.values), dict(self.folders)
+        )
 
     def place(self, path: KeyPath) -> Place:
         """The key of `path` if it stands in the text, else the nearest enclosing one."""
@@ -194,21 +201,35 @@ def parse(text: str, name: str, folder: Path) -> Document:
 def assign(document: Document, assignment: str) -> None:
     """Set one value from the command line, `a.b.0.c=value`, the value read as YAML. Raises InputError."""
     label = f"--set {assignment}"
-    place = Place(label)
+    key, equals, text = assignment.partition("=")
+    if not equals:
+        raise InputError([Problem(Place(label), "", "expected dotted.key=value")])
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        reason = f"the value is not YAML: {getattr(error, 'problem', None) or error}"
+        raise InputError([Problem(Place(label), "", reason)]) from None
+    builder = _Builder(Document(label, Path.cwd(), None))
+    value = builder.build(node, ()) if node is not None else None
+    if builder.problems:
+        raise InputError(builder.problems)
+    set_value(document, key, value, Place(label), Path.cwd())
+
+
+def set_value(document: Document, key: str, value: Any, place: Place, folder: Path) -> None:
+    """Set the value at a dotted key; `place` stands for it in messages, file names in it are relative to `folder`.
+
+    Raises InputError where the key leads through a single value or a missing list item.
+    """
 
     def fail(message: str) -> InputError:
         return InputError([Problem(place, "", message)])
 
-    key, equals, text = assignment.partition("=")
-    if not equals or not key or any(not part for part in key.split(".")):
-        raise fail("expected dotted.key=value")
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        raise fail(f"the value is not YAML: {getattr(error, 'problem', None) or error}") from None
+    parts = key.split(".")
+    if any(not part for part in parts):
+        raise fail("expected a dotted.key")
     target = document.data
     path: KeyPath = ()
-    parts = key.split(".")
     for depth, part in enumerate(parts):
         step: str | int = part
         if isinstance(target, list):
@@ -219,16 +240,12 @@ def assign(document: Document, assignment: str) -> None:
             raise fail(f"'{dotted(path)}' is a single value, it has no '{part}' in it")
         path = (*path, step)
         if depth == len(parts) - 1:
-            builder = _Builder(Document(label, Path.cwd(), None))
-            value = builder.build(node, ()) if node is not None else None
-            if builder.problems:
-                raise InputError(builder.problems)
             target[step] = value
             for known in [k for k in (*document.keys, *document.values) if k[: len(path)] == path]:
                 document.keys.pop(known, None)
                 document.values.pop(known, None)
             document.keys[path] = document.values[path] = place
-            document.folders[path] = Path.cwd()
+            document.folders[path] = folder
         else:
             if isinstance(target, dict) and target.get(step) is None:
                 target[step] = {}

@@ -183,8 +183,9 @@ def fly_all(
     store: Store | None = None,
     done: Callable[[int], None] = lambda _: None,
     enough: Callable[[Ensemble], bool] | None = None,
+    size: int = BATCH,
 ) -> Ensemble:
-    """Fly the runs in batches on `workers` threads (the kernels release the GIL).
+    """Fly the runs in batches of `size` on `workers` threads (the kernels release the GIL).
 
     store: keeps finished batches and gives back those of an earlier attempt. `done(n)` is told how many runs are
     finished. enough: asked after every batch, in the order of runs, whether the ensemble so far will do; it then
@@ -192,7 +193,7 @@ def fly_all(
     raises, PartialError where the store is full; KeyboardInterrupt passes through once the batches in flight
     are kept.
     """
-    starts = range(first_run, first_run + runs, BATCH)
+    starts = range(first_run, first_run + runs, size)
     finished: dict[int, Batch] = {}
     for first in starts:
         known = store.load(first) if store else None
@@ -200,7 +201,7 @@ def fly_all(
             finished[first] = known
 
     def count(first: int) -> int:
-        return min(BATCH, first_run + runs - first)
+        return min(size, first_run + runs - first)
 
     def job(first: int) -> tuple[int, Batch]:
         batch = Batch(*study.batch(first, count(first)))
@@ -216,7 +217,7 @@ def fly_all(
         nonlocal checked
         while enough and checked < len(starts) and starts[checked] in finished:
             checked += 1
-            so_far = Ensemble(first_run, min(checked * BATCH, runs), [finished[first] for first in starts[:checked]])
+            so_far = Ensemble(first_run, min(checked * size, runs), [finished[first] for first in starts[:checked]])
             if enough(so_far):
                 return so_far
         return None

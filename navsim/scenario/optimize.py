@@ -1,0 +1,126 @@
+"""`kind: optimize`: where pseudolites should stand, under constraints."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from navsim.scenario.base import NonNegative, Pair, Positive, Section, list_of, reject
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Dotted
+
+DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
+"""Objectives from the geometry alone."""
+OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS)
+
+
+class Area(Section):
+    """Where pseudolites may stand, in runway axes."""
+
+    s_m: Pair
+    """from, to across the runway, positive to the right of landing"""
+    l1_m: Pair
+    """from, to along it, positive before the threshold"""
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        for key in ("s_m", "l1_m"):
+            low, high = getattr(self, key)
+            if low >= high:
+                raise reject("the lower end comes first", key)
+        return self
+
+
+class Strip(Section):
+    """The runway strip, kept clear (ICAO Annex 14, 3.4)."""
+
+    half_width_m: Positive = 75.0
+    beyond_m: NonNegative = 60.0
+    """before the threshold and past the end of the runway"""
+
+
+class Surfaces(Section):
+    """Obstacle limitation surfaces antennas stay under (ICAO Annex 14, table 4-1, precision approach, code 1 or 2)."""
+
+    inner_edge_m: Positive = 150.0
+    from_threshold_m: NonNegative = 60.0
+    divergence_percent: NonNegative = 15.0
+    approach_slope_percent: Positive = 2.5
+    transitional_slope_percent: Positive = 14.3
+
+
+class SiteChoice(Section):
+    """A place where a pseudolite could be put up."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
+    s_m: float
+    l1_m: float
+
+
+class Constraints(Section):
+    """What a placement must keep; what is left out is no constraint."""
+
+    runway_strip: Strip | None = None
+    surfaces: Surfaces | None = None
+    keep_out: str | None = None
+    """GeoJSON file with polygons (longitude, latitude) to keep out of, relative to this file"""
+    spacing_m: NonNegative = 0.0
+    """least distance between pseudolites"""
+    distance_m: Pair | None = None
+    """least and largest distance from the aircraft during the glide"""
+    near_far_db: Positive | None = None
+    """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.distance_m is not None and not 0.0 <= self.distance_m[0] < self.distance_m[1]:
+            raise reject("expected a least distance, then a larger one", "distance_m")
+        return self
+
+
+class Period(Section):
+    """Start times of the approach over which the objective is taken."""
+
+    hours: Positive
+    """GLONASS repeats its ground track after 7.99 days, 191.5 h"""
+    count: Annotated[int, Field(ge=2, le=10_000)]
+    """start times, evenly spread from the base scenario's epoch on"""
+
+
+class Optimize(Section):
+    """The best placement of pseudolites for a base scenario."""
+
+    kind: Literal["optimize"]
+    version: Literal[1]
+    title: str = ""
+    base: str
+    """scenario file, relative to this one"""
+    set: dict[Dotted, Any] = Field(default_factory=dict)
+    """settings of the base: dotted keys and values"""
+    pseudolites: list_of(Annotated[int, Field(ge=1, le=12)])  # type: ignore[valid-type]
+    """numbers of pseudolites to place; several give the front of accuracy against number"""
+    objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
+    """what is made small: a mean or (…_max) worst DOP or SKO of the glide, or an error of the filter"""
+    area: Area | None = None
+    sites: list_of(SiteChoice) = ()  # type: ignore[valid-type]
+    """instead of area: the places there are; the choice is then combinatorial"""
+    height_m: float = 0.0
+    """of the antennas above the runway"""
+    constraints: Constraints = Constraints()
+    period: Period | None = None
+    effort: Annotated[int, Field(ge=1, le=100)] = 3
+    """searches from independent starts, of which the best is kept"""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.area is None) == (not self.sites):
+            raise reject("give exactly one of area and sites", "area")
+        if not self.pseudolites:
+            raise reject("an empty list", "pseudolites")
+        if len({*self.pseudolites}) < len(self.pseudolites):
+            raise reject("a number stands twice", "pseudolites")
+        if self.sites and max(self.pseudolites) > len(self.sites):
+            raise reject(f"there are only {len(self.sites)} sites", "pseudolites")
+        if self.period is not None and self.objective not in DOP_OBJECTIVES:
+            raise reject("errors of the filter are taken over one epoch; leave this out", "period")
+        return self

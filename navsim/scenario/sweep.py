@@ -1,0 +1,157 @@
+"""`kind: sweep`: a study that varies keys of a base scenario."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from navsim.scenario.base import Positive, Section, list_of, reject
+
+DOP_OUTPUTS = (
+    "pdop",
+    "hdop",
+    "vdop",
+    "pdop_max",
+    "hdop_max",
+    "vdop_max",
+    "fix_horizontal",
+    "fix_vertical",
+    "epochs_without_fix",
+)
+"""Outputs of every method: DOPs (mean and largest over the glide), SKO of a fix in m, lost epochs of the glide."""
+HEIGHTS = ("touchdown", "50ft", "100ft", "200ft")
+FILTER_OUTPUTS = (
+    "horizontal",
+    "vertical",
+    *(f"{axis}_{height}" for axis in ("lateral", "along", "vertical") for height in HEIGHTS),
+)
+"""Outputs of the methods that fly a filter, m: root mean square errors over 20 s to touchdown and at heights."""
+OUTPUTS = (*DOP_OUTPUTS, *FILTER_OUTPUTS)
+
+Scalar = float | int | bool | str
+Dotted = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$")]
+
+
+class Grid(Section):
+    """Evenly spaced values, both ends included."""
+
+    first: float
+    last: float
+    count: Annotated[int, Field(ge=2, le=100_000)]
+
+    def numbers(self) -> tuple[float, ...]:
+        """The values."""
+        step = (self.last - self.first) / (self.count - 1)
+        return (*(self.first + i * step for i in range(self.count - 1)), self.last)
+
+
+class Range(Section):
+    """Values by a step, up to the last."""
+
+    first: float
+    last: float
+    step: Positive
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.last < self.first:
+            raise reject("must not lie below first", "last")
+        return self
+
+    def numbers(self) -> tuple[float, ...]:
+        """The values."""
+        count = int((self.last - self.first) / self.step + 1e-9) + 1
+        return tuple(self.first + i * self.step for i in range(count))
+
+
+class Interval(Section):
+    """What a Latin hypercube spreads its samples over."""
+
+    first: float
+    last: float
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.last <= self.first:
+            raise reject("must lie above first", "last")
+        return self
+
+
+class Vary(Section):
+    """One axis of the study: a key with its values, or several keys that change together."""
+
+    key: Dotted | None = None
+    """dotted key of the base scenario, such as pseudolites.s_m"""
+    keys: list_of(Dotted) | None = None  # type: ignore[valid-type]
+    """keys that change together; `values` is then a list of lists"""
+    values: list_of(Any) | None = None  # type: ignore[valid-type]
+    grid: Grid | None = None
+    range: Range | None = None
+    lhs: Interval | None = None
+    """a dimension of the study's Latin hypercube of `samples` points"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.key is None) == (self.keys is None):
+            raise reject("give either key or keys", "key")
+        given = [name for name in ("values", "grid", "range", "lhs") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise reject("give exactly one of values, grid, range, lhs", given[1] if given else "values")
+        if self.keys is not None:
+            if self.values is None:
+                raise reject("keys that change together need a list of lists here", "values")
+            for i, row in enumerate(self.values):
+                if not isinstance(row, list) or len(row) != len(self.keys):
+                    raise reject(f"expected a list of {len(self.keys)} values, one a key", "values", i)
+        if self.values is not None and not self.values:
+            raise reject("an empty list", "values")
+        return self
+
+    def names(self) -> tuple[str, ...]:
+        """The keys of the axis."""
+        return (self.key,) if self.key is not None else tuple(self.keys or ())
+
+
+class Sweep(Section):
+    """Every combination of the listed settings of a base scenario."""
+
+    kind: Literal["sweep"]
+    version: Literal[1]
+    title: str = ""
+    base: str
+    """scenario file, relative to this one"""
+    set: dict[Dotted, Any] = Field(default_factory=dict)
+    """settings of the base that stay the same: dotted keys and values"""
+    vary: Annotated[list_of(Vary), Field(min_length=1)]  # type: ignore[valid-type]
+    method: Literal["dop", "covariance", "monte-carlo"] = "dop"
+    """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
+    outputs: list_of(Literal[OUTPUTS]) = ()  # type: ignore[valid-type]
+    """what is stored; default: everything the method gives"""
+    runs: Annotated[int, Field(ge=1)] = 100
+    """Monte Carlo runs a combination"""
+    samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """points of the Latin hypercube"""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        seen: list[str] = []
+        for i, axis in enumerate(self.vary):
+            for name in axis.names():
+                if name in seen or name in self.set:
+                    raise reject(f"'{name}' is set twice", "vary", i)
+                seen.append(name)
+        sampled = [i for i, axis in enumerate(self.vary) if axis.lhs is not None]
+        if sampled and self.samples is None:
+            raise reject("a Latin hypercube needs its number of points here", "samples")
+        if not sampled and self.samples is not None:
+            raise reject("no axis has `lhs`", "samples")
+        if self.method == "dop":
+            for i, name in enumerate(self.outputs):
+                if name not in DOP_OUTPUTS:
+                    raise reject(f"method dop flies no filter: '{name}' needs covariance or monte-carlo", "outputs", i)
+        return self
+
+    def wanted(self) -> tuple[str, ...]:
+        """The outputs to store."""
+        return self.outputs or (DOP_OUTPUTS if self.method == "dop" else OUTPUTS)

@@ -1,0 +1,393 @@
+"""Every combination of a study's settings: geometry, covariance analysis or Monte Carlo, resumable.
+
+A combination takes the place of a run in the ensemble engine: batches of them, kept on disk as they are finished, each
+with its checksum, added up in order. Combinations that only move pseudolites share one geometry.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+import navsim
+from navsim.core.jit import digest as kernel_digest
+from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.io.results import Result, Variable
+from navsim.models.kinematics import Frame
+from navsim.scenario.base import DEG, validated
+from navsim.scenario.landing import Landing, Pseudolites
+from navsim.scenario.load import resolved_yaml
+from navsim.scenario.source import Document, InputError, set_value
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
+from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.study.ensemble import Arrays, Ensemble, Store, fly_all
+from navsim.study.landing import Case, covariance_analysis, covariance_result, prepare, result
+from navsim.study.landing import fly_all as fly_landing
+from navsim.study.landing.case import environment, glide_epochs
+
+MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
+"""Keys that move pseudolites and nothing else."""
+NEAREST = 10.0
+"""Distance a pseudolite must keep from the aircraft, m, as in scenarios."""
+MOST_MAP_SITES = 8
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of the study: its dimension, its keys, and for each point the values of the keys."""
+
+    name: str
+    keys: tuple[str, ...]
+    points: list[tuple[Any, ...]]
+
+
+def axes(study: Sweep, seed: int) -> list[Axis]:
+    """The axes; those of a Latin hypercube become one, drawn with the seed."""
+    out: list[Axis] = []
+    cube = [axis for axis in study.vary if axis.lhs is not None]
+    if cube:
+        from scipy.stats.qmc import LatinHypercube
+
+        assert study.samples is not None
+        unit = LatinHypercube(len(cube), rng=np.random.default_rng(seed)).random(study.samples)
+    for vary in study.vary:
+        if vary.lhs is None:
+            out.append(Axis(_name(study, vary), vary.names(), _points(vary)))
+        elif vary is cube[0]:
+            bounds = np.array([[a.lhs.first, a.lhs.last] for a in cube if a.lhs is not None])
+            values = bounds[:, 0] + unit * (bounds[:, 1] - bounds[:, 0])
+            keys = tuple(name for a in cube for name in a.names())
+            out.append(Axis("sample", keys, [tuple(float(x) for x in row) for row in values]))
+    return out
+
+
+def _points(vary: Vary) -> list[tuple[Any, ...]]:
+    if vary.keys is not None:
+        return [tuple(row) for row in vary.values or ()]
+    spread = vary.grid or vary.range
+    return [(value,) for value in (spread.numbers() if spread is not None else vary.values or ())]
+
+
+def short(study: Sweep, key: str) -> str:
+    """The name of a key in the result: its last part where no other key of the study ends alike."""
+    keys = [name for vary in study.vary for name in vary.names()]
+    last = key.rsplit(".", 1)[-1]
+    return last if sum(k.rsplit(".", 1)[-1] == last for k in keys) == 1 else key.replace(".", "_")
+
+
+def _name(study: Sweep, vary: Vary) -> str:
+    if vary.key is not None:
+        return short(study, vary.key)
+    return "_and_".join(short(study, key) for key in vary.names())
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study ready to be computed: the base as a document that may be copied and changed."""
+
+    study: Sweep
+    document: Document
+    base: Document
+    seed: int
+    axes: list[Axis]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points of each axis."""
+        return tuple(len(axis.points) for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        """Number of combinations."""
+        return int(np.prod(self.shape))
+
+    @property
+    def batch(self) -> int:
+        """Combinations a batch: tenths of a second to seconds of work."""
+        return 1000 if self.geometry is not None else 50 if self.study.method == "dop" else 1
+
+    def settings(self, index: int) -> dict[str, Any]:
+        """Keys and values of one combination, the last axis fastest."""
+        place = np.unravel_index(index, self.shape)
+        return {
+            key: value
+            for axis, i in zip(self.axes, place, strict=True)
+            for key, value in zip(axis.keys, axis.points[int(i)], strict=True)
+        }
+
+    def scenario(self, settings: dict[str, Any]) -> tuple[Landing, Document]:
+        """The scenario of one combination. Raises InputError where it is not a valid one."""
+        document = self.base.copy()
+        for key, value in settings.items():
+            place = self.document.place(("vary", self._axis_of(key)))
+            set_value(document, key, json.loads(json.dumps(value)), place, self.document.folder)
+        return validated(Landing, document), document
+
+    def _axis_of(self, key: str) -> int:
+        return next(i for i, vary in enumerate(self.study.vary) if key in vary.names())
+
+    @cached_property
+    def first(self) -> tuple[Landing, Document]:
+        """The first valid combination; raises the InputError of the first one where none is valid at once."""
+        error: InputError | None = None
+        for index in range(min(self.size, 1000)):
+            try:
+                return self.scenario(self.settings(index))
+            except InputError as problem:
+                error = error or problem
+        assert error is not None
+        raise error
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The frame of the first combination's touchdown point."""
+        return self.first[0].trajectory().frame
+
+    def plane(self, ecef: np.ndarray) -> np.ndarray:
+        """Positions (..., 3) ECEF in the plane of the runway: along it from the threshold, right of it (..., 2), m."""
+        threshold = self.first[0].threshold(self.frame)
+        axes = heading_axes(threshold, self.first[0].runway.heading_deg * DEG)
+        return ((ecef - ecef_from_llh(threshold)) @ axes)[..., :2]
+
+    def in_plan(self, site: np.ndarray) -> np.ndarray:
+        """The first sites (k, 3) of a combination in that plane, (MOST_MAP_SITES, 2), nan for none."""
+        out = np.full((MOST_MAP_SITES, 2), np.nan)
+        shown = site[:MOST_MAP_SITES]
+        out[: len(shown)] = self.plane(shown)
+        return out
+
+    @cached_property
+    def geometry(self) -> Geometry | None:
+        """What all combinations share where they only move pseudolites and fly no filter, else None."""
+        keys = [key for axis in self.axes for key in axis.keys]
+        if self.study.method != "dop" or not all(key in MOVES for key in keys):
+            return None
+        return _geometry(*self.first)
+
+
+def _geometry(scenario: Landing, document: Document) -> Geometry:
+    sources, scenario, _ = environment(scenario, document)
+    trajectory = scenario.trajectory()
+    return glide_geometry(
+        trajectory, sources, np.array([scenario.epoch.timestamp()]), glide_epochs(scenario, trajectory)
+    )
+
+
+def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
+    """Check that the keys can be varied at all. Raises InputError."""
+    out = Plan(study, document, base, seed, axes(study, seed))
+    _ = out.first
+    return out
+
+
+@dataclass(frozen=True)
+class SweepStudy:
+    """A plan as the ensemble engine flies it: combinations for runs."""
+
+    plan: Plan
+
+    def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
+        """Combinations first ... first + count - 1."""
+        names = columns(self.plan.study)
+        rows = {name: np.full(count, np.nan) for name in names}
+        rows["site"] = np.full((count, MOST_MAP_SITES, 2), np.nan)
+        if self.plan.geometry is not None:
+            self._placements(first, count, self.plan.geometry, rows)
+            return rows, {}, {}
+        for i in range(count):
+            try:
+                found, site = self._one(first + i)
+            except InputError:
+                continue  # not a valid scenario: nan
+            for name in names:
+                rows[name][i] = found[name]
+            rows["site"][i] = self.plan.in_plan(site)
+        return rows, {}, {}
+
+    def _placements(self, first: int, count: int, geometry: Geometry, rows: Arrays) -> None:
+        """Combinations that only move pseudolites: grouped by their number, each group at one go."""
+        scenario = self.plan.first[0]
+        base = scenario.pseudolites.model_dump()
+        groups: dict[int, tuple[list[int], list[np.ndarray]]] = {}
+        for i in range(count):
+            settings = {key.split(".")[1]: value for key, value in self.plan.settings(first + i).items()}
+            try:
+                section = Pseudolites.model_validate(base | settings)
+                moved = scenario.model_copy(update={"pseudolites": section})
+                site = ecef_from_llh(moved.pseudolite_positions(self.plan.frame))
+            except ValueError:
+                continue
+            if _too_near(site, geometry):
+                continue
+            rows["site"][i] = self.plan.in_plan(site)
+            members, sites = groups.setdefault(len(site), ([], []))
+            members.append(i)
+            sites.append(site)
+        for members, sites in groups.values():
+            found = dop_outputs(geometry, np.array(sites))
+            for name in columns(self.plan.study):
+                rows[name][members] = found[name]
+
+    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray]:
+        """The outputs of a combination and its sites, ECEF."""
+        scenario, document = self.plan.scenario(self.plan.settings(index))
+        method = self.plan.study.method
+        case = prepare(scenario, document)
+        site = ecef_from_llh(case.ground.llh)
+        out = {k: float(v[0]) for k, v in dop_outputs(_geometry(scenario, document), site[None]).items()}
+        if method == "covariance":
+            out |= filter_outputs(covariance_result(case, covariance_analysis(case), self.plan.seed))
+        if method == "monte-carlo":
+            out |= filter_outputs(_flown(case, self.plan.seed, self.plan.study.runs))
+        return out, site
+
+
+def _flown(case: Case, seed: int, runs: int) -> Result:
+    return result(case, fly_landing(case, seed, 0, runs, 1, keep="none"), seed, keep="none")
+
+
+def _too_near(site: np.ndarray, geometry: Geometry) -> bool:
+    gap = np.linalg.norm(site[:, None] - geometry.receiver[None], axis=2)
+    return bool(gap.size) and float(gap.min()) < NEAREST
+
+
+def dop_outputs(geometry: Geometry, sites: np.ndarray, workers: int = 1) -> dict[str, np.ndarray]:
+    """The outputs of every method for placements (p, k, 3), ECEF m: each (p,)."""
+    dops, lost = geometry.dops(sites, workers)
+    sigmas, _ = geometry.fix_sigmas(sites, workers)
+    values = [*dops[:, 0], *dops[:, 2], sigmas[1, 0], sigmas[2, 0], lost.astype(float)]
+    return dict(zip(DOP_OUTPUTS, values, strict=True))
+
+
+def filter_outputs(tree: Result) -> dict[str, float]:
+    """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
+    out: dict[str, float] = {}
+    for name in FILTER_OUTPUTS:
+        if name in ("horizontal", "vertical"):
+            interval = tree[f"/summary/rms/{name}"]
+        else:
+            axis, height = name.split("_")
+            interval = tree[f"/summary/at/{axis}"][HEIGHTS.index(height)]
+        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
+    return out
+
+
+def columns(study: Sweep) -> list[str]:
+    """What is stored of each combination; Monte Carlo figures come with their intervals."""
+    out = []
+    for name in study.wanted():
+        out.append(name)
+        if study.method == "monte-carlo" and name in FILTER_OUTPUTS:
+            out += [f"{name}_low", f"{name}_high"]
+    return out
+
+
+def compute(
+    planned: Plan, workers: int, store: Store | None = None, done: Callable[[int], None] = lambda _: None
+) -> Ensemble:
+    """All combinations; see `study.ensemble.fly_all`."""
+    return fly_all(SweepStudy(planned), 0, planned.size, workers, store, done, size=planned.batch)
+
+
+def partial_key(planned: Plan) -> dict[str, object]:
+    """What partial work must agree in to be resumed."""
+    text = resolved_yaml(planned.study) + resolved_yaml(planned.first[0])
+    return {
+        "study_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "seed": planned.seed,
+        "navsim_version": navsim.__version__,
+        "kernels": kernel_digest(),
+    }
+
+
+_UNITS = {"pdop": "1", "hdop": "1", "vdop": "1", "epochs_without_fix": "1"}
+_MEANINGS = {
+    "pdop": "PDOP", "hdop": "HDOP", "vdop": "VDOP", "fix_horizontal": "horizontal SKO of a fix",
+    "fix_vertical": "vertical SKO of a fix", "epochs_without_fix": "epochs of the glide without a fix",
+}  # fmt: skip
+
+
+def describe(name: str) -> tuple[str, str]:
+    """Unit and meaning of an output."""
+    stem = name.removesuffix("_low").removesuffix("_high")
+    which = {"_low": ", lower end of its 95 % interval", "_high": ", upper end of its 95 % interval"}.get(
+        name[len(stem) :], ""
+    )
+    if stem in FILTER_OUTPUTS:
+        axis, _, height = stem.partition("_")
+        where = f"at {height}" if height else "over 20 s to touchdown"
+        return "m", f"root mean square {axis} position error {where}{which}"
+    worst = stem.endswith("_max")
+    stem = stem.removesuffix("_max")
+    over = "" if stem == "epochs_without_fix" else f", {'largest' if worst else 'mean'} over the glide"
+    return _UNITS.get(stem, "m"), _MEANINGS[stem] + over
+
+
+def sweep_result(planned: Plan, found: Ensemble) -> Result:
+    """The cube of the study, with where the pseudolites of each combination stand."""
+    study = planned.study
+    v: dict[str, Variable] = {}
+    dims = tuple(axis.name for axis in planned.axes)
+    for axis in planned.axes:
+        if len(axis.keys) == 1:
+            own = Variable((axis.name,), _column([p[0] for p in axis.points]), "1", f"values of {axis.keys[0]}")
+            v[f"/{axis.name}"] = v[f"/sweep/axes/{axis.name}"] = own
+            continue
+        v[f"/{axis.name}"] = Variable((axis.name,), np.arange(len(axis.points)), "1", "points of the axis")
+        for j, key in enumerate(axis.keys):
+            values = _column([p[j] for p in axis.points])
+            v[f"/sweep/axes/{short(study, key)}"] = Variable((axis.name,), values, "1", f"values of {key}")
+    for name in columns(study):
+        unit, meaning = describe(name)
+        v[f"/sweep/{name}"] = Variable(dims, found.per_run(name).reshape(planned.shape), unit, meaning)
+    _places(v, planned, found, dims)
+    scenario = planned.first[0]
+    text = resolved_yaml(study)
+    base = resolved_yaml(scenario)
+    attributes = {
+        "kind": "sweep",
+        "schema_version": 1,
+        "navsim_version": navsim.__version__,
+        "seed": planned.seed,
+        "method": study.method,
+        "runs": study.runs if study.method == "monte-carlo" else 0,
+        "study": text,
+        "scenario": base,
+        "scenario_sha256": hashlib.sha256((text + base).encode()).hexdigest(),
+        "epoch": scenario.epoch.strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "title": study.title,
+        "combinations": planned.size,
+        "refused": int(np.sum(np.isnan(found.per_run(columns(study)[0])))),
+    }
+    return Result(attributes, v)
+
+
+def _column(values: list[Any]) -> np.ndarray:
+    if all(isinstance(x, bool) for x in values):
+        return np.array(values).astype(np.int8)
+    if all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in values):
+        return np.array(values)
+    return np.array([x if isinstance(x, str) else json.dumps(x) for x in values], dtype=object)
+
+
+def _places(v: dict[str, Variable], planned: Plan, found: Ensemble, dims: tuple[str, ...]) -> None:
+    """The approach and the sites of every combination in the plane of the runway."""
+    scenario = planned.first[0]
+    time = np.linspace(0.0, scenario.duration_s, 200)
+    track = planned.plane(scenario.trajectory().motion(time).position_ecef)
+    sites = found.per_run("site").reshape(*planned.shape, MOST_MAP_SITES, 2)
+    v["/plan/point"] = Variable(("point",), np.arange(time.size), "1", "points of the track")
+    v["/site"] = Variable(("site",), np.arange(1, MOST_MAP_SITES + 1), "1", "number of the pseudolite")
+    for i, (name, meaning) in enumerate(
+        (("along", "along the runway, positive beyond the threshold"), ("right", "right of the runway's axis"))
+    ):
+        v[f"/plan/track_{name}"] = Variable(("point",), track[:, i], "m", f"ground track, {meaning}")
+        v[f"/plan/site_{name}"] = Variable((*dims, "site"), sites[..., i], "m", f"pseudolites, {meaning}; nan for none")

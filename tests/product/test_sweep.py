@@ -1,0 +1,242 @@
+"""`navsim sweep`: cubes, tables, maps; killed, damaged, refused, and always the same numbers in the end."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from PIL import Image
+
+from navsim.io.results import read
+from navsim.study.landing import covariance_analysis, covariance_result
+from tests.conftest import SCENARIOS
+from tests.helpers import case
+from tests.product.test_run import navsim, stored, with_files_limited
+
+BASE = SCENARIOS / "landing_gnss_only.yaml"
+
+
+def study(place: Path, name: str, text: str) -> Path:
+    file = place / f"{name}.yaml"
+    file.write_text(f"kind: sweep\nversion: 1\nbase: {BASE}\n{text}")
+    return file
+
+
+GRID = """
+set: {pseudolites.frame: runway, receiver.rate_hz: 2}
+vary:
+  - {key: pseudolites.count, values: [1, 2]}
+  - {key: pseudolites.s_m, grid: {first: 50, last: 2000, count: 60}}
+  - {key: pseudolites.l1_m, range: {first: -500, last: 4000, step: 100}}
+"""
+SIZE = 2 * 60 * 46
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("sweep")
+
+
+@pytest.fixture(scope="module")
+def grid(place: Path) -> Path:
+    """A geometry sweep left alone."""
+    file = study(place, "grid", GRID)
+    done = navsim("sweep", file, "-o", "grid.h5", "--figures", "figures", cwd=place)
+    assert "best" in done.stdout
+    assert not Path(f"{place}/grid.h5.partial").exists()
+    return place / "grid.h5"
+
+
+def test_cube_and_table_hold_the_same(grid: Path) -> None:
+    tree = xr.open_datatree(grid, engine="h5netcdf")
+    assert tree["sweep/pdop"].sizes == {"count": 2, "s_m": 60, "l1_m": 46}
+    assert float(tree["sweep/axes/l1_m"][-1]) == 4000.0
+    result = read(grid)
+    assert all(v.units and v.long_name for v in result.variables.values())
+    with open(grid.with_suffix(".csv"), newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == SIZE
+    middle = rows[1 * 60 * 46 + 7 * 46 + 3]
+    assert (middle["count"], float(middle["l1_m"])) == ("2", -200.0)
+    assert float(middle["pdop"]) == pytest.approx(result["/sweep/pdop"][1, 7, 3], rel=1e-9)
+    for name in ("pdop", "fix_vertical"):
+        with Image.open(grid.parent / "figures" / f"grid_{name}.png") as image:
+            assert min(image.size) > 500
+
+
+def test_each_combination_is_the_scenario_by_itself(grid: Path) -> None:
+    """Cells against landings prepared one by one."""
+    result = read(grid)
+    for index in ((0, 0, 0), (1, 7, 3), (1, 59, 45)):
+        s, l1 = result["/s_m"][index[1]], result["/l1_m"][index[2]]
+        one = case(
+            "pseudolites.frame=runway", "receiver.rate_hz=2", f"pseudolites.count={index[0] + 1}",
+            f"pseudolites.s_m={s}", f"pseudolites.l1_m={l1}", name="landing_gnss_only",
+        )  # fmt: skip
+        glide = one.world.signals.time <= 60.19
+        assert result["/sweep/pdop"][index] == pytest.approx(one.world.dop[glide, 1].mean(), rel=1e-12)
+        assert result["/sweep/vdop_max"][index] == pytest.approx(one.world.dop[glide, 3].max(), rel=1e-12)
+        up = np.sqrt(one.world.fix_covariance[glide, 2, 2]).mean()
+        assert result["/sweep/fix_vertical"][index] == pytest.approx(up, rel=1e-12)
+
+
+def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> None:
+    """SIGKILL three times, a finished batch damaged, another number of workers: the same in the end."""
+    file = study(place, "grid", GRID)
+    target = place / "killed.h5"
+    folder = Path(f"{target}.partial")
+    slow = (
+        "import time; from navsim.study import sweep; own = sweep.SweepStudy._placements\n"
+        "def waited(*a): time.sleep(0.3); return own(*a)\n"
+        "sweep.SweepStudy._placements = waited\nfrom navsim.cli.main import main; main()"
+    )
+    for attempt in range(3):
+        arguments = ["sweep", str(file), "-o", str(target), "-q", "--workers", "1"]
+        before = len(list(folder.glob("*.sha256")))
+        process = subprocess.Popen([sys.executable, "-c", slow, *arguments], cwd=place, stderr=subprocess.PIPE)
+        deadline = time.monotonic() + 120
+        while len(list(folder.glob("*.sha256"))) <= before and time.monotonic() < deadline:
+            assert process.poll() is None, process.stderr and process.stderr.read()
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not target.exists()
+        if attempt == 2:
+            victim = sorted(folder.glob("*.npz"))[0]
+            content = bytearray(victim.read_bytes())
+            content[len(content) // 2] ^= 1
+            victim.write_bytes(content)
+    done = navsim("sweep", file, "-o", target, "--workers", 2, "--figures", "none", cwd=place)
+    assert "1 damaged batch" in done.stderr
+    assert stored(target) == stored(grid)
+    assert target.with_suffix(".csv").read_bytes() == grid.with_suffix(".csv").read_bytes()
+    assert not folder.exists()
+
+
+def test_full_disk_keeps_what_is_finished(place: Path) -> None:
+    file = study(place, "full", GRID)
+    failed = with_files_limited(150_000, "sweep", file, "-o", "full.h5", "-q", cwd=place)
+    assert failed.returncode == 3
+    assert "full.h5" in failed.stderr
+    assert "Traceback" not in failed.stderr
+    assert not (place / "full.h5").exists()
+
+
+def test_another_study_is_refused(place: Path) -> None:
+    target = place / "other.h5"
+    folder = Path(f"{target}.partial")
+    folder.mkdir()
+    (folder / "key.json").write_text(json.dumps({"study_sha256": "x", "seed": 1}))
+    file = study(place, "other", GRID)
+    done = navsim("sweep", file, "-o", target, cwd=place, code=2)
+    assert "--fresh" in done.stderr
+    navsim("sweep", file, "-o", target, "--fresh", "-q", cwd=place)
+
+
+def test_methods_that_fly_a_filter(place: Path) -> None:
+    """Covariance cells are those of `navsim run --method covariance`; runs agree with them, with intervals."""
+    text = """
+set: {receiver.rate_hz: 1, duration_s: 65, initial_errors.attitude_deg: 1, imu.gyro.drift_deg_h: 70}
+vary:
+  - keys: [pseudolites.count, pseudolites.s_m, pseudolites.l1_m]
+    values: [[0, 0, 0], [2, 200, 1000]]
+  - {key: filter.velocity, values: [true, false]}
+outputs: [pdop, horizontal, vertical_200ft]
+"""
+    file = study(place, "filters", text)
+    navsim("sweep", file, "--method", "covariance", "-o", "covariance.h5", cwd=place)
+    navsim("sweep", file, "--method", "monte-carlo", "--runs", 200, "-o", "runs.h5", "-q", cwd=place)
+    linear, flown = read(place / "covariance.h5"), read(place / "runs.h5")
+    assert linear["/sweep/horizontal"].shape == (2, 2)
+    one = case(
+        "receiver.rate_hz=1", "duration_s=65", "initial_errors.attitude_deg=1", "imu.gyro.drift_deg_h=70",
+        "pseudolites.count=2", "pseudolites.s_m=200", "pseudolites.l1_m=1000", "filter.velocity=false",
+        name="landing_gnss_only",
+    )  # fmt: skip
+    alone = covariance_result(one, covariance_analysis(one), 1)
+    assert linear["/sweep/horizontal"][1, 1] == pytest.approx(alone["/summary/rms/horizontal"][0])
+    assert linear["/sweep/vertical_200ft"][1, 1] == pytest.approx(alone["/summary/at/vertical"][3, 0])
+    ratio = flown["/sweep/horizontal"] / linear["/sweep/horizontal"]
+    assert np.all(np.abs(ratio - 1.0) < 0.15), ratio
+    assert np.all(flown["/sweep/horizontal_low"] < flown["/sweep/horizontal"])
+    assert np.all(np.diff(linear["/sweep/horizontal"], axis=0) < 0)
+    assert "pdop" in navsim("show", "covariance.h5", cwd=place).stdout
+
+
+def test_latin_hypercube(place: Path) -> None:
+    text = """
+samples: 40
+set: {pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1}
+vary:
+  - {key: pseudolites.s_m, lhs: {first: 100, last: 500}}
+  - {key: pseudolites.l1_m, lhs: {first: 0, last: 4000}}
+  - {key: sky.mask_deg, values: [5, 10]}
+"""
+    file = study(place, "cube", text)
+    navsim("sweep", file, "-o", "cube.h5", cwd=place)
+    result = read(place / "cube.h5")
+    assert result["/sweep/pdop"].shape == (40, 2)
+    bins = np.floor((result["/sweep/axes/s_m"] - 100.0) / 10.0).astype(int)
+    assert sorted(bins) == list(range(40))  # one sample in each fortieth
+    assert np.all(result["/sweep/pdop"][:, 1] >= result["/sweep/pdop"][:, 0])
+    navsim("sweep", file, "--seed", 2, "-o", "cube2.h5", "-q", cwd=place)
+    assert not np.array_equal(read(place / "cube2.h5")["/sweep/axes/s_m"], result["/sweep/axes/s_m"])
+
+
+def test_impossible_combinations_are_nan_and_named(place: Path) -> None:
+    """A pseudolite under the wheels at touchdown is no scenario; the others are computed."""
+    text = """
+set: {pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1}
+vary:
+  - {key: pseudolites.s_m, values: [1, 100]}
+  - {key: pseudolites.l1_m, values: [0, 1000]}
+"""
+    for method, bad in (("dop", 1), ("covariance", 1)):
+        file = study(place, f"wheels_{method}", text)
+        done = navsim("sweep", file, "--method", method, "-o", f"wheels_{method}.h5", cwd=place)
+        result = read(place / f"wheels_{method}.h5")
+        assert np.isnan(result["/sweep/pdop"]).sum() == bad
+        assert np.isnan(result["/sweep/pdop"][0, 0])
+        assert "1 of 4 combinations" in done.stderr
+    with open(place / "wheels_dop.csv", newline="") as table:
+        assert next(csv.DictReader(table))["pdop"] == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("vary: [{key: pseudolites.s_n, values: [1]}]", "did you mean 's_m'"),
+        ("vary: [{key: duration_s, values: [10], grid: {first: 1, last: 2, count: 2}}]", "exactly one of"),
+        ("vary: [{keys: [duration_s, title], values: [[1]]}]", "expected a list of 2 values"),
+        ("vary: [{key: duration_s, values: [-1]}]", "duration_s"),
+        ("vary: []", "vary"),
+        ("vary: [{key: duration_s, lhs: {first: 10, last: 20}}]", "samples"),
+        ("vary: [{key: duration_s, values: [10]}]\noutputs: [horizontal]", "needs covariance or monte-carlo"),
+        ("vary: [{key: duration_s, values: [10]}]\noutputs: [pdob]", "did you mean 'pdop'"),
+        ("set: {duration_s: 1}\nvary: [{key: duration_s, values: [10]}]", "set twice"),
+        ("set: {duration_t: 1}\nvary: [{key: duration_s, values: [10]}]", "did you mean 'duration_s'"),
+    ],
+)
+def test_bad_studies(place: Path, text: str, expected: str) -> None:
+    file = study(place, "bad", text)
+    done = navsim("sweep", file, "-o", "bad.h5", cwd=place, code=2)
+    assert expected in done.stderr
+    assert "bad.yaml:" in done.stderr
+
+
+def test_wrong_kinds_are_sent_where_they_belong(place: Path) -> None:
+    file = study(place, "kinds", GRID)
+    assert "navsim sweep" in navsim("run", file, cwd=place, code=2).stderr
+    assert "kind: sweep" in navsim("sweep", BASE, cwd=place, code=2).stderr
+    file.write_text(file.read_text().replace(str(BASE), "nowhere.yaml"))
+    assert "nowhere.yaml" in navsim("sweep", file, cwd=place, code=2).stderr
+    assert "study of kind sweep" in navsim("validate", SCENARIOS / "placement_sweep.yaml", cwd=place).stdout
+    assert json.loads(navsim("schema", "sweep", cwd=place).stdout)["title"] == "Sweep"
