@@ -419,6 +419,65 @@ def sweep(
 
 
 @app.command()
+def optimize(
+    study: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to solve.", show_default=False)],
+    output: OutputOption = None,
+    seed: SeedOption = 1,
+    set_: SetOption = None,
+    figures: FiguresOption = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
+    quiet: QuietOption = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the placements as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Find the best placement of pseudolites under constraints, for one or several numbers of them."""
+    from navsim.scenario.load import read_study
+    from navsim.scenario.optimize import Optimize
+    from navsim.scenario.source import InputError
+
+    try:
+        section, document, base = read_study(study, Optimize, set_ or [])
+        target = _target(study, output, "optimize")
+        from navsim.core import jit
+        from navsim.io.results import ResultError, write
+        from navsim.report import optimize as report
+        from navsim.study import optimize as searching
+
+        if not jit.is_warm() and not dry_run:
+            say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+        problem = searching.problem(section, document, base)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    if dry_run:
+        say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
+        return
+    drawing = _figure_folder("none" if quiet and figures is None else figures, target, 1, quiet)
+    try:
+        with _progress(len(section.pseudolites), not quiet, "numbers of pseudolites") as done:
+            found = searching.search(problem, seed, done)
+        result = searching.optimize_result(problem, found, seed)
+        write(target, result)
+        written = []
+        if drawing is not None:
+            from navsim.report.views import save
+
+            written = save(result, drawing, target.stem)
+    except (ResultError, searching.NoPlacement) as error:
+        leave(RUN_FAILED, error)
+    jit.mark_warm()
+    if json_:
+        import json
+
+        print(json.dumps(report.plain(result), indent=1, allow_nan=False))
+    elif not quiet:
+        _print(report.console(result), 140)
+        print(f"result   {target}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")
+
+
+@app.command()
 def table2(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")] = Path(
         "results"

@@ -32,6 +32,13 @@ def runway_position(threshold: np.ndarray, heading: float, s: float, l1: float, 
     threshold: (3,) rad, rad, m. heading: of landing, rad. s: across, positive right; l1: along, positive
     before the threshold; both in the tangent plane of the threshold, m. height: above the runway's height, m.
     """
+    return runway_positions(threshold, heading, np.array([s, l1]), height)
+
+
+def runway_positions(threshold: np.ndarray, heading: float, places: np.ndarray, height: float) -> np.ndarray:
+    """Geodetic positions (..., 3) of places (..., 2), s and l1, as `runway_position`."""
     frame = tangent_frame(threshold, heading)
-    llh = wgs84.llh_from_ecef(frame.origin + frame.axes @ np.array([-l1, s, 0.0]))
-    return np.array([llh[0], llh[1], threshold[2] + height])
+    plane = np.stack([-places[..., 1], places[..., 0], np.zeros(places.shape[:-1])], axis=-1)
+    llh = wgs84.llh_from_ecef(frame.origin + plane @ frame.axes.T)
+    llh[..., 2] = threshold[2] + height
+    return llh

@@ -49,13 +49,18 @@ class Case:
 
     scenario: Landing
     trajectory: Trajectory
-    ground: Ground
+    environment: Environment
     world: World
     initial: InitialErrors
     gyro: Triad
     accel: Triad
     settings: FilterSettings
     warnings: list[str] = field(default_factory=list)
+
+    @property
+    def ground(self) -> Ground:
+        """The pseudolites."""
+        return self.environment.ground
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
@@ -113,7 +118,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
     return Case(
         scenario,
         trajectory,
-        sources.ground,
+        sources,
         world,
         _initial(scenario),
         truth_gyro,

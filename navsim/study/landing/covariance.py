@@ -30,7 +30,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     v = out.variables
     world = case.world
     t = world.filter_time
-    square = np.concatenate([analysis.variance, analysis.mean[None] ** 2])
+    square = _squares(analysis)
     total = square.sum(axis=0)
     believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))
 
@@ -54,8 +54,20 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     v["/budget/rms"] = Variable(
         ("source", "time", "state"), np.sqrt(square), mixed, "root mean square error from each source alone"
     )
-    _summary(v, case, analysis, square)
+    out.variables.update(covariance_summary(case, analysis).variables)
     return out
+
+
+def covariance_summary(case: Case, analysis: Analysis) -> Result:
+    """The part of the result that the analysis gives to `/summary`, for those who need no more."""
+    v: dict[str, Variable] = {}
+    _summary(v, case, analysis, _squares(analysis))
+    return Result({}, v)
+
+
+def _squares(analysis: Analysis) -> np.ndarray:
+    """Mean squares of every source of the budget (source, t, 15)."""
+    return np.concatenate([analysis.variance, analysis.mean[None] ** 2])
 
 
 def _exact(values: np.ndarray) -> np.ndarray:

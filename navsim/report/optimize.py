@@ -1,0 +1,150 @@
+"""Placements found: tables of where pseudolites stand and how flat the optimum is, the plan, the front."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from navsim.io.results import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+
+def _reach(values: np.ndarray) -> str:
+    """Distances by bearing as least and largest; a bearing that area or rules end has no bound."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "-"
+    return f"{known.min():.0f} - {known.max():.0f}" + ("" if known.size == values.size else " *")
+
+
+def console(result: Result) -> RenderableType:
+    """The front, and every placement with its neighbourhood."""
+    from rich import box
+    from rich.console import Group
+    from rich.table import Table
+
+    name = str(result.attributes["objective"])
+    variable = result.variables["/front/objective"]
+    none = variable.attributes["without_pseudolites"]
+    front = Table(title=f"{name}: {variable.long_name}", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in (
+        "pseudolites",
+        "objective",
+        "better than none",
+        "PDOP",
+        "HDOP",
+        "VDOP",
+        "placements tried",
+        "tightest rule",
+    ):
+        front.add_column(head)
+    front.add_row("0", f"{none:.4f}", "", *[""] * 5)
+    for i, count in enumerate(result["/pseudolites"]):
+        value = result["/front/objective"][i]
+        gain = f"{100 * (1 - value / none):.1f} %" if np.isfinite(none) else "-"
+        dops = [f"{result[f'/optimum/{dop}'][i]:.3f}" for dop in ("pdop", "hdop", "vdop")]
+        tried = f"{int(result['/front/evaluations'][i])}" + (" (all)" if result["/front/every_choice"][i] else "")
+        margin = result["/optimum/violation"][i]
+        room = "none given" if np.isneginf(margin) else f"{-margin:.2f} left"
+        front.add_row(str(int(count)), f"{value:.4f}", gain, *dops, tried, room)
+    places = Table(
+        title="Where they stand, and how far each may be moved before the objective worsens (by direction; * to the "
+        "limit of area or rules in some)",
+        title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
+    )  # fmt: skip
+    losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
+    for head in ("of", "pseudolite", "s, m", "l1, m", "latitude, °", "longitude, °", *losses):
+        places.add_column(head)
+    for i, count in enumerate(result["/pseudolites"]):
+        for k in range(int(count)):
+            angles = [f"{np.degrees(result[f'/optimum/{axis}'][i, k]):.7f}" for axis in ("latitude", "longitude")]
+            reach = [_reach(result["/optimum/neighbourhood"][i, k, j]) for j in range(result["/loss"].size)]
+            where = [f"{result[f'/optimum/{axis}'][i, k]:.2f}" for axis in ("s", "l1")]
+            places.add_row(str(int(count)), f"PL{k + 1}", *where, *angles, *reach)
+    return Group(front, places)
+
+
+def plain(result: Result) -> dict[str, Any]:
+    """The optima as plain data."""
+    none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
+    out: dict[str, Any] = {"kind": "optimize", "objective": str(result.attributes["objective"])}
+    out["without_pseudolites"] = none if np.isfinite(none) else None
+    out["placements"] = [
+        {
+            "pseudolites": int(count),
+            "value": float(result["/front/objective"][i]),
+            "sites": [
+                {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
+                for k in range(int(count))
+            ],
+        }
+        for i, count in enumerate(result["/pseudolites"])
+    ]
+    return out
+
+
+def plan(result: Result) -> Figure:
+    """For each number of pseudolites: the placement over the objective with the first one moved."""
+    from navsim.report.figures import COLUMN, new_figure
+
+    counts = result["/pseudolites"]
+    s, l1, maps = result["/map/s"], result["/map/l1"], result["/map/objective"]
+    scenario = yaml.safe_load(str(result.attributes["scenario"]))
+    across, along = s[-1] - s[0], l1[-1] - l1[0]
+    height = min(4.0, max(1.3, 5.5 * across / max(along, 1.0)))
+    fig = new_figure(2 * COLUMN, 0.5 + height * len(counts))
+    axes = fig.subplots(len(counts), 1, squeeze=False)[:, 0]
+    variable = result.variables["/front/objective"]
+    for i, ax in enumerate(axes):
+        finite = maps[i][np.isfinite(maps[i])]
+        if finite.size:
+            shown = np.ma.masked_invalid(maps[i])
+            image = ax.pcolormesh(
+                -l1, s, shown, shading="nearest", cmap="viridis_r", vmin=finite.min(),
+                vmax=np.percentile(finite, 95), rasterized=True,
+            )  # fmt: skip
+            unit = "" if variable.units == "1" else f", {variable.units}"
+            fig.colorbar(image, ax=ax, label=f"{result.attributes['objective']}{unit}", extend="max")
+        x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
+        ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites")
+        for k in range(int(counts[i])):
+            ax.annotate(f"PL{k + 1}", (x[k], y[k]), xytext=(5, 4), textcoords="offset points", fontsize=7)
+        ends = [0.0, scenario["runway"]["length_m"]]
+        ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
+        value = result["/front/objective"][i]
+        ax.set_title(f"{int(counts[i])} pseudolite(s): {value:.4g}; colours: PL1 moved, the others kept")
+        ax.set_ylabel("right of the axis, m")
+        ax.set_facecolor("#dddddd")
+        ax.margins(0.03)
+    axes[0].legend(loc="upper left", ncols=2, frameon=True, framealpha=0.8)
+    axes[-1].set_xlabel("along the runway from the threshold, m; grey: not allowed")
+    return fig
+
+
+def front(result: Result) -> Figure:
+    """The objective against the number of pseudolites."""
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 2.4)
+    ax = fig.subplots()
+    variable = result.variables["/front/objective"]
+    none = float(variable.attributes["without_pseudolites"])
+    counts, values = result["/pseudolites"].astype(int), result["/front/objective"]
+    if np.isfinite(none):
+        counts, values = np.append(0, counts), np.append(none, values)
+    ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
+    ax.set_xticks(counts)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("pseudolites")
+    ax.set_ylabel(variable.long_name + ("" if variable.units == "1" else f", {variable.units}"))
+    return fig
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """The plan, and the front."""
+    return {"plan": plan(result), "front": front(result)}

@@ -1,0 +1,164 @@
+"""What a placement of pseudolites must keep, as distances by which it fails to; places are s and l1 in runway axes.
+
+Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach and transitional surfaces).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.models.pseudolite import runway_positions
+from navsim.scenario.base import DEG
+from navsim.scenario.landing import Landing
+from navsim.scenario.optimize import Constraints, Optimize, Strip, Surfaces
+from navsim.scenario.source import Document, InputError, Place, Problem
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The runway's plane: where places (s, l1) lie on the Earth."""
+
+    threshold: np.ndarray
+    heading: float
+    height: float
+
+    def ecef(self, places: np.ndarray) -> np.ndarray:
+        """Antennas at places (..., 2), ECEF (..., 3), m."""
+        return ecef_from_llh(runway_positions(self.threshold, self.heading, places, self.height))
+
+    def places(self, llh: np.ndarray) -> np.ndarray:
+        """Places (..., 2) of geodetic points (..., 3), m."""
+        offset = (ecef_from_llh(llh) - ecef_from_llh(self.threshold)) @ heading_axes(self.threshold, self.heading)
+        return np.stack([offset[..., 1], -offset[..., 0]], axis=-1)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The constraints of a study over one approach.
+
+    receiver: (e, 3) the aircraft during the glide, ECEF m. keep_out: a shapely geometry in (s, l1), or None.
+    """
+
+    given: Constraints
+    ground: Ground
+    runway_length: float
+    receiver: np.ndarray
+    keep_out: Any
+
+    def violation(self, places: np.ndarray) -> np.ndarray:
+        """By how much placements (n, k, 2) break the worst-kept rule (n,); zero or less where all are kept.
+
+        Metres, but for near_far_db, which counts in dB.
+        """
+        s, l1 = places[..., 0], places[..., 1]
+        worst = np.full(places.shape[0], -np.inf)
+
+        def keep(excess: np.ndarray) -> None:
+            np.maximum(worst, excess.reshape(places.shape[0], -1).max(axis=1), out=worst)
+
+        if self.given.runway_strip is not None:
+            keep(_into_strip(self.given.runway_strip, self.runway_length, s, l1))
+        if self.given.surfaces is not None:
+            keep(self.ground.height - surface_height(self.given.surfaces, self.runway_length, s, l1))
+        if self.keep_out is not None:
+            import shapely
+
+            points = shapely.points(s, l1)
+            depth = shapely.distance(points, self.keep_out.boundary)
+            keep(np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
+        count = places.shape[1]
+        for i in range(count):
+            for j in range(i):
+                keep(self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))
+        if self.given.distance_m is not None or self.given.near_far_db is not None:
+            gap = np.linalg.norm(self.ground.ecef(places)[:, :, None] - self.receiver, axis=3)
+            near, far = gap.min(axis=2), gap.max(axis=2)
+            if self.given.distance_m is not None:
+                keep(np.maximum(self.given.distance_m[0] - near, far - self.given.distance_m[1]))
+            if self.given.near_far_db is not None:
+                keep(20.0 * np.log10(far / near) - self.given.near_far_db)
+        return worst
+
+
+def _into_strip(strip: Strip, length: float, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
+    """How deep places stand in the runway strip, negative outside, m."""
+    across = strip.half_width_m - np.abs(s)
+    before = strip.beyond_m - l1
+    past = l1 + length + strip.beyond_m
+    return np.minimum(across, np.minimum(before, past))
+
+
+def surface_height(surfaces: Surfaces, length: float, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
+    """Height above the runway that the approach and transitional surfaces leave to obstacles, m [1].
+
+    The approach surface rises from `from_threshold_m` before the threshold; beside it and beside the strip the
+    transitional surface rises outwards. The same holds at the far end, for landings from there.
+    """
+    outside = np.maximum(l1, -length - l1) - surfaces.from_threshold_m
+    outwards = np.maximum(outside, 0.0)
+    half = 0.5 * surfaces.inner_edge_m + 0.01 * surfaces.divergence_percent * outwards
+    beside = np.maximum(np.abs(s) - half, 0.0)
+    return 0.01 * (surfaces.approach_slope_percent * outwards + surfaces.transitional_slope_percent * beside)
+
+
+def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.ndarray) -> Rules:
+    """The constraints ready to be asked. Raises InputError for a keep-out file that cannot be used."""
+    frame = scenario.trajectory().frame
+    ground = Ground(scenario.threshold(frame), scenario.runway.heading_deg * DEG, study.height_m)
+    keep_out = None
+    if study.constraints.keep_out is not None:
+        key = ("constraints", "keep_out")
+        path = document.resolve(key, study.constraints.keep_out)
+        try:
+            keep_out = _polygons(path, ground, scenario.runway.height_m)
+        except ValueError as error:
+            raise InputError([Problem(Place(str(path)), "", f"{error} (named at {document.place(key)})")]) from None
+        except OSError as error:
+            message = f"{path}: cannot be read: {error.strerror or error}"
+            raise InputError([Problem(document.place(key), "constraints.keep_out", message)]) from None
+    return Rules(study.constraints, ground, scenario.runway.length_m, receiver, keep_out)
+
+
+def _polygons(path: Path, ground: Ground, height: float) -> Any:
+    """The polygons of a GeoJSON file, in (s, l1), as one geometry. Raises ValueError for anything else in it."""
+    import shapely
+    from shapely.geometry import shape
+
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"not a GeoJSON file: {error}") from None
+    if not isinstance(data, dict):
+        raise ValueError("not a GeoJSON file: its top is no object")
+    features = data["features"] if data.get("type") == "FeatureCollection" else [data]
+    found = []
+    for i, feature in enumerate(features):
+        geometry = feature.get("geometry", feature) if isinstance(feature, dict) else None
+        kind = geometry.get("type") if isinstance(geometry, dict) else None
+        if kind not in ("Polygon", "MultiPolygon"):
+            raise ValueError(f"feature {i}: {kind!r} is not a Polygon or MultiPolygon")
+        try:
+            polygon = shape(geometry)
+        except Exception as error:  # shapely raises many kinds for malformed coordinates
+            raise ValueError(f"feature {i}: not a polygon: {error}") from None
+
+        def to_plane(coordinates: np.ndarray) -> np.ndarray:
+            llh = np.column_stack([coordinates[:, 1] * DEG, coordinates[:, 0] * DEG, np.full(len(coordinates), height)])
+            return ground.places(llh)
+
+        bounds = np.array(polygon.bounds)
+        if not np.all(np.isfinite(bounds)) or np.any(np.abs(bounds[[1, 3]]) > 90.0) or np.any(np.abs(bounds) > 360.0):
+            raise ValueError(f"feature {i}: coordinates are longitude, latitude in degrees")
+        if not polygon.is_valid:
+            raise ValueError(f"feature {i}: {shapely.is_valid_reason(polygon)}")
+        # edges are straight in longitude and latitude (RFC 7946): short pieces keep them so to 0.1 mm
+        found.append(shapely.transform(shapely.segmentize(polygon, 5e-4), to_plane))
+    if not found:
+        raise ValueError("no polygons in it")
+    return shapely.unary_union(found)
