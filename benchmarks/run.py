@@ -71,6 +71,7 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
         ("one landing, with file, without figures", flown, 1.5, 7),
         ("one landing with its figures", ["run", scenario], 4.0, 5),
         ("1000 landings, statistics, file", [*flown, "--runs", "1000"], 12.0, 3),
+        ("`navsim table2`, 400 runs a row", ["table2", "-o", "."], 60.0, 1),
     ):
         seconds = timed(command(*arguments), repeat)  # type: ignore[arg-type]
         rows.append((name, shown(seconds, "s", 1.0), f"{must} s", statistics.median(seconds) <= must))
@@ -146,6 +147,64 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     rivals(rows, world, ours_mid / STEPS, alone_mid / STEPS)
 
 
+def placements(rows: list[tuple[str, str, str, bool]]) -> None:
+    """DOPs of 200 x 200 placements of two pseudolites at 121 epochs, 12 sources: 4.84 million solutions."""
+    from navsim.scenario.load import read
+    from navsim.simulation.geometry import glide_geometry
+    from navsim.study.landing.case import environment
+    from navsim.study.placement import Ground
+
+    scenario, document = read(SCENARIO, ["pseudolites.frame=runway", "pseudolites.count=0", "sky.mask_deg=0"])
+    sources, scenario, _ = environment(scenario, document)
+    trajectory = scenario.trajectory()
+    epochs = np.linspace(0.0, 60.0, 121)
+    here = glide_geometry(trajectory, sources, np.array([scenario.epoch.timestamp()]), epochs)
+    ground = Ground(scenario.threshold(trajectory.frame), 0.0, 0.0)
+    s, l1 = np.meshgrid(np.linspace(50.0, 2000.0, 200), np.linspace(0.0, 5000.0, 200), indexing="ij")
+    pairs = np.stack([np.stack([s, l1], axis=-1), np.stack([-s, l1], axis=-1)], axis=-2).reshape(-1, 2, 2)
+    sites = ground.ecef(pairs)
+    rng = np.random.default_rng(1)
+    sky = rng.standard_normal((121, 10, 3))
+    sky /= np.linalg.norm(sky, axis=2)[:, :, None]
+    here.dops(sites[:1000])
+    one = timed(lambda: here.dops(sites), 7)
+    both = timed(lambda: here.dops(sites, 2), 7)
+    part = sites[:: len(sites) // 400][:400]
+    lines = part[:, None] - here.receiver[None, :, None]
+    lines /= np.linalg.norm(lines, axis=3)[..., None]
+    units = np.concatenate([np.broadcast_to(sky, (len(part), *sky.shape)), lines], axis=2)
+
+    def dense() -> None:
+        h = np.concatenate([-units, np.ones((*units.shape[:3], 1))], axis=3)
+        q = np.linalg.inv(np.swapaxes(h, 2, 3) @ h)
+        np.sqrt(np.trace(q[..., :3, :3], axis1=2, axis2=3))
+        np.sqrt(q[..., 2, 2])
+
+    theirs = statistics.median(timed(dense, 5)) / len(part)
+    count = len(sites)
+    solutions = 1e-6 * 121 * count
+    rows.append(("4.84 million DOP solutions, one thread", shown(one, "s", 1.0), "", True))
+    rows.append(("the same with numpy (H, H'H, inverse)", f"{theirs * count:.1f} s", "", True))
+    rate = solutions / statistics.median(both)
+    ratio = theirs * count / statistics.median(both)
+    rows.append((f"against numpy, both cores ({rate:.0f} million/s)", f"{ratio:.0f}×", "50×", ratio >= 50))
+    ratio = theirs * count / statistics.median(one)
+    rows.append(("against numpy, one thread", f"{ratio:.0f}×", "25×", ratio >= 25))
+
+
+def analysis(rows: list[tuple[str, str, str, bool]]) -> None:
+    """Linear covariance analysis against 2000 runs of the same landing."""
+    from navsim.scenario.load import read
+    from navsim.study.landing import covariance_analysis, default_workers, fly_all, prepare
+
+    case = prepare(*read(SCENARIO, ["receiver.rate_hz=1"]))
+    covariance_analysis(case)
+    linear = timed(lambda: covariance_analysis(case), 5)
+    runs = timed(lambda: fly_all(case, 1, 0, 2000, default_workers(), keep="none"), 1)
+    rows.append(("covariance analysis with budget, 1 Hz fixes", shown(linear, "s", 1.0), "", True))
+    rows.append(("2000 runs against it", f"{runs[0] / statistics.median(linear):.0f}×", "", True))
+
+
 def rivals(rows: list[tuple[str, str, str, bool]], world: Any, filter_step: float, strapdown_step: float) -> None:
     """pyins on the same increments, in the same run."""
     try:
@@ -208,6 +267,8 @@ def main() -> int:
     rows: list[tuple[str, str, str, bool]] = []
     whole_processes(rows)
     kernels(rows)
+    placements(rows)
+    analysis(rows)
     cpu = next(
         (line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line),
         platform.processor(),

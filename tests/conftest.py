@@ -16,6 +16,8 @@ settings.load_profile("navsim")
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
 SCENARIOS = ROOT / "scenarios"
+LANDINGS = sorted(p.stem for p in SCENARIOS.glob("*.yaml") if "kind: landing\n" in p.read_text())
+"""Shipped scenarios of kind landing; the other files are studies."""
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from navsim.study.landing import Case, default_workers, fly_all
-from tests.conftest import SCENARIOS
+from tests.conftest import LANDINGS
 from tests.helpers import case
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
@@ -117,7 +117,7 @@ def test_gate_rejects_blunders_and_lets_go() -> None:
 
 
 @pytest.mark.parametrize("kind", ["eskf", "tfg", "left-invariant"])
-@pytest.mark.parametrize("name", sorted(p.stem for p in SCENARIOS.glob("*.yaml")))
+@pytest.mark.parametrize("name", LANDINGS)
 def test_covariance_stays_positive_definite(name: str, kind: str) -> None:
     """Every output of every shipped scenario: NEES is nan where the Cholesky factorisation of P fails."""
     ensemble = fly_all(case(f"filter.kind={kind}", name=name), 1, 0, 20, default_workers())

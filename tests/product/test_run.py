@@ -396,3 +396,23 @@ def test_version_and_module_entry() -> None:
     done = navsim("--version", cwd=ROOT)
     assert done.stdout.startswith("navsim 0.")
     assert isinstance(Result({}, {}), Result)
+
+
+def test_covariance_analysis(place: Path) -> None:
+    """`--method covariance`: the same table with a budget, its figure, readable by others, refused beside --runs."""
+    done = navsim("run", SCENARIOS / "landing.yaml", *SHORT, "--method", "covariance", "-o", "linear.h5", cwd=place)
+    assert "Error budget" in done.stdout
+    assert "satellite range" in done.stdout
+    with Image.open(place / "linear_budget.png") as image:
+        assert min(image.size) > 500
+    tree = xr.open_datatree(place / "linear.h5", engine="h5netcdf")
+    assert tree["budget/rms"].dims == ("source", "time", "state")
+    result = read(place / "linear.h5")
+    assert all(v.units and v.long_name for v in result.variables.values())
+    assert result.attributes["method"] == "covariance"
+    data = json.loads(navsim("show", "linear.h5", "--json", cwd=place).stdout)
+    assert data["budget"]["horizontal_share"][9] > 0.5
+    refused = navsim("run", SCENARIOS / "landing.yaml", "--method", "covariance", "--runs", 5, cwd=place, code=2)
+    assert "--runs" in refused.stderr
+    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-o", "flown.h5", "-q", cwd=place)
+    assert "linear covariance" in navsim("show", "linear.h5", "flown.h5", cwd=place).stdout

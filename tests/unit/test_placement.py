@@ -1,0 +1,89 @@
+"""The geometry kernel against dense algebra, epoch by epoch; surfaces of the aerodrome."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.core.placement import BLOCK, MEAN
+from navsim.scenario.load import read
+from navsim.scenario.optimize import Surfaces
+from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.study.landing.case import environment
+from navsim.study.placement import surface_height
+from tests.conftest import SCENARIOS
+
+EPOCHS = np.linspace(0.0, 60.0, 7)
+
+
+def here(*settings: str) -> tuple[Geometry, np.ndarray, np.ndarray]:
+    """The geometry of landing.yaml without pseudolites, its unit vectors in ECEF (nan: not used), clocks."""
+    from navsim.simulation.landing import build_signals
+
+    scenario, document = read(SCENARIOS / "landing.yaml", ["pseudolites.count=0", *settings])
+    sources, scenario, _ = environment(scenario, document)
+    trajectory = scenario.trajectory()
+    utc = scenario.epoch.timestamp()
+    signals = build_signals(trajectory.motion(EPOCHS), utc, sources)
+    line = signals.position - signals.antenna[:, None]
+    line /= np.linalg.norm(line, axis=2)[:, :, None]
+    line[~signals.used] = np.nan
+    return glide_geometry(trajectory, sources, np.array([utc]), EPOCHS), line, signals.clock
+
+
+def dense(geometry: Geometry, line: np.ndarray, clock: np.ndarray, sites: np.ndarray, own: int) -> np.ndarray:
+    """PDOP, HDOP, VDOP (3, e) of one placement by numpy, one epoch at a time."""
+    out = np.full((3, len(line)), np.nan)
+    for e in range(len(line)):
+        used = np.isfinite(line[e, :, 0])
+        to_sites = sites - geometry.receiver[e]
+        u = np.concatenate([line[e, used], to_sites / np.linalg.norm(to_sites, axis=1)[:, None]])
+        c = np.concatenate([clock[used], np.full(len(sites), own)])
+        h = np.hstack([-u, (c[:, None] == np.unique(c)).astype(float)])
+        if h.shape[0] < h.shape[1]:
+            continue
+        q = np.linalg.inv(h.T @ h)[:3, :3]
+        up = geometry.up[e] @ q @ geometry.up[e]
+        out[:, e] = np.sqrt([np.trace(q), np.trace(q) - up, up])
+    return out
+
+
+@pytest.mark.parametrize("clock", ["glonass", "own"])
+@pytest.mark.parametrize("count", [0, 1, 2, 4])
+def test_statistics_equal_dense_algebra(clock: str, count: int) -> None:
+    """A sample of placements, more than a block of them: to 1e-9."""
+    geometry, line, clocks = here(f"pseudolites.clock={clock}")
+    rng = np.random.default_rng(3)
+    centre = geometry.receiver[-1]
+    sites = centre + rng.uniform(-4000, 4000, (BLOCK + 37, count, 3))
+    found, lost = geometry.dops(sites)
+    own = {"glonass": 0, "own": 2}[clock]
+    for p in (*range(12), BLOCK - 1, BLOCK, BLOCK + 36):
+        each = dense(geometry, line, clocks, sites[p], own)
+        expected = np.stack([each.mean(axis=1), each.min(axis=1), each.max(axis=1)], axis=1)
+        np.testing.assert_allclose(found[:, :, p], expected, rtol=1e-9)
+    assert not lost.any()
+    again, _ = geometry.dops(np.concatenate([sites] * 60), workers=2)
+    np.testing.assert_array_equal(again[:, :, -len(sites) :], found)
+
+
+def test_epochs_without_a_solution_are_counted_and_left_out() -> None:
+    """Three satellites and one or two pseudolites: one is just enough, none is not, and three with their own clock."""
+    sky = "sky.directions=[{azimuth_deg: 10, elevation_deg: 30}, {azimuth_deg: 130, elevation_deg: 40}, "
+    sky += "{azimuth_deg: 250, elevation_deg: 20}]"
+    geometry, line, clocks = here("sky.source=directions", sky)
+    site = geometry.receiver[-1] + np.array([[[300.0, 2000.0, -100.0]]])
+    found, lost = geometry.dops(np.empty((1, 0, 3)))
+    assert np.all(np.isnan(found))
+    assert lost[0] == EPOCHS.size
+    found, lost = geometry.dops(site)
+    assert lost[0] == 0
+    np.testing.assert_allclose(found[:, MEAN, 0], dense(geometry, line, clocks, site[0], 0).mean(axis=1), rtol=1e-8)
+
+
+def test_surfaces_rise_outwards_from_the_strip() -> None:
+    """Annex 14: 0 at the inner edge, 2.5 % along the approach, 14.3 % beside it, the same at both ends."""
+    surfaces = Surfaces()
+    s = np.array([0.0, 75.0, 0.0, 75.0 + 150.0 + 10.0, 175.0, 0.0])
+    l1 = np.array([60.0, 60.0, 1060.0, 1060.0, -500.0, -2060.0])
+    np.testing.assert_allclose(surface_height(surfaces, 1000.0, s, l1), [0, 0, 25, 25 + 1.43, 14.3, 25], atol=1e-12)
