@@ -92,11 +92,11 @@ def _progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[
 
 
 def _read(scenario: Path, assignments: list[str] | None) -> Any:
-    from navsim.scenario.load import read
+    from navsim.scenario.load import read_runnable
     from navsim.scenario.source import InputError
 
     try:
-        return read(scenario, assignments or [])
+        return read_runnable(scenario, assignments or [])
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
 
@@ -176,6 +176,15 @@ def run(
 ) -> None:
     """Fly a scenario and write its result file, the summary table and the figures."""
     checked, document = _read(scenario, [*(set_ or []), *([f"method={method}"] if method else [])])
+    if checked.kind != "landing":  # one of the companion papers' systems
+        given = {"--until": until, "--keep": keep, "--method": method, "--first-run": first_run, "--workers": workers}
+        foreign = [name for name, value in given.items() if value]
+        if foreign or require_fix:
+            named = ", ".join(foreign or ["--require-fix"])
+            leave(BAD_INPUT, f"{named}: only for `kind: landing`; {scenario} is of kind {checked.kind}")
+        _run_companion(scenario, checked, _target(scenario, output, checked.kind), seed, runs, figures, dry_run, quiet,
+                       json_)  # fmt: skip
+        return
     analytic = checked.method == "covariance"
     if analytic and (runs or until or keep):
         leave(BAD_INPUT, "--runs, --until and --keep belong to method monte-carlo; a covariance analysis has no runs")
@@ -261,6 +270,51 @@ def run(
             RUN_FAILED,
             f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)",
         )
+
+
+def _run_companion(
+    scenario: Path,
+    checked: Any,
+    target: Path,
+    seed: int,
+    runs: int | None,
+    figures: str | None,
+    dry_run: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """One of the companion papers' systems: computed, written, shown."""
+    from navsim.core import jit
+    from navsim.io.results import ResultError, write
+    from navsim.report.views import VIEWS, save
+    from navsim.study.companions import COMPANIONS
+
+    drawing = _figure_folder(figures, target, 1, quiet)
+    if dry_run:
+        say(f"{scenario}: a study of kind {checked.kind}; would write {target}")
+        return
+    if not jit.is_warm():
+        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    companion = COMPANIONS[checked.kind]
+    try:
+        with _progress(companion.extent(checked), not quiet, companion.unit) as done:
+            result = companion.compute(checked, seed, runs, done)
+        write(target, result)
+        written = save(result, drawing, target.stem) if drawing is not None else []
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    jit.mark_warm()
+    if as_json:
+        import json
+
+        from navsim.report.tables import plain_tree
+
+        print(json.dumps(plain_tree(result, companion.summary), indent=1, allow_nan=False))
+    elif not quiet:
+        _print(VIEWS[checked.kind].console(result), VIEWS[checked.kind].width)
+        print(f"result   {target}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")
 
 
 def _store(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Any:

@@ -143,8 +143,14 @@ def summary_json(result: Result) -> dict[str, Any]:
         k: result.attributes[k] for k in ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
     }
     out["seed"] = int(out["seed"])
+    return out | plain_tree(result, ("/summary/",), ("/summary/consistency/time",))
+
+
+def plain_tree(result: Result, prefixes: tuple[str, ...], left_out: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The variables whose paths start with one of the prefixes as nested plain data; nan becomes null."""
+    out: dict[str, Any] = {}
     for path, variable in result.variables.items():
-        if path.startswith("/summary/") and path != "/summary/consistency/time":
+        if path.startswith(prefixes) and path not in left_out:
             node = out
             *groups, name = path.strip("/").split("/")
             for group in groups:

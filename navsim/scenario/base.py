@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import datetime
 import difflib
 import math
+import re
 import types
 import typing
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted
 
@@ -29,6 +31,22 @@ Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
 Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
 Azimuth = Annotated[float, Field(ge=0.0, le=360.0)]
 Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
+_UTC_FORMAT = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}(:\d{2}(\.\d{1,6})?)?Z")
+
+
+def _utc(value: Any) -> Any:
+    if isinstance(value, str):
+        if not _UTC_FORMAT.fullmatch(value):
+            raise ValueError("expected a UTC time such as 2018-09-13T12:00:00Z")
+        return datetime.datetime.fromisoformat(value)
+    return value
+
+
+Utc = Annotated[
+    datetime.datetime,
+    BeforeValidator(_utc),
+    PlainSerializer(lambda t: t.strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".") + "Z", when_used="json"),
+]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(_as_tuple)]
 Pair = Annotated[tuple[float, float], BeforeValidator(_as_tuple)]
 
@@ -175,5 +193,5 @@ def _models_in(annotation: Any) -> list[Any]:
 
 __all__ = [
     "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Elevation", "Latitude", "Longitude", "NonNegative",
-    "Pair", "Positive", "Section", "Triple", "hint", "list_of", "reject", "validated",
+    "Pair", "Positive", "Section", "Triple", "Utc", "hint", "list_of", "reject", "validated",
 ]  # fmt: skip

@@ -6,12 +6,11 @@ key may be left out, its default is written here and nowhere else.
 
 from __future__ import annotations
 
-import datetime
 import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
+from pydantic import Field, model_validator
 
 from navsim.scenario.base import (
     DEG,
@@ -28,6 +27,7 @@ from navsim.scenario.base import (
     Positive,
     Section,
     Triple,
+    Utc,
     list_of,
     reject,
 )
@@ -41,22 +41,6 @@ if TYPE_CHECKING:
     from navsim.models.path import Path
     from navsim.models.sky import Mask
 
-_UTC_FORMAT = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}(:\d{2}(\.\d{1,6})?)?Z")
-
-
-def _utc(value: Any) -> Any:
-    if isinstance(value, str):
-        if not _UTC_FORMAT.fullmatch(value):
-            raise ValueError("expected a UTC time such as 2018-09-13T12:00:00Z")
-        return datetime.datetime.fromisoformat(value)
-    return value
-
-
-Utc = Annotated[
-    datetime.datetime,
-    BeforeValidator(_utc),
-    PlainSerializer(lambda t: t.strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".") + "Z", when_used="json"),
-]
 Clock = Literal["glonass", "gps", "own"]
 CLOCKS: tuple[Clock, ...] = ("glonass", "gps", "own")
 """Time scales a source may keep; each used one costs a fix one unknown. Their order numbers them."""

@@ -8,12 +8,18 @@ from pathlib import Path
 from typing import TypeVar
 
 from navsim.scenario.base import Section, hint, validated
+from navsim.scenario.elevation import Elevation
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import Document, InputError, Problem, assign, load, set_value
 from navsim.scenario.sweep import Sweep
 
-KINDS: dict[str, type[Section]] = {"landing": Landing, "sweep": Sweep, "optimize": Optimize}
+KINDS: dict[str, type[Section]] = {
+    "landing": Landing,
+    "mls-elevation": Elevation,
+    "sweep": Sweep,
+    "optimize": Optimize,
+}
 """The kinds of files this version knows."""
 S = TypeVar("S", Sweep, Optimize)
 
@@ -34,12 +40,20 @@ def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Docu
     return validated(KINDS[str(kind)], document), document
 
 
-def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
+def read_runnable(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
     """As `read_any`, for scenarios that `navsim run` flies."""
     scenario, document = read_any(path, assignments)
+    if isinstance(scenario, (Sweep, Optimize)):
+        message = f"`kind: {scenario.kind}` is a study: navsim {scenario.kind} {path}"
+        raise InputError([Problem(document.place(("kind",)), "kind", message)])
+    return scenario, document
+
+
+def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
+    """As `read_any`, for landings."""
+    scenario, document = read_any(path, assignments)
     if not isinstance(scenario, Landing):
-        kind = document.data["kind"]
-        message = f"`kind: {kind}` is a study: navsim {kind} {path}"
+        message = f"a landing is needed here, not `kind: {document.data['kind']}`"
         raise InputError([Problem(document.place(("kind",)), "kind", message)])
     return scenario, document
 

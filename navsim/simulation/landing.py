@@ -22,12 +22,10 @@ from navsim.estimation import error_state, loosely_coupled, receiver, smoother
 from navsim.models import imu, pseudorange
 from navsim.models.kinematics import Motion, Trajectory
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
+from navsim.simulation.streams import generator
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
-
-STREAMS = {"initial": 0, "imu": 1, "measurements": 2}
-"""Random streams of a run; a stream's number never changes, whatever comes beside it."""
 
 
 @dataclass(frozen=True)
@@ -317,11 +315,6 @@ class Run:
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
-
-
-def generator(seed: int, run: int, stream: str) -> np.random.Generator:
-    """The random numbers of one stream of one run: they depend on nothing else."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, STREAMS[stream]))))
 
 
 def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErrors) -> np.ndarray:

@@ -12,8 +12,6 @@ genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186 (2000).
 
 from __future__ import annotations
 
-import datetime
-import hashlib
 import itertools
 import math
 from collections.abc import Callable
@@ -22,12 +20,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import navsim
 from navsim.core.wgs84 import llh_from_ecef
 from navsim.io.results import Result, Variable
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.load import resolved_yaml
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.source import Document, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
@@ -36,6 +32,7 @@ from navsim.simulation.landing import build_signals
 from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.placement import Rules, rules
+from navsim.study.root import root_attributes
 from navsim.study.sweep import describe, dop_outputs, filter_outputs
 
 if TYPE_CHECKING:
@@ -387,18 +384,5 @@ def optimize_result(here: Problem, found: dict[int, Found], seed: int) -> Result
         ("pseudolites", "s", "l1"), np.stack([m[2] for m in maps]), unit,
         f"{meaning}, the first pseudolite moved, the others kept; nan where a rule is broken",
     )  # fmt: skip
-    text, base = resolved_yaml(study), resolved_yaml(here.scenario)
-    attributes = {
-        "kind": "optimize",
-        "schema_version": 1,
-        "navsim_version": navsim.__version__,
-        "seed": seed,
-        "objective": study.objective,
-        "study": text,
-        "scenario": base,
-        "scenario_sha256": hashlib.sha256((text + base).encode()).hexdigest(),
-        "epoch": here.scenario.epoch.strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "title": study.title,
-    }
+    attributes = root_attributes("optimize", seed, here.scenario, study=study, objective=study.objective)
     return Result(attributes, v)

@@ -82,3 +82,10 @@ def verdict(mean: float, band: tuple[float, float]) -> str:
     if mean > band[1]:
         return "sigma too small"
     return "sigma too large" if mean < band[0] else "true"
+
+
+def chi_square_probability(value: float, degrees: float) -> float:
+    """Chance that a chi-square variable stays below a value."""
+    from scipy.special import gammainc
+
+    return float(gammainc(0.5 * degrees, 0.5 * value))

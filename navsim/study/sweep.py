@@ -6,7 +6,6 @@ with its checksum, added up in order. Combinations that only move pseudolites sh
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import json
 from collections.abc import Callable
@@ -31,6 +30,7 @@ from navsim.study.ensemble import Arrays, Ensemble, Store, fly_all
 from navsim.study.landing import Case, covariance_analysis, covariance_result, prepare, result
 from navsim.study.landing import fly_all as fly_landing
 from navsim.study.landing.case import environment, glide_epochs
+from navsim.study.root import root_attributes
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""
@@ -348,25 +348,16 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         unit, meaning = describe(name)
         v[f"/sweep/{name}"] = Variable(dims, found.per_run(name).reshape(planned.shape), unit, meaning)
     _places(v, planned, found, dims)
-    scenario = planned.first[0]
-    text = resolved_yaml(study)
-    base = resolved_yaml(scenario)
-    attributes = {
-        "kind": "sweep",
-        "schema_version": 1,
-        "navsim_version": navsim.__version__,
-        "seed": planned.seed,
-        "method": study.method,
-        "runs": study.runs if study.method == "monte-carlo" else 0,
-        "study": text,
-        "scenario": base,
-        "scenario_sha256": hashlib.sha256((text + base).encode()).hexdigest(),
-        "epoch": scenario.epoch.strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "title": study.title,
-        "combinations": planned.size,
-        "refused": int(np.sum(np.isnan(found.per_run(columns(study)[0])))),
-    }
+    attributes = root_attributes(
+        "sweep",
+        planned.seed,
+        planned.first[0],
+        study=study,
+        method=study.method,
+        runs=study.runs if study.method == "monte-carlo" else 0,
+        combinations=planned.size,
+        refused=int(np.sum(np.isnan(found.per_run(columns(study)[0])))),
+    )
     return Result(attributes, v)
 
 

@@ -8,22 +8,20 @@ touchdown. The paper says neither, nor under which sky it was computed: `CALIBRA
 
 from __future__ import annotations
 
-import datetime
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-import navsim
 from navsim.core.wgs84 import ecef_from_llh
 from navsim.io.results import Result, Variable
-from navsim.scenario.load import read, resolved_yaml
+from navsim.scenario.load import read
 from navsim.scenario.shipped import path
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing import Case, fly_all, prepare
 from navsim.study.landing.case import environment, glide_epochs
+from navsim.study.root import root_attributes
 from navsim.study.statistics import rms_interval
 
 
@@ -333,19 +331,12 @@ def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
     v["/approach/pdop"] = Variable(("curve", "time"), first.pdop, "1", "PDOP, unit weights")
     v["/approach/rms_horizontal"] = Variable(("curve", "time"), first.rms, "m", "horizontal estimation error over runs")
     least, printed_most = published_contradiction()
-    scenario = read(path(next(iter(found)).name))[0]
-    text = resolved_yaml(scenario)
-    attributes = {
-        "kind": "table2",
-        "schema_version": 1,
-        "navsim_version": navsim.__version__,
-        "seed": seed,
-        "scenario": text,
-        "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "epoch": scenario.epoch.strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "title": "Tables 1 and 2 of the landing paper, published and computed",
-        "least_pdop_of_case_6_from_cases_1_and_2": least,
-        "largest_pdop_of_case_6_printed": printed_most,
-    }
+    attributes = root_attributes(
+        "table2",
+        seed,
+        read(path(next(iter(found)).name))[0],
+        least_pdop_of_case_6_from_cases_1_and_2=least,
+        largest_pdop_of_case_6_printed=printed_most,
+    )
+    attributes["title"] = "Tables 1 and 2 of the landing paper, published and computed"
     return Result(attributes, v)

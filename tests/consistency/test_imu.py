@@ -13,7 +13,7 @@ from navsim.models.imu import (
     sample_sigma_from_density,
     simulate,
 )
-from navsim.simulation.landing import generator
+from navsim.simulation.streams import generator
 from tests.helpers import scenario
 
 RATE = 100.0

@@ -11,7 +11,8 @@ from navsim.core.dop import MAX_CLOCKS
 from navsim.core.noise import measure
 from navsim.estimation.receiver import fixes
 from navsim.models.kinematics import Motion
-from navsim.simulation.landing import World, generator
+from navsim.simulation.landing import World
+from navsim.simulation.streams import generator
 from tests.helpers import case
 
 FIXES = 5000

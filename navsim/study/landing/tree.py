@@ -2,44 +2,26 @@
 
 from __future__ import annotations
 
-import datetime
-import hashlib
-
 import numpy as np
 
-import navsim
 from navsim.core import states
 from navsim.io.results import Result, Variable
 from navsim.models.approach import GLIDE_START
 from navsim.scenario.landing import CLOCKS
-from navsim.scenario.load import resolved_yaml
 from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, touchdown_time
-
-SCHEMA_VERSION = 1
+from navsim.study.root import root_attributes
 
 AXES = ("north", "east", "down")
 
 
 def base(case: Case, seed: int) -> Result:
     """The truth, the geometry and their summary."""
-    text = resolved_yaml(case.scenario)
     v: dict[str, Variable] = {}
     _coordinates(v)
     _truth(v, case)
     _geometry(v, case)
     _geometry_summary(v, case)
-    attributes = {
-        "kind": "landing",
-        "schema_version": SCHEMA_VERSION,
-        "navsim_version": navsim.__version__,
-        "method": case.scenario.method,
-        "seed": seed,
-        "scenario": text,
-        "scenario_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "epoch": case.scenario.epoch.strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "created": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "title": case.scenario.title,
-    }
+    attributes = root_attributes("landing", seed, case.scenario, method=case.scenario.method)
     return Result(attributes, v)
 
 

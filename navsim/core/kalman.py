@@ -1,0 +1,139 @@
+"""Small dense Kalman filters: the steps the tracking systems share, with scalar measurements one after the other.
+
+Predict and update are kernels on (n,) and (n, n) arrays; models in continuous time become discrete ones by van
+Loan's method. The landing filter has the same steps for its fifteen states with their block structure
+(`core.covariance`).
+
+Sources: [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.2, 5.4.2,
+6.2. [2] van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978). [3] Singer, Estimating
+optimal tracking filter performance for manned maneuvering targets, IEEE TAES 6 (1970).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.core.jit import kernel
+
+
+@kernel
+def predict(x, p, phi, q, work):
+    """x <- Phi x, P <- Phi P Phi' + Q, in place. work: (n, n) space; the first row serves x."""
+    n = x.shape[0]
+    for i in range(n):
+        t = 0.0
+        for j in range(n):
+            t += phi[i, j] * x[j]
+        work[0, i] = t
+    for i in range(n):
+        x[i] = work[0, i]
+    for i in range(n):
+        for j in range(n):
+            t = 0.0
+            for k in range(n):
+                t += phi[i, k] * p[k, j]
+            work[i, j] = t
+    for i in range(n):
+        for j in range(i + 1):
+            t = q[i, j]
+            for k in range(n):
+                t += work[i, k] * phi[j, k]
+            p[i, j] = t
+            p[j, i] = t
+
+
+@kernel
+def update(x, p, index, innovation, variance, gain):
+    """Weigh one measurement of state `index`, in place; returns the normalised innovation squared.
+
+    innovation: measured minus predicted, wrapped by the caller where it is an angle. variance: of the measurement's
+    noise. gain: (n,) out. Joseph form, exactly symmetric.
+    """
+    n = x.shape[0]
+    s = p[index, index] + variance
+    for i in range(n):
+        gain[i] = p[i, index] / s
+    for i in range(n):
+        x[i] += gain[i] * innovation
+    # (I - K h) P (I - K h)' + K r K' with h a unit row; row `index` is read until the others are done
+    for i in range(n):
+        if i == index:
+            continue
+        for j in range(i + 1):
+            if j != index:
+                t = p[i, j] - gain[i] * p[index, j] - gain[j] * p[index, i] + gain[i] * gain[j] * s
+                p[i, j] = t
+                p[j, i] = t
+    for j in range(n):
+        t = variance * gain[j]
+        p[index, j] = t
+        p[j, index] = t
+    return innovation * innovation / s
+
+
+def van_loan(f: np.ndarray, diffusion: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Phi and Q over `period` of x' = F x + w, E[w w'] = diffusion delta(t) [2]."""
+    from scipy.linalg import expm
+
+    n = f.shape[0]
+    block = np.zeros((2 * n, 2 * n))
+    block[:n, :n] = -f
+    block[:n, n:] = diffusion
+    block[n:, n:] = f.T
+    big = expm(block * period)
+    phi = big[n:, n:].T
+    q = phi @ big[:n, n:]
+    return phi, 0.5 * (q + q.T)
+
+
+def singer(period: float, alpha: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Phi, Q (3, 3) of position, rate and an acceleration of 1 sigma `sigma` and decay `alpha`, 1/s, exact [3].
+
+    Singer's closed form cancels badly for a short period; van Loan's method does not.
+    """
+    f = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -alpha]])
+    return van_loan(f, np.diag([0.0, 0.0, 2.0 * alpha * sigma**2]), period)
+
+
+def singer_sigma(largest: float, share_largest: float, share_none: float) -> float:
+    """1 sigma of an acceleration that is +-`largest` with chance `share_largest` each, none with `share_none`, else
+    anything between [3]: sqrt(a^2 / 3 (1 + 4 p_max - p_0))."""
+    return float(largest * np.sqrt((1.0 + 4.0 * share_largest - share_none) / 3.0))
+
+
+def covariance_sequence(
+    phi: np.ndarray, q: np.ndarray, h: np.ndarray, r: np.ndarray, p0: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """P after the update (k, n, n) and gain (k, n, m) for k = 1 ... steps: predict, then update [1]."""
+    p = p0
+    covariances, gains = np.empty((steps, *p0.shape)), np.empty((steps, p0.shape[0], h.shape[0]))
+    for k in range(steps):
+        p = phi @ p @ phi.T + q
+        gain = np.linalg.solve(h @ p @ h.T + r, h @ p).T
+        keep = np.eye(p.shape[0]) - gain @ h
+        p = keep @ p @ keep.T + gain @ r @ gain.T
+        covariances[k], gains[k] = p, gain
+    return covariances, gains
+
+
+def steady_state(phi: np.ndarray, q: np.ndarray, h: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """P after the update (n, n) and gain (n, m) in the limit, from the discrete Riccati equation."""
+    from scipy.linalg import solve_discrete_are
+
+    p = solve_discrete_are(phi.T, h.T, q, r)
+    gain = np.linalg.solve(h @ p @ h.T + r, h @ p).T
+    keep = np.eye(p.shape[0]) - gain @ h
+    return keep @ p @ keep.T + gain @ r @ gain.T, gain
+
+
+def driven_covariance(
+    phi: np.ndarray, h: np.ndarray, r: np.ndarray, gains: np.ndarray, p0: np.ndarray, q: np.ndarray
+) -> np.ndarray:
+    """True covariance (k, n, n) of the errors of a filter with these gains, its truth having p0, q and r."""
+    s = p0
+    out = np.empty((gains.shape[0], *p0.shape))
+    for k, gain in enumerate(gains):
+        keep = np.eye(s.shape[0]) - gain @ h
+        s = keep @ (phi @ s @ phi.T + q) @ keep.T + gain @ r @ gain.T
+        out[k] = s
+    return out

@@ -1,0 +1,97 @@
+"""Landing past an MLS elevation station: the four segments of the paper and the elevation angle over them.
+
+Source: `elevation-atc-azimuth.md` section 1A, eqs. (1) and (2), with (2) put right dimensionally. Angles in degrees, as
+everything of this system; D is counted to the beacon of the segment, m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+DEG = 180.0 / np.pi
+
+LEVEL_END = 80.0
+"""End of the level leg, s."""
+GLIDE_END = LEVEL_END + 47.2222
+SINK = 0.18
+"""Rate of the exponential flare, 1/s."""
+FLARE = float(np.log(15.0)) / SINK
+"""Length of the flare, s: from 30 m to 2 m of height."""
+FLARE_STATION = 3500.0 + 80.0 * FLARE
+"""Distance of the flare guidance station at the start of the flare, m."""
+ROLL_OUT = 2.0
+"""Deceleration of the roll-out, m/s2; the paper gives none."""
+_ROLL_OUT_STATION = FLARE_STATION - 80.0 * FLARE
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Distance and height with their first two derivatives (n,), m, m/s, m/s2."""
+
+    d: np.ndarray
+    d1: np.ndarray
+    d2: np.ndarray
+    h: np.ndarray
+    h1: np.ndarray
+    h2: np.ndarray
+
+
+def level_leg(t: np.ndarray) -> Leg:
+    """Segment 1, t = 0 ... 80 s: 15 km to 5 km, 540 to 360 km/h, 200 m high."""
+    t = np.asarray(t, dtype=float)
+    one = np.ones_like(t)
+    return Leg(15000.0 - 150.0 * t + 0.3125 * t**2, -150.0 + 0.625 * t, 0.625 * one, 200.0 * one, 0.0 * t, 0.0 * t)
+
+
+def glide(s: np.ndarray) -> Leg:
+    """Segment 2, s = 0 ... 47.2 s: on a line through the beacon, slope 0.04."""
+    s = np.asarray(s, dtype=float)
+    a = 0.2117647
+    d, d1, d2 = 5000.0 - 100.0 * s + a * s**2, -100.0 + 2.0 * a * s, 2.0 * a * np.ones_like(s)
+    return Leg(d, d1, d2, 0.04 * d, 0.04 * d1, 0.04 * d2)
+
+
+def flare(s: np.ndarray, station: float = 750.0) -> Leg:
+    """Segment 3, s = 0 ... 15.04 s: at 80 m/s, height decaying; `station`: distance at its start, m."""
+    s = np.asarray(s, dtype=float)
+    h = 30.0 * np.exp(-SINK * s)
+    return Leg(station - 80.0 * s, -80.0 + 0.0 * s, 0.0 * s, h, -SINK * h, SINK**2 * h)
+
+
+def roll_out(s: np.ndarray) -> Leg:
+    """Segment 4, s = 0 ... 40 s: braking at ROLL_OUT, 2 m above the station's plane."""
+    s = np.asarray(s, dtype=float)
+    one = np.ones_like(s)
+    d = _ROLL_OUT_STATION - 80.0 * s + 0.5 * ROLL_OUT * s**2
+    return Leg(d, -80.0 + ROLL_OUT * s, ROLL_OUT * one, 2.0 * one, 0.0 * s, 0.0 * s)
+
+
+def elevation(leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """beta, beta', beta'' in deg, deg/s, deg/s2."""
+    square = leg.h**2 + leg.d**2
+    cross = leg.h1 * leg.d - leg.h * leg.d1
+    second = (leg.h2 * leg.d - leg.h * leg.d2) / square - 2.0 * cross * (leg.h * leg.h1 + leg.d * leg.d1) / square**2
+    return DEG * np.arctan2(leg.h, leg.d), DEG * cross / square, DEG * second
+
+
+def approach(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """beta, beta', beta'' of the guidance used along the way: the glide beacon to the flare, then the flare station."""
+    t = np.asarray(t, dtype=float)
+    parts = (
+        (t < LEVEL_END, lambda: level_leg(t)),
+        ((t >= LEVEL_END) & (t < GLIDE_END), lambda: glide(t - LEVEL_END)),
+        ((t >= GLIDE_END) & (t < GLIDE_END + FLARE), lambda: flare(t - GLIDE_END, FLARE_STATION)),
+        (t >= GLIDE_END + FLARE, lambda: roll_out(t - GLIDE_END - FLARE)),
+    )
+    out = np.full((3, t.size), np.nan)
+    for where, leg in parts:
+        values = elevation(leg())
+        out[:, where] = np.stack(values)[:, where]
+    return out[0], out[1], out[2]
+
+
+def manoeuvre_sigma(d: float, h: float, sigma_d2: float, sigma_h2: float) -> float:
+    """1 sigma of beta'' (deg/s2) from accelerations along and up of 1 sigma sigma_d2, sigma_h2 (m/s2), linearised."""
+    return float(DEG * np.hypot(h * sigma_d2, d * sigma_h2) / (h**2 + d**2))

@@ -1,0 +1,142 @@
+"""The MLS elevation study: the audit, the proof and the nominal run as tables, and their figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.io.results import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+_BAND_WORDS = {
+    "std_theory": "standard deviation within ±20 % of the filter's",
+    "std_sample": "the filter's within ±20 % of the sample's",
+    "variance": "variance within ±20 % of the filter's",
+}
+
+
+def console(result: Result) -> RenderableType:
+    """Steady state, the bands with their exact chances, the nominal run, the audit of the paper."""
+    from rich import box
+    from rich.console import Group
+    from rich.table import Table
+
+    def table(title: str, *heads: str) -> Table:
+        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        for head in heads:
+            out.add_column(head)
+        return out
+
+    p, k = result["/filter/steady_covariance"], result["/filter/steady_gain"]
+    steady = table("Filter in the limit", "sd of beta, deg", "P11, deg2", "P12", "P22", "K1", "K2, 1/s")
+    values = (np.sqrt(p[0, 0]), p[0, 0], p[0, 1], p[1, 1], k[0], k[1])
+    steady.add_row(*(f"{value:.6g}" for value in values))
+
+    runs, inside = int(result["/montecarlo/runs"]), result["/montecarlo/fraction_in_band"]
+    proof = table(
+        f"Monte Carlo: {len(inside)} experiments of {runs} runs; share of steps with beta inside the band",
+        "band", "exact chance", "mean of experiments", "first experiment", "spread", "runs needed",
+    )  # fmt: skip
+    for b, band in enumerate(result["/band"]):
+        proof.add_row(
+            _BAND_WORDS[str(band)],
+            f"{result['/band_theory/coverage'][b]:.4f}",
+            f"{inside[:, b].mean():.4f}",
+            f"{inside[0, b]:.3f}",
+            f"{inside[:, b].std():.3f}",
+            str(int(result["/band_theory/runs_needed"][b])),
+        )
+    proof.add_row("NEES / states, NIS", "1", f"{float(result['/montecarlo/nees']) / p.shape[0]:.4f}, "
+                  f"{float(result['/montecarlo/nis']):.4f}", "", "", "")  # fmt: skip
+
+    flown = table(
+        "Nominal approach, truth by closed forms (adequacy)",
+        "Q, (deg/s)²", "peak of the bias, deg", "at, s", "worst RMSE, deg",
+    )  # fmt: skip
+    for i, q in enumerate(result["/nominal/rate_variance"]):
+        flown.add_row(
+            f"{q:.6g}", f"{result['/nominal/peak_bias'][i]:.6f}", f"{result['/nominal/peak_time'][i]:.4f}",
+            f"{result['/nominal/worst_rmse'][i]:.5f}",
+        )  # fmt: skip
+
+    checked = table("The paper's numbers", "statement", "published", "computed", "unit", "verdict")
+    for i, statement in enumerate(result["/audit/statement"]):
+        checked.add_row(
+            str(statement), f"{result['/audit/published'][i]:.6g}", f"{result['/audit/computed'][i]:.6g}",
+            str(result["/audit/unit"][i]), str(result["/audit/verdict"][i]),
+        )  # fmt: skip
+    note = (
+        "Truth and filter share a model in the Monte Carlo: it proves the code, not that the model is adequate; the "
+        "nominal run does. Errors are correlated over some 16 steps, so a single experiment cannot confirm 0.95."
+    )
+    return Group(steady, proof, flown, checked, note)
+
+
+def _approach(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 4.0)
+    axes = fig.subplots(3, 1, sharex=True)
+    time = result["/approach/time"]
+    for ax, name, label in zip(
+        axes, ("beta", "beta_rate", "beta_acceleration"), ("β, deg", "β', deg/s", "β'', deg/s²"), strict=True
+    ):
+        ax.plot(time, result[f"/approach/{name}"], color=COLOURS[0])
+        ax.set_ylabel(label)
+        for edge in (80.0, 127.2222, 142.266923):
+            ax.axvline(edge, color="#777777", lw=0.6, ls="--")
+    axes[0].set_title("level leg, glide, flare, roll-out")
+    axes[-1].set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return fig
+
+
+def _proof(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 3.6)
+    axes = fig.subplots(2, 1, sharex=True)
+    period = float(result.variables["/step"].attributes["period_s"])
+    time = result["/step"] * period
+    for i, (ax, label) in enumerate(zip(axes, ("sd of β, deg", "sd of β', deg/s"), strict=True)):
+        theory = np.sqrt(result["/filter/covariance"][:, i, i])
+        sample = np.sqrt(result["/montecarlo/covariance"][:, i, i])
+        ax.fill_between(time, 0.8 * theory, 1.2 * theory, color=COLOURS[1], alpha=0.2, lw=0, label="±20 %")
+        ax.plot(time, theory, color=COLOURS[1], label="filter")
+        ax.plot(time, sample, color=COLOURS[0], lw=0.7, label=f"{int(result['/montecarlo/runs'])} runs")
+        ax.set_ylim(0.0, 2.2 * theory[-1])
+        ax.set_ylabel(label)
+    axes[0].legend(ncols=3, loc="upper right")
+    axes[-1].set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return fig
+
+
+def _nominal(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 3.6)
+    upper, lower = fig.subplots(2, 1, sharex=True)
+    time = result["/nominal/time"]
+    late = time >= time[0] + 5.0
+    for i, q in enumerate(result["/nominal/rate_variance"]):
+        colour = COLOURS[i % len(COLOURS)]
+        bias = result["/nominal/bias"][i]
+        upper.plot(time[late], 1e3 * bias[late], color=colour, label=f"Q = {q:.3g} (deg/s)²")
+        lower.plot(time[late], 1e3 * np.hypot(bias, result["/nominal/noise"][i])[late], color=colour)
+    upper.set_ylabel("bias, 10⁻³ deg")
+    lower.set_ylabel("RMSE, 10⁻³ deg")
+    lower.set_ylim(bottom=0.0)
+    lower.set_xlabel("time of the approach, s")
+    upper.legend()
+    fig.align_ylabels([upper, lower])
+    return fig
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """The angle over the approach, the proof with its band, the nominal run."""
+    return {"approach": _approach(result), "proof": _proof(result), "nominal": _nominal(result)}

@@ -1,0 +1,13 @@
+"""Random numbers keyed by (root seed, run, stream): they depend on nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+
+STREAMS = {"initial": 0, "imu": 1, "measurements": 2, "elevation": 3, "plots": 4, "onboard": 5}
+"""Random streams of a run; a stream's number never changes, whatever comes beside it."""
+
+
+def generator(seed: int, run: int, stream: str) -> np.random.Generator:
+    """The random numbers of one stream of one run."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, STREAMS[stream]))))

@@ -1,0 +1,51 @@
+"""`navsim run` on the companion papers' systems: files, figures, repeatability, what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from PIL import Image
+
+from navsim.io.results import read
+from tests.conftest import SCENARIOS
+from tests.product.test_run import navsim, stored
+
+SHIPPED = {
+    "mls_elevation": (
+        {"filter/covariance": ("step", "state", "state_column"), "montecarlo/fraction_in_band": ("experiment", "band")},
+        ("approach", "proof", "nominal"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_companion(name: str, tmp_path: Path) -> None:
+    variables, figures = SHIPPED[name]
+    done = navsim("run", SCENARIOS / f"{name}.yaml", cwd=tmp_path)
+    file = tmp_path / "results" / f"{name}.h5"
+    assert done.stdout
+    result = read(file)
+    assert all(v.units and v.long_name for v in result.variables.values())
+    tree = xr.open_datatree(file, engine="h5netcdf")
+    for path, dims in variables.items():
+        assert tree[path].dims == dims
+    for figure in figures:
+        with Image.open(file.with_name(f"{name}_{figure}.png")) as image:
+            assert min(image.size) > 300
+    navsim("run", SCENARIOS / f"{name}.yaml", "-q", "-o", "again.h5", cwd=tmp_path)
+    assert stored(file) == stored(tmp_path / "again.h5")
+    data = json.loads(navsim("run", SCENARIOS / f"{name}.yaml", "--json", "-o", "j.h5", cwd=tmp_path).stdout)
+    assert data
+    assert navsim("show", file, cwd=tmp_path).stdout
+    assert navsim("validate", SCENARIOS / f"{name}.yaml", cwd=tmp_path).stdout
+
+
+def test_options_of_landings_are_refused(tmp_path: Path) -> None:
+    for option in (("--keep", "all"), ("--until", "rms_horizontal within 2%"), ("--require-fix",)):
+        done = navsim("run", SCENARIOS / "mls_elevation.yaml", *option, cwd=tmp_path, code=2)
+        assert option[0] in done.stderr
+    done = navsim("run", SCENARIOS / "mls_elevation.yaml", "--set", "filter.modell=paper", cwd=tmp_path, code=2)
+    assert "did you mean 'model'" in done.stderr
