@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from navsim.io.results import Result
-from navsim.study import elevation
+from navsim.study import azimuth, elevation
 
 
 class Compute(Protocol):
@@ -33,5 +33,6 @@ COMPANIONS = {
         "experiments",
         ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/audit"),
     ),
+    "azimuth-tracking": Companion(azimuth.compute, azimuth.extent, "cases", ("/summary", "/map")),
 }
 """By kind."""

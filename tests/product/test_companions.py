@@ -18,6 +18,10 @@ SHIPPED = {
         {"filter/covariance": ("step", "state", "state_column"), "montecarlo/fraction_in_band": ("experiment", "band")},
         ("approach", "proof", "nominal"),
     ),
+    "azimuth_tracking": (
+        {"filters/L4/error_deg": ("run", "time"), "filters/S1/sigma_deg": ("time",)},
+        ("errors", "accelerations", "map"),
+    ),
 }
 
 

@@ -1,0 +1,158 @@
+"""The azimuth study: errors by phase of flight, ratios, ages of reports, the map of where it pays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.io.results import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+_WORDS = {
+    "S1": "Singer, 0.2 g", "S2": "Singer, tuned to the turn", "L1": "the paper's (14), literally",
+    "L2": "tangential component", "L3": "rigorous, held", "L4": "rigorous, first-order hold",
+    "L4 stamped": "L4, age of reports known", "L4 roll": "L4 from BDS 5,0 roll",
+    "L4 track rate": "L4 from BDS 5,0 track rate", "L4 roll stamped": "L4 from roll, age known",
+}  # fmt: skip
+CLAIM = (1.5, 1.8)
+"""What the paper claims: 1.5 to 1.8 times smaller errors."""
+
+
+def console(result: Result) -> RenderableType:
+    """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
+    from rich import box
+    from rich.console import Group
+    from rich.table import Table
+
+    def table(title: str, *heads: str) -> Table:
+        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        for head in heads:
+            out.add_column(head)
+        return out
+
+    periods = result["/period"]
+    parts: list[RenderableType] = []
+    for i, period in enumerate(periods):
+        errors = table(
+            f"T = {period:g} s: azimuth RMSE, deg [95 %]", "filter", "", "manoeuvre", "straight", "NIS, man. / straight"
+        )
+        for f, name in enumerate(result["/filter"]):
+            cells = [f"{value:.4f}  [{low:.4f}, {high:.4f}]" for value, low, high in result["/summary/rmse"][i, f]]
+            nis = "{:.2f} / {:.2f}".format(*result["/summary/nis"][i, f])
+            errors.add_row(str(name), _WORDS[str(name)], *cells, nis)
+        parts.append(errors)
+    claim = table("The paper: 1.5 to 1.8 times smaller in the manoeuvre", "T, s", "S1 / L4", "S2 / L4", "verdict")
+    for i, period in enumerate(periods):
+        values = result["/summary/ratio_to_l4"][i, :, 0]
+        met = all(CLAIM[0] <= value <= CLAIM[1] for value in values[:, 0])
+        claim.add_row(
+            f"{period:g}", *(f"{value:.3f}  [{low:.3f}, {high:.3f}]" for value, low, high in values),
+            "met by the rigorous acceleration" if met else "not met",
+        )  # fmt: skip
+    parts.append(claim)
+    ages = table("L4 in the manoeuvre by age of reports, deg", "T, s", "age, s", "unknown to the filter", "stamped")
+    for i, period in enumerate(periods):
+        for j, late in enumerate(result["/latency"]):
+            ages.add_row(f"{period:g}", f"{late:g}", *(f"{x:.4f}" for x in result["/summary/latency_rmse"][i, j]))
+    parts.append(ages)
+    rms = result["/summary/acceleration_rms"]
+    parts.append(
+        f"Why the literal (14) fails: it takes the north component for the tangential one and drops 2 Dh' az'. In the "
+        f"manoeuvre azimuth'' is {rms[0, 0]:.4f} deg/s² rms and the error of (14) {rms[0, 1]:.4f}, more than that of "
+        f"assuming zero; that of the tangential component without Coriolis is {rms[0, 2]:.4f}. Mode S does not carry "
+        "load factors: roll and track rate of BDS 5,0 do as well."
+    )
+    return Group(*parts)
+
+
+def _errors(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 3.2)
+    ax = fig.subplots()
+    time = result["/time"]
+    for name, colour in zip(("S1", "S2", "L3", "L4"), ("#999999", *COLOURS), strict=True):
+        error = result[f"/filters/{name}/error_deg"]
+        ax.plot(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {_WORDS[name]}")
+        ax.plot(time, result[f"/filters/{name}/sigma_deg"], color=colour, lw=0.6, ls=":")
+    roll = result["/truth/roll"] != 0.0
+    ax.fill_between(result["/truth/time"], 0, 1, where=roll, color="#000000", alpha=0.06, lw=0,
+                    transform=ax.get_xaxis_transform())  # fmt: skip
+    ax.set_ylim(0.0, None)
+    ax.set_xlim(time[0], time[-1])
+    ax.set_xlabel("time, s; grey: turns")
+    ax.set_ylabel("azimuth RMSE, deg; dotted: the filter's σ")
+    ax.legend(ncols=2)
+    return fig
+
+
+def _accelerations(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 3.6)
+    upper, lower = fig.subplots(2, 1)
+    position = result["/truth/position"] / 1e3
+    upper.plot(position[:, 2], position[:, 0], color=COLOURS[0])
+    upper.plot(0, 0, "^", color=COLOURS[1], label="radar")
+    upper.set_aspect("equal", adjustable="datalim")
+    upper.set_xlabel("east, km")
+    upper.set_ylabel("north, km")
+    upper.legend()
+    time = result["/truth/time"]
+    lower.plot(time, 1e3 * result["/truth/azimuth_acceleration"], color=COLOURS[0], label="exact")
+    lower.plot(time, 1e3 * result["/truth/azimuth_acceleration_literal"], color=COLOURS[1], label="the paper's (14)")
+    lower.set_ylim(-45, 45)
+    lower.set_xlabel("time, s")
+    lower.set_ylabel("azimuth'', 10⁻³ deg/s²")
+    lower.legend()
+    return fig
+
+
+def _map(result: Result) -> Figure:
+    from navsim.report.figures import COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 3.0)
+    axes = fig.subplots(1, 2, sharey=True)
+    period = result["/map/scan_period"]
+    image = None
+    for ax, name, across, label in (
+        (axes[0], "/map/ratio", result["/map/azimuth_sigma"], "σ of azimuth, deg"),
+        (axes[1], "/map/ratio_by_latency", result["/map/report_age"], "age of reports, s"),
+    ):
+        values = result[name]
+        image = ax.imshow(values, origin="lower", aspect="auto", cmap="viridis", vmin=1.0, vmax=2.1)
+        for i in range(values.shape[0]):
+            for j in range(values.shape[1]):
+                inside = CLAIM[0] <= values[i, j] <= CLAIM[1]
+                colour, weight = ("white" if values[i, j] < 1.6 else "black"), ("bold" if inside else "normal")
+                ax.text(
+                    j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=6.5, color=colour, weight=weight
+                )
+                if inside:
+                    ax.add_patch(_box(j, i))
+        ax.set_xticks(range(across.size), [f"{x:g}" for x in across])
+        ax.set_xlabel(label)
+        ax.grid(visible=False)
+    axes[0].set_yticks(range(period.size), [f"{x:g}" for x in period])
+    axes[0].set_ylabel("scan period, s")
+    if image is not None:
+        fig.colorbar(image, ax=list(axes), label="Singer / L4, each at its best; framed: 1.5-1.8")
+    return fig
+
+
+def _box(column: int, row: int):  # type: ignore[no-untyped-def]
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((column - 0.5, row - 0.5), 1.0, 1.0, fill=False, edgecolor="#D55E00", lw=1.4)
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """RMSE over time, the accelerations, the map."""
+    out = {"errors": _errors(result), "accelerations": _accelerations(result)}
+    if "/map/ratio" in result:
+        out["map"] = _map(result)
+    return out

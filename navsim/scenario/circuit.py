@@ -1,0 +1,57 @@
+"""The landing circuit that both tracking systems fly."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from navsim.scenario.base import DEG, Pair, Positive, Section, Triple, list_of
+
+if TYPE_CHECKING:
+    from navsim.models.circuit import Circuit
+
+Command = Triple
+"""Start s, duration s, increment."""
+
+
+class CircuitSection(Section):
+    """A right-hand circuit about the radar, base and final turns; angles start from level flight without roll."""
+
+    north_m: float = 4000.0
+    east_m: float = 7600.0
+    height_m: Annotated[float, Field(ge=0.0)] = 450.0
+    track_deg: float = 180.0
+    speed_m_s: Positive = 100.0
+    roll_deg: list_of(Command) = (  # type: ignore[valid-type]
+        (160.0, 6.0, 25.0),
+        (189.346, 6.0, -25.0),
+        (241.652, 6.0, 25.0),
+        (267.907, 6.0, -25.0),
+    )
+    """raised-cosine ramps: start s, duration s, increment"""
+    speed_change_m_s: list_of(Command) = (  # type: ignore[valid-type]
+        (40.0, 40.0, -15.0),
+        (195.346, 30.0, -9.0),
+        (277.907, 20.0, -6.0),
+    )
+    path_angle_deg: list_of(Command) = ((283.795, 8.0, -3.0),)  # type: ignore[valid-type]
+    duration_s: Annotated[float, Field(gt=10.0, le=3600.0)] = 406.0
+    manoeuvre_s: list_of(Pair) = ((160.0, 195.346), (241.652, 273.907))  # type: ignore[valid-type]
+    """stretches in which errors are counted as those of the manoeuvre"""
+    straight_s: list_of(Pair) = ((60.0, 160.0),)  # type: ignore[valid-type]
+
+    def circuit(self) -> Circuit:
+        """The circuit in SI units."""
+        import numpy as np
+
+        from navsim.models.circuit import Circuit
+
+        def table(rows: tuple[tuple[float, float, float], ...], unit: float) -> np.ndarray:
+            return np.array(rows, dtype=float).reshape(-1, 3) * np.array([1.0, 1.0, unit])
+
+        return Circuit(
+            self.north_m, self.east_m, self.height_m, self.track_deg * DEG, self.speed_m_s,
+            table(self.roll_deg, DEG), table(self.speed_change_m_s, 1.0), table(self.path_angle_deg, DEG),
+            self.duration_s,
+        )  # fmt: skip

@@ -1,0 +1,273 @@
+"""`kind: azimuth-tracking`: Singer's filters against those driven by reported load factors.
+
+Source: `elevation-atc-azimuth.md` section 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.kalman import singer
+from navsim.estimation.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
+from navsim.io.results import Result, Variable
+from navsim.models.circuit import Flight, at, fly
+from navsim.scenario.azimuth import Azimuth
+from navsim.scenario.base import DEG
+from navsim.simulation.azimuth import Draws, Onboard, draw, nodes, reported, stamped
+from navsim.study.root import root_attributes
+from navsim.study.statistics import mean_interval
+
+FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
+SOURCES = ("L4 stamped", "L4 roll", "L4 track rate", "L4 roll stamped")
+"""Variants of L4: age of the reports known; BDS 5,0 roll or track rate instead of load factors."""
+WINDOWS = ("manoeuvre", "straight")
+_KINDS = {"L1": LITERAL, "L2": TANGENT, "L3": HELD, "L4": FIRST}
+
+
+@dataclass(frozen=True)
+class Scans:
+    """What all filters of one case see: n scans of `runs` runs. azimuth, ground_range (run, n) measured, rad, m; nodes
+    by source (run, n, 4), as `simulation.azimuth.nodes`; truth (n,)."""
+
+    period: float
+    time: np.ndarray
+    truth: np.ndarray
+    azimuth: np.ndarray
+    ground_range: np.ndarray
+    variance: float
+    reports: np.ndarray
+    latency: float
+
+
+def scans(scenario: Azimuth, flight: Flight, period: float, draws: Draws, latency: float, sigma_deg: float) -> Scans:
+    """Plots and reports of one case."""
+    quiet = scenario.noise == "none"
+    time = np.arange(draws.plots.shape[1]) * period
+    here = at(flight, time)
+    sigma = sigma_deg * DEG
+    azimuth = np.unwrap(here.azimuth) + (0.0 if quiet else sigma) * draws.plots[..., 0]
+    slant = here.range + (0.0 if quiet else scenario.radar.range_sigma_m) * draws.plots[..., 1]
+    ground = np.sqrt(np.maximum(slant**2 - here.position[:, 1] ** 2, 1.0))
+    then = at(flight, np.maximum(time - (0.0 if quiet else latency), 0.0))
+    onboard = Onboard(np.zeros(8), np.zeros(8)) if quiet else _onboard(scenario)
+    return Scans(
+        period, time, np.unwrap(here.azimuth), azimuth, ground, sigma**2, reported(then, draws.reports, onboard),
+        0.0 if quiet else latency,
+    )  # fmt: skip
+
+
+def _onboard(scenario: Azimuth) -> Onboard:
+    r = scenario.report
+    n, ln = r.load_factor_sigma_g, r.load_factor_lsb_g
+    sigma = [n, n, n, r.roll_sigma_deg * DEG, r.path_angle_sigma_deg * DEG, r.track_sigma_deg * DEG, r.speed_sigma_m_s,
+             r.track_rate_sigma_deg_s * DEG]  # fmt: skip
+    lsb = [ln, ln, ln, r.roll_lsb_deg * DEG, 0.0, r.track_lsb_deg * DEG, r.speed_lsb_m_s, r.track_rate_lsb_deg_s * DEG]
+    return Onboard(np.array(sigma), np.array(lsb))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """One filter over all runs: error (run, n) rad, deviation (n,) its 1 sigma in the first run, nis (run, n)."""
+
+    error: np.ndarray
+    deviation: np.ndarray
+    nis: np.ndarray
+
+
+def run_filter(name: str, case: Scans, alpha: float, sigma: float) -> Errors:
+    """One filter, by the name it has in the result, with its 1 sigma of acceleration (m/s2)."""
+    runs, count = case.azimuth.shape
+    phi, q = singer(case.period, alpha, 1.0)
+    source = "roll" if "roll" in name else "rate" if "rate" in name else "load"
+    now = nodes(case.reports, source, case.period)
+    before = np.concatenate([now[:, :1], now[:, :-1]], axis=1)
+    if "stamped" in name:
+        before, now = stamped(now, case.period, case.latency)
+    kind = SINGER if name.startswith("S") else _KINDS[name[:2]]
+    error, deviation, nis = np.empty((runs, count)), np.empty((runs, count)), np.empty((runs, count))
+    for run in range(runs):
+        azimuth_filter(
+            kind, case.period, case.azimuth[run], case.ground_range[run], case.variance, phi, q, sigma,
+            before[run], now[run], case.truth, error[run], deviation[run], nis[run],
+        )  # fmt: skip
+    return Errors(error, deviation[0], nis)
+
+
+def window(scenario: Azimuth, name: str, time: np.ndarray) -> np.ndarray:
+    """Which scans count."""
+    stretches = scenario.circuit.manoeuvre_s if name == "manoeuvre" else scenario.circuit.straight_s
+    return np.any([(time >= a - 1e-9) & (time < b - 1e-9) for a, b in stretches], axis=0)
+
+
+def rmse(errors: np.ndarray) -> np.ndarray:
+    """Root mean square over runs and scans with its 95 % interval (runs count as independent): value, low, high."""
+    square = mean_interval(np.mean(errors**2, axis=1))
+    return np.sqrt(np.maximum(square, 0.0))
+
+
+def ratio(over: np.ndarray, under: np.ndarray) -> np.ndarray:
+    """Ratio of two root mean square errors (run, n) of the same runs, with its 95 % interval by linearisation."""
+    a, b = np.mean(over**2, axis=1), np.mean(under**2, axis=1)
+    value = float(np.sqrt(a.mean() / b.mean()))
+    spread = 0.5 * value * (a / a.mean() - b / b.mean())
+    reach = float(mean_interval(spread)[2] - mean_interval(spread)[0])
+    return np.array([value, value - reach, value + reach])
+
+
+def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
+    """The whole study as a result tree; runs: instead of the scenario's."""
+    count = 1 if scenario.noise == "none" else runs or scenario.runs
+    flight = fly(scenario.circuit.circuit())
+    v: dict[str, Variable] = {}
+    v["/run"] = Variable(("run",), np.arange(count), "1", "number of the run in the ensemble of the seed")
+    v["/filter"] = Variable(("filter",), np.array([*FILTERS, *SOURCES], dtype=object), "1", "filters")
+    v["/window"] = Variable(("window",), np.array(WINDOWS), "1", "stretches of the circuit")
+    v["/interval"] = Variable(("interval",), np.array(["value", "low", "high"]), "1", "a value and its 95 % interval")
+    _truth(v, flight)
+    periods = [scenario.period_s, *scenario.further_periods_s]
+    v["/period"] = Variable(("period",), np.array(periods), "s", "scan periods of the cases")
+    v["/latency"] = Variable(("latency",), np.array(scenario.latencies_s), "s", "age of reports")
+    tables, ratios, nis, sweep = [], [], [], []
+    for i, period in enumerate(periods):
+        draws = draw(seed, count, int(scenario.circuit.duration_s / period + 1e-9) + 1)
+        case = scans(scenario, flight, period, draws, scenario.report.latency_s, scenario.radar.azimuth_sigma_deg)
+        found = {name: _tuned(scenario, name, case) for name in (*FILTERS, *SOURCES)}
+        place = "" if i == 0 else f"/cases/T{period:g}"
+        _case(v, place, case, found, keep=i == 0)
+        masks = [window(scenario, name, case.time) for name in WINDOWS]
+        tables.append([[rmse(found[f].error[:, m]) for m in masks] for f in found])
+        ratios.append([[ratio(found[s].error[:, m], found["L4"].error[:, m]) for m in masks] for s in ("S1", "S2")])
+        nis.append([[float(np.nanmean(found[f].nis[:, m])) for m in masks] for f in found])
+        sweep.append(_latencies(scenario, flight, period, draws, masks[0]))
+        done(1 + i)
+    dims = ("period", "filter", "window")
+    v["/summary/rmse"] = Variable(
+        (*dims, "interval"), np.degrees(np.array(tables)), "deg", "root mean square azimuth error over runs and scans"
+    )
+    v["/summary/nis"] = Variable(dims, np.array(nis), "1", "mean normalised innovation squared; one is right")
+    v["/baseline"] = Variable(("baseline",), np.array(["S1", "S2"]), "1", "Singer's filters")
+    v["/summary/ratio_to_l4"] = Variable(
+        ("period", "baseline", "window", "interval"), np.array(ratios), "1", "RMSE over that of L4"
+    )
+    v["/age"] = Variable(("age",), np.array(["unknown", "stamped"]), "1", "what the filter knows of the age of reports")
+    v["/summary/latency_rmse"] = Variable(
+        ("period", "latency", "age"), np.degrees(np.array(sweep)), "deg", "RMSE of L4 in the manoeuvre"
+    )
+    _model_errors(v, scenario, flight)
+    if scenario.map.runs and scenario.noise != "none":
+        _maps(v, scenario, flight, seed, lambda n: done(len(periods) + n))
+    return Result(root_attributes("azimuth-tracking", seed, scenario), v)
+
+
+def extent(scenario: Azimuth) -> int:
+    """Steps of progress: cases, then rows of the maps."""
+    rows = len(scenario.map.periods_s) if scenario.map.runs and scenario.noise != "none" else 0
+    return 1 + len(scenario.further_periods_s) + rows
+
+
+def _tuned(scenario: Azimuth, name: str, case: Scans) -> Errors:
+    f = scenario.filters
+    sigma = {"S1": f.singer_sigma_m_s2[0], "S2": f.singer_sigma_m_s2[1]}.get(name, f.residual_sigma_m_s2)
+    return run_filter(name, case, f.alpha_1_s, sigma)
+
+
+def _case(v: dict[str, Variable], place: str, case: Scans, found: dict[str, Errors], keep: bool) -> None:
+    # a case has scans of its own: another dimension than that of the root, which it would be taken for
+    dimension = f"scan_T{case.period:g}" if place else "time"
+    if place:
+        v[f"{place}/{dimension}"] = Variable((dimension,), np.arange(case.time.size), "1", "number of the scan")
+    v[f"{place}/time"] = Variable((dimension,), case.time, "s", "scans")
+    for name, errors in found.items():
+        here = f"{place}/filters/{name.replace(' ', '_')}"
+        if keep or name in FILTERS:
+            v[f"{here}/error_deg"] = Variable(
+                ("run", "time"),
+                np.degrees(errors.error),
+                "deg",
+                "azimuth error, truth minus estimate, after the update",
+            )
+            v[f"{here}/sigma_deg"] = Variable(
+                (dimension,), np.degrees(errors.deviation), "deg", "1 sigma of the filter, first run"
+            )
+
+
+def _latencies(scenario: Azimuth, flight: Flight, period: float, draws: Draws, mask: np.ndarray) -> list[list[float]]:
+    out = []
+    for latency in scenario.latencies_s:
+        case = scans(scenario, flight, period, draws, latency, scenario.radar.azimuth_sigma_deg)
+        pair = [_tuned(scenario, name, case).error[:, mask] for name in ("L4", "L4 stamped")]
+        out.append([float(np.sqrt(np.mean(e**2))) for e in pair])
+    return out
+
+
+def _truth(v: dict[str, Variable], flight: Flight) -> None:
+    thin = slice(None, None, 10)
+    v["/instant"] = Variable(("instant",), np.arange(flight.time[thin].size), "1", "instants of the true circuit")
+    v["/truth/time"] = Variable(("instant",), flight.time[thin], "s", "time of the circuit")
+    v["/axis"] = Variable(("axis",), np.array(["north", "up", "east"]), "1", "axes from the radar")
+    v["/truth/position"] = Variable(("instant", "axis"), flight.position[thin], "m", "position from the radar")
+    for name, values, unit in (
+        ("azimuth", np.degrees(flight.azimuth), "deg"),
+        ("azimuth_rate", np.degrees(flight.azimuth1), "deg/s"),
+        ("azimuth_acceleration", np.degrees(flight.azimuth2), "deg/s2"),
+        ("azimuth_acceleration_literal", np.degrees(flight.azimuth2_literal), "deg/s2"),
+        ("roll", np.degrees(flight.roll), "deg"),
+    ):
+        meaning = name.replace("_", " ") + (" (the paper's eq. 14: north component)" if "literal" in name else "")
+        v[f"/truth/{name}"] = Variable(("instant",), values[thin], unit, meaning)
+
+
+def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: Flight) -> None:
+    """How far the paper's acceleration is from the true one, window by window, without a filter."""
+    ahead, right = flight.level_acceleration()
+    d = flight.track - flight.azimuth
+    tangent = (ahead * np.sin(d) + right * np.cos(d)) / flight.ground_range
+    exact = flight.azimuth2
+    rows = []
+    for name in WINDOWS:
+        mask = window(scenario, name, flight.time)
+        rows.append(
+            [
+                np.sqrt(np.mean(x[mask] ** 2))
+                for x in (exact, flight.azimuth2_literal - exact, tangent - exact)
+            ]
+        )  # fmt: skip
+    v["/acceleration"] = Variable(
+        ("acceleration",), np.array(["exact", "error of (14)", "error of a_t/Dh"]), "1", "accelerations of the azimuth"
+    )
+    v["/summary/acceleration_rms"] = Variable(
+        ("window", "acceleration"), np.degrees(np.array(rows)), "deg/s2", "root mean square of each"
+    )
+
+
+def _maps(v: dict[str, Variable], scenario: Azimuth, flight: Flight, seed: int, done: Callable[[int], None]) -> None:
+    """Singer over L4, each at its best tuning in the manoeuvre."""
+    section = scenario.map
+    v["/map/scan_period"] = Variable(("scan_period",), np.array(section.periods_s), "s", "scan period")
+    v["/map/azimuth_sigma"] = Variable(("azimuth_sigma",), np.array(section.azimuth_sigmas_deg), "deg", "of plots")
+    v["/map/report_age"] = Variable(("report_age",), np.array(section.latencies_s), "s", "age of reports, unknown")
+    by_sigma = np.empty((len(section.periods_s), len(section.azimuth_sigmas_deg)))
+    by_latency = np.empty((len(section.periods_s), len(section.latencies_s)))
+
+    for i, period in enumerate(section.periods_s):
+        draws = draw(seed, section.runs, int(scenario.circuit.duration_s / period + 1e-9) + 1)
+
+        def best(name: str, sigmas: tuple[float, ...], case: Scans) -> float:
+            inside = window(scenario, "manoeuvre", case.time)
+            each = [run_filter(name, case, scenario.filters.alpha_1_s, s).error[:, inside] for s in sigmas]
+            return min(float(np.sqrt(np.mean(e**2))) for e in each)
+
+        def one(latency: float, sigma: float, period: float = period, draws: Draws = draws) -> float:
+            case = scans(scenario, flight, period, draws, latency, sigma)
+            over = best("S", section.singer_sigmas_m_s2, case)
+            return over / best("L4", section.residual_sigmas_m_s2, case)
+
+        by_sigma[i] = [one(scenario.report.latency_s, s) for s in section.azimuth_sigmas_deg]
+        by_latency[i] = [one(late, scenario.radar.azimuth_sigma_deg) for late in section.latencies_s]
+        done(i + 1)
+    meaning = "best Singer over best L4, RMSE in the manoeuvre"
+    v["/map/ratio"] = Variable(("scan_period", "azimuth_sigma"), by_sigma, "1", meaning)
+    v["/map/ratio_by_latency"] = Variable(("scan_period", "report_age"), by_latency, "1", meaning)
