@@ -184,7 +184,7 @@ def _case(v: dict[str, Variable], place: str, case: Scans, found: dict[str, Erro
         here = f"{place}/filters/{name.replace(' ', '_')}"
         if keep or name in FILTERS:
             v[f"{here}/error_deg"] = Variable(
-                ("run", "time"),
+                ("run", dimension),
                 np.degrees(errors.error),
                 "deg",
                 "azimuth error, truth minus estimate, after the update",
