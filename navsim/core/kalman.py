@@ -137,3 +137,26 @@ def driven_covariance(
         s = keep @ (phi @ s @ phi.T + q) @ keep.T + gain @ r @ gain.T
         out[k] = s
     return out
+
+
+@kernel
+def update_row(x, p, h, innovation, variance, gain, work):
+    """Weigh one measurement h x, in place, Joseph form; as `update` for a full row h (n,). gain, work: (n,) space."""
+    n = x.shape[0]
+    s = variance
+    for i in range(n):
+        t = 0.0
+        for j in range(n):
+            t += p[i, j] * h[j]
+        work[i] = t
+    for i in range(n):
+        s += h[i] * work[i]
+    for i in range(n):
+        gain[i] = work[i] / s
+        x[i] += gain[i] * innovation
+    for i in range(n):
+        for j in range(i + 1):
+            t = p[i, j] - gain[i] * work[j] - gain[j] * work[i] + gain[i] * gain[j] * s
+            p[i, j] = t
+            p[j, i] = t
+    return innovation * innovation / s

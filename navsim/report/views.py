@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navsim.io.results import Result, ResultError
-from navsim.report import azimuth, elevation, optimize, sweep, table2
+from navsim.report import atc, azimuth, elevation, optimize, sweep, table2
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +27,7 @@ class View:
 VIEWS = {
     "table2": View(table2.console, 170, table2.figures),
     "sweep": View(sweep.console, 150, sweep.figures),
+    "atc-tracking": View(atc.console, 150, atc.figures),
     "azimuth-tracking": View(azimuth.console, 130, azimuth.figures),
     "mls-elevation": View(elevation.console, 140, elevation.figures),
     "optimize": View(optimize.console, 140, optimize.figures),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from navsim.scenario.atc import Atc
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import Section, hint, validated
 from navsim.scenario.elevation import Elevation
@@ -18,6 +19,7 @@ from navsim.scenario.sweep import Sweep
 KINDS: dict[str, type[Section]] = {
     "landing": Landing,
     "mls-elevation": Elevation,
+    "atc-tracking": Atc,
     "azimuth-tracking": Azimuth,
     "sweep": Sweep,
     "optimize": Optimize,

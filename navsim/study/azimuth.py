@@ -16,6 +16,7 @@ from navsim.io.results import Result, Variable
 from navsim.models.circuit import Flight, at, fly
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import DEG
+from navsim.scenario.circuit import CircuitSection
 from navsim.simulation.azimuth import Draws, Onboard, draw, nodes, reported, stamped
 from navsim.study.root import root_attributes
 from navsim.study.statistics import mean_interval
@@ -96,9 +97,9 @@ def run_filter(name: str, case: Scans, alpha: float, sigma: float) -> Errors:
     return Errors(error, deviation[0], nis)
 
 
-def window(scenario: Azimuth, name: str, time: np.ndarray) -> np.ndarray:
+def window(circuit: CircuitSection, name: str, time: np.ndarray) -> np.ndarray:
     """Which scans count."""
-    stretches = scenario.circuit.manoeuvre_s if name == "manoeuvre" else scenario.circuit.straight_s
+    stretches = circuit.manoeuvre_s if name == "manoeuvre" else circuit.straight_s
     return np.any([(time >= a - 1e-9) & (time < b - 1e-9) for a, b in stretches], axis=0)
 
 
@@ -109,8 +110,13 @@ def rmse(errors: np.ndarray) -> np.ndarray:
 
 
 def ratio(over: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """Ratio of two root mean square errors (run, n) of the same runs, with its 95 % interval by linearisation."""
+    """Ratio of two root mean square errors (run, n) of the same runs, with its 95 % interval by linearisation.
+
+    nan where one of them is zero, as in a run without noise.
+    """
     a, b = np.mean(over**2, axis=1), np.mean(under**2, axis=1)
+    if not a.any() or not b.any():
+        return np.full(3, np.nan)
     value = float(np.sqrt(a.mean() / b.mean()))
     spread = 0.5 * value * (a / a.mean() - b / b.mean())
     reach = float(mean_interval(spread)[2] - mean_interval(spread)[0])
@@ -137,7 +143,7 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
         found = {name: _tuned(scenario, name, case) for name in (*FILTERS, *SOURCES)}
         place = "" if i == 0 else f"/cases/T{period:g}"
         _case(v, place, case, found, keep=i == 0)
-        masks = [window(scenario, name, case.time) for name in WINDOWS]
+        masks = [window(scenario.circuit, name, case.time) for name in WINDOWS]
         tables.append([[rmse(found[f].error[:, m]) for m in masks] for f in found])
         ratios.append([[ratio(found[s].error[:, m], found["L4"].error[:, m]) for m in masks] for s in ("S1", "S2")])
         nis.append([[float(np.nanmean(found[f].nis[:, m])) for m in masks] for f in found])
@@ -228,7 +234,7 @@ def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: Flight) -> 
     exact = flight.azimuth2
     rows = []
     for name in WINDOWS:
-        mask = window(scenario, name, flight.time)
+        mask = window(scenario.circuit, name, flight.time)
         rows.append(
             [
                 np.sqrt(np.mean(x[mask] ** 2))
@@ -256,7 +262,7 @@ def _maps(v: dict[str, Variable], scenario: Azimuth, flight: Flight, seed: int, 
         draws = draw(seed, section.runs, int(scenario.circuit.duration_s / period + 1e-9) + 1)
 
         def best(name: str, sigmas: tuple[float, ...], case: Scans) -> float:
-            inside = window(scenario, "manoeuvre", case.time)
+            inside = window(scenario.circuit, "manoeuvre", case.time)
             each = [run_filter(name, case, scenario.filters.alpha_1_s, s).error[:, inside] for s in sigmas]
             return min(float(np.sqrt(np.mean(e**2))) for e in each)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from navsim.io.results import Result
-from navsim.study import azimuth, elevation
+from navsim.study import atc, azimuth, elevation
 
 
 class Compute(Protocol):
@@ -33,6 +33,7 @@ COMPANIONS = {
         "experiments",
         ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/audit"),
     ),
+    "atc-tracking": Companion(atc.compute, atc.extent, "cases", ("/summary", "/limits")),
     "azimuth-tracking": Companion(azimuth.compute, azimuth.extent, "cases", ("/summary", "/map")),
 }
 """By kind."""

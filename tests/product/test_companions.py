@@ -22,6 +22,10 @@ SHIPPED = {
         {"filters/L4/error_deg": ("run", "time"), "filters/S1/sigma_deg": ("time",)},
         ("errors", "accelerations", "map"),
     ),
+    "atc_tracking": (
+        {"filters/full/error": ("run", "time", "state"), "filters/singer/sigma": ("time", "singer_state")},
+        ("errors", "ratios"),
+    ),
 }
 
 

@@ -1,0 +1,129 @@
+"""The air traffic control study: errors by phase, decoupled against full, Singer against onboard data, cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.io.results import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+_WORDS = {
+    "full": "13 states", "adapt": "six groups, variance of the input counted", "fix": "six groups, variance ignored",
+    "singer": "range alone", "cartesian": "Cartesian, Singer acceleration",
+}  # fmt: skip
+_DEGREES = ("path_angle", "track", "elevation", "azimuth")
+LITTLE = 0.05
+"""Decoupling keeps the accuracy where its errors grow by no more than this."""
+
+
+def _cell(values: np.ndarray, scale: float = 1.0, digits: int = 2) -> str:
+    value, low, high = values * scale
+    return "-" if np.isnan(value) else f"{value:.{digits}f}  [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def console(result: Result) -> RenderableType:
+    """RMSE of range by case, filter and phase; ratios; verdicts; counts."""
+    from rich import box
+    from rich.console import Group
+    from rich.table import Table
+
+    def table(title: str, *heads: str) -> Table:
+        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        for head in heads:
+            out.add_column(head)
+        return out
+
+    names = [str(n) for n in result["/state"]]
+    rmse, ratios = result["/summary/rmse"], result["/summary/decoupled_to_full"]
+    parts: list[RenderableType] = []
+    heads = ("filter", "", "D manoeuvre, m", "D' manoeuvre, m/s", "D straight, m", "azimuth man., deg")
+    for c, case in enumerate(result["/case"]):
+        errors = table(f"{case}: RMSE [95 %]", *heads)
+        azimuth = names.index("azimuth")
+        for f, name in enumerate(result["/filter"]):
+            errors.add_row(
+                str(name), _WORDS[str(name)], _cell(rmse[c, f, 0, 0]), _cell(rmse[c, f, 0, 1], digits=3),
+                _cell(rmse[c, f, 1, 0]), _cell(rmse[c, f, 0, azimuth], 180.0 / np.pi, 4),
+            )  # fmt: skip
+        parts.append(errors)
+    kept = table(
+        "Does decoupling keep the accuracy? RMSE of adapt over full in the manoeuvre [95 %]",
+        "case", "D", "D'", "pairs V, th, phi, ev, eg", "verdict",
+    )  # fmt: skip
+    levels = [names.index(n) for n in ("speed", *_DEGREES)]
+    for c, case in enumerate(result["/case"]):
+        pairs = ratios[c, 0, 0, levels, 0]
+        range_, rate = ratios[c, 0, 0, 0], ratios[c, 0, 0, 1]
+        verdict = "yes for the pairs"
+        verdict += ", not for the range" if max(range_[0], rate[0]) > 1.0 + LITTLE else ", and for the range"
+        spread = f"{pairs.min():.3f} to {pairs.max():.3f}"
+        kept.add_row(str(case), _cell(range_, digits=3), _cell(rate, digits=3), spread, verdict)
+    parts.append(kept)
+    gain = table("Singer over adapt in the manoeuvre [95 %]", "case", "D", "D'")
+    for c, case in enumerate(result["/case"]):
+        gain.add_row(str(case), *(_cell(x, digits=3) for x in result["/summary/singer_to_adapt"][c, 0]))
+    parts.append(gain)
+    full, groups = int(result["/summary/multiplications_full"]), int(result["/summary/multiplications_decoupled"])
+    stored = int(result["/summary/stored_full"]), int(result["/summary/stored_decoupled"])
+    parts.append(
+        f"A covariance step takes {full} multiplications in the full filter, {groups} in the six groups: "
+        f"{full / groups:.0f} times fewer; {stored[0]} and {stored[1]} numbers are stored. The full model is not full: "
+        "rates of the line of sight are noises of their own in it, though they follow from V, th, phi and D. The "
+        "Cartesian filter uses that."
+    )
+    return Group(*parts)
+
+
+def _errors(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 4.4)
+    axes = fig.subplots(2, 1, sharex=True)
+    time = result["/time"]
+    for name, colour in zip(
+        ("singer", "fix", "adapt", "full", "cartesian"), ("#999999", *COLOURS, "#CC79A7"), strict=True
+    ):
+        error, sigma = result[f"/filters/{name}/error"], result[f"/filters/{name}/sigma"]
+        for i, ax in enumerate(axes):
+            ax.plot(time, np.sqrt(np.mean(error[:, :, i] ** 2, axis=0)), color=colour, label=f"{name}: {_WORDS[name]}")
+            ax.plot(time, sigma[:, i], color=colour, lw=0.6, ls=":")
+    for ax, label, top in zip(axes, ("range RMSE, m", "range rate RMSE, m/s"), (45.0, 20.0), strict=True):
+        for begin, end in ((160.0, 195.346), (241.652, 273.907)):
+            ax.axvspan(begin, end, color="#000000", alpha=0.06, lw=0)
+        ax.set_ylim(0.0, top)
+        ax.set_ylabel(f"{label}; dotted: σ")
+    axes[0].legend(ncols=2, loc="upper right")
+    axes[1].set_xlim(time[0], time[-1])
+    axes[1].set_xlabel("time, s; grey: manoeuvre")
+    return fig
+
+
+def _ratios(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 2.8)
+    ax = fig.subplots()
+    names = [str(n).replace("_", " ") for n in result["/state"]]
+    at = np.arange(len(names))
+    ratios = result["/summary/decoupled_to_full"][:, 0, 0]
+    for c, case in enumerate(result["/case"]):
+        value, low, high = ratios[c].T
+        ax.errorbar(
+            at + 0.12 * (c - 1.5), value, yerr=[value - low, high - value], fmt="o", ms=3, lw=0.8,
+            color=(*COLOURS, "#CC79A7")[c % 4], label=str(case),
+        )  # fmt: skip
+    ax.axhline(1.0, color="#777777", lw=0.6)
+    ax.set_xticks(at, names, rotation=35, ha="right")
+    ax.set_ylabel("RMSE, adapt / full, manoeuvre")
+    ax.legend(ncols=2)
+    return fig
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """RMSE over time of every filter; decoupled over full, state by state."""
+    return {"errors": _errors(result), "ratios": _ratios(result)}

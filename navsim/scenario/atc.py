@@ -1,0 +1,89 @@
+"""`kind: atc-tracking`: range and angles of an aircraft with onboard data, full against decoupled against Singer."""
+
+from __future__ import annotations
+
+import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from navsim.scenario.base import Positive, Section, Utc, list_of
+from navsim.scenario.circuit import CircuitSection
+
+
+class Sigmas(Section):
+    """1 sigma of what is measured each scan."""
+
+    range_m: Positive = 30.0
+    speed_m_s: Positive = 1.0
+    path_angle_deg: Positive = 0.1
+    track_deg: Positive = 0.25
+    elevation_deg: Positive = 0.08
+    azimuth_deg: Positive = 0.08
+    speed_rate_m_s2: Positive = 0.1
+    """this and the next two where onboard rates are measured"""
+    path_angle_rate_deg_s: Positive = 0.1
+    track_rate_deg_s: Positive = 0.1
+
+
+class Group(Section):
+    """How a rate varies: exponentially correlated."""
+
+    alpha_1_s: Positive
+    """decay"""
+    rate_sigma: Positive
+    """1 sigma of the rate: m/s2 for speed, else deg/s"""
+
+
+class Groups(Section):
+    """The five pairs beside the range."""
+
+    speed: Group = Group(alpha_1_s=0.05, rate_sigma=0.5)
+    path_angle: Group = Group(alpha_1_s=0.1, rate_sigma=0.3)
+    track: Group = Group(alpha_1_s=0.05, rate_sigma=2.0)
+    elevation: Group = Group(alpha_1_s=1.0 / 60.0, rate_sigma=0.1)
+    azimuth: Group = Group(alpha_1_s=1.0 / 60.0, rate_sigma=0.5)
+
+
+class SingerSection(Section):
+    """A Singer acceleration."""
+
+    alpha_1_s: Positive = 0.05
+    sigma_m_s2: Positive = 1.074264684
+
+
+class AtcCase(Section):
+    """A case computed beside the main one."""
+
+    period_s: Positive
+    onboard_rates: bool = False
+
+
+class Atc(Section):
+    """Range and angles of an aircraft in the circuit."""
+
+    kind: Literal["atc-tracking"]
+    version: Literal[1]
+    title: str = ""
+    epoch: Utc = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
+    """UTC of time 0; nothing depends on it"""
+    circuit: CircuitSection = CircuitSection()
+    period_s: Positive = 1.0
+    onboard_rates: bool = False
+    """whether V' and the rates of path angle and track are measured as well"""
+    further_cases: list_of(AtcCase) = (  # type: ignore[valid-type]
+        AtcCase(period_s=1.0, onboard_rates=True),
+        AtcCase(period_s=4.0),
+        AtcCase(period_s=4.0, onboard_rates=True),
+    )
+    runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
+    noise: Literal["as-given", "none"] = "as-given"
+    """none: the deterministic run"""
+    sigmas: Sigmas = Sigmas()
+    groups: Groups = Groups()
+    residual_m_s2: Positive = 0.3
+    """1 sigma of the range acceleration beyond the formula"""
+    start_range_rate_m_s: Positive = 5.0
+    start_range_acceleration_m_s2: Positive = 2.0
+    singer: SingerSection = SingerSection()
+    cartesian: SingerSection = SingerSection(sigma_m_s2=2.5)

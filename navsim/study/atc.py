@@ -1,0 +1,219 @@
+"""`kind: atc-tracking`: Singer on range against filters with onboard data, full and decoupled.
+
+Source: `elevation-atc-azimuth.md` section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.kalman import singer, steady_state
+from navsim.estimation.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
+from navsim.io.results import Result, Variable
+from navsim.models.circuit import Flight, at, fly
+from navsim.scenario.atc import Atc
+from navsim.scenario.base import DEG
+from navsim.simulation.streams import generator
+from navsim.study.azimuth import ratio, rmse
+from navsim.study.azimuth import window as _window
+from navsim.study.root import root_attributes
+
+FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
+WINDOWS = ("manoeuvre", "straight")
+CARTESIAN = ("range", "range_rate", "elevation", "azimuth")
+UNITS = ("m", "m/s", "m/s2", "m/s", "m/s2", *("rad", "rad/s") * 4)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A case in SI units and rad; variance (9,), decay, rate_variance (5,)."""
+
+    period: float
+    rates: bool
+    variance: np.ndarray
+    decay: np.ndarray
+    rate_variance: np.ndarray
+
+
+def settings(scenario: Atc, period: float, rates: bool) -> Settings:
+    """The filters' numbers of one case."""
+    s, g = scenario.sigmas, scenario.groups
+    sigma = np.array([
+        s.range_m, s.speed_m_s, s.path_angle_deg * DEG, s.track_deg * DEG, s.elevation_deg * DEG, s.azimuth_deg * DEG,
+        s.speed_rate_m_s2, s.path_angle_rate_deg_s * DEG, s.track_rate_deg_s * DEG,
+    ])  # fmt: skip
+    groups = (g.speed, g.path_angle, g.track, g.elevation, g.azimuth)
+    decay = np.array([1.0 - group.alpha_1_s * period for group in groups])
+    unit = np.array([1.0, DEG, DEG, DEG, DEG])
+    rate = np.array([group.rate_sigma for group in groups]) * unit
+    return Settings(period, rates, sigma**2, decay, rate**2 * (1.0 - decay**2))
+
+
+def truth(flight: Flight) -> np.ndarray:
+    """The 13 states (n, 13) of a flight."""
+    return np.column_stack([
+        flight.range, flight.range1, flight.range2, flight.speed, flight.speed1, flight.path_angle, flight.path_angle1,
+        flight.track, flight.track1, flight.elevation, flight.elevation1, np.unwrap(flight.azimuth), flight.azimuth1,
+    ])  # fmt: skip
+
+
+def fly_case(scenario: Atc, flight: Flight, case: Settings, seed: int, runs: int) -> tuple[np.ndarray, dict[str, tuple[
+    np.ndarray, np.ndarray]]]:  # fmt: skip
+    """Time (k,) and, by filter, errors (run, k, m) and the filter's sigma in the first run (k, m)."""
+    time = np.arange(int(scenario.circuit.duration_s / case.period + 1e-9) + 1) * case.period
+    states = truth(at(flight, time))
+    true = states[:, [0, 3, 5, 7, 9, 11, 4, 6, 8]]
+    sigma = np.zeros(MEASURED) if scenario.noise == "none" else np.sqrt(case.variance)
+    k = time.size
+    error = {name: np.empty((runs, k, _size(name))) for name in FILTERS}
+    deviation = {name: np.empty((k, _size(name))) for name in FILTERS}
+    scratch = {name: np.empty((k, _size(name))) for name in FILTERS}
+    start_sigma = np.array([scenario.start_range_rate_m_s, scenario.start_range_acceleration_m_s2])
+    own = singer(case.period, scenario.singer.alpha_1_s, scenario.singer.sigma_m_s2)
+    plain = singer(case.period, scenario.cartesian.alpha_1_s, scenario.cartesian.sigma_m_s2)
+    first_variance = np.array([case.variance[0], *start_sigma**2])
+    axis_variance = np.array([case.variance[0], 9.0, scenario.cartesian.sigma_m_s2**2])
+    first = np.empty(N)
+    for run in range(runs):
+        measured = true + sigma * generator(seed, run, "plots").standard_normal((k, MEASURED))
+        out = deviation if run == 0 else scratch
+        for name, kind in (("full", FULL), ("adapt", ADAPT), ("fix", FIX)):
+            track(
+                kind, case.period, measured, case.variance, case.rates, case.decay, case.rate_variance,
+                scenario.residual_m_s2, start_sigma, states, error[name][run], out[name],
+            )  # fmt: skip
+        start(measured[0], first)
+        singer_range(
+            measured[:, 0], case.variance[0], *own, first[:3], first_variance, states[:, :3], error["singer"][run],
+            out["singer"],
+        )  # fmt: skip
+        cartesian(measured, case.variance, *plain, axis_variance, states, error["cartesian"][run], out["cartesian"])
+    return time, {name: (error[name], deviation[name]) for name in FILTERS}
+
+
+def _size(name: str) -> int:
+    return {"singer": 3, "cartesian": len(CARTESIAN)}.get(name, N)
+
+
+def _states(name: str) -> tuple[str, ...]:
+    return {"singer": NAMES[:3], "cartesian": CARTESIAN}.get(name, NAMES)
+
+
+def group_limits(case: Settings) -> list[tuple[float, np.ndarray]]:
+    """Steady 1 sigma of the level and gain (2,) of each pair, without measured rates: SI, rad."""
+    out = []
+    for g in range(5):
+        phi = np.array([[1.0, case.period], [0.0, case.decay[g]]])
+        q = np.diag([0.0, case.rate_variance[g]])
+        p, gain = steady_state(phi, q, np.array([[1.0, 0.0]]), case.variance[1 + g : 2 + g, None])
+        out.append((float(np.sqrt(p[0, 0])), gain[:, 0]))
+    return out
+
+
+def multiplications(states: int, measurements: int) -> int:
+    """Multiplications of a covariance step with scalar updates: 2 n^3 + m (n^2 + n)."""
+    return 2 * states**3 + measurements * (states**2 + states)
+
+
+def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
+    """The whole study as a result tree; runs: instead of the scenario's."""
+    count = 1 if scenario.noise == "none" else runs or scenario.runs
+    flight = fly(scenario.circuit.circuit())
+    cases = [(scenario.period_s, scenario.onboard_rates),
+             *((c.period_s, c.onboard_rates) for c in scenario.further_cases)]  # fmt: skip
+    labels = [f"T{period:g}_{'rates' if rates else 'angles'}" for period, rates in cases]
+    v: dict[str, Variable] = {}
+    v["/run"] = Variable(("run",), np.arange(count), "1", "number of the run in the ensemble of the seed")
+    v["/case"] = Variable(("case",), np.array(labels, dtype=object), "1", "cases: scan period, what is measured")
+    v["/filter"] = Variable(("filter",), np.array(FILTERS), "1", "filters")
+    v["/window"] = Variable(("window",), np.array(WINDOWS), "1", "stretches of the circuit")
+    v["/interval"] = Variable(("interval",), np.array(["value", "low", "high"]), "1", "a value and its 95 % interval")
+    v["/state"] = Variable(("state",), np.array(NAMES), "1", "states", {"state_units": ", ".join(UNITS)})
+    v["/singer_state"] = Variable(("singer_state",), np.array(NAMES[:3]), "1", "states of singer: m, m/s, m/s2")
+    v["/cartesian_state"] = Variable(
+        ("cartesian_state",), np.array(CARTESIAN), "1", "figures of cartesian: m, m/s, rad, rad"
+    )
+    tables = np.full((len(cases), len(FILTERS), len(WINDOWS), N, 3), np.nan)
+    to_full = np.full((len(cases), 2, len(WINDOWS), N, 3), np.nan)
+    to_adapt = np.full((len(cases), len(WINDOWS), 2, 3), np.nan)
+    for i, (period, rates) in enumerate(cases):
+        case = settings(scenario, period, rates)
+        time, found = fly_case(scenario, flight, case, seed, count)
+        _case(v, "" if i == 0 else f"/cases/{labels[i]}", labels[i], time, found, keep=i == 0)
+        for w, name in enumerate(WINDOWS):
+            inside = _window(scenario.circuit, name, time)
+            for f, which in enumerate(FILTERS):
+                for m, state in enumerate(_states(which)):
+                    tables[i, f, w, NAMES.index(state)] = rmse(found[which][0][:, inside, m])
+            for j, which in enumerate(("adapt", "fix")):
+                for m in range(N):
+                    to_full[i, j, w, m] = ratio(found[which][0][:, inside, m], found["full"][0][:, inside, m])
+            for m in range(2):
+                to_adapt[i, w, m] = ratio(found["singer"][0][:, inside, m], found["adapt"][0][:, inside, m])
+        done(i + 1)
+    mixed = "m, m/s, m/s2, rad, rad/s"
+    v["/summary/rmse"] = Variable(
+        ("case", "filter", "window", "state", "interval"), tables, mixed, "root mean square error over runs and scans"
+    )
+    v["/decoupled"] = Variable(("decoupled",), np.array(["adapt", "fix"]), "1", "decoupled filters")
+    v["/summary/decoupled_to_full"] = Variable(
+        ("case", "decoupled", "window", "state", "interval"), to_full, "1", "RMSE over that of the full filter"
+    )
+    v["/range_state"] = Variable(("range_state",), np.array(NAMES[:2]), "1", "range and its rate")
+    v["/summary/singer_to_adapt"] = Variable(
+        ("case", "window", "range_state", "interval"), to_adapt, "1", "RMSE of Singer over that of adapt"
+    )
+    _limits(v, scenario)
+    full, groups = multiplications(N, 6), 5 * multiplications(2, 1) + multiplications(3, 1)
+    for name, value, meaning in (
+        ("multiplications_full", full, "multiplications of a covariance step, 13 states, six scalar updates"),
+        ("multiplications_decoupled", groups, "the same of the six groups"),
+        ("stored_full", N * (N + 1) // 2, "numbers of the covariance stored"),
+        ("stored_decoupled", 5 * 3 + 6, "the same of the six groups"),
+    ):
+        v[f"/summary/{name}"] = Variable((), np.int64(value), "1", meaning)
+    return Result(root_attributes("atc-tracking", seed, scenario), v)
+
+
+def extent(scenario: Atc) -> int:
+    """Steps of progress."""
+    return 1 + len(scenario.further_cases)
+
+
+def _case(
+    v: dict[str, Variable],
+    place: str,
+    label: str,
+    time: np.ndarray,
+    found: dict[str, tuple[np.ndarray, np.ndarray]],
+    keep: bool,
+) -> None:
+    dimension = f"scan_{label}" if place else "time"
+    if place:
+        v[f"{place}/{dimension}"] = Variable((dimension,), np.arange(time.size), "1", "number of the scan")
+    v[f"{place}/time"] = Variable((dimension,), time, "s", "scans")
+    for name, (error, deviation) in found.items():
+        state = {"singer": "singer_state", "cartesian": "cartesian_state"}.get(name, "state")
+        here = f"{place}/filters/{name}"
+        mixed = "m, m/s, m/s2, rad, rad/s"
+        v[f"{here}/error"] = Variable(
+            ("run", dimension, state), error if keep else error.astype(np.float32), mixed,
+            "truth - estimate, after the update",
+        )  # fmt: skip
+        v[f"{here}/sigma"] = Variable((dimension, state), deviation, mixed, "1 sigma of the filter, first run")
+
+
+def _limits(v: dict[str, Variable], scenario: Atc) -> None:
+    case = settings(scenario, scenario.period_s, False)
+    limits = group_limits(case)
+    v["/group"] = Variable(
+        ("group",), np.array(["speed", "path_angle", "track", "elevation", "azimuth"]), "1", "pairs of level and rate"
+    )
+    v["/gain_of"] = Variable(("gain_of",), np.array(["level", "rate"]), "1", "gain of")
+    v["/limits/sigma"] = Variable(
+        ("group",), np.array([sigma for sigma, _ in limits]), "m/s, rad", "steady 1 sigma of the level"
+    )
+    v["/limits/gain"] = Variable(("group", "gain_of"), np.array([g for _, g in limits]), "1, 1/s", "steady gain")
