@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,22 +29,14 @@ def _cell(values: np.ndarray, scale: float = 1.0, digits: int = 2) -> str:
 
 def console(result: Result) -> RenderableType:
     """RMSE of range by case, filter and phase; ratios; verdicts; counts."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
-
-    def table(title: str, *heads: str) -> Table:
-        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-        for head in heads:
-            out.add_column(head)
-        return out
 
     names = [str(n) for n in result["/state"]]
     rmse, ratios = result["/summary/rmse"], result["/summary/decoupled_to_full"]
     parts: list[RenderableType] = []
     heads = ("filter", "", "D manoeuvre, m", "D' manoeuvre, m/s", "D straight, m", "azimuth man., deg")
     for c, case in enumerate(result["/case"]):
-        errors = table(f"{case}: RMSE [95 %]", *heads)
+        errors = titled_table(f"{case}: RMSE [95 %]", *heads)
         azimuth = names.index("azimuth")
         for f, name in enumerate(result["/filter"]):
             errors.add_row(
@@ -51,7 +44,7 @@ def console(result: Result) -> RenderableType:
                 _cell(rmse[c, f, 1, 0]), _cell(rmse[c, f, 0, azimuth], 180.0 / np.pi, 4),
             )  # fmt: skip
         parts.append(errors)
-    kept = table(
+    kept = titled_table(
         "Does decoupling keep the accuracy? RMSE of adapt over full in the manoeuvre [95 %]",
         "case", "D", "D'", "pairs V, th, phi, ev, eg", "verdict",
     )  # fmt: skip
@@ -64,7 +57,7 @@ def console(result: Result) -> RenderableType:
         spread = f"{pairs.min():.3f} to {pairs.max():.3f}"
         kept.add_row(str(case), _cell(range_, digits=3), _cell(rate, digits=3), spread, verdict)
     parts.append(kept)
-    gain = table("Singer over adapt in the manoeuvre [95 %]", "case", "D", "D'")
+    gain = titled_table("Singer over adapt in the manoeuvre [95 %]", "case", "D", "D'")
     for c, case in enumerate(result["/case"]):
         gain.add_row(str(case), *(_cell(x, digits=3) for x in result["/summary/singer_to_adapt"][c, 0]))
     parts.append(gain)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,20 +25,12 @@ CLAIM = (1.5, 1.8)
 
 def console(result: Result) -> RenderableType:
     """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
-
-    def table(title: str, *heads: str) -> Table:
-        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-        for head in heads:
-            out.add_column(head)
-        return out
 
     periods = result["/period"]
     parts: list[RenderableType] = []
     for i, period in enumerate(periods):
-        errors = table(
+        errors = titled_table(
             f"T = {period:g} s: azimuth RMSE, deg [95 %]", "filter", "", "manoeuvre", "straight", "NIS, man. / straight"
         )
         for f, name in enumerate(result["/filter"]):
@@ -45,7 +38,9 @@ def console(result: Result) -> RenderableType:
             nis = "{:.2f} / {:.2f}".format(*result["/summary/nis"][i, f])
             errors.add_row(str(name), _WORDS[str(name)], *cells, nis)
         parts.append(errors)
-    claim = table("The paper: 1.5 to 1.8 times smaller in the manoeuvre", "T, s", "S1 / L4", "S2 / L4", "verdict")
+    claim = titled_table(
+        "The paper: 1.5 to 1.8 times smaller in the manoeuvre", "T, s", "S1 / L4", "S2 / L4", "verdict"
+    )
     for i, period in enumerate(periods):
         values = result["/summary/ratio_to_l4"][i, :, 0]
         met = all(CLAIM[0] <= value <= CLAIM[1] for value in values[:, 0])
@@ -54,7 +49,9 @@ def console(result: Result) -> RenderableType:
             "met by the rigorous acceleration" if met else "not met",
         )  # fmt: skip
     parts.append(claim)
-    ages = table("L4 in the manoeuvre by age of reports, deg", "T, s", "age, s", "unknown to the filter", "stamped")
+    ages = titled_table(
+        "L4 in the manoeuvre by age of reports, deg", "T, s", "age, s", "unknown to the filter", "stamped"
+    )
     for i, period in enumerate(periods):
         for j, late in enumerate(result["/latency"]):
             ages.add_row(f"{period:g}", f"{late:g}", *(f"{x:.4f}" for x in result["/summary/latency_rmse"][i, j]))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,23 +22,15 @@ _BAND_WORDS = {
 
 def console(result: Result) -> RenderableType:
     """Steady state, the bands with their exact chances, the nominal run, the audit of the paper."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
-
-    def table(title: str, *heads: str) -> Table:
-        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-        for head in heads:
-            out.add_column(head)
-        return out
 
     p, k = result["/filter/steady_covariance"], result["/filter/steady_gain"]
-    steady = table("Filter in the limit", "sd of beta, deg", "P11, deg2", "P12", "P22", "K1", "K2, 1/s")
+    steady = titled_table("Filter in the limit", "sd of beta, deg", "P11, deg2", "P12", "P22", "K1", "K2, 1/s")
     values = (np.sqrt(p[0, 0]), p[0, 0], p[0, 1], p[1, 1], k[0], k[1])
     steady.add_row(*(f"{value:.6g}" for value in values))
 
     runs, inside = int(result["/montecarlo/runs"]), result["/montecarlo/fraction_in_band"]
-    proof = table(
+    proof = titled_table(
         f"Monte Carlo: {len(inside)} experiments of {runs} runs; share of steps with beta inside the band",
         "band", "exact chance", "mean of experiments", "first experiment", "spread", "runs needed",
     )  # fmt: skip
@@ -53,7 +46,7 @@ def console(result: Result) -> RenderableType:
     proof.add_row("NEES / states, NIS", "1", f"{float(result['/montecarlo/nees']) / p.shape[0]:.4f}, "
                   f"{float(result['/montecarlo/nis']):.4f}", "", "", "")  # fmt: skip
 
-    flown = table(
+    flown = titled_table(
         "Nominal approach, truth by closed forms (adequacy)",
         "Q, (deg/s)²", "peak of the bias, deg", "at, s", "worst RMSE, deg",
     )  # fmt: skip
@@ -63,7 +56,7 @@ def console(result: Result) -> RenderableType:
             f"{result['/nominal/worst_rmse'][i]:.5f}",
         )  # fmt: skip
 
-    checked = table("The paper's numbers", "statement", "published", "computed", "unit", "verdict")
+    checked = titled_table("The paper's numbers", "statement", "published", "computed", "unit", "verdict")
     for i, statement in enumerate(result["/audit/statement"]):
         checked.add_row(
             str(statement), f"{result['/audit/published'][i]:.6g}", f"{result['/audit/computed'][i]:.6g}",

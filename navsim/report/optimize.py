@@ -8,6 +8,7 @@ import numpy as np
 import yaml
 
 from navsim.io.results import Result
+from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,25 +25,13 @@ def _reach(values: np.ndarray) -> str:
 
 def console(result: Result) -> RenderableType:
     """The front, and every placement with its neighbourhood."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
 
     name = str(result.attributes["objective"])
     variable = result.variables["/front/objective"]
     none = variable.attributes["without_pseudolites"]
-    front = Table(title=f"{name}: {variable.long_name}", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in (
-        "pseudolites",
-        "objective",
-        "better than none",
-        "PDOP",
-        "HDOP",
-        "VDOP",
-        "placements tried",
-        "tightest rule",
-    ):
-        front.add_column(head)
+    heads = ("pseudolites", "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
+    front = titled_table(f"{name}: {variable.long_name}", *heads)
     front.add_row("0", f"{none:.4f}", "", *[""] * 5)
     for i, count in enumerate(result["/pseudolites"]):
         value = result["/front/objective"][i]
@@ -52,14 +41,12 @@ def console(result: Result) -> RenderableType:
         margin = result["/optimum/violation"][i]
         room = "none given" if np.isneginf(margin) else f"{-margin:.2f} left"
         front.add_row(str(int(count)), f"{value:.4f}", gain, *dops, tried, room)
-    places = Table(
-        title="Where they stand, and how far each may be moved before the objective worsens (by direction; * to the "
-        "limit of area or rules in some)",
-        title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
-    )  # fmt: skip
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
-    for head in ("of", "pseudolite", "s, m", "l1, m", "latitude, °", "longitude, °", *losses):
-        places.add_column(head)
+    places = titled_table(
+        "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
+        "area or rules in some)",
+        "of", "pseudolite", "s, m", "l1, m", "latitude, °", "longitude, °", *losses,
+    )  # fmt: skip
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):
             angles = [f"{np.degrees(result[f'/optimum/{axis}'][i, k]):.7f}" for axis in ("latitude", "longitude")]

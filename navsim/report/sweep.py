@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from navsim.io.results import Result
+from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,16 +72,11 @@ def best(cube: np.ndarray) -> tuple[int, ...] | None:
 
 def console(result: Result) -> RenderableType:
     """The best combination for each output, with the range of values."""
-    from rich import box
-    from rich.table import Table
-
     names = list(keys(result))
     combinations = int(result.attributes["combinations"])
     method = result.attributes["method"]
     title = f"{combinations} combinations, method {method}; the best for each output"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ("output", "smallest", "median", "largest", *(f"best {name}" for name in names)):
-        table.add_column(head)
+    table = titled_table(title, "output", "smallest", "median", "largest", *(f"best {name}" for name in names))
     for name in outputs(result):
         if name.endswith(("_low", "_high")):
             continue

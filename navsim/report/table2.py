@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
+    from rich.table import Table
 
 COLUMNS = ("pdop", "hdop", "vdop", "rms_horizontal_m", "rms_vertical_m", "error_horizontal_m")
 _HEADS = ("PDOP", "HDOP", "VDOP", "SKO horizontal, m", "SKO vertical, m", "estimation error horizontal, m")
@@ -150,14 +152,10 @@ def contradiction(result: Result) -> str:
 
 def console(result: Result) -> RenderableType:
     """Everything, for the terminal."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
 
     def table(title: str, heads: tuple[str, ...], rows: list[list[str]], lines: bool = False) -> Table:
-        out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, show_lines=lines)
-        for head in heads:
-            out.add_column(head)
+        out = titled_table(title, *heads, lines=lines)
         for row in rows:
             out.add_row(*row)
         return out

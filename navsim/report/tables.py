@@ -11,6 +11,7 @@ from navsim.io.results import Result
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from rich.table import Table
 
 _DEGREE = 180.0 / math.pi
 
@@ -70,6 +71,17 @@ def _coverage(result: Result, i: int) -> str:
     value, low, high = 100 * result["/summary/coverage/position"][i]
     reach = f"  [{_number(low, 1)}, {_number(high, 1)}]" if np.isfinite(low) else ""
     return f"{_number(value, 1)} %{reach}  (Gaussian {100 * result['/summary/coverage/expected'][i]:.1f} %)"
+
+
+def titled_table(title: str, *heads: str, lines: bool = False) -> Table:
+    """An empty table in the style of all reports."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, show_lines=lines)
+    for head in heads:
+        table.add_column(head)
+    return table
 
 
 def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
