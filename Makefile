@@ -21,9 +21,10 @@ table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results
 calibrate: $(STAMP)      ## find the skies of Table 2 again: scenarios/table2*.yaml
 	$(BIN)/python scripts/calibrate_table2.py
 
-validate: $(STAMP)       ## the long statistical studies: docs/filter-consistency.md, docs/covariance-against-runs.md
+validate: $(STAMP)       ## the long statistical studies: tables in docs/
 	$(BIN)/python scripts/covariance_against_runs.py
 	$(BIN)/python scripts/filter_consistency.py
+	$(BIN)/python scripts/recorded_approach.py
 
 lint: $(STAMP)           ## style and types
 	$(BIN)/ruff check .

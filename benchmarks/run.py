@@ -205,6 +205,37 @@ def analysis(rows: list[tuple[str, str, str, bool]]) -> None:
     rows.append(("2000 runs against it", f"{runs[0] / statistics.median(linear):.0f}×", "", True))
 
 
+def tracking(rows: list[tuple[str, str, str, bool]]) -> None:
+    """The 13-state tracking filter against its six decoupled groups, per scan."""
+    from navsim.estimation.atc import ADAPT, FULL, MEASURED, N, track
+    from navsim.models.circuit import at, fly
+    from navsim.scenario.atc import Atc
+    from navsim.study.atc import settings, truth
+
+    scenario = Atc(kind="atc-tracking", version=1)
+    case = settings(scenario, 1.0, False)
+    time_ = np.arange(407.0)
+    states = truth(at(fly(scenario.circuit.circuit()), time_))
+    noise = np.random.default_rng(1).standard_normal((time_.size, MEASURED)) * np.sqrt(case.variance)
+    measured = states[:, [0, 3, 5, 7, 9, 11, 4, 6, 8]] + noise
+    error, deviation = np.empty((time_.size, N)), np.empty((time_.size, N))
+
+    def job(kind: int) -> Callable[[], None]:
+        return lambda: track(
+            kind, 1.0, measured, case.variance, False, case.decay, case.rate_variance, 0.3, np.array([5.0, 2.0]),
+            states, error, deviation,
+        )  # fmt: skip
+
+    seconds = {}
+    for kind in (FULL, ADAPT):
+        job(kind)()
+        seconds[kind] = timed(job(kind), 15)
+    full, groups = statistics.median(seconds[FULL]), statistics.median(seconds[ADAPT])
+    rows.append(("ATC filter, 13 states", shown(seconds[FULL], "ns/scan", 1e9 / time_.size), "", True))
+    rows.append(("its six decoupled groups", shown(seconds[ADAPT], "ns/scan", 1e9 / time_.size), "", True))
+    rows.append(("full against decoupled (31 by count)", f"{full / groups:.1f}×", "", True))
+
+
 def rivals(rows: list[tuple[str, str, str, bool]], world: Any, filter_step: float, strapdown_step: float) -> None:
     """pyins on the same increments, in the same run."""
     try:
@@ -269,6 +300,7 @@ def main() -> int:
     kernels(rows)
     placements(rows)
     analysis(rows)
+    tracking(rows)
     cpu = next(
         (line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line),
         platform.processor(),

@@ -33,7 +33,7 @@ def azimuth_filter(
     """One run of one filter over n scans.
 
     measured (n,) azimuths rad, ground_range (n,) Dh from the measured slant range, m, variance rad2. phi, q (3, 3):
-    Singer's for a unit sigma; sigma: 1 sigma of its acceleration, or of the acceleration left over, m/s2. node0, node1
+    Singer's for a unit sigma; sigma (n,): 1 sigma of its acceleration, or of that left over, m/s2. node0, node1
     (n, 4): acceleration along the track and right of it, m/s2, horizontal speed, m/s, track, rad, that the filter
     believes in at the scan before and at this one. truth (n,). Out: error, deviation, nis (n,); nis is nan at scan 0.
     """
@@ -44,13 +44,13 @@ def azimuth_filter(
     p[0, 0] = variance
     p[1, 1] = (node1[0, 2] / ground_range[0]) ** 2
     if kind == SINGER:
-        p[2, 2] = (sigma / ground_range[0]) ** 2
+        p[2, 2] = (sigma[0] / ground_range[0]) ** 2
     error[0] = wrap(truth[0] - x[0])
     deviation[0] = math.sqrt(p[0, 0])
     nis[0] = np.nan
     t = period
     for k in range(1, measured.shape[0]):
-        scale = (sigma / ground_range[k]) ** 2
+        scale = (sigma[k] / ground_range[k]) ** 2
         if kind == SINGER:
             for i in range(3):
                 for j in range(3):
@@ -90,4 +90,31 @@ def azimuth_filter(
             x[1] += kick
         nis[k] = update(x, p, 0, wrap(measured[k] - x[0]), variance, gain)
         error[k] = wrap(truth[k] - x[0])
+        deviation[k] = math.sqrt(p[0, 0])
+
+
+@kernel
+def range_filter(period, measured, variance, residual, push0, push1, rate, truth, error, deviation):
+    """One run of [Dh, Dh'] driven by the radial acceleration push0, push1 (n,) m/s2 at the scan before and at this one.
+
+    First-order hold. measured, truth (n,) m; residual (n,): 1 sigma of what is left over, m/s2; rate: the first
+    estimate of Dh', m/s, believed to 5 m/s. Out: error, deviation (n,).
+    """
+    x, p, q = np.empty(2), np.zeros((2, 2)), np.empty((2, 2))
+    phi, work, gain = np.zeros((2, 2)), np.empty((2, 2)), np.empty(2)
+    t = period
+    phi[0, 0] = phi[1, 1] = 1.0
+    phi[0, 1] = t
+    x[0], x[1] = measured[0], rate
+    p[0, 0], p[1, 1] = variance, 25.0
+    for k in range(measured.shape[0]):
+        if k > 0:
+            s = residual[k] * residual[k]
+            q[0, 0], q[1, 1] = s * t**4 / 4.0, s * t * t
+            q[0, 1] = q[1, 0] = s * t**3 / 2.0
+            predict(x, p, phi, q, work)
+            x[0] += t * t * (push0[k] / 3.0 + push1[k] / 6.0)
+            x[1] += 0.5 * t * (push0[k] + push1[k])
+            update(x, p, 0, measured[k] - x[0], variance, gain)
+        error[k] = truth[k] - x[0]
         deviation[k] = math.sqrt(p[0, 0])

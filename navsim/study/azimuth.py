@@ -53,14 +53,15 @@ def scans(scenario: Azimuth, flight: Flight, period: float, draws: Draws, latenc
     slant = here.range + (0.0 if quiet else scenario.radar.range_sigma_m) * draws.plots[..., 1]
     ground = np.sqrt(np.maximum(slant**2 - here.position[:, 1] ** 2, 1.0))
     then = at(flight, np.maximum(time - (0.0 if quiet else latency), 0.0))
-    onboard = Onboard(np.zeros(8), np.zeros(8)) if quiet else _onboard(scenario)
+    errors = Onboard(np.zeros(8), np.zeros(8)) if quiet else onboard(scenario)
     return Scans(
-        period, time, np.unwrap(here.azimuth), azimuth, ground, sigma**2, reported(then, draws.reports, onboard),
+        period, time, np.unwrap(here.azimuth), azimuth, ground, sigma**2, reported(then, draws.reports, errors),
         0.0 if quiet else latency,
     )  # fmt: skip
 
 
-def _onboard(scenario: Azimuth) -> Onboard:
+def onboard(scenario: Azimuth) -> Onboard:
+    """Noise and quantisation of reports."""
     r = scenario.report
     n, ln = r.load_factor_sigma_g, r.load_factor_lsb_g
     sigma = [n, n, n, r.roll_sigma_deg * DEG, r.path_angle_sigma_deg * DEG, r.track_sigma_deg * DEG, r.speed_sigma_m_s,
@@ -89,9 +90,10 @@ def run_filter(name: str, case: Scans, alpha: float, sigma: float) -> Errors:
         before, now = stamped(now, case.period, case.latency)
     kind = SINGER if name.startswith("S") else _KINDS[name[:2]]
     error, deviation, nis = np.empty((runs, count)), np.empty((runs, count)), np.empty((runs, count))
+    sigmas = np.full(count, sigma)
     for run in range(runs):
         azimuth_filter(
-            kind, case.period, case.azimuth[run], case.ground_range[run], case.variance, phi, q, sigma,
+            kind, case.period, case.azimuth[run], case.ground_range[run], case.variance, phi, q, sigmas,
             before[run], now[run], case.truth, error[run], deviation[run], nis[run],
         )  # fmt: skip
     return Errors(error, deviation[0], nis)
