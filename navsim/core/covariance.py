@@ -22,7 +22,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.attitude import left_jacobian
 from navsim.core.jit import inlined, kernel
-from navsim.core.linear import cholesky, solve_cholesky, solve_lower
+from navsim.core.linear import cholesky, solve_lower
 from navsim.core.strapdown import (
     MID_COS,
     MID_DT,
@@ -342,10 +342,21 @@ def gain(p, h, r, m, pht, s, k):
                     s[a, b] += c * pht[j, b]
     if not cholesky(s, m):
         return False
+    # K S = P H', all rows at once; six divisions instead of twelve a row
+    reciprocal = np.empty(m)
+    for a in range(m):
+        reciprocal[a] = 1.0 / s[a, a]
     for i in range(N):
         for a in range(m):
-            k[i, a] = pht[i, a]
-        solve_cholesky(s, m, k[i])
+            t = pht[i, a]
+            for b in range(a):
+                t -= s[a, b] * k[i, b]
+            k[i, a] = t * reciprocal[a]
+        for a in range(m - 1, -1, -1):
+            t = k[i, a]
+            for b in range(a + 1, m):
+                t -= s[b, a] * k[i, b]
+            k[i, a] = t * reciprocal[a]
     return True
 
 

@@ -77,9 +77,10 @@ def advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, 
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], previous, dt, c_nb, mid,
         )  # fmt: skip
         predict(p, mid, noise, phi, a, b, width)
-        for i in range(3):
-            nav[states.NAV_GYRO + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
-            nav[states.NAV_ACCEL + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
+        if noise[NOISE_GYRO_DECAY] + noise[NOISE_ACCEL_DECAY] > 0.0:
+            for i in range(3):
+                nav[states.NAV_GYRO + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
+                nav[states.NAV_ACCEL + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
         if kind == TFG:
             tfg.hold_axes(nav, p, previous, dt)
         cursor[2] = dt

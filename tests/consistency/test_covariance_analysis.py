@@ -25,7 +25,7 @@ def ratios(flown: Case, runs: int, first: int, count: int) -> np.ndarray:
     analysis = covariance_analysis(flown)
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
     measured = np.sqrt(np.mean(error**2, axis=0))
-    return (measured / predicted)[at, first : first + count]
+    return (measured[at] / predicted[at])[:, first : first + count]
 
 
 @pytest.mark.parametrize("settings", [(), MISTUNED], ids=["matched", "mistuned"])
