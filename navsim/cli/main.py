@@ -350,6 +350,12 @@ def _print_summary(result: Any, name: str, quiet: bool, as_json: bool) -> None:
         _print_table([(name, result)])
 
 
+def _lacks(result: Any, name: object, error: KeyError) -> str:
+    """What to say of a result file without a variable that its kind has today."""
+    version = result.attributes["navsim_version"]
+    return f"{name}: has no {error.args[0]}; it was written by navsim {version}, compute it again with this version"
+
+
 def _print_table(results: list[tuple[str, Any]]) -> None:
     from navsim.report.tables import summary_table
     from navsim.report.views import VIEWS
@@ -592,7 +598,10 @@ def show(
         summaries = [summary_json(result) for _, result in results]
         print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=1, allow_nan=False))
     else:
-        _print_table(results)
+        try:
+            _print_table(results)
+        except KeyError as error:
+            leave(BAD_INPUT, *(_lacks(result, name, error) for name, result in results))
 
 
 @app.command()
@@ -613,6 +622,8 @@ def plot(
             print(path)
     except ResultError as error:
         leave(BAD_INPUT, error)
+    except KeyError as error:
+        leave(BAD_INPUT, _lacks(result, file, error))
 
 
 @app.command()

@@ -72,14 +72,15 @@ def _errors(result: Result) -> Figure:
     fig = new_figure(2 * COLUMN, 3.2)
     ax = fig.subplots()
     time = result["/time"]
-    for name, colour in zip(("S1", "S2", "L3", "L4"), ("#999999", *COLOURS), strict=True):
+    colours = ("#999999", COLOURS[0], "#CC79A7", "#E69F00", COLOURS[1], COLOURS[2])
+    for name, colour in zip(("S1", "S2", "L1", "L2", "L3", "L4"), colours, strict=True):
         error = result[f"/filters/{name}/error_deg"]
-        ax.plot(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {_WORDS[name]}")
-        ax.plot(time, result[f"/filters/{name}/sigma_deg"], color=colour, lw=0.6, ls=":")
+        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {_WORDS[name]}")
+        ax.semilogy(time, result[f"/filters/{name}/sigma_deg"], color=colour, lw=0.6, ls=":")
     roll = result["/truth/roll"] != 0.0
     ax.fill_between(result["/truth/time"], 0, 1, where=roll, color="#000000", alpha=0.06, lw=0,
                     transform=ax.get_xaxis_transform())  # fmt: skip
-    ax.set_ylim(0.0, None)
+    ax.set_ylim(0.02, 5.0)
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time, s; grey: turns")
     ax.set_ylabel("azimuth RMSE, deg; dotted: the filter's σ")
