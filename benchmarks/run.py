@@ -78,7 +78,7 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
     one = timed(command(*flown, "--runs", "1000", "--workers", "1"), 3)
     two = timed(command(*flown, "--runs", "1000", "--workers", "2"), 3)
     ratio = statistics.median(one) / statistics.median(two)
-    rows.append(("the same with 1 against 2 workers, whole processes", f"{ratio:.2f}×", "", True))
+    rows.append(("1000 landings, 1 against 2 workers, whole processes", f"{ratio:.2f}×", "", True))
     rows.append(workers())
     with tempfile.TemporaryDirectory() as cache:
         cold = timed(command("run", scenario, environment={**os.environ, "NUMBA_CACHE_DIR": cache}), 1)
