@@ -47,6 +47,12 @@ FiguresOption = Annotated[
 ]
 
 
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)]
+SeedOption = Annotated[int, typer.Option(min=0, help="Root of all random numbers.")]
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+
+
 def say(message: str) -> None:
     """Tell the person at the terminal something; standard output is for results alone."""
     print(message, file=sys.stderr)
@@ -132,7 +138,7 @@ def run(
             show_default=False,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Root of all random numbers.")] = 1,
+    seed: SeedOption = 1,
     runs: Annotated[
         int | None, typer.Option(min=1, help="Number of Monte Carlo runs. Default: 1.", show_default=False)
     ] = None,
@@ -147,7 +153,7 @@ def run(
     first_run: Annotated[
         int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
     ] = 0,
-    workers: Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)] = None,
+    workers: WorkersOption = None,
     keep: Annotated[
         str | None,
         typer.Option(
@@ -168,8 +174,8 @@ def run(
     figures: FiguresOption = None,
     require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
+    fresh: FreshOption = False,
+    quiet: QuietOption = False,
     json_: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
     ] = False,
@@ -205,8 +211,8 @@ def run(
         enough = landing.stopping_rule(until) if until is not None else None
     except ValueError as error:
         leave(BAD_INPUT, f"--until {error}")
-    if not jit.is_warm() and not dry_run:
-        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    if not dry_run:
+        _announce_compiling()
     try:
         case = landing.prepare(checked, document)
     except InputError as error:
@@ -237,11 +243,7 @@ def run(
             found = landing.findings(case, ensemble)
             result = landing.result(case, ensemble, seed, keep=kept)
         write(target, result)
-        written = []
-        if drawing is not None:
-            from navsim.report.views import save
-
-            written = save(result, drawing, target.stem)
+        written = _draw(result, drawing, target.stem)
     except (ResultError, PartialError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
@@ -272,6 +274,23 @@ def run(
         )
 
 
+def _announce_compiling() -> None:
+    """Say why the first run ever takes longer."""
+    from navsim.core import jit
+
+    if not jit.is_warm():
+        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+
+
+def _draw(result: Any, folder: Path | None, stem: str) -> list[Path]:
+    """The figures of a result, where they are wanted. Raises ResultError."""
+    if folder is None:
+        return []
+    from navsim.report.views import save
+
+    return save(result, folder, stem)
+
+
 def _run_companion(
     scenario: Path,
     checked: Any,
@@ -286,21 +305,20 @@ def _run_companion(
     """One of the companion papers' systems: computed, written, shown."""
     from navsim.core import jit
     from navsim.io.results import ResultError, write
-    from navsim.report.views import VIEWS, save
+    from navsim.report.views import VIEWS
     from navsim.study.companions import COMPANIONS
 
     drawing = _figure_folder(figures, target, 1, quiet)
     if dry_run:
         say(f"{scenario}: a study of kind {checked.kind}; would write {target}")
         return
-    if not jit.is_warm():
-        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    _announce_compiling()
     companion = COMPANIONS[checked.kind]
     try:
         with _progress(companion.extent(checked), not quiet, companion.unit) as done:
             result = companion.compute(checked, seed, runs, done)
         write(target, result)
-        written = save(result, drawing, target.stem) if drawing is not None else []
+        written = _draw(result, drawing, target.stem)
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
@@ -385,10 +403,6 @@ OutputOption = Annotated[
         "--output", "-o", metavar="FILE.h5", help="Result file. Default: results/<study stem>.h5.", show_default=False
     ),
 ]
-WorkersOption = Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)]
-SeedOption = Annotated[int, typer.Option(min=0, help="Root of all random numbers.")]
-FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 
 
 @app.command()
@@ -437,9 +451,8 @@ def sweep(
     if dry_run:
         say(f"{study}: {planned.size} combinations ({extent}), method {section.method}; would write {target}")
         return
-    if not jit.is_warm():
-        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
-    drawing = _figure_folder("none" if quiet and figures is None else figures, target, 1, quiet)
+    _announce_compiling()
+    drawing = _figure_folder(figures, target, 1, quiet)
     store = _store(target, computing.partial_key(planned), planned.size, fresh, planned.batch)
     try:
         with _progress(planned.size, not quiet, "combinations") as done:
@@ -447,11 +460,7 @@ def sweep(
         result = computing.sweep_result(planned, found)
         write(target, result)
         table = report.save_csv(result, target.with_suffix(".csv"))
-        written = []
-        if drawing is not None:
-            from navsim.report.views import save
-
-            written = save(result, drawing, target.stem)
+        written = _draw(result, drawing, target.stem)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     except (ResultError, PartialError) as error:
@@ -504,25 +513,21 @@ def optimize(
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
 
-        if not jit.is_warm() and not dry_run:
-            say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+        if not dry_run:
+            _announce_compiling()
         problem = searching.problem(section, document, base)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     if dry_run:
         say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
         return
-    drawing = _figure_folder("none" if quiet and figures is None else figures, target, 1, quiet)
+    drawing = _figure_folder(figures, target, 1, quiet)
     try:
         with _progress(len(section.pseudolites), not quiet, "numbers of pseudolites") as done:
             found = searching.search(problem, seed, done)
         result = searching.optimize_result(problem, found, seed)
         write(target, result)
-        written = []
-        if drawing is not None:
-            from navsim.report.views import save
-
-            written = save(result, drawing, target.stem)
+        written = _draw(result, drawing, target.stem)
     except (ResultError, searching.NoPlacement) as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
@@ -542,10 +547,10 @@ def table2(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")] = Path(
         "results"
     ),
-    seed: Annotated[int, typer.Option(min=0, help="Root of all random numbers.")] = 1,
+    seed: SeedOption = 1,
     runs: Annotated[int, typer.Option(min=1, help="Monte Carlo runs a row.")] = 400,
-    workers: Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False,
+    workers: WorkersOption = None,
+    quiet: QuietOption = False,
 ) -> None:
     """Set the paper's Table 2 beside the computed one; exit 1 when claim C3 or the direction of C4 fails."""
     from navsim.core import jit
@@ -558,8 +563,7 @@ def table2(
         check_writable(output / "table2.h5")
     except ResultError as error:
         leave(BAD_INPUT, error)
-    if not jit.is_warm():
-        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+    _announce_compiling()
     with _progress(len(study.CALIBRATIONS) * len(study.ROWS), not quiet, "rows") as done:
         found = study.compute_all(seed, runs, workers or default_workers(), done)
     result = study.result(found, seed, runs)

@@ -317,6 +317,16 @@ def carry(phi, matrix, work, width):
 
 
 @kernel
+def carry_errors(phi, noise, dt, matrix, work, width):
+    """As `carry` for errors of which the bias rows decay as the filter's estimates do; noise: (6,), dt: s."""
+    carry(phi, matrix, work, width)
+    for j in range(3):
+        for i in range(N):
+            matrix[STRIDE * (states.GYRO + j) + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
+            matrix[STRIDE * (states.ACCEL + j) + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
+
+
+@kernel
 def gain(p, h, r, m, pht, s, k):
     """Innovation covariance S = H P H' + R, its Cholesky factor and the gain K = P H' S^-1.
 

@@ -29,6 +29,7 @@ from navsim.core.covariance import (
     SIZE,
     STRIDE,
     carry,
+    carry_errors,
     gain,
     joseph,
     predict,
@@ -67,11 +68,7 @@ def _interval(
         dt = cursor[2]
         mid = scratch[:MID_N]
         step = scratch[MID_N : MID_N + SIZE]
-        carry(step, way, a, width)
-        for j in range(3):
-            for i in range(states.N):
-                way[STRIDE * (states.GYRO + j) + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
-                way[STRIDE * (states.ACCEL + j) + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
+        carry_errors(step, noise, dt, way, a, width)
         carry(step, inputs, a, width)
         for j in range(3):
             inputs[STRIDE * (states.GYRO + j) + 6 + j] *= math.exp(-dt * markov_decay[0])

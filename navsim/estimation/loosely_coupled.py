@@ -94,9 +94,8 @@ def advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, 
 
 
 @kernel
-def record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own, x):
-    """Errors (truth - estimate) and sigmas of one instant; returns NEES of 15 states in the filter's own
-    coordinates and of 6 states in plain ones. groups: (5,) normalised squares of each triple of states."""
+def plain_error(llh, vel, quat, bias, nav, error):
+    """The plain error (15,) of a navigation state: the given position, velocity, attitude, biases (6,) less its own."""
     meridian, transverse = radii(math.sin(nav[0]))
     error[0] = (llh[0] - nav[0]) * (meridian + nav[2])
     error[1] = (llh[1] - nav[1]) * (transverse + nav[2]) * math.cos(nav[0])
@@ -106,6 +105,13 @@ def record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own
         error[states.GYRO + i] = bias[i] - nav[states.NAV_GYRO + i]
         error[states.ACCEL + i] = bias[3 + i] - nav[states.NAV_ACCEL + i]
     difference(quat, nav[states.NAV_QUAT : states.NAV_QUAT + 4], error[states.ATT : states.ATT + 3])
+
+
+@kernel
+def record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own, x):
+    """Errors (truth - estimate) and sigmas of one instant; returns NEES of 15 states in the filter's own
+    coordinates and of 6 states in plain ones. groups: (5,) normalised squares of each triple of states."""
+    plain_error(llh, vel, quat, bias, nav, error)
     for i in range(states.N):
         sigma[i] = math.sqrt(p[(STRIDE + 1) * i])
     _own_error(kind, nav, error, own)

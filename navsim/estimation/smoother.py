@@ -18,9 +18,7 @@ import math
 import numpy as np
 
 from navsim.core import states
-from navsim.core.attitude import difference
-from navsim.core.covariance import NOISE_ACCEL_DECAY, NOISE_GYRO_DECAY, SIZE, STRIDE, carry, gain, joseph, reset
-from navsim.core.earth import radii
+from navsim.core.covariance import SIZE, STRIDE, carry_errors, gain, joseph, reset
 from navsim.core.jit import kernel
 from navsim.core.linear import cholesky, solve_cholesky, solve_lower
 from navsim.core.strapdown import MID_N
@@ -34,6 +32,7 @@ from navsim.estimation.loosely_coupled import (
     USED,
     advance,
     measurement,
+    plain_error,
     record,
 )
 
@@ -45,18 +44,13 @@ _CONVERGED = 1e-3
 @kernel
 def _difference(a, b, out):
     """The plain error (15,) that carries navigation state b to a."""
-    meridian, transverse = radii(math.sin(b[0]))
-    out[0] = (a[0] - b[0]) * (meridian + b[2])
-    out[1] = (a[1] - b[1]) * (transverse + b[2]) * math.cos(b[0])
-    out[2] = b[2] - a[2]
-    for i in range(3):
-        out[states.VEL + i] = a[states.NAV_VEL + i] - b[states.NAV_VEL + i]
-        out[states.GYRO + i] = a[states.NAV_GYRO + i] - b[states.NAV_GYRO + i]
-        out[states.ACCEL + i] = a[states.NAV_ACCEL + i] - b[states.NAV_ACCEL + i]
-    difference(
+    plain_error(
+        a[states.NAV_LLH : states.NAV_LLH + 3],
+        a[states.NAV_VEL : states.NAV_VEL + 3],
         a[states.NAV_QUAT : states.NAV_QUAT + 4],
-        b[states.NAV_QUAT : states.NAV_QUAT + 4],
-        out[states.ATT : states.ATT + 3],
+        a[states.NAV_GYRO : states.NAV_GYRO + 6],
+        b,
+        out,
     )
 
 
@@ -73,11 +67,7 @@ def _fly(until, imu_time, dtheta, dv, nav, cursor, previous, noise, scratch, c_n
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         end = min(imu_time[int(cursor[0]) + 1], until)
         advance(ESKF, end, imu_time, dtheta, dv, nav, added, cursor, previous, noise, scratch, c_nb, width)
-        carry(phi, way, work, width)
-        for j in range(3):
-            for i in range(states.N):
-                way[STRIDE * (states.GYRO + j) + i] *= 1.0 - cursor[2] * noise[NOISE_GYRO_DECAY]
-                way[STRIDE * (states.ACCEL + j) + i] *= 1.0 - cursor[2] * noise[NOISE_ACCEL_DECAY]
+        carry_errors(phi, noise, cursor[2], way, work, width)
 
 
 @kernel

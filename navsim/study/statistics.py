@@ -56,9 +56,7 @@ def consistency_band(degrees: int, runs: int) -> tuple[float, float]:
 
 def ellipsoid_probability(level: float, dimensions: int) -> float:
     """Chance that a Gaussian error lies within its `level`-sigma ellipsoid."""
-    from scipy.special import gammainc
-
-    return float(gammainc(0.5 * dimensions, 0.5 * level**2))
+    return chi_square_probability(level**2, dimensions)
 
 
 def mean_interval(values: np.ndarray) -> np.ndarray:

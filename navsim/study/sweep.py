@@ -6,6 +6,7 @@ with its checksum, added up in order. Combinations that only move pseudolites sh
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 from collections.abc import Callable
@@ -19,15 +20,16 @@ import navsim
 from navsim.core.jit import digest as kernel_digest
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io.results import Result, Variable
-from navsim.models.kinematics import Frame
+from navsim.models.kinematics import Frame, Trajectory
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing, Pseudolites
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.simulation.landing import Environment
 from navsim.study.ensemble import Arrays, Ensemble, Store, fly_all
-from navsim.study.landing import Case, covariance_analysis, covariance_result, prepare, result
+from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare, result
 from navsim.study.landing import fly_all as fly_landing
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.root import root_attributes
@@ -127,7 +129,7 @@ class Plan:
         document = self.base.copy()
         for key, value in settings.items():
             place = self.document.place(("vary", self._axis_of(key)))
-            set_value(document, key, json.loads(json.dumps(value)), place, self.document.folder)
+            set_value(document, key, copy.deepcopy(value), place, self.document.folder)
         return validated(Landing, document), document
 
     def _axis_of(self, key: str) -> int:
@@ -169,15 +171,13 @@ class Plan:
         keys = [key for axis in self.axes for key in axis.keys]
         if self.study.method != "dop" or not all(key in MOVES for key in keys):
             return None
-        return _geometry(*self.first)
+        sources, scenario, _ = environment(*self.first)
+        return _geometry(scenario, scenario.trajectory(), sources)
 
 
-def _geometry(scenario: Landing, document: Document) -> Geometry:
-    sources, scenario, _ = environment(scenario, document)
-    trajectory = scenario.trajectory()
-    return glide_geometry(
-        trajectory, sources, np.array([scenario.epoch.timestamp()]), glide_epochs(scenario, trajectory)
-    )
+def _geometry(scenario: Landing, trajectory: Trajectory, sources: Environment) -> Geometry:
+    utc = np.array([scenario.epoch.timestamp()])
+    return glide_geometry(trajectory, sources, utc, glide_epochs(scenario, trajectory))
 
 
 def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
@@ -241,9 +241,10 @@ class SweepStudy:
         method = self.plan.study.method
         case = prepare(scenario, document)
         site = ecef_from_llh(case.ground.llh)
-        out = {k: float(v[0]) for k, v in dop_outputs(_geometry(scenario, document), site[None]).items()}
+        geometry = _geometry(case.scenario, case.trajectory, case.environment)
+        out = {k: float(v[0]) for k, v in dop_outputs(geometry, site[None]).items()}
         if method == "covariance":
-            out |= filter_outputs(covariance_result(case, covariance_analysis(case), self.plan.seed))
+            out |= filter_outputs(covariance_summary(case, covariance_analysis(case)))
         if method == "monte-carlo":
             out |= filter_outputs(_flown(case, self.plan.seed, self.plan.study.runs))
         return out, site
