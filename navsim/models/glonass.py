@@ -37,6 +37,14 @@ _PHASE_LATITUDE_ARGUMENT, _PHASE_NODE_LONGITUDE = 5.4, 177.2
 """Argument of latitude of slot 1 and longitude of the node of plane 1, degrees, at `_PHASE_TIME`."""
 
 
+_CHANNELS = (1, -4, 5, 6, 1, -4, 5, 6, -2, -7, 0, -1, -2, -7, 0, -1, 4, -3, 3, 2, 4, -3, 3, 2)
+"""Frequency channels by slot, shared by satellites on opposite sides of the Earth, as of 2018."""
+
+
+def _names(slot: np.ndarray) -> tuple[str, ...]:
+    return tuple(f"R{s:02d}" for s in slot)
+
+
 @dataclass(frozen=True)
 class Almanac:
     """Almanac of n satellites; every field (n,), angles rad, times s.
@@ -44,7 +52,7 @@ class Almanac:
     slot: orbital slot number. healthy: bool. day: days from 1970-01-01 of the almanac (Moscow time).
     node_time: t_lambda, s of that day (Moscow time) of the ascending node. node_longitude: lambda.
     inclination: absolute. perigee: argument omega. eccentricity. period: draconic, and period_rate: its
-    change per orbit.
+    change per orbit. channel: frequency channel, int, empty where it is not known.
     """
 
     slot: np.ndarray
@@ -58,6 +66,14 @@ class Almanac:
     period: np.ndarray
     period_rate: np.ndarray
     mean_period: float = FDMA_MEAN_PERIOD
+    channel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+
+    system = "glonass"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """R01, R02, ... of `slot`."""
+        return _names(self.slot)
 
     def age(self, time: float) -> float:
         """Largest distance in s of the almanac's own times from a UTC time (s from 1970-01-01)."""
@@ -119,6 +135,14 @@ class Nominal:
 
     slot: np.ndarray = field(default_factory=lambda: np.arange(1, SLOTS + 1))
     healthy: np.ndarray = field(default_factory=lambda: np.ones(SLOTS, dtype=bool))
+    channel: np.ndarray = field(default_factory=lambda: np.array(_CHANNELS))
+
+    system = "glonass"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """R01, R02, ... of `slot`."""
+        return _names(self.slot)
 
     def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities, (m, 24, 3), at UTC times (m,) or (m, 24); see `Almanac.state`."""

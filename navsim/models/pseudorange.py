@@ -59,14 +59,14 @@ def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-un
     # the first round leaves an error of microseconds, the second of picoseconds
     for _ in range(2):
         position, velocity = constellation.state(time[:, None] - travel)
-        turn = wgs84.RATE * travel
-        position, velocity = _turned(position, turn), _turned(velocity, turn)
+        position, velocity = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
         travel = np.linalg.norm(position - antenna[:, None], axis=2) / wgs84.SPEED_OF_LIGHT
     return position, velocity
 
 
-def _turned(v: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """ECEF vectors in the axes to which the Earth has turned by `angle` (rad) meanwhile."""
+def turned_with_earth(v: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """ECEF vectors (..., 3) in the axes to which the Earth has turned after a duration (...), s."""
+    angle = wgs84.RATE * duration
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * v[..., 0] + s * v[..., 1], c * v[..., 1] - s * v[..., 0], v[..., 2]], axis=-1)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
 from navsim.estimation.loosely_coupled import KINDS
-from navsim.io.almanac import AlmanacError, read_agl
+from navsim.io.almanac import read_agl
+from navsim.io.text import FileError
 from navsim.models import glonass
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
@@ -147,8 +148,8 @@ def _satellites(scenario: Landing, document: Document, warnings: list[str]) -> t
         try:
             checksum = hashlib.sha256(path.read_bytes()).hexdigest()
             constellation = read_agl(path)
-        except AlmanacError as error:
-            raise wrong(f"not a usable .agl almanac: {error}", error.line) from None
+        except FileError as error:
+            raise wrong(f"not a usable almanac: {error.message}", error.line) from None
         except OSError as error:
             raise wrong(f"cannot be read: {error.strerror or error} ({path})") from None
         if sky.almanac_sha256 not in (None, checksum):

@@ -1,0 +1,211 @@
+"""GLONASS satellites from broadcast state vectors: Runge-Kutta orbits, clocks, PZ-90.11, lunisolar accelerations.
+
+Sources: [1] GLONASS ICD, navigational radiosignal in bands L1, L2, edition 5.1 (2008), section 4.4 (immediate
+information) and appendix 3. [2] Parametry Zemli 1990 (PZ-90.11), reference document (2014), table of
+transformations (PZ-90.11 to ITRF2008). [3] GLONASS ICD, general description of CDMA signals (2016), appendix J
+(positions of Moon and Sun).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from navsim.models import timescales
+
+STEP = 60.0
+"""Length of an integration step, s: a state 15 minutes away is then good to 1e-3 m."""
+HALF_INTERVAL = 900.0 + 1e-3
+"""State vectors hold for 15 minutes on both sides of their time [1], s."""
+
+_MAS = np.pi / (180.0 * 3600.0 * 1000.0)
+_TO_ITRF_SHIFT = np.array([-0.003, -0.001, 0.000])
+_TO_ITRF_TURN = np.array([0.019, -0.042, 0.002]) * _MAS
+"""PZ-90.11 to ITRF2008: metres and rotations [2]; WGS 84 (G1674 and later) is ITRF2008 within a centimetre."""
+
+FDMA_L1, FDMA_STEP = 1602.0e6, 0.5625e6
+"""Frequency of channel 0 and spacing of the channels in L1, Hz [1]."""
+
+
+def itrf_from_pz90(position: np.ndarray) -> np.ndarray:
+    """Positions (..., 3), m, of PZ-90.11 in ITRF2008 (WGS 84) [2]."""
+    return position + _TO_ITRF_SHIFT - np.cross(_TO_ITRF_TURN, position)
+
+
+def pz90_from_itrf(position: np.ndarray) -> np.ndarray:
+    """Positions (..., 3), m, of ITRF2008 (WGS 84) in PZ-90.11; the inverse of `itrf_from_pz90` to 1e-8 m."""
+    return position - _TO_ITRF_SHIFT + np.cross(_TO_ITRF_TURN, position)
+
+
+@dataclass(frozen=True)
+class StateVectors:
+    """Immediate information of n records [1]: `slot` int, `channel` int, `healthy` bool, `time` UTC (POSIX s) of the
+    record (t_b), `position`, `velocity`, `acceleration` (n, 3) in PZ-90 rotating axes, m, m/s, m/s2 (lunisolar only),
+    `tau`: offset that the satellite's clock lacks, s (tau_n), `gamma`: relative frequency offset, `age` days."""
+
+    slot: np.ndarray
+    channel: np.ndarray
+    healthy: np.ndarray
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    tau: np.ndarray
+    gamma: np.ndarray
+    age: np.ndarray
+
+    def take(self, index: np.ndarray) -> StateVectors:
+        """Some of the records."""
+        return StateVectors(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class Constellation:
+    """GLONASS satellites that fly by broadcast state vectors, at each time by the nearest one.
+
+    reach: farthest from its time that a state vector is used, s. A satellite without a usable one has nan.
+    """
+
+    records: StateVectors
+    reach: float = HALF_INTERVAL
+    use_unhealthy: bool = False
+
+    system = "glonass"
+
+    @property
+    def slot(self) -> np.ndarray:
+        """The satellites (n,), in ascending order."""
+        return np.unique(self.records.slot)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """R01, R02, ... of `slot`."""
+        return tuple(f"R{s:02d}" for s in self.slot)
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Carrier frequencies in L1, Hz (n,), of `slot`."""
+        first = [np.flatnonzero(self.records.slot == s)[0] for s in self.slot]
+        return FDMA_L1 + FDMA_STEP * self.records.channel[first]
+
+    def chosen(self, utc: np.ndarray) -> np.ndarray:
+        """Index of the record that each satellite uses at UTC times (m, n), -1 without one."""
+        out = np.full(utc.shape, -1)
+        usable = self.records.healthy | self.use_unhealthy
+        for column, slot in enumerate(self.slot):
+            mine = np.flatnonzero((self.records.slot == slot) & usable)
+            if mine.size:
+                distance = np.abs(utc[:, column, None] - self.records.time[mine])
+                best = np.argmin(distance, axis=1)
+                inside = np.take_along_axis(distance, best[:, None], axis=1)[:, 0] <= self.reach
+                out[:, column] = np.where(inside, mine[best], -1)
+        return out
+
+    def age(self, utc: float) -> float:
+        """Largest distance, s, of the records' times from a UTC time."""
+        return float(np.max(np.abs(utc - self.records.time)))
+
+    def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF (ITRF) positions and velocities (m, n, 3), m, m/s, at UTC times (m,) or (m, n); nan without a record."""
+        from navsim.core.orbits import glonass_states  # compiled code only when something is really computed
+
+        utc, index = self._select(utc)
+        records = self.records.take(index.ravel())
+        interval = np.where(index < 0, np.nan, utc - self.records.time[index])
+        start = np.concatenate([records.position, records.velocity], axis=1)
+        out = np.empty_like(start)
+        glonass_states(start, np.ascontiguousarray(records.acceleration), interval.ravel(), STEP, out)
+        return itrf_from_pz90(out[:, :3].reshape(*utc.shape, 3)), out[:, 3:].reshape(*utc.shape, 3)
+
+    def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Satellite clocks less GLONASS time, s, and their rates (m, n); nan without a record. Relativity is within the
+        message's own gamma and tau [1]."""
+        utc, index = self._select(utc)
+        lost = index < 0
+        tau, gamma = self.records.tau[index], self.records.gamma[index]
+        offset = -tau + gamma * (utc - self.records.time[index])
+        return np.where(lost, np.nan, offset), np.where(lost, np.nan, gamma)
+
+    def _select(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        utc = np.asarray(utc, dtype=float)
+        if utc.ndim == 1:
+            utc = np.repeat(utc[:, None], self.slot.size, axis=1)
+        return utc, self.chosen(utc)
+
+
+def messages(constellation: Any, first: float, last: float, spacing: float = 1800.0) -> StateVectors:
+    """What satellites would broadcast: their states at all multiples of `spacing` (s of the day, UTC) that the
+    constellation needs from `first` to `last` (UTC, POSIX s), with lunisolar accelerations and perfect clocks.
+
+    constellation: `slot`, `healthy`, `channel` (n,) and `state(time)`, such as `glonass.Almanac`.
+    """
+    times = np.arange(round(first / spacing), round(last / spacing) + 1) * spacing
+    position, velocity = constellation.state(times)
+    count, n = position.shape[:2]
+    time = np.repeat(times, n)
+    extra = lunisolar(time, position.reshape(-1, 3))
+    zero = np.zeros(count * n)
+    return StateVectors(
+        slot=np.tile(constellation.slot, count),
+        channel=np.tile(constellation.channel, count),
+        healthy=np.tile(constellation.healthy, count),
+        time=time,
+        position=pz90_from_itrf(position.reshape(-1, 3)),
+        velocity=velocity.reshape(-1, 3),
+        acceleration=extra,
+        tau=zero,
+        gamma=zero,
+        age=zero,
+    )
+
+
+_GM_MOON, _GM_SUN = 4902.799e9, 132712440.0e12
+_MOON_AXIS, _MOON_E, _MOON_TILT = 3.84385243e8, 0.054900489, 0.0898041080
+_SUN_AXIS, _SUN_E = 1.49598e11, 0.016719
+
+
+def lunisolar(utc: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Accelerations of satellites by Moon and Sun relative to the Earth's own, in rotating axes, m/s2 (n, 3) [3].
+
+    utc: (n,) POSIX s. position: (n, 3) ECEF, m.
+    """
+    t = (np.asarray(utc) - 946728000.0) / (timescales.DAY * 36525.0)
+    obliquity = 0.4090926006 - 0.0002270711 * t
+    node = 2.1824391966 - 33.7570459536 * t
+    moon_perigee = 1.4547885346 + 71.0176852437 * t
+    moon_anomaly = 2.3555557435 + 8328.6914257190 * t + 0.0001545547 * t**2
+    sun_anomaly = 6.2400601269 + 628.3019551714 * t - 0.0000026820 * t**2
+    sun_perigee = -7.6281824375 + 0.0300101976 * t + 0.0000079741 * t**2
+    angle = timescales.sidereal_angle(utc)
+    total = np.zeros_like(position)
+    for gm, axis, e, anomaly, perigee, tilt in (
+        (_GM_MOON, _MOON_AXIS, _MOON_E, moon_anomaly, moon_perigee - node, _MOON_TILT),
+        (_GM_SUN, _SUN_AXIS, _SUN_E, sun_anomaly, sun_perigee, 0.0),
+    ):
+        eccentric = anomaly
+        for _ in range(6):
+            eccentric = anomaly + e * np.sin(eccentric)
+        x, y = axis * (np.cos(eccentric) - e), axis * np.sqrt(1.0 - e**2) * np.sin(eccentric)
+        body = np.stack([x, y, np.zeros_like(x)], axis=-1)
+        body = _turn(body, perigee, 2)
+        if tilt:
+            body = _turn(_turn(body, np.full_like(x, tilt), 0), node, 2)
+        body = _turn(_turn(body, obliquity, 0), -angle, 2)
+        offset = body - position
+        total += gm * (
+            offset / np.linalg.norm(offset, axis=-1, keepdims=True) ** 3
+            - body / np.linalg.norm(body, axis=-1, keepdims=True) ** 3
+        )
+    return total
+
+
+def _turn(v: np.ndarray, angle: np.ndarray, axis: int) -> np.ndarray:
+    """Vectors (n, 3) turned by angles (n,) about a coordinate axis, right-handed."""
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out = v.copy()
+    out[:, i] = c * v[:, i] - s * v[:, j]
+    out[:, j] = s * v[:, i] + c * v[:, j]
+    return out

@@ -1,0 +1,234 @@
+"""GPS satellites from Keplerian elements: broadcast ephemerides, almanacs, and the baseline constellation.
+
+Sources: [1] IS-GPS-200, sections 20.3.3.3.3.1 (satellite clock), 20.3.3.4.3 (ephemeris), 20.3.3.5.2 (almanac).
+[2] Remondi, Computing satellite velocity using the broadcast ephemeris, GPS Solutions 8 (2004).
+[3] GPS Standard Positioning Service Performance Standard, 4th ed. (2008), table A.2-1 (baseline 24 slots).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.models import timescales
+
+GM = 3.986005e14
+"""Gravitational constant of the Earth as the GPS message means it, m3/s2 [1]."""
+EARTH_RATE = 7.2921151467e-5
+"""rad/s [1]."""
+_RELATIVITY = -2.0 * np.sqrt(GM) / SPEED_OF_LIGHT**2
+"""F of [1], s/sqrt(m)."""
+HALF_FIT = 7200.0 + 1e-3
+"""A broadcast ephemeris is used within this distance of its reference time, s."""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Keplerian elements of n records; every field (n,); angles rad, rates rad/s, times GPS s from 1980-01-06.
+
+    Names as in [1]: `toe`, `toc` reference times of orbit and clock; `c..` harmonic corrections in rad and m; `af0`,
+    `af1`, `af2` clock polynomial; `tgd` group delay of L1, s; `ura` user range accuracy, m. An almanac has zeros
+    where it says nothing. `prn` int; `healthy` bool; `iode`, `iodc` issues of data.
+    """
+
+    prn: np.ndarray
+    healthy: np.ndarray
+    toe: np.ndarray
+    toc: np.ndarray
+    sqrt_a: np.ndarray
+    e: np.ndarray
+    i0: np.ndarray
+    omega0: np.ndarray
+    omega: np.ndarray
+    m0: np.ndarray
+    delta_n: np.ndarray
+    omega_dot: np.ndarray
+    i_dot: np.ndarray
+    cuc: np.ndarray
+    cus: np.ndarray
+    crc: np.ndarray
+    crs: np.ndarray
+    cic: np.ndarray
+    cis: np.ndarray
+    af0: np.ndarray
+    af1: np.ndarray
+    af2: np.ndarray
+    tgd: np.ndarray
+    ura: np.ndarray
+    iode: np.ndarray
+    iodc: np.ndarray
+
+    @classmethod
+    def of(cls, **given: np.ndarray) -> Elements:
+        """Elements with zeros in all fields not given."""
+        zero = np.zeros(len(given["prn"]))
+        return cls(**{f.name: np.asarray(given.get(f.name, zero)) for f in fields(cls)})
+
+    def take(self, index: np.ndarray) -> Elements:
+        """Some of the records; an index array of any shape gives fields of that shape."""
+        return Elements(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+    def state(self, gps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF position and velocity (..., 3), m and m/s, at GPS times (...) that go with the fields' shape [1, 2]."""
+        a = self.sqrt_a**2
+        tk = gps - self.toe
+        n = np.sqrt(GM / a**3) + self.delta_n
+        eccentric = self._eccentric_anomaly(tk)
+        sin_e, cos_e = np.sin(eccentric), np.cos(eccentric)
+        rate_e = n / (1.0 - self.e * cos_e)
+        root = np.sqrt(1.0 - self.e**2)
+        phi = np.arctan2(root * sin_e, cos_e - self.e) + self.omega
+        rate_phi = root * rate_e / (1.0 - self.e * cos_e)
+        s2, c2 = np.sin(2.0 * phi), np.cos(2.0 * phi)
+        u = phi + self.cus * s2 + self.cuc * c2
+        rate_u = rate_phi * (1.0 + 2.0 * (self.cus * c2 - self.cuc * s2))
+        r = a * (1.0 - self.e * cos_e) + self.crs * s2 + self.crc * c2
+        rate_r = a * self.e * sin_e * rate_e + 2.0 * rate_phi * (self.crs * c2 - self.crc * s2)
+        i = self.i0 + self.i_dot * tk + self.cis * s2 + self.cic * c2
+        rate_i = self.i_dot + 2.0 * rate_phi * (self.cis * c2 - self.cic * s2)
+        rate_node = self.omega_dot - EARTH_RATE
+        node = self.omega0 + rate_node * tk - EARTH_RATE * (self.toe % timescales.WEEK)
+
+        cos_u, sin_u, cos_n, sin_n = np.cos(u), np.sin(u), np.cos(node), np.sin(node)
+        cos_i, sin_i = np.cos(i), np.sin(i)
+        x, y = r * cos_u, r * sin_u
+        rate_x = rate_r * cos_u - r * sin_u * rate_u
+        rate_y = rate_r * sin_u + r * cos_u * rate_u
+        ecef_x = x * cos_n - y * cos_i * sin_n
+        ecef_y = x * sin_n + y * cos_i * cos_n
+        tilt = rate_y * cos_i - y * sin_i * rate_i
+        position = np.stack([ecef_x, ecef_y, y * sin_i], axis=-1)
+        velocity = np.stack(
+            [
+                rate_x * cos_n - tilt * sin_n - ecef_y * rate_node,
+                rate_x * sin_n + tilt * cos_n + ecef_x * rate_node,
+                rate_y * sin_i + y * cos_i * rate_i,
+            ],
+            axis=-1,
+        )
+        return position, velocity
+
+    def clock(self, gps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Satellite clock less GPS time, s, and its rate, with the relativistic term, without the group delay [1]."""
+        dt = gps - self.toc
+        eccentric = self._eccentric_anomaly(gps - self.toe)
+        n = np.sqrt(GM / self.sqrt_a**6) + self.delta_n
+        amplitude = _RELATIVITY * self.e * self.sqrt_a
+        offset = self.af0 + self.af1 * dt + self.af2 * dt**2 + amplitude * np.sin(eccentric)
+        rate_e = n / (1.0 - self.e * np.cos(eccentric))
+        return offset, self.af1 + 2.0 * self.af2 * dt + amplitude * np.cos(eccentric) * rate_e
+
+    def _eccentric_anomaly(self, tk: np.ndarray) -> np.ndarray:
+        """Kepler's equation by Newton steps; quadratic, so that six are plenty up to e = 0.5."""
+        mean = self.m0 + (np.sqrt(GM / self.sqrt_a**6) + self.delta_n) * tk
+        eccentric = mean + self.e * np.sin(mean)
+        for _ in range(6):
+            eccentric = eccentric - (eccentric - self.e * np.sin(eccentric) - mean) / (1.0 - self.e * np.cos(eccentric))
+        return eccentric
+
+
+@dataclass(frozen=True)
+class Constellation:
+    """GPS satellites that fly by sets of elements, at each time by the one of the nearest reference time.
+
+    records: of all satellites. reach: farthest from the reference time that a record is used, s. use_unhealthy: use
+    records marked as unhealthy. A satellite without a usable record has nan.
+    """
+
+    records: Elements
+    reach: float = HALF_FIT
+    use_unhealthy: bool = False
+
+    system = "gps"
+
+    @property
+    def prn(self) -> np.ndarray:
+        """The satellites (n,), in ascending order."""
+        return np.unique(self.records.prn)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """G01, G02, ... of `prn`."""
+        return tuple(f"G{p:02d}" for p in self.prn)
+
+    def chosen(self, utc: np.ndarray) -> np.ndarray:
+        """Index of the record that each satellite uses at UTC times (m, n), -1 without one."""
+        gps = timescales.gps_from_utc(utc)
+        out = np.full(gps.shape, -1)
+        usable = self.records.healthy | self.use_unhealthy
+        for column, prn in enumerate(self.prn):
+            mine = np.flatnonzero((self.records.prn == prn) & usable)
+            if mine.size:
+                distance = np.abs(gps[:, column, None] - self.records.toe[mine])
+                best = np.argmin(distance, axis=1)
+                inside = np.take_along_axis(distance, best[:, None], axis=1)[:, 0] <= self.reach
+                out[:, column] = np.where(inside, mine[best], -1)
+        return out
+
+    def age(self, utc: float) -> float:
+        """Largest distance, s, of the records' reference times from a UTC time."""
+        return float(np.max(np.abs(timescales.gps_from_utc(utc) - self.records.toe)))
+
+    def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities (m, n, 3), m and m/s, at UTC times (m,) or (m, n); nan without a record."""
+        utc, index = self._select(utc)
+        position, velocity = self.records.take(index).state(timescales.gps_from_utc(utc))
+        lost = index < 0
+        position[lost], velocity[lost] = np.nan, np.nan
+        return position, velocity
+
+    def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Satellite clocks less GPS time for a user of L1 alone, s, and their rates (m, n); nan without a record."""
+        utc, index = self._select(utc)
+        records = self.records.take(index)
+        offset, rate = records.clock(timescales.gps_from_utc(utc))
+        lost = index < 0
+        return np.where(lost, np.nan, offset - records.tgd), np.where(lost, np.nan, rate)
+
+    def _select(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        utc = np.asarray(utc, dtype=float)
+        if utc.ndim == 1:
+            utc = np.repeat(utc[:, None], self.prn.size, axis=1)
+        return utc, self.chosen(utc)
+
+
+_SLOTS = {  # plane: longitude of the node, arguments of latitude of its four slots, degrees [3]
+    "A": (272.847, 268.126, 161.786, 11.676, 41.806),
+    "B": (332.847, 80.956, 173.336, 309.976, 204.376),
+    "C": (32.847, 111.876, 11.796, 339.666, 241.556),
+    "D": (92.847, 135.226, 265.446, 35.156, 167.356),
+    "E": (152.847, 197.046, 302.596, 66.066, 333.686),
+    "F": (212.847, 238.886, 345.226, 105.206, 135.346),
+}
+_SLOTS_TIME = timescales.posix(1993, 7, 1)
+_SLOTS_RADIUS = 26559.7e3
+_SLOTS_INCLINATION = np.radians(55.0)
+_J2, _EQUATOR = 1.08263e-3, 6378137.0
+
+
+def nominal(utc: float) -> Constellation:
+    """The baseline 24 slots of [3], reference 1993-07-01, carried to a UTC time (POSIX s) by circular mean motion and
+    the secular regression of the node, as one set of elements each with that reference time; G01 ... G24 by slot."""
+    n = np.sqrt(GM / _SLOTS_RADIUS**3)
+    node_rate = -1.5 * _J2 * n * (_EQUATOR / _SLOTS_RADIUS) ** 2 * np.cos(_SLOTS_INCLINATION)
+    toe = np.floor(timescales.gps_from_utc(utc))
+    since = float(timescales.utc_from_gps(toe)) - _SLOTS_TIME
+    node, latitude = np.array([(v[0], u) for v in _SLOTS.values() for u in v[1:]]).T
+    inertial = np.radians(node) + node_rate * since
+    greenwich = timescales.sidereal_angle(timescales.utc_from_gps(toe))
+    count = node.size
+    records = Elements.of(
+        prn=np.arange(1, count + 1),
+        healthy=np.ones(count, dtype=bool),
+        toe=np.full(count, toe),
+        toc=np.full(count, toe),
+        sqrt_a=np.full(count, np.sqrt(_SLOTS_RADIUS)),
+        i0=np.full(count, _SLOTS_INCLINATION),
+        # the message counts the node from Greenwich at the start of the week
+        omega0=(inertial - greenwich + EARTH_RATE * (toe % timescales.WEEK)) % (2.0 * np.pi),
+        m0=(np.radians(latitude) + n * since) % (2.0 * np.pi),
+        omega_dot=np.full(count, node_rate),
+    )
+    return Constellation(records, reach=np.inf)

@@ -1,0 +1,100 @@
+"""Satellites from tables of precise positions (SP3).
+
+Source: [1] Schenewerk, A brief review of basic GPS orbit interpolation strategies, GPS Solutions 6 (2003).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from navsim.core.wgs84 import RATE, SPEED_OF_LIGHT
+
+_POINTS = 10
+"""Points of the interpolating polynomial: millimetres for a table each 15 minutes, inside of it [1]."""
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """Positions of n satellites at t times: names (n,), time (t,) UTC (POSIX s), position (t, n, 3) ECEF m, nan where
+    missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in them."""
+
+    names: tuple[str, ...]
+    time: np.ndarray
+    position: np.ndarray
+    offset: np.ndarray
+    system: str = "gps"
+    healthy: np.ndarray = field(default_factory=lambda: np.ones(0, dtype=bool))
+
+    def of(self, letter: str, system: str) -> Orbits:
+        """The satellites whose names begin with a letter, as a constellation of a system."""
+        keep = [i for i, name in enumerate(self.names) if name.startswith(letter)]
+        return Orbits(
+            tuple(self.names[i] for i in keep),
+            self.time,
+            self.position[:, keep],
+            self.offset[:, keep],
+            system,
+            np.ones(len(keep), dtype=bool),
+        )
+
+    def age(self, utc: float) -> float:
+        """How far a UTC time (POSIX s) lies outside the table, s."""
+        return float(max(self.time[0] - utc, utc - self.time[-1], 0.0))
+
+    def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities (m, n, 3), m, m/s, at UTC times (m,) or (m, n); nan outside the table and
+        beside missing positions."""
+        utc = np.asarray(utc, dtype=float)
+        n = len(self.names)
+        if utc.ndim == 1:
+            utc = np.repeat(utc[:, None], n, axis=1)
+        first = np.clip(np.searchsorted(self.time, utc) - _POINTS // 2, 0, max(self.time.size - _POINTS, 0))
+        window = first[..., None] + np.arange(min(_POINTS, self.time.size))
+        step = float(np.median(np.diff(self.time))) if self.time.size > 1 else 1.0
+        x = (self.time[window] - utc[..., None]) / step
+        value, slope = _lagrange_at_zero(x)
+        satellite = np.arange(n)[None, :, None]
+        points = self.position[window, satellite]
+        # in axes that stop turning at the wanted time the path is smoother
+        angle = RATE * step * x
+        c, s = np.cos(angle), np.sin(angle)
+        still = np.stack(
+            [c * points[..., 0] - s * points[..., 1], s * points[..., 0] + c * points[..., 1], points[..., 2]], axis=-1
+        )
+        position = np.einsum("mnk,mnkj->mnj", value, still)
+        velocity = np.einsum("mnk,mnkj->mnj", slope / step, still)
+        velocity[..., 0] += RATE * position[..., 1]
+        velocity[..., 1] -= RATE * position[..., 0]
+        outside = (utc < self.time[0]) | (utc > self.time[-1])
+        position[outside], velocity[outside] = np.nan, np.nan
+        return position, velocity
+
+    def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Satellite clocks, s, and their rates (m, n), linear between the table's, with relativity -2 r.v / c2."""
+        utc = np.asarray(utc, dtype=float)
+        if utc.ndim == 1:
+            utc = np.repeat(utc[:, None], len(self.names), axis=1)
+        low = np.clip(np.searchsorted(self.time, utc, side="right") - 1, 0, self.time.size - 2)
+        column = np.arange(len(self.names))[None, :]
+        width = self.time[low + 1] - self.time[low]
+        rate = (self.offset[low + 1, column] - self.offset[low, column]) / width
+        position, velocity = self.state(utc)
+        relativity = -2.0 * np.sum(position * velocity, axis=2) / SPEED_OF_LIGHT**2
+        # the velocity in rotating axes will do: the Earth's rate is across the position
+        return self.offset[low, column] + rate * (utc - self.time[low]) + relativity, rate
+
+
+def _lagrange_at_zero(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (..., k) of k points at x (..., k) for the polynomial's value and slope at 0."""
+    k = x.shape[-1]
+    value, slope = np.ones_like(x), np.zeros_like(x)
+    for i in range(k):
+        for j in range(k):
+            if j == i:
+                continue
+            factor = -x[..., j] / (x[..., i] - x[..., j])
+            slope[..., i] = slope[..., i] * factor + value[..., i] / (x[..., i] - x[..., j])
+            value[..., i] = value[..., i] * factor
+    return value, slope

@@ -1,0 +1,69 @@
+"""Time scales of satellite navigation.
+
+Inside navsim an instant is UTC in seconds from 1970-01-01 with leap seconds left out, as POSIX counts. GPS time
+is counted in seconds from 1980-01-06 and has no leap seconds; GLONASS time is UTC (plus three hours for display).
+
+Sources: [1] IS-GPS-200, section 3.3.4 (GPS time and weeks). [2] IERS Bulletin C (leap seconds; none since 2017).
+[3] Aoki et al., The new definition of universal time, Astron. Astrophys. 105 (1982) (sidereal time).
+"""
+
+from __future__ import annotations
+
+import datetime
+
+import numpy as np
+
+DAY = 86400.0
+WEEK = 7.0 * DAY
+GPS_EPOCH = 315964800.0
+"""1980-01-06 00:00 UTC, s from 1970-01-01."""
+_LEAP_DATES = (
+    "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01",
+    "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01",
+    "2015-07-01", "2017-01-01",
+)  # fmt: skip
+"""First UTC days after each leap second since 1980 [2]."""
+_LEAPS = np.array([datetime.datetime.fromisoformat(d + "T00:00:00+00:00").timestamp() for d in _LEAP_DATES])
+_LEAPS_GPS = _LEAPS - GPS_EPOCH + np.arange(1, _LEAPS.size + 1)
+
+
+def posix(year: int, month: int, day: int, hour: int = 0, minute: int = 0, second: float = 0.0) -> float:
+    """Seconds from 1970-01-01 of a calendar date and time. Raises ValueError where there is no such date.
+
+    Seconds of 60 and more (a leap second, or a receiver's rounding) run into the next minute.
+    """
+    if not 0.0 <= second < 61.0:
+        raise ValueError("second must be in 0..60")
+    whole = datetime.datetime(year, month, day, hour, minute, tzinfo=datetime.UTC)
+    return whole.timestamp() + second
+
+
+def leap_seconds(utc: np.ndarray | float) -> np.ndarray:
+    """GPS time minus UTC, s, at UTC times (POSIX s)."""
+    return np.searchsorted(_LEAPS, utc, side="right").astype(float)
+
+
+def gps_from_utc(utc: np.ndarray | float) -> np.ndarray:
+    """GPS time, s from 1980-01-06, of UTC times (POSIX s)."""
+    return utc - GPS_EPOCH + leap_seconds(utc)
+
+
+def utc_from_gps(gps: np.ndarray | float) -> np.ndarray:
+    """UTC (POSIX s) of GPS times, s from 1980-01-06; a leap second itself is counted into the day before."""
+    return gps + GPS_EPOCH - np.searchsorted(_LEAPS_GPS, gps, side="right")
+
+
+def full_week(week: int, near: float, modulus: int = 1024) -> int:
+    """The GPS week that is `week` modulo 1024 and nearest to a UTC time (POSIX s) [1]."""
+    now = float(gps_from_utc(near)) / WEEK
+    return week + modulus * round((now - 0.5 - week) / modulus)
+
+
+def sidereal_angle(ut1: np.ndarray | float) -> np.ndarray:
+    """Greenwich mean sidereal time, rad, at UT1 (POSIX s; UTC is within a second, 15 arc seconds, of it) [3]."""
+    days = (np.asarray(ut1) - 946728000.0) / DAY  # from 2000-01-01 12:00
+    midnight = np.floor(days - 0.5) + 0.5
+    t = midnight / 36525.0
+    seconds = 24110.54841 + 8640184.812866 * t + 0.093104 * t**2 - 6.2e-6 * t**3
+    seconds = seconds + 1.00273790934 * DAY * (days - midnight)
+    return np.radians(seconds / 240.0) % (2.0 * np.pi)

@@ -1,0 +1,174 @@
+"""Single-point positioning of recorded pseudoranges with broadcast or precise orbits.
+
+Source: [1] IS-GPS-200, sections 20.3.3.3.3, 20.3.3.4.3. [2] Kaplan & Hegarty (2017), section 11.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from navsim.core.dop import MAX_CLOCKS, dops
+from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
+from navsim.estimation import receiver
+from navsim.io.rinex_obs import Observations
+from navsim.models import atmosphere
+from navsim.models.pseudorange import turned_with_earth
+from navsim.models.sky import azimuth_elevation, enu_matrix
+
+CODES = {"G": ("C1C", "C1P", "C1W", "C1", "P1"), "R": ("C1C", "C1P", "C1", "P1")}
+DOPPLERS = ("D1C", "D1P", "D1W", "D1")
+"""Codes of RINEX observations in L1, best first."""
+_PASSES = 4
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to position: mask (rad), 1 sigma of a range overhead (m), it grows as 1 / sin(elevation); klobuchar: alpha
+    and beta (4,) or None for no ionosphere; troposphere: whether to take Saastamoinen's."""
+
+    mask: float = np.radians(10.0)
+    sigma: float = 1.0
+    klobuchar: tuple[np.ndarray, np.ndarray] | None = None
+    troposphere: bool = True
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Fixes at e epochs: time UTC (POSIX s), llh (e, 3) rad, rad, m, position (e, 3) ECEF m, velocity (e, 3) NED m/s
+    (nan without Dopplers), clocks (e, MAX_CLOCKS) m, covariance (e, 6, 6) of position and velocity NED, dop (e, 5),
+    satellites (e,) how many were used, residual (e, s) m; nan without a fix."""
+
+    time: np.ndarray
+    llh: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    clocks: np.ndarray
+    covariance: np.ndarray
+    dop: np.ndarray
+    satellites: np.ndarray
+    residual: np.ndarray
+
+
+def solve(observations: Observations, constellations: Sequence[Any], settings: Settings) -> Solution:
+    """A fix at every epoch from code on L1, one receiver clock a constellation.
+
+    constellations: `gps.Constellation`, `glonass_broadcast.Constellation` or `precise.Orbits`; satellites of which
+    they know nothing at an epoch are left out, as those below the mask.
+    """
+    columns, names, clock, ratio2 = _columns(observations, constellations)
+    satellites = [observations.satellites[i] for i in columns]
+    code = np.stack([observations.of(*CODES[n[0]])[:, i] for i, n in zip(columns, satellites, strict=True)], axis=1)
+    doppler = observations.of(*DOPPLERS)[:, columns]
+    wavelength = SPEED_OF_LIGHT / (atmosphere.L1 * np.sqrt(1.0 / ratio2))
+    position, velocity, offset, drift = _at_transmission(observations.time, code, constellations, names)
+    ranges = code + SPEED_OF_LIGHT * offset
+    rates = -doppler * wavelength + SPEED_OF_LIGHT * drift
+
+    e, s = ranges.shape
+    llh, speed, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
+    covariance = np.empty((e, 6, 6))
+    travel = code / SPEED_OF_LIGHT
+    sigma, delay, visible = np.full((e, s), settings.sigma), np.zeros((e, s)), np.ones((e, s), dtype=bool)
+    los = np.full((e, s, 3), np.nan)
+    turned, believed = position, np.full((e, 3), np.nan)
+    start = np.zeros(3)
+    for _ in range(_PASSES):
+        turned = turned_with_earth(position, travel)
+        usable = np.isfinite(ranges) & np.isfinite(turned[..., 0]) & visible
+        receiver.fixes(
+            start, np.nan_to_num(turned), np.nan_to_num(turned_with_earth(velocity, travel)), sigma,
+            np.full((e, s), 0.1), clock, np.where(usable, ranges - delay, np.nan),
+            np.where(usable, np.nan_to_num(rates), np.nan), llh, speed, clocks, covariance,
+        )  # fmt: skip
+        believed = ecef_from_llh(llh)
+        away = turned - believed[:, None]
+        distance = np.linalg.norm(away, axis=2)
+        travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
+        los = np.einsum("eij,esj->esi", enu_matrix(llh), away / distance[..., None])
+        azimuth, elevation = azimuth_elevation(los)
+        visible = elevation >= settings.mask
+        sigma = settings.sigma / np.sin(np.maximum(np.nan_to_num(elevation, nan=1.0), 0.03))
+        delay = np.nan_to_num(_delays(observations.time, llh, azimuth, elevation, ratio2, settings))
+    usable = np.isfinite(ranges) & visible & np.isfinite(believed[:, :1])
+    los[~usable] = np.nan
+    lost = ~np.any(np.isfinite(doppler) & usable, axis=1)
+    speed[lost], covariance[lost, 3:], covariance[lost, :, 3:] = np.nan, np.nan, np.nan
+    residual = ranges - delay - np.linalg.norm(turned - believed[:, None], axis=2) - clocks[:, clock]
+    return Solution(
+        observations.time, llh, believed, speed, clocks, covariance, dops(los, clock), usable.sum(axis=1),
+        np.where(usable, residual, np.nan),
+    )  # fmt: skip
+
+
+def _columns(
+    observations: Observations, constellations: Sequence[Any]
+) -> tuple[list[int], list[list[int]], np.ndarray, np.ndarray]:
+    """Observed satellites that a constellation knows: their columns, for each constellation its members in that order,
+    the clock of each, and (L1 / f)^2 of each."""
+    columns: list[int] = []
+    members: list[list[int]] = []
+    clock: list[int] = []
+    ratio2: list[float] = []
+    for number, constellation in enumerate(constellations):
+        known = {name: i for i, name in enumerate(constellation.names)}
+        here = [(i, known[name]) for i, name in enumerate(observations.satellites) if name in known]
+        columns += [i for i, _ in here]
+        members.append([k for _, k in here])
+        clock += [number] * len(here)
+        for i, k in here:
+            frequency = atmosphere.L1
+            if observations.satellites[i][0] == "R":
+                frequency = float(constellation.frequency[k])
+            ratio2.append((atmosphere.L1 / frequency) ** 2)
+    return columns, members, np.array(clock, dtype=np.int64), np.array(ratio2)
+
+
+def _at_transmission(
+    time: np.ndarray, code: np.ndarray, constellations: Sequence[Any], members: list[list[int]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities (e, s, 3) in the axes of transmission, clock offsets (s) and rates (e, s) of satellites.
+
+    The time of reception by the receiver's clock less the pseudorange is the time of transmission by the satellite's.
+    """
+    position, velocity, offsets, drifts = [], [], [], []
+    first = 0
+    for constellation, chosen in zip(constellations, members, strict=True):
+        sent = time[:, None] - code[:, first : first + len(chosen)] / SPEED_OF_LIGHT
+        first += len(chosen)
+        whole = np.full((time.size, len(constellation.names)), time[:, None] - 0.075)
+        whole[:, chosen] = np.where(np.isfinite(sent), sent, whole[:, chosen])
+        offset, drift = constellation.clock(whole)
+        p, v = constellation.state(whole - np.nan_to_num(offset))
+        offset, drift = constellation.clock(whole - np.nan_to_num(offset))
+        position.append(p[:, chosen])
+        velocity.append(v[:, chosen])
+        offsets.append(offset[:, chosen])
+        drifts.append(drift[:, chosen])
+    return (
+        np.concatenate(position, axis=1),
+        np.concatenate(velocity, axis=1),
+        np.concatenate(offsets, axis=1),
+        np.concatenate(drifts, axis=1),
+    )
+
+
+def _delays(
+    time: np.ndarray,
+    llh: np.ndarray,
+    azimuth: np.ndarray,
+    elevation: np.ndarray,
+    ratio2: np.ndarray,
+    settings: Settings,
+) -> np.ndarray:
+    """Atmospheric delays (e, s), m."""
+    total = np.zeros_like(elevation)
+    if settings.klobuchar is not None:
+        alpha, beta = settings.klobuchar
+        total += ratio2 * atmosphere.klobuchar(alpha, beta, time[:, None], llh[:, None], azimuth, elevation)
+    if settings.troposphere:
+        total += atmosphere.saastamoinen(llh[:, None], elevation)
+    return total
