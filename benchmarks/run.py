@@ -128,16 +128,15 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     e = run.fix_llh.shape[0]
     cov = np.tile(np.diag([16.0, 16.0, 200.0, 0.04, 0.04, 0.04]), (e, 1, 1))
     assert MAX_CLOCKS == 3
-    out = [np.empty((e + 1, *shape)) for shape in ((15,), (15,), (), (), (5,))]
-    tail = [np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)]
+    out = loosely_coupled.Flown.of(e)
     at = world.at_filter
 
     def navsim_filter(kind: int = loosely_coupled.ESKF) -> None:
         loosely_coupled.run(
             kind,
             world.imu_time, world.dtheta, world.dv, start.copy(), settings.covariance(), settings.noise(),
-            world.signals.time, run.fix_llh, run.fix_velocity, cov, True, 0.0, np.zeros(3), np.full(2, np.inf),
-            0, at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), *out, *tail, covariance.STRIDE,
+            world.signals.time, run.fix_llh, run.fix_velocity, cov, True, 0.0, np.zeros(3), np.full(7, np.inf),
+            0, at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), out, covariance.STRIDE,
         )  # fmt: skip
 
     history = np.empty((2, states.NAV_N))

@@ -30,6 +30,17 @@ def quaternion_from_dcm(c: np.ndarray) -> np.ndarray:
     return np.where(q[..., :1] < 0, -q, q)
 
 
+def dcm_from_quaternion(q: np.ndarray) -> np.ndarray:
+    """Quaternion (..., 4), scalar first, of unit length -> C_nb (..., 3, 3) [1]."""
+    a, b, c, d = np.moveaxis(q, -1, 0)
+    rows = [
+        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+        [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
+        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
+    ]
+    return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
+
+
 def roll_pitch_yaw(c: np.ndarray) -> np.ndarray:
     """C_nb (..., 3, 3) -> roll, pitch, yaw (..., 3), rad; the yaw-pitch-roll (z, y, x) sequence [1]."""
     return np.stack(

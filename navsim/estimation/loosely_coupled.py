@@ -16,6 +16,7 @@ update with lever arm, eqs. 14.102-14.108).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,15 +37,47 @@ from navsim.core.jit import kernel
 from navsim.core.strapdown import MID_N, step
 from navsim.estimation import error_state, invariant, tfg
 
-ESKF, LEFT_INVARIANT, TFG, MAP = 0, 1, 2, 3
-"""Kinds of filter; MAP is no filter but `estimation.smoother`."""
-KINDS = {"eskf": ESKF, "left-invariant": LEFT_INVARIANT, "tfg": TFG, "map": MAP}
+ESKF, LEFT_INVARIANT, TFG, MAP, RTS = 0, 1, 2, 3, 4
+"""Kinds of filter; MAP and RTS are no filters but `estimation.smoother`."""
+KINDS = {"eskf": ESKF, "left-invariant": LEFT_INVARIANT, "tfg": TFG, "map": MAP, "rts": RTS}
 
 NO_FIX, USED, REJECTED = 0, 1, 2
 """What became of an epoch: no fix to use, fix used, fix rejected by the innovation gate."""
 
 TIME_TOLERANCE = 1e-9
 """Times closer than this are one, s: well under any sample interval, well over rounding."""
+
+
+class Flown(NamedTuple):
+    """What a filter leaves of one run of e fixes, filled in by the kernels.
+
+    error, sigma (e + 1, 15) plain errors and 1 sigma at time 0 and after each fix; nees, nees_position_velocity
+    (e + 1,); nees_group (e + 1, 5); innovation (e,) normalised and squared, degrees (e,) int, status (e,) int; estimate
+    (e + 1, 20) navigation states; misfit, misfit_sigma (e, 6) innovations of position and velocity and their 1 sigma,
+    nan where there are none.
+    """
+
+    error: np.ndarray
+    sigma: np.ndarray
+    nees: np.ndarray
+    nees_position_velocity: np.ndarray
+    nees_group: np.ndarray
+    innovation: np.ndarray
+    degrees: np.ndarray
+    status: np.ndarray
+    estimate: np.ndarray
+    misfit: np.ndarray
+    misfit_sigma: np.ndarray
+
+    @classmethod
+    def of(cls, e: int) -> Flown:
+        """Empty arrays for e fixes."""
+        n = states.N
+        return cls(
+            np.empty((e + 1, n)), np.empty((e + 1, n)), np.empty(e + 1), np.empty(e + 1), np.empty((e + 1, 5)),
+            np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64), np.empty((e + 1, states.NAV_N)),
+            np.empty((e, 6)), np.empty((e, 6)),
+        )  # fmt: skip
 
 
 @kernel
@@ -165,6 +198,42 @@ def measurement(nav, previous, dt, c_nb, lever, llh, vel, with_velocity, z, h):
 
 
 @kernel
+def observe(nav, previous, dt, c_nb, lever, llh, vel, cov, with_velocity, z, h, r):
+    """As `measurement`, with the noise r (6, 6) from the fix's covariance (6, 6), and without those components of the
+    velocity that are nan: returns the number of measurements, the rows of z, h and r in use."""
+    with_velocity = with_velocity and not (math.isnan(vel[0]) and math.isnan(vel[1]) and math.isnan(vel[2]))
+    m = measurement(nav, previous, dt, c_nb, lever, llh, vel, with_velocity, z, h)
+    row = np.empty(6, np.int64)
+    kept = 0
+    for a in range(m):
+        if not math.isnan(z[a]):
+            row[kept] = a
+            kept += 1
+    for a in range(kept):
+        if row[a] != a:
+            z[a] = z[row[a]]
+            h[a] = h[row[a]]
+        for b in range(kept):
+            r[a, b] = cov[row[a], row[b]]
+    return kept
+
+
+@kernel
+def keep_misfit(vel, m, z, s, misfit, misfit_sigma):
+    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, into the places (6,) they are of."""
+    place = 0
+    for a in range(m):
+        while place >= 3 and place < 5 and math.isnan(vel[place - 3]):
+            place += 1
+        misfit[place] = z[a]
+        t = 0.0
+        for b in range(a + 1):
+            t += s[a, b] * s[a, b]
+        misfit_sigma[place] = math.sqrt(t)
+        place += 1
+
+
+@kernel
 def _correct(kind, nav, p, x, work):
     if kind == ESKF:
         error_state.correct(nav, p, x, work)
@@ -190,7 +259,7 @@ def run(
     kind, imu_time, dtheta, dv, nav, p, noise,
     fix_time, fix_llh, fix_velocity, fix_cov, with_velocity, latency, lever, gate, max_rejected,
     truth_llh, truth_velocity, truth_quaternion, truth_bias,
-    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, width,
+    out, width,
 ):  # fmt: skip
     """Fly one run through the filter.
 
@@ -198,12 +267,13 @@ def run(
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) measured increments. nav: (20,) initial estimate and p: (240,)
     its covariance, both overwritten by the final ones at the last fix. noise: (6,) `core.covariance`.
     fix_*: e epochs: time (s, of validity), llh, NED velocity, covariance of both (e, 6, 6); nan without a fix.
-    with_velocity: bool. latency: s. lever: (3,) IMU -> antenna, body, m. gate: (2,) largest normalised
-    innovation squared for 3 and 6 measurements. max_rejected: rejections in a row after which a fix is taken
-    nevertheless. truth_*: (e + 1, ...) at time 0 and at fix_time + latency; truth_bias (e + 1, 6).
-    Out: error, sigma (e + 1, 15); nees, nees_pv (e + 1,); nees_group (e + 1, 5); innovation (e,) normalised
-    squared, degrees (e,) int, status (e,) int. width: `covariance.STRIDE`.
+    with_velocity: bool; components of the velocity that are nan are left out. latency: s. lever: (3,) IMU ->
+    antenna, body, m. gate: (7,) largest normalised innovation squared by the number of measurements.
+    max_rejected: rejections in a row after which a fix is taken nevertheless.
+    truth_*: (e + 1, ...) at time 0 and at fix_time + latency; truth_bias (e + 1, 6).
+    out: a `Flown`. width: `covariance.STRIDE`.
     """
+    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
     factor = np.empty((states.N, states.N))
     x = np.empty(states.N)
     own = np.empty(states.N)
@@ -246,19 +316,21 @@ def run(
         own,
         x,
     )
+    estimate[0] = nav
     rejected = 0
     for e in range(fix_time.shape[0]):
+        after = e + 1
         advance(kind, fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
         innovation[e] = np.nan
         degrees[e] = 0
         status[e] = NO_FIX
-        velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
+        misfit[e] = np.nan
+        misfit_sigma[e] = np.nan
         if not math.isnan(fix_llh[e, 0]):
-            m = measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
-            for i in range(m):
-                for j in range(m):
-                    r[i, j] = fix_cov[e, i, j]
+            fix = (nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], fix_cov[e], with_velocity)
+            m = observe(*fix, z, h, r)
             if gain(p, h, r, m, pht, s, k):
+                keep_misfit(fix_velocity[e], m, z, s, misfit[e], misfit_sigma[e])
                 for i in range(states.N):
                     x[i] = 0.0
                     for a in range(m):
@@ -273,19 +345,18 @@ def run(
                     q += z[a] * z[a]
                 innovation[e] = q
                 degrees[e] = m
-                if q <= gate[m // 3 - 1] or rejected >= max_rejected:
+                if q <= gate[m] or rejected >= max_rejected:
                     status[e] = USED
                     rejected = 0
                     # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
                     # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
                     _correct(kind, nav, p, x, space)
-                    measurement(nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h)
+                    observe(*fix, z, h, r)
                     gain(p, h, r, m, pht, s, k)
                     joseph(p, h, r, m, pht, k, work)
                 else:
                     status[e] = REJECTED
                     rejected += 1
-        out = e + 1
         if latency > 0.0:
             ahead_nav[:] = nav
             ahead_p[:] = p
@@ -295,12 +366,14 @@ def run(
                 kind, fix_time[e] + latency, imu_time, dtheta, dv, ahead_nav, ahead_p, ahead_cursor, ahead_previous,
                 noise, scratch, c_nb, width,
             )  # fmt: skip
-            nees[out], nees_pv[out] = record(
-                kind, ahead_p, ahead_nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
-                error[out], sigma[out], nees_group[out], factor, own, x,
+            nees[after], nees_pv[after] = record(
+                kind, ahead_p, ahead_nav, truth_llh[after], truth_velocity[after], truth_quaternion[after],
+                truth_bias[after], error[after], sigma[after], nees_group[after], factor, own, x,
             )  # fmt: skip
+            estimate[after] = ahead_nav
         else:
-            nees[out], nees_pv[out] = record(
-                kind, p, nav, truth_llh[out], truth_velocity[out], truth_quaternion[out], truth_bias[out],
-                error[out], sigma[out], nees_group[out], factor, own, x,
+            estimate[after] = nav
+            nees[after], nees_pv[after] = record(
+                kind, p, nav, truth_llh[after], truth_velocity[after], truth_quaternion[after], truth_bias[after],
+                error[after], sigma[after], nees_group[after], factor, own, x,
             )  # fmt: skip

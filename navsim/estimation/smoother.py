@@ -25,18 +25,22 @@ from navsim.core.strapdown import MID_N
 from navsim.estimation import error_state
 from navsim.estimation.loosely_coupled import (
     ESKF,
+    MAP,
     NO_FIX,
     REJECTED,
+    RTS,
     TFG,
     TIME_TOLERANCE,
     USED,
     advance,
-    measurement,
+    keep_misfit,
+    observe,
     plain_error,
     record,
 )
 
-_MAX_ITERATIONS = 30
+PASSES = {MAP: 30, RTS: 1}
+"""Passes over the flight that each kind makes at most."""
 _CONVERGED = 1e-3
 """Stop once no state of any node moves by more than this many sigmas."""
 
@@ -162,12 +166,15 @@ def run(
     imu_time, dtheta, dv, nav, p, noise,
     fix_time, fix_llh, fix_velocity, fix_cov, with_velocity, latency, lever, gate, max_rejected,
     truth_llh, truth_velocity, truth_quaternion, truth_bias,
-    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, width,
+    out, width, iterations,
 ):  # fmt: skip
     """Smooth one run; arguments and outputs as of `loosely_coupled.run`. NEES is judged in two-frames coordinates.
 
-    Fixes rejected by the gate of the first pass stay rejected.
+    iterations: most passes over the flight; 1 is the fixed-interval smoother of [2] on the filter's own estimates,
+    more iterate it towards the maximum a posteriori [1]. Fixes rejected by the gate of the first pass stay rejected.
+    Innovations, squared and as misfit, are those of the first pass.
     """
+    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
     node_time, node_fix, node_output = _nodes(fix_time, fix_time + latency)
     n = node_time.shape[0]
     nodes = np.empty((n, states.NAV_N))
@@ -187,10 +194,12 @@ def run(
     nav[states.NAV_HELD + 1 :] = 0.0
     start = nav.copy()
     innovation[:] = np.nan
+    misfit[:] = np.nan
+    misfit_sigma[:] = np.nan
     degrees[:] = 0
     status[:] = NO_FIX
     rejected = 0
-    for iteration in range(_MAX_ITERATIONS):
+    for iteration in range(iterations):
         # the first pass has no trajectory yet: it follows its own estimate
         first = iteration == 0
         cursor[0] = 0.0
@@ -224,17 +233,17 @@ def run(
             e = node_fix[node]
             if e < 0 or math.isnan(fix_llh[e, 0]) or (not first and status[e] != USED):
                 continue
-            velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
-            m = measurement(
-                nodes[node], previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z, h
-            )
+            m = observe(
+                nodes[node], previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], fix_cov[e], with_velocity,
+                z, h, r,
+            )  # fmt: skip
             for i in range(m):
                 for c in range(states.N):
                     z[i] -= h[i, c] * mean[node, c]
-                for j in range(m):
-                    r[i, j] = fix_cov[e, i, j]
             if not gain(filtered[node], h, r, m, pht, s, k):
                 continue
+            if first:
+                keep_misfit(fix_velocity[e], m, z, s, misfit[e], misfit_sigma[e])
             for i in range(states.N):
                 x[i] = 0.0
                 for a in range(m):
@@ -246,7 +255,7 @@ def run(
             innovation[e] = q
             degrees[e] = m
             if first:
-                if q > gate[m // 3 - 1] and rejected < max_rejected:
+                if q > gate[m] and rejected < max_rejected:
                     status[e] = REJECTED
                     rejected += 1
                     continue
@@ -280,13 +289,15 @@ def run(
             error_state.inject(nodes[node], mean[node])
         if not first and moved < _CONVERGED:
             break
-    prior[:] = filtered[n - 1]
+    p[:] = filtered[n - 1]
+    prior[:] = p
     for node in range(n - 1, -1, -1):
         if node < n - 1:
             _smooth_covariance(gains[node], predicted[node + 1], prior, filtered[node])
             prior[:] = filtered[node]
         o = node_output[node]
         if o >= 0:
+            estimate[o] = nodes[node]
             nees[o], nees_pv[o] = record(
                 TFG, filtered[node], nodes[node], truth_llh[o], truth_velocity[o], truth_quaternion[o], truth_bias[o],
                 error[o], sigma[o], nees_group[o], factor, own, x,

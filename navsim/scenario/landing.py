@@ -522,9 +522,9 @@ class Gate(Section):
 class Filter(Section):
     """What the filter does and believes; what is left out follows from the truth."""
 
-    kind: Literal["tfg", "eskf", "left-invariant", "map"] = "tfg"
-    """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset. map: batch
-    smoother, each output from all fixes, as a reference"""
+    kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"
+    """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map:
+    smoothers, each output from all fixes: one backward pass, or iterated to the maximum a posteriori"""
     velocity: bool = True
     """use the velocity of the fixes beside their position"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None

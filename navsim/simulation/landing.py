@@ -102,7 +102,7 @@ class InitialErrors:
 class FilterSettings:
     """What the filter is and believes: kind (`loosely_coupled.KINDS`), initial sigmas, sensors, fixes.
 
-    gate: (2,) limits for 3 and 6 measurements.
+    gate: (7,) limits by the number of measurements.
     """
 
     kind: int
@@ -362,9 +362,7 @@ def fly(
         ranges, rates, llh, velocity, clocks, cov,
     )  # fmt: skip
 
-    error, sigma = np.empty((e + 1, states.N)), np.empty((e + 1, states.N))
-    nees, nees_pv, nees_group = np.empty(e + 1), np.empty(e + 1), np.empty((e + 1, 5))
-    innovation, degrees, status = np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64)
+    out = loosely_coupled.Flown.of(e)
     truth = world.at_filter
     scale = settings.sigma_scale**2
     # the filter knows when a fix came and how old it believes it to be
@@ -374,12 +372,13 @@ def fly(
         np.maximum(valid, 0.0), llh, velocity, scale * cov,
         settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
         truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],
-        error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, covariance.STRIDE,
+        out, covariance.STRIDE,
     )  # fmt: skip
-    if settings.kind == loosely_coupled.MAP:
-        smoother.run(*flight)
+    if settings.kind in smoother.PASSES:
+        smoother.run(*flight, smoother.PASSES[settings.kind])
     else:
         loosely_coupled.run(settings.kind, *flight)
     return Run(
-        ranges, rates, llh, velocity, clocks, error, sigma, nees, nees_pv, nees_group, innovation, degrees, status
+        ranges, rates, llh, velocity, clocks, out.error, out.sigma, out.nees, out.nees_position_velocity,
+        out.nees_group, out.innovation, out.degrees, out.status,
     )  # fmt: skip

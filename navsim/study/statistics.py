@@ -26,6 +26,11 @@ def chi_square_exceedance(probability: float, degrees: int) -> float:
     return float(2.0 * gammainccinv(0.5 * degrees, probability)) if probability > 0.0 else np.inf
 
 
+def gate_limits(probability: float) -> np.ndarray:
+    """The largest normalised innovation squared that a gate lets pass, by the number of measurements (7,)."""
+    return np.array([np.inf, *(chi_square_exceedance(probability, m) for m in range(1, 7))])
+
+
 def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
     """Root mean square over runs and components with its two-sided 95 % interval: value, low, high.
 

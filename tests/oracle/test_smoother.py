@@ -11,6 +11,7 @@ from navsim.core import states
 from navsim.core.covariance import SIZE, STRIDE
 from navsim.core.strapdown import navigate
 from navsim.estimation import error_state, smoother
+from navsim.estimation.loosely_coupled import MAP, Flown
 from tests.helpers import case
 
 SIGMA = np.repeat([10.0, 1.0, np.radians(5.0), np.radians(700.0 / 3600.0), 9.8e-3], 3)
@@ -67,21 +68,20 @@ def test_map_is_the_least_squares_solution() -> None:
     p = np.zeros(SIZE)
     p[np.arange(15) * (STRIDE + 1)] = SIGMA**2
     nav = start.copy()
-    out = [np.empty((EPOCHS + 1, 15)), np.empty((EPOCHS + 1, 15)), np.empty(EPOCHS + 1), np.empty(EPOCHS + 1)]
-    tail = [np.empty((EPOCHS + 1, 5)), np.empty(EPOCHS), np.empty(EPOCHS, np.int64), np.empty(EPOCHS, np.int64)]
+    out = Flown.of(EPOCHS)
     cov = np.tile(np.diag(np.repeat([FIX_SIGMA**2, 1.0], 3)), (EPOCHS, 1, 1))
     smoother.run(
         world.imu_time, dtheta, dv, nav, p, np.zeros(6), np.arange(1.0, EPOCHS + 1), fixes, np.full((EPOCHS, 3), 0.0),
-        cov, False, 0.0, np.zeros(3), np.full(2, np.inf), 0, truth.llh, truth.velocity_ned, truth.quaternion,
-        np.tile(bias, (EPOCHS + 1, 1)), *out, *tail, STRIDE,
+        cov, False, 0.0, np.zeros(3), np.full(7, np.inf), 0, truth.llh, truth.velocity_ned, truth.quaternion,
+        np.tile(bias, (EPOCHS + 1, 1)), out, STRIDE, smoother.PASSES[MAP],
     )  # fmt: skip
     gap = np.empty(15)
     smoother._difference(nav, expected[-1], gap)
-    assert np.all(np.abs(gap) < 5e-3 * out[1][-1]), gap / out[1][-1]
+    assert np.all(np.abs(gap) < 5e-3 * out.sigma[-1]), gap / out.sigma[-1]
     # the prior is left by 0.5 degrees and more, so this is not the linear problem
     turned = Rotation.from_quat(nav[[7, 8, 9, 6]]) * Rotation.from_quat(start[[7, 8, 9, 6]]).inv()
     assert turned.magnitude() > np.radians(0.5)
     # its sigmas are those of the Jacobian at the solution, carried to the end
     jacobian = solution.jac
     initial = SIGMA * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    np.testing.assert_allclose(out[1][0][9:], initial[9:], rtol=2e-2)
+    np.testing.assert_allclose(out.sigma[0][9:], initial[9:], rtol=2e-2)

@@ -33,9 +33,7 @@ from navsim.simulation.landing import (
     epochs,
     fly,
 )
-from navsim.study.statistics import (
-    chi_square_exceedance,
-)
+from navsim.study.statistics import gate_limits
 
 FOOT = 0.3048
 DECISION_HEIGHTS_FT = (0, 50, 100, 200)
@@ -230,7 +228,7 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
         latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,
         lever_arm=np.array(lever_arm),
         sigma_scale=section.fix_sigma_scale,
-        gate=np.array([chi_square_exceedance(section.gate.probability, m) for m in (3, 6)]),
+        gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
     )
 
