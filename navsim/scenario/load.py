@@ -13,6 +13,7 @@ from navsim.scenario.base import Section, hint, validated
 from navsim.scenario.elevation import Elevation
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Optimize
+from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document, InputError, Problem, assign, load, set_value
 from navsim.scenario.sweep import Sweep
 
@@ -23,6 +24,7 @@ KINDS: dict[str, type[Section]] = {
     "azimuth-tracking": Azimuth,
     "sweep": Sweep,
     "optimize": Optimize,
+    "replay": Replay,
 }
 """The kinds of files this version knows."""
 S = TypeVar("S", Sweep, Optimize)
@@ -47,8 +49,8 @@ def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Docu
 def read_runnable(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
     """As `read_any`, for scenarios that `navsim run` flies."""
     scenario, document = read_any(path, assignments)
-    if isinstance(scenario, (Sweep, Optimize)):
-        message = f"`kind: {scenario.kind}` is a study: navsim {scenario.kind} {path}"
+    if isinstance(scenario, (Sweep, Optimize, Replay)):
+        message = f"`kind: {scenario.kind}` has a command of its own: navsim {scenario.kind} {path}"
         raise InputError([Problem(document.place(("kind",)), "kind", message)])
     return scenario, document
 
@@ -58,6 +60,15 @@ def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document
     scenario, document = read_any(path, assignments)
     if not isinstance(scenario, Landing):
         message = f"a landing is needed here, not `kind: {document.data['kind']}`"
+        raise InputError([Problem(document.place(("kind",)), "kind", message)])
+    return scenario, document
+
+
+def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Replay, Document]:
+    """As `read_any`, for recorded flights."""
+    scenario, document = read_any(path, assignments)
+    if not isinstance(scenario, Replay):
+        message = f"`navsim replay` takes a log of `kind: replay`, not {document.data['kind']}"
         raise InputError([Problem(document.place(("kind",)), "kind", message)])
     return scenario, document
 

@@ -17,3 +17,20 @@ IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
         "accelerometer": {"bias_mg": 0.0, "noise_mg": 0.0},
     },
 }
+
+SENSOR_CLASSES: dict[str, dict[str, dict[str, float]]] = {
+    # Groves (2013), tables 4.1 and section 4.4: grades of inertial sensors. `drift` and `bias` are what is left of the
+    # turn-on bias where no standstill shows it; `markov` the in-run instability with its correlation time.
+    "consumer": {
+        "gyro": {"drift_deg_h": 1000.0, "arw_deg_sqrt_h": 1.0, "markov_deg_h": 20.0, "markov_time_s": 300.0},
+        "accelerometer": {"bias_mg": 15.0, "vrw_m_s_sqrt_h": 0.6, "markov_mg": 1.0, "markov_time_s": 300.0},
+    },
+    "industrial": {
+        "gyro": {"drift_deg_h": 200.0, "arw_deg_sqrt_h": 0.3, "markov_deg_h": 10.0, "markov_time_s": 300.0},
+        "accelerometer": {"bias_mg": 8.0, "vrw_m_s_sqrt_h": 0.15, "markov_mg": 0.3, "markov_time_s": 300.0},
+    },
+    "tactical": {
+        "gyro": {"drift_deg_h": 10.0, "arw_deg_sqrt_h": 0.06, "markov_deg_h": 1.0, "markov_time_s": 300.0},
+        "accelerometer": {"bias_mg": 2.0, "vrw_m_s_sqrt_h": 0.05, "markov_mg": 0.1, "markov_time_s": 300.0},
+    },
+}

@@ -7,6 +7,7 @@ and a covariance that knows it.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,14 +15,15 @@ import numpy as np
 from navsim.core import covariance, states
 from navsim.core.rotation import dcm_from_quaternion, roll_pitch_yaw
 from navsim.estimation import error_state, loosely_coupled, smoother
-from navsim.estimation.alignment import Alignment, Fixes, Samples
 from navsim.models.imu import Triad
+from navsim.models.recording import Fixes, Samples
+from navsim.simulation.alignment import Alignment
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """What the filter believes of a recording: sensors, 1 sigma of the fixes' position and velocity (north, east, down),
-    m, m/s, latency s, lever arm (3,) m, gate (7,), rejections in a row, sigma of the start's attitude on top, rad."""
+    """What the filter believes of a recording: sensors, 1 sigma of the fixes' position and velocity (north, east,
+    down), m, m/s, latency s, lever arm (3,) m, gate (7,), rejections in a row after which a fix is taken nevertheless."""
 
     gyro: Triad
     accel: Triad
@@ -58,7 +60,8 @@ class Flight:
 @dataclass(frozen=True)
 class Replay:
     """What the filter made of a flight, at the times it was asked for: time (t,), llh, velocity (t, 3), quaternion
-    (t, 4), bias (t, 6), sigma (t, 15); and for each fix (m,): misfit and its 1 sigma (m, 6), squared, degrees, status."""
+    (t, 4), bias (t, 6), sigma (t, 15); and of each fix (m,): misfit and its 1 sigma (m, 6), squared, degrees, status.
+    """
 
     time: np.ndarray
     llh: np.ndarray
@@ -77,12 +80,14 @@ class Replay:
         """Roll, pitch, yaw (t, 3), rad."""
         return roll_pitch_yaw(dcm_from_quaternion(self.quaternion))
 
-    def log_likelihood(self) -> float:
-        """Of the innovations of all fixes, as normal and independent: the filter's own statement."""
-        seen = np.isfinite(self.misfit_sigma)
-        # the determinant of the innovation covariance is close to the product of its diagonal here: fixes are taken
-        # as uncorrelated between components, and what P adds to them is small
-        return float(-0.5 * np.nansum(self.squared) - np.sum(np.log(self.misfit_sigma[seen])))
+    def surprise(self, counted: np.ndarray) -> float:
+        """Minus the logarithm of the likelihood of the counted fixes' innovations, up to a constant.
+
+        The determinant of an innovation covariance is taken as the product of its diagonal: the noise of the fixes is
+        uncorrelated, and what the filter's own uncertainty adds is small beside it.
+        """
+        sigma = self.misfit_sigma[counted]
+        return float(0.5 * np.nansum(self.squared[counted]) + np.sum(np.log(sigma[np.isfinite(sigma)])))
 
 
 def prepare(samples: Samples, fixes: Fixes, alignment: Alignment, latency: float, longest_gap: float) -> Flight:
@@ -122,8 +127,13 @@ def prepare(samples: Samples, fixes: Fixes, alignment: Alignment, latency: float
 
 
 def fly(
-    flight: Flight, kind: int, beliefs: Beliefs, times: np.ndarray, until: float = np.inf, withheld: np.ndarray | None = None
-) -> Replay:  # fmt: skip
+    flight: Flight,
+    kind: int,
+    beliefs: Beliefs,
+    times: np.ndarray,
+    until: float = np.inf,
+    withheld: np.ndarray | None = None,
+) -> Replay:
     """The flight through a filter or smoother (`loosely_coupled.KINDS`).
 
     times: (t,) at which to answer, beside the fixes' own. until: end early, s. withheld: (m,) bool, fixes that the
@@ -155,7 +165,7 @@ def fly(
     pieces = []
     done = 0
     edges = [0, *(k for k, _ in flight.gaps if k > 0), flight.imu_time.size - 1]
-    for number, (first, last) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for number, (first, last) in enumerate(itertools.pairwise(edges)):
         end = flight.imu_time[last]
         final = number == len(edges) - 2
         stop = arrival.size if final else int(np.searchsorted(arrival - beliefs.latency, end, side="right"))
@@ -166,7 +176,8 @@ def fly(
         out = loosely_coupled.Flown.of(count)
         job = (
             flight.imu_time[first : last + 1], flight.dtheta[first:last], flight.dv[first:last], nav, p, noise,
-            np.maximum(when - beliefs.latency, flight.imu_time[first]), np.array([*llh[done:stop], *rows]).reshape(-1, 3),
+            np.maximum(when - beliefs.latency, flight.imu_time[first]),
+            np.array([*llh[done:stop], *rows]).reshape(-1, 3),
             np.array([*velocity[done:stop], *rows]).reshape(-1, 3), np.tile(noise_of_fix, (count, 1, 1)), True,
             beliefs.latency, beliefs.lever_arm, beliefs.gate, beliefs.max_rejected, np.zeros((count + 1, 3)),
             np.zeros((count + 1, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count + 1, 1)), np.zeros((count + 1, 6)), out,

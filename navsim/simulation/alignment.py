@@ -17,29 +17,7 @@ import numpy as np
 
 from navsim.core import wgs84
 from navsim.core.rotation import quaternion_from_dcm
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Inertial samples: time (n,) s, rate (n, 3) rad/s, force (n, 3) m/s2, body axes forward-right-down."""
-
-    time: np.ndarray
-    rate: np.ndarray
-    force: np.ndarray
-
-    def between(self, first: float, last: float) -> Samples:
-        """The samples at first <= time <= last."""
-        keep = (self.time >= first) & (self.time <= last)
-        return Samples(self.time[keep], self.rate[keep], self.force[keep])
-
-
-@dataclass(frozen=True)
-class Fixes:
-    """Fixes: time of validity (m,) s, llh (m, 3) rad, rad, m, velocity (m, 3) NED m/s, nan where unknown."""
-
-    time: np.ndarray
-    llh: np.ndarray
-    velocity: np.ndarray
+from navsim.models.recording import Fixes, Samples
 
 
 @dataclass(frozen=True)
@@ -73,6 +51,11 @@ STILL_RATE, STILL_FORCE, STILL_SPEED = 0.05, 0.5, 0.5
 """Largest scatter (1 sigma) of rate, rad/s, and specific force, m/s2, and largest speed, m/s, of a standstill."""
 SHORTEST, LONGEST = 3.0, 30.0
 """A standstill is used from the one length on, and up to the other, s: gyros warm up."""
+_PIECE = 1.0
+"""Length of the pieces that velocities are compared over, s."""
+_CAUTION = 4.0
+"""Factor on the formal covariance: residuals of neighbouring pieces hang together."""
+_G = 9.8
 
 
 def standstill(samples: Samples, fixes: Fixes, begin: float, end: float) -> Standstill | None:
@@ -124,53 +107,65 @@ def levelled(force: np.ndarray, heading: float) -> np.ndarray:
     )
 
 
+def at_rest(rest: Standstill, heading: float, heading_sigma: float, gyro_sigma: float, accel_sigma: float) -> Alignment:
+    """Levelled at the end of a standstill, with a known heading; rad, rad/s, m/s2 (the accelerometers' biases)."""
+    covariance = np.diag([(accel_sigma / _G) ** 2, (accel_sigma / _G) ** 2, heading_sigma**2])
+    quaternion = quaternion_from_dcm(levelled(rest.force, heading))
+    return Alignment(rest.end, quaternion, covariance, rest.rate, np.full(3, gyro_sigma), rest.end)
+
+
 def velocity_matching(
-    samples: Samples, fixes: Fixes, begin: float, gyro_bias: np.ndarray, gyro_sigma: float, accel_sigma: float,
-    heading_sigma: float, longest: float,
-) -> Alignment | None:  # fmt: skip
+    samples: Samples,
+    fixes: Fixes,
+    begin: float,
+    gyro_bias: np.ndarray,
+    gyro_sigma: float,
+    accel_sigma: float,
+    heading_sigma: float,
+    longest: float,
+) -> Alignment | None:
     """Attitude at `begin` from the velocities of the fixes after it, as soon as the heading is good to `heading_sigma`.
 
     gyro_bias: (3,) rad/s to take off, and its 1 sigma; accel_sigma: of the accelerometers' biases, m/s2; both widen the
-    covariance. longest: s after which to give up: None.
+    covariance. longest: s after which to give up: None. Fixes' times are those of validity [1].
     """
-    fixes = Fixes(*(a[(fixes.time >= begin) & (fixes.time <= begin + longest)] for a in _fields(fixes)))
-    usable = np.isfinite(fixes.velocity).all(axis=1)
-    time, velocity, llh = fixes.time[usable], fixes.velocity[usable], fixes.llh[usable]
+    wanted = (fixes.time >= begin) & (fixes.time <= begin + longest) & np.isfinite(fixes.velocity).all(axis=1)
+    fixes = fixes.take(wanted)
+    time = fixes.time
     if time.size < 4:
         return None
-    piece = samples.between(begin - 1.0, time[-1] + 1.0)
-    felt = _felt(piece, begin, time, gyro_bias)
-    gained = _gained(time - begin, velocity, llh)
-    for last in range(3, time.size):
-        a, b = np.diff(felt[: last + 1], axis=0), np.diff(gained[: last + 1], axis=0)
-        c = _wahba(a, b)
-        residual = b - a @ c.T
-        scatter = np.sum(residual**2) / max(3 * last - 3, 1)
-        # every piece weighs its own length across the axis that is turned about
-        information = np.einsum("ni,ij->ij", b**2, np.eye(3)) * 0.0 + np.sum(b**2) * np.eye(3) - b.T @ b
-        spread = float(time[last] - begin)
-        systematic = (gyro_sigma * 0.5 * spread) ** 2 + (accel_sigma / 9.8) ** 2
-        try:
-            covariance = 4.0 * scatter * np.linalg.inv(information) + systematic * np.eye(3)
-        except np.linalg.LinAlgError:
-            continue
-        # an accelerometer's bias looks like acceleration: against the real horizontal one it turns the heading
-        real = np.sum(b[:, :2] ** 2)
-        fooled = np.sum((accel_sigma * np.diff(time[: last + 1])) ** 2) / real if real > 0.0 else np.inf
-        covariance[2, 2] += fooled
+    felt, ahead = _felt(samples.between(begin - 1.0, time[-1] + 1.0), begin, time, gyro_bias)
+    gained = _gained(time - begin, fixes.velocity, fixes.llh)
+    # pieces of about a second: shorter ones are all noise
+    pick = [0]
+    for index in range(1, time.size):
+        if time[index] - time[pick[-1]] >= _PIECE - 1e-6:
+            pick.append(index)
+    a, b, length = np.diff(felt[pick], axis=0), np.diff(gained[pick], axis=0), np.diff(time[pick])
+    for count in range(3, len(pick)):
+        turn = _wahba(a[:count], b[:count])
+        residual = b[:count] - a[:count] @ turn.T
+        scatter = np.sum(residual**2) / (3 * count - 3)
+        # a piece tells nothing about a turn around itself
+        information = np.sum(b[:count] ** 2) * np.eye(3) - b[:count].T @ b[:count]
+        until = float(time[pick[count]])
+        covariance = _CAUTION * scatter * np.linalg.pinv(information)
+        covariance += ((gyro_sigma * 0.5 * (until - begin)) ** 2 + (accel_sigma / _G) ** 2) * np.eye(3)
+        # an accelerometer's bias that turns with the body looks like acceleration: beside the real horizontal one it
+        # turns the heading. Flying straight it looks like a tilt, and is in the line above
+        horizontal = np.sum(b[:count, :2] ** 2)
+        straight = float(np.linalg.norm(ahead[pick[: count + 1]].mean(axis=0)))
+        fooled = np.sum((accel_sigma * length[:count]) ** 2) / max(horizontal, 1e-9)
+        covariance[2, 2] += (1.0 - min(straight, 1.0) ** 2) * fooled
         if np.sqrt(covariance[2, 2]) < heading_sigma:
-            return Alignment(
-                begin, quaternion_from_dcm(c), covariance, gyro_bias, np.full(3, gyro_sigma), float(time[last])
-            )
+            sigma = np.full(3, gyro_sigma)
+            return Alignment(begin, quaternion_from_dcm(turn), covariance, gyro_bias, sigma, until)
     return None
 
 
-def _fields(fixes: Fixes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return fixes.time, fixes.llh, fixes.velocity
-
-
-def _felt(samples: Samples, begin: float, time: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """Integral of specific force from `begin` to the times (m,), in the body axes of `begin` as they stay inertially."""
+def _felt(samples: Samples, begin: float, time: np.ndarray, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integral of specific force from `begin` to the times (m,), and where the nose points then, both (m, 3) in the
+    body axes of `begin` as they stay inertially."""
     from scipy.spatial.transform import Rotation
 
     grid = np.unique(np.concatenate([samples.time[samples.time > begin], [begin], time]))
@@ -181,31 +176,33 @@ def _felt(samples: Samples, begin: float, time: np.ndarray, bias: np.ndarray) ->
     attitude = [Rotation.identity()]
     for turn in turns:
         attitude.append(attitude[-1] * turn)
-    still = Rotation.concatenate(attitude).apply(force)
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * (still[1:] + still[:-1]) * step, axis=0)])
-    return total[np.searchsorted(grid, time)]
+    turned = Rotation.concatenate(attitude)
+    at = np.searchsorted(grid, time)
+    return _integral(grid, turned.apply(force))[at], turned[at].apply([1.0, 0.0, 0.0])
 
 
 def _gained(since: np.ndarray, velocity: np.ndarray, llh: np.ndarray) -> np.ndarray:
     """The same integral from the fixes: velocity less gravity and the turning of the axes, in NED of time 0 [1]."""
     from scipy.spatial.transform import Rotation
 
-    ecef = wgs84.ecef_from_llh(llh)
-    gravity = -np.linalg.norm(wgs84.gravity_ecef(ecef), axis=1)
+    gravity: np.ndarray = np.linalg.norm(wgs84.gravity_ecef(wgs84.ecef_from_llh(llh)), axis=1)
     lat, height = llh[:, 0], llh[:, 2]
     w = np.sqrt(1.0 - wgs84.E2 * np.sin(lat) ** 2)
     transverse = wgs84.A / w
     meridian = transverse * (1.0 - wgs84.E2) / w**2
     earth = wgs84.RATE * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=1)
     east = velocity[:, 1] / (transverse + height)
-    transport = np.stack([east, -velocity[:, 0] / (meridian + height), -east * np.tan(lat)], axis=1)
-    step = np.diff(since)[:, None]
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(step * 0.5 * ((earth + transport)[1:] + (earth + transport)[:-1]), 0)])
-    axes = Rotation.from_rotvec(angle + since[:1, None] * earth[:1])
+    turning = earth + np.stack([east, -velocity[:, 0] / (meridian + height), -east * np.tan(lat)], axis=1)
+    axes = Rotation.from_rotvec(since[:1, None] * turning[:1] + _integral(since, turning))
     drive = np.cross(earth, velocity)
-    drive[:, 2] += gravity
-    drive = axes.apply(drive)
-    return axes.apply(velocity) + np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * (drive[1:] + drive[:-1]) * step, axis=0)])
+    drive[:, 2] -= gravity
+    return axes.apply(velocity) + _integral(since, axes.apply(drive))
+
+
+def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Trapezoid sums (m, 3) of a rate from the first time on."""
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)[:, None]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
 def _wahba(a: np.ndarray, b: np.ndarray) -> np.ndarray:

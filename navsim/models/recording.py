@@ -1,0 +1,38 @@
+"""What a recorded flight consists of: inertial samples and fixes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Inertial samples: time (n,) s, rate (n, 3) rad/s, force (n, 3) m/s2, body axes forward-right-down."""
+
+    time: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+
+    def between(self, first: float, last: float) -> Samples:
+        """The samples at first <= time <= last."""
+        keep = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]))
+        return Samples(self.time[keep], self.rate[keep], self.force[keep])
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Fixes: time (m,) s, llh (m, 3) rad, rad, m, velocity (m, 3) NED m/s, nan where unknown."""
+
+    time: np.ndarray
+    llh: np.ndarray
+    velocity: np.ndarray
+
+    def take(self, index: np.ndarray | slice) -> Fixes:
+        """Some of the fixes."""
+        return Fixes(self.time[index], self.llh[index], self.velocity[index])
+
+    def earlier(self, delay: float) -> Fixes:
+        """The same fixes with their times put back by `delay` seconds."""
+        return Fixes(self.time - delay, self.llh, self.velocity)

@@ -1,0 +1,427 @@
+"""A recorded flight: read, aligned, tuned, flown through the filter, judged by its innovations and by outages.
+
+The tuning rule, the same for every flight: what the LOG.yaml gives is kept. What it leaves out of {velocity noise of
+the fixes, horizontal and vertical; white noise of gyros and of accelerometers; latency} is set so that the innovations
+of the fixes in motion (faster than 3 m/s) are most likely, the sensors' noise being expected within a factor of two of its
+class's. The noise of positions is 2.5 s times that of velocities; without vertical velocities the vertical noise is as
+the horizontal. Fixes closer than 0.25 s share their errors, so only one of them is used. Biases are those of the sensor
+class, except that a standstill before the flight shows the gyros' turn-on bias.
+
+Source: [1] Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans. AC 15 (1970); Harvey,
+Forecasting, structural time series models and the Kalman filter (1989), section 3.4 (prediction error decomposition).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from navsim.core import states
+from navsim.estimation.loosely_coupled import KINDS, REJECTED, TFG
+from navsim.estimation.smoother import PASSES
+from navsim.io.recording import read_fixes, read_imu
+from navsim.io.results import Result, Variable
+from navsim.io.text import FileError
+from navsim.models.imu import Triad
+from navsim.models.recording import Fixes, Samples
+from navsim.scenario.base import DEG
+from navsim.scenario.replay import Outage, Replay
+from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.simulation import alignment as aligning
+from navsim.simulation import replay
+from navsim.study.root import root_attributes
+from navsim.study.statistics import gate_limits
+
+MOVING = 3.0
+"""Speed, m/s, above which a fix counts for the tuning: receivers smooth hard at rest."""
+POSITION_TIME = 2.5
+"""1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""
+TRUST = 0.7
+"""1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
+STANDSTILL_FACTOR = 5.0
+"""In flight a gyro's bias leaves what a standstill showed by this many times its in-run instability."""
+_START = (0.3, 0.3)
+"""Velocity noise where the tuning starts, and without tuning, m/s."""
+EVALUATIONS = 400
+"""Most flights that a tuning makes."""
+_TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
+          "latency")  # fmt: skip
+_UNITS = ("m/s", "m/s", "rad/sqrt(s)", "m/s/sqrt(s)", "s")
+
+
+class ReplayError(Exception):
+    """A recording that can be read, but not flown."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording ready to be flown: what was read, how it is aligned, what the filter believes, and remarks."""
+
+    scenario: Replay
+    samples: Samples
+    fixes: Fixes
+    alignment: aligning.Alignment
+    settings: np.ndarray
+    free: np.ndarray
+    gyro: Triad
+    accel: Triad
+    longest_gap: float
+    has_vertical: bool
+    warnings: list[str] = field(default_factory=list)
+
+    def beliefs(self, settings: np.ndarray, judged: bool = True) -> replay.Beliefs:
+        """The filter's beliefs for values of `_TUNED` (5,); judged: with the gate."""
+        horizontal, vertical, gyro, accel, latency = settings
+        if not self.has_vertical:
+            vertical = horizontal
+        gnss, gate = self.scenario.gnss, self.scenario.filter.gate
+        velocity = np.array([horizontal, horizontal, vertical])
+        position = POSITION_TIME * velocity
+        if gnss.position_sigma_m is not None:
+            position = np.array(gnss.position_sigma_m)[[0, 0, 1]]
+        return replay.Beliefs(
+            gyro=replace(self.gyro, noise_density=gyro),
+            accel=replace(self.accel, noise_density=accel),
+            position_sigma=position,
+            velocity_sigma=velocity,
+            latency=latency,
+            lever_arm=np.array(gnss.lever_arm_m),
+            gate=gate_limits(gate.probability if judged else 0.0),
+            max_rejected=gate.max_rejected,
+        )
+
+    def flight(self, latency: float) -> replay.Flight:
+        """The increments and fixes after the alignment."""
+        return replay.prepare(self.samples, self.fixes, self.alignment, latency, self.longest_gap)
+
+
+def prepare(scenario: Replay, document: Document) -> Recording:
+    """Read and align. Raises InputError for files that cannot be used, ReplayError where no alignment is found."""
+    warnings: list[str] = []
+    samples, lost_samples = _read(document, ("imu", "file"), scenario.imu.file, read_imu)
+    fixes, lost_fixes = _read(
+        document, ("gnss", "file"), scenario.gnss.file, lambda p: read_fixes(p, scenario.gnss.min_satellites)
+    )
+    for lost in (lost_samples, lost_fixes):
+        warnings += [f"{count} {reason}" for reason, count in lost.counts.items()]
+    first = max(samples.time[0], fixes.time[0], -np.inf if scenario.start_s is None else scenario.start_s)
+    last = min(samples.time[-1], np.inf if scenario.end_s is None else scenario.end_s)
+    samples, fixes = (
+        samples.between(first - 1.0, last),
+        _spaced(fixes.take(fixes.time <= last), scenario.gnss.spacing_s),
+    )
+    if samples.time.size < 10 or np.sum(fixes.time >= first) < 4:
+        raise ReplayError(
+            f"the recordings have no common time: samples {samples.time[:1]} to {samples.time[-1:]} s, fixes "
+            f"{fixes.time[:1]} to {fixes.time[-1:]} s, wanted from {first:g} to {last:g} s"
+        )
+    interval = float(np.median(np.diff(samples.time)))
+    longest_gap = scenario.imu.longest_gap_s or 5.0 * interval
+    gyro_section, accel_section = scenario.imu.resolved()
+    gyro, accel = gyro_section.triad(1.0 / interval), accel_section.triad(1.0 / interval)
+    gnss = scenario.gnss
+    velocity = gnss.velocity_sigma_m_s or _START
+    settings = np.array([*velocity, gyro.noise_density, accel.noise_density, gnss.latency_s or 0.0])
+    given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
+    free = np.array([gnss.velocity_sigma_m_s is None] * 2 + [v is None for v in given_noise] + [gnss.latency_s is None])
+    free &= scenario.tuning == "likelihood"
+    has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
+    if gnss.velocity_sigma_m_s is None and not has_vertical:
+        free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
+    aligned = _align(scenario, samples, fixes, float(first), gyro, accel, settings[4])
+    return Recording(
+        scenario,
+        samples,
+        fixes,
+        aligned,
+        settings,
+        np.flatnonzero(free),
+        gyro,
+        accel,
+        longest_gap,
+        has_vertical or gnss.velocity_sigma_m_s is not None,
+        warnings,
+    )
+
+
+def _read(document: Document, key: tuple[str, ...], name: str, reader: Callable[[Path], Any]) -> Any:
+    path = document.resolve(key, name)
+    where = document.place(key)
+    try:
+        return reader(path)
+    except FileError as error:
+        place = Place(str(path), error.line, 1) if error.line else where
+        raise InputError([Problem(place, ".".join(key), f"{error.message} (named at {where})")]) from None
+    except OSError as error:
+        message = f"{name}: cannot be read: {error.strerror or error} ({path})"
+        raise InputError([Problem(where, ".".join(key), message)]) from None
+
+
+def _align(
+    scenario: Replay, samples: Samples, fixes: Fixes, first: float, gyro: Triad, accel: Triad, latency: float
+) -> aligning.Alignment:
+    """The first alignment that succeeds: at the end of a standstill, or under way."""
+    wanted = scenario.alignment
+    fixes = with_velocity(fixes).earlier(latency)
+    limit = wanted.heading_sigma_deg * DEG
+    begin = first
+    while begin < min(samples.time[-1], fixes.time[-1]) - aligning.SHORTEST:
+        rest = aligning.standstill(samples, fixes, begin, begin + wanted.longest_s)
+        if rest is not None:
+            count = np.sum((samples.time >= rest.begin) & (samples.time <= rest.end))
+            error = rest.rate_sigma.max() / np.sqrt(count)
+            sigma = float(np.hypot(error, STANDSTILL_FACTOR * gyro.markov))
+            if wanted.heading_deg is not None:
+                return aligning.at_rest(rest, wanted.heading_deg * DEG, limit, sigma, accel.initial_sigma())
+            start, bias = rest.end, rest.rate
+        else:
+            if wanted.heading_deg is not None:
+                raise ReplayError("alignment.heading_deg needs a standstill at the start, and there is none")
+            start, bias, sigma = max(begin, float(fixes.time[0])), np.zeros(3), gyro.initial_sigma()
+        found = aligning.velocity_matching(
+            samples, fixes, start, bias, sigma, accel.initial_sigma(), limit, wanted.longest_s
+        )
+        if found is not None:
+            return found
+        begin = start + 10.0
+    raise ReplayError(
+        f"no alignment: nowhere after {first:g} s do {wanted.longest_s:g} s of motion give the heading to "
+        f"{wanted.heading_sigma_deg:g} degrees; allow more with alignment.heading_sigma_deg, or give "
+        "alignment.heading_deg"
+    )
+
+
+def _spaced(fixes: Fixes, spacing: float) -> Fixes:
+    """The fixes that come at least `spacing` seconds after the last one kept."""
+    kept = [0]
+    for index in range(1, fixes.time.size):
+        if fixes.time[index] - fixes.time[kept[-1]] >= spacing:
+            kept.append(index)
+    return fixes.take(np.array(kept))
+
+
+def with_velocity(fixes: Fixes) -> Fixes:
+    """The fixes with unknown components of velocity taken from the positions around them, over about a second."""
+    from navsim.core.wgs84 import ecef_from_llh, ned_matrix
+
+    if np.isfinite(fixes.velocity).all() or fixes.time.size < 3:
+        return fixes
+    ecef = ecef_from_llh(fixes.llh)
+    reach = max(1, round(0.5 / float(np.median(np.diff(fixes.time)))))
+    before = np.maximum(np.arange(fixes.time.size) - reach, 0)
+    after = np.minimum(np.arange(fixes.time.size) + reach, fixes.time.size - 1)
+    moved = (ecef[after] - ecef[before]) / (fixes.time[after] - fixes.time[before])[:, None]
+    derived = np.einsum("nij,nj->ni", ned_matrix(fixes.llh), moved)
+    return Fixes(fixes.time, fixes.llh, np.where(np.isnan(fixes.velocity), derived, fixes.velocity))
+
+
+def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> np.ndarray:
+    """The settings (5,) with the free ones most likely, by Nelder and Mead's simplex over their logarithms."""
+    free = recording.free
+    if not free.size:
+        return recording.settings
+    from scipy.optimize import minimize
+
+    scale = np.where(np.arange(5) == 4, 0.1, 1.0)  # the latency itself, in tenths of a second
+    start = np.where(np.arange(5) == 4, recording.settings / scale, np.log(np.maximum(recording.settings, 1e-9)))
+    start[4] = 1.0 if 4 in free else start[4]
+    flown = 0
+
+    def settings(x: np.ndarray) -> np.ndarray:
+        whole = start.copy()
+        whole[free] = x
+        return np.where(np.arange(5) == 4, scale * whole, np.exp(whole))
+
+    def cost(x: np.ndarray) -> float:
+        nonlocal flown
+        flown += 1
+        done(min(flown, EVALUATIONS))
+        values = settings(x)
+        if not 0.0 <= values[4] <= 2.0:
+            return 1e12
+        flight = recording.flight(values[4])
+        seen = replay.fly(flight, TFG, recording.beliefs(values, judged=False), np.empty(0))
+        moving = np.linalg.norm(np.nan_to_num(flight.velocity), axis=1) > MOVING
+        total = seen.surprise(moving if moving.sum() > 20 else np.ones_like(moving))
+        total += 0.5 * float(np.sum((np.log(values[2:4] / recording.settings[2:4]) / TRUST) ** 2))
+        return total if np.isfinite(total) else 1e12
+
+    x, step = start[free], np.where(free == 4, 0.5, 0.7)
+    for _ in range(2):  # once more from where the first simplex has shrunk to
+        simplex = np.vstack([x, x + np.diag(step)])
+        options = {"maxfev": EVALUATIONS // 2, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.05}
+        x = minimize(cost, x, method="Nelder-Mead", options=options).x  # type: ignore[call-overload]
+        step = 0.3 * step
+    best = settings(x)
+    if not recording.has_vertical:
+        best[1] = best[0]
+    return best
+
+
+def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Result:
+    """Tune, fly, impose the outages: the result tree of `interface.md`."""
+    scenario = recording.scenario
+    settings = tune(recording, done)
+    flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings)
+    begin, end = flight.imu_time[0], flight.imu_time[-1]
+    rate = scenario.filter.output_rate_hz
+    times = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
+    withheld = np.zeros(flight.arrival.size, dtype=bool)
+    for outage in scenario.outages:
+        if outage.withhold:
+            for first, last in _spans(outage):
+                withheld |= (flight.arrival >= first) & (flight.arrival <= last)
+    kind = KINDS[scenario.filter.kind]
+    flown = replay.fly(flight, kind, beliefs, times, withheld=withheld)
+    v: dict[str, Variable] = {}
+    _filter(v, flown, np.isin(flown.time, times))
+    _innovations(v, flight, flown)
+    _outages(v, scenario, flight, beliefs, TFG if kind in PASSES else kind)
+    _fixes(v, flight)
+    for name, value, unit, was_free in zip(
+        _TUNED, settings, _UNITS, np.isin(np.arange(5), recording.free), strict=True
+    ):
+        said = "tuned to the innovations" if was_free else "given"
+        v[f"/tuning/{name}"] = Variable((), np.float64(value), unit, f"{name.replace('_', ' ')}, {said}")
+    _summary(v, recording, flight, flown)
+    alignment = recording.alignment
+    return Result(
+        root_attributes(
+            "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
+            alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
+        ),
+        v,
+    )  # fmt: skip
+
+
+def findings(recording: Recording, result: Result) -> list[str]:
+    """What the user should hear about."""
+    out = list(recording.warnings)
+    flight = recording.flight(float(result["/tuning/latency"]))
+    for first, length in flight.gaps:
+        out.append(f"no samples for {length:.3g} s from {flight.imu_time[first]:.3f} s on; the covariance was widened")
+    rejected = int(np.sum(result["/innovations/status"] == REJECTED))
+    if rejected:
+        out.append(f"{rejected} of {flight.arrival.size} fixes rejected by the gate")
+    return out
+
+
+def _spans(outage: Outage) -> list[tuple[float, float]]:
+    return [(start, start + length) for length in outage.duration_s for start in outage.start_s]
+
+
+_LABELS = (
+    ("llh", ("latitude", "longitude", "height"), "geodetic coordinates, WGS-84"),
+    ("ned", ("north", "east", "down"), "axes of the local level frame"),
+    ("rpy", ("roll", "pitch", "yaw"), "Euler angles, yaw-pitch-roll sequence"),
+)
+
+
+def _filter(v: dict[str, Variable], flown: replay.Replay, wanted: np.ndarray) -> None:
+    for name, labels, meaning in _LABELS:
+        v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
+    v["/filter/time"] = Variable(("time",), flown.time[wanted], "s", "time of the log")
+    v["/filter/state"] = Variable(("state",), np.array(states.NAMES, dtype=object), "1", "names of the error states")
+    v["/filter/position_llh"] = Variable(("time", "llh"), flown.llh[wanted], "rad, rad, m", "position of the IMU")
+    v["/filter/velocity_ned"] = Variable(("time", "ned"), flown.velocity[wanted], "m/s", "velocity over ground")
+    v["/filter/attitude_rpy"] = Variable(("time", "rpy"), flown.rpy[wanted], "rad", "roll, pitch, yaw")
+    v["/filter/sigma"] = Variable(
+        ("time", "state"), flown.sigma[wanted], ", ".join(dict.fromkeys(states.UNITS)), "1 sigma of the errors"
+    )
+    v["/filter/axis"] = Variable(("axis",), np.array(["x", "y", "z"]), "1", "body axes, forward-right-down")
+    v["/filter/gyro_bias"] = Variable(("time", "axis"), flown.bias[wanted, :3], "rad/s", "estimated bias of the gyros")
+    v["/filter/accelerometer_bias"] = Variable(
+        ("time", "axis"), flown.bias[wanted, 3:], "m/s2", "estimated bias of the accelerometers"
+    )
+
+
+def _innovations(v: dict[str, Variable], flight: replay.Flight, flown: replay.Replay) -> None:
+    g = "/innovations"
+    v[f"{g}/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
+    for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
+        v[f"{g}/{name}"] = Variable(
+            ("time", "ned"), flown.misfit[:, part], unit, f"fix less prediction, {name[:8]}, nan where it was not used"
+        )
+        v[f"{g}/{name}_sigma"] = Variable(("time", "ned"), flown.misfit_sigma[:, part], unit, "1 sigma of the same")
+    v[f"{g}/normalized_squared"] = Variable(("time",), flown.squared, "1", "normalised innovation squared")
+    v[f"{g}/degrees"] = Variable(("time",), flown.degrees, "1", "degrees of freedom of the same")
+    v[f"{g}/status"] = Variable(("time",), flown.status, "1", "0 no fix, 1 used, 2 rejected by the gate")
+
+
+def _fixes(v: dict[str, Variable], flight: replay.Flight) -> None:
+    v["/gnss/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
+    v["/gnss/position_llh"] = Variable(("time", "llh"), flight.llh, "rad, rad, m", "position of the fixes")
+    v["/gnss/velocity_ned"] = Variable(("time", "ned"), flight.velocity, "m/s", "velocity of the fixes, nan where none")
+
+
+def _outages(
+    v: dict[str, Variable], scenario: Replay, flight: replay.Flight, beliefs: replay.Beliefs, kind: int
+) -> None:
+    rows = []
+    for first, last in sorted({span for outage in scenario.outages for span in _spans(outage)}):
+        inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
+        if not inside.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
+            rows.append((first, last, np.nan, np.nan))
+            continue
+        final = int(np.flatnonzero(inside)[-1])
+        inside[final] = False  # the innovation of this one is the drift
+        flown = replay.fly(flight, kind, beliefs_without_gate(beliefs), np.empty(0), flight.arrival[final], inside)
+        north, east, down = flown.misfit[final, :3]
+        rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
+    table = np.array(rows).reshape(-1, 4)
+    for index, (name, unit, meaning) in enumerate(
+        (
+            ("start", "s", "start of the outage"),
+            ("end", "s", "end of the outage"),
+            ("horizontal_error", "m", "withheld fix less prediction at the end, horizontal; nan outside the flight"),
+            ("vertical_error", "m", "the same, vertical"),
+        )
+    ):
+        v[f"/outages/{name}"] = Variable(("outage",), table[:, index], unit, meaning)
+    v["/outages/outage"] = Variable(("outage",), np.arange(table.shape[0]), "1", "number of the outage")
+
+
+def beliefs_without_gate(beliefs: replay.Beliefs) -> replay.Beliefs:
+    """The same beliefs, every fix taken."""
+    return replace(beliefs, gate=gate_limits(0.0))
+
+
+def _summary(v: dict[str, Variable], recording: Recording, flight: replay.Flight, flown: replay.Replay) -> None:
+    speed = np.linalg.norm(np.nan_to_num(flight.velocity), axis=1)
+    used = flown.degrees > 0
+    groups = {"all": used, "moving": used & (speed > MOVING)}
+    v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")
+    rms = np.array([[_rms(flown.misfit[m][:, i]) for i in range(6)] for m in groups.values()])
+    v["/summary/innovation_position"] = Variable(("fixes", "ned"), rms[:, :3], "m", "rms of the position innovations")
+    v["/summary/innovation_velocity"] = Variable(("fixes", "ned"), rms[:, 3:], "m/s", "rms of the velocity innovations")
+    nis = [np.nansum(flown.squared[m]) / max(flown.degrees[m].sum(), 1) for m in groups.values()]
+    v["/summary/nis"] = Variable(("fixes",), np.array(nis), "1", "normalised innovation squared per degree of freedom")
+    counts = {
+        "samples": flight.imu_time.size, "fixes": flight.arrival.size,
+        "rejected": int(np.sum(flown.status == REJECTED)),
+        "gaps": len(flight.gaps),
+    }  # fmt: skip
+    for name, count in counts.items():
+        v[f"/summary/count/{name}"] = Variable((), np.int64(count), "1", f"number of {name}")
+    lengths = np.unique(np.round(np.asarray(v["/outages/end"].data) - np.asarray(v["/outages/start"].data), 9))
+    error = np.asarray(v["/outages/horizontal_error"].data)
+    of = np.round(np.asarray(v["/outages/end"].data) - np.asarray(v["/outages/start"].data), 9)
+    v["/summary/duration"] = Variable(("duration",), lengths, "s", "length of the outages")
+    for name, function in (("median", np.nanmedian), ("max", np.nanmax)):
+        values = np.array([function(error[of == length]) if np.isfinite(error[of == length]).any() else np.nan
+                           for length in lengths])  # fmt: skip
+        v[f"/summary/drift_{name}"] = Variable(("duration",), values, "m", f"{name} horizontal drift of the outages")
+
+
+def _rms(x: np.ndarray) -> float:
+    x = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(x**2))) if x.size else np.nan
+
+
+def extent(recording: Recording) -> int:
+    """Steps of progress: flights of the tuning."""
+    return EVALUATIONS if recording.free.size else 1
