@@ -23,7 +23,7 @@ SENSOR_CLASSES: dict[str, dict[str, dict[str, float]]] = {
     # turn-on bias where no standstill shows it; `markov` the in-run instability with its correlation time.
     "consumer": {
         "gyro": {"drift_deg_h": 1000.0, "arw_deg_sqrt_h": 1.0, "markov_deg_h": 20.0, "markov_time_s": 300.0},
-        "accelerometer": {"bias_mg": 15.0, "vrw_m_s_sqrt_h": 0.6, "markov_mg": 1.0, "markov_time_s": 300.0},
+        "accelerometer": {"bias_mg": 10.0, "vrw_m_s_sqrt_h": 0.6, "markov_mg": 1.0, "markov_time_s": 300.0},
     },
     "industrial": {
         "gyro": {"drift_deg_h": 200.0, "arw_deg_sqrt_h": 0.3, "markov_deg_h": 10.0, "markov_time_s": 300.0},

@@ -28,6 +28,8 @@ class Sensors(Section):
     """values that differ from the class's"""
     accelerometer: Accelerometer = Accelerometer()
     """values that differ from the class's"""
+    samples: Literal["instantaneous", "averaged"] = "instantaneous"
+    """what a sample is: the value at its time, or the mean since the sample before"""
     longest_gap_s: Positive | None = None
     """samples farther apart are a gap; default: five sample intervals"""
 
@@ -60,7 +62,7 @@ class Gnss(Section):
     """1 sigma: horizontal per axis, vertical; untuned 0.3 and 0.3"""
     position_sigma_m: Pair | None = None
     """1 sigma: horizontal per axis, vertical; default 2.5 s times the velocity's: receivers smooth positions with it"""
-    spacing_s: NonNegative = 0.25
+    spacing_s: NonNegative = 0.45
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0)] = 4
     """fixes from fewer (column nsat) are left out"""

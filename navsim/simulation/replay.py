@@ -12,18 +12,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from navsim.core import covariance, states
+from navsim.core import covariance, states, wgs84
 from navsim.core.rotation import dcm_from_quaternion, roll_pitch_yaw
 from navsim.estimation import error_state, loosely_coupled, smoother
 from navsim.models.imu import Triad
 from navsim.models.recording import Fixes, Samples
 from navsim.simulation.alignment import Alignment
 
+_ACCELERATION = 5.0
+"""1 sigma of what an aircraft may accelerate between a fix and the alignment, m/s2."""
+
 
 @dataclass(frozen=True)
 class Beliefs:
-    """What the filter believes of a recording: sensors, 1 sigma of the fixes' position and velocity (north, east,
-    down), m, m/s, latency s, lever arm (3,) m, gate (7,), rejections in a row after which a fix is taken nevertheless."""
+    """What the filter believes of a recording: sensors; 1 sigma of the fixes' position and velocity (north, east,
+    down), m, m/s; latency s; lever arm (3,) m; gate (7,); rejections in a row after which a fix is taken nevertheless.
+    """
 
     gyro: Triad
     accel: Triad
@@ -40,7 +44,8 @@ class Flight:
     """A recording ready for the filter, from the alignment on.
 
     imu_time (n + 1,) s; dtheta, dv (n, 3) increments; arrival (m,) times of the fixes as they came, s; llh, velocity
-    (m, 3); gaps: (first sample, length s) of missing samples.
+    (m, 3); start_llh, start_velocity: of the fix nearest to the alignment, carried on to it over start_age seconds;
+    gaps: (first sample, length s) of missing samples; rate_scatter, force_scatter: (3,) 1 sigma of the samples.
     """
 
     imu_time: np.ndarray
@@ -52,6 +57,7 @@ class Flight:
     alignment: Alignment
     start_llh: np.ndarray
     start_velocity: np.ndarray
+    start_age: float
     gaps: tuple[tuple[int, float], ...] = ()
     rate_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
     force_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -90,19 +96,30 @@ class Replay:
         return float(0.5 * np.nansum(self.squared[counted]) + np.sum(np.log(sigma[np.isfinite(sigma)])))
 
 
-def prepare(samples: Samples, fixes: Fixes, alignment: Alignment, latency: float, longest_gap: float) -> Flight:
+def prepare(
+    samples: Samples, fixes: Fixes, alignment: Alignment, latency: float, longest_gap: float, averaged: bool
+) -> Flight:
     """The part of a recording after the alignment, as increments.
 
-    fixes: by the time they came. Increments are the trapezoid of the samples at both ends. longest_gap: s between
-    samples from which on they count as missing.
+    fixes: by the time they came. longest_gap: s between samples from which on they count as missing. averaged: a sample
+    is the mean since the one before; otherwise increments are the trapezoid of the samples at both ends.
     """
     begin = alignment.time
     keep = samples.time >= begin
     imu_time = np.concatenate([[begin], samples.time[keep]])
     imu_time = imu_time[np.concatenate([[True], np.diff(imu_time) > 1e-6])]
     step = np.diff(imu_time)[:, None]
-    rate = np.stack([np.interp(imu_time, samples.time, samples.rate[:, i]) for i in range(3)], axis=1)
-    force = np.stack([np.interp(imu_time, samples.time, samples.force[:, i]) for i in range(3)], axis=1)
+    if averaged:
+        sample = np.searchsorted(samples.time, imu_time[1:])
+        rate, force = samples.rate[sample], samples.force[sample]
+    else:
+        rate, force = (
+            0.5 * (ends[1:] + ends[:-1])
+            for ends in (
+                np.stack([np.interp(imu_time, samples.time, values[:, i]) for i in range(3)], axis=1)
+                for values in (samples.rate, samples.force)
+            )
+        )
     lost = np.flatnonzero(step[:, 0] > longest_gap)
     late = fixes.time
     valid = late - latency
@@ -110,16 +127,21 @@ def prepare(samples: Samples, fixes: Fixes, alignment: Alignment, latency: float
     before = np.flatnonzero(valid <= begin + 1e-9)
     at = int(before[-1]) if before.size else int(np.flatnonzero(inside)[0])
     velocity = np.nan_to_num(fixes.velocity[at])
+    ahead = begin - float(valid[at])
+    start = wgs84.llh_from_ecef(
+        wgs84.ecef_from_llh(fixes.llh[at]) + ahead * wgs84.ned_matrix(fixes.llh[at]).T @ velocity
+    )
     return Flight(
         imu_time=imu_time,
-        dtheta=0.5 * (rate[1:] + rate[:-1]) * step,
-        dv=0.5 * (force[1:] + force[:-1]) * step,
+        dtheta=rate * step,
+        dv=force * step,
         arrival=late[inside],
         llh=fixes.llh[inside],
         velocity=fixes.velocity[inside],
         alignment=alignment,
-        start_llh=fixes.llh[at],
+        start_llh=start,
         start_velocity=velocity,
+        start_age=abs(ahead),
         gaps=tuple((int(k), float(step[k, 0])) for k in lost),
         rate_scatter=samples.rate[keep].std(axis=0),
         force_scatter=samples.force[keep].std(axis=0),
@@ -223,10 +245,11 @@ def _start(flight: Flight, beliefs: Beliefs) -> tuple[np.ndarray, np.ndarray]:
     nav[states.NAV_GYRO : states.NAV_GYRO + 3] = alignment.gyro_bias
     error_state.move(nav, *(-dcm_from_quaternion(alignment.quaternion) @ beliefs.lever_arm))
     matrix = np.zeros((states.N, covariance.STRIDE))
+    # since the fix the aircraft may have accelerated, and it turns about the antenna
+    gained = _ACCELERATION * flight.start_age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(beliefs.lever_arm)
     for first, variance in (
-        # the fix is some way off in time, and the velocity of its time is not the start's
-        (states.POS, (2.0 * beliefs.position_sigma) ** 2),
-        (states.VEL, (2.0 * beliefs.velocity_sigma) ** 2),
+        (states.POS, (2.0 * beliefs.position_sigma) ** 2 + (0.5 * gained * flight.start_age) ** 2),
+        (states.VEL, (2.0 * beliefs.velocity_sigma) ** 2 + gained**2),
         (states.GYRO, alignment.gyro_sigma**2),
         (states.ACCEL, np.full(3, beliefs.accel.initial_sigma() ** 2)),
     ):

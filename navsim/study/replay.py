@@ -2,10 +2,10 @@
 
 The tuning rule, the same for every flight: what the LOG.yaml gives is kept. What it leaves out of {velocity noise of
 the fixes, horizontal and vertical; white noise of gyros and of accelerometers; latency} is set so that the innovations
-of the fixes in motion (faster than 3 m/s) are most likely, the sensors' noise being expected within a factor of two of its
-class's. The noise of positions is 2.5 s times that of velocities; without vertical velocities the vertical noise is as
-the horizontal. Fixes closer than 0.25 s share their errors, so only one of them is used. Biases are those of the sensor
-class, except that a standstill before the flight shows the gyros' turn-on bias.
+of the fixes in motion (faster than 3 m/s) are most likely, the sensors' noise being expected within a factor of two of
+its class's. The noise of positions is 2.5 s times that of velocities; without vertical velocities the vertical noise is
+as the horizontal. Fixes closer than 0.45 s share their errors, so only one of them is used. Biases are those of the
+sensor class, except that a standstill before the flight shows the gyros' turn-on bias.
 
 Source: [1] Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans. AC 15 (1970); Harvey,
 Forecasting, structural time series models and the Kalman filter (1989), section 3.4 (prediction error decomposition).
@@ -96,7 +96,8 @@ class Recording:
 
     def flight(self, latency: float) -> replay.Flight:
         """The increments and fixes after the alignment."""
-        return replay.prepare(self.samples, self.fixes, self.alignment, latency, self.longest_gap)
+        averaged = self.scenario.imu.samples == "averaged"
+        return replay.prepare(self.samples, self.fixes, self.alignment, latency, self.longest_gap, averaged)
 
 
 def prepare(scenario: Replay, document: Document) -> Recording:

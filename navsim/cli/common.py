@@ -1,0 +1,186 @@
+"""What the commands share: exit codes, options, messages, files found and written, progress."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+MOST_RUNS = 1_000_000
+"""Where `--until` gives up, unless --runs says otherwise."""
+
+OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+ScenarioArgument = Annotated[
+    Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Set a scenario key, dotted; may be given many times.",
+        show_default=False,
+    ),
+]
+FiguresOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FOLDER|none",
+        help="Where figures go. Default: beside the result for one run.",
+        show_default=False,
+    ),
+]
+
+
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)]
+SeedOption = Annotated[int, typer.Option(min=0, help="Root of all random numbers.")]
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+
+
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output", "-o", metavar="FILE.h5", help="Result file. Default: results/<study stem>.h5.", show_default=False
+    ),
+]
+
+
+def say(message: str) -> None:
+    """Tell the person at the terminal something; standard output is for results alone."""
+    print(message, file=sys.stderr)
+
+
+def leave(code: int, *messages: object) -> NoReturn:
+    """End with an exit code and messages on standard error."""
+    for message in messages:
+        say(f"error: {message}")
+    raise typer.Exit(code)
+
+
+@contextmanager
+def progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[int], None]]:
+    """A progress bar over `total` of something on standard error, or nothing."""
+    if not shown or total < 2 or not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def read(scenario: Path, assignments: list[str] | None) -> Any:
+    from navsim.scenario.load import read_runnable
+    from navsim.scenario.source import InputError
+
+    try:
+        return read_runnable(scenario, assignments or [])
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+
+
+def target_of(scenario: Path, output: Path | None, kind: str = "landing") -> Path:
+    """The result's path, found writable and free of other people's data before anything is computed."""
+    from navsim.io.results import ResultError, check_writable, read_kind
+
+    target = output or Path("results") / f"{scenario.stem}.h5"
+    try:
+        if output is not None and not target.parent.is_dir():
+            raise ResultError(f"{target.parent}: no such folder; create it first or choose another -o/--output")
+        check_writable(target)
+        if target.exists():
+            there = read_kind(target)
+            if there != kind:
+                raise ResultError(f"{target}: holds a result of kind {there}, not {kind}; it will not be overwritten")
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    return target
+
+
+def announce_compiling() -> None:
+    """Say why the first run ever takes longer."""
+    from navsim.core import jit
+
+    if not jit.is_warm():
+        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+
+
+def draw(result: Any, folder: Path | None, stem: str) -> list[Path]:
+    """The figures of a result, where they are wanted. Raises ResultError."""
+    if folder is None:
+        return []
+    from navsim.report.views import save
+
+    return save(result, folder, stem)
+
+
+def store_beside(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Any:
+    """The place for partial work beside the result; None for a study of a single batch."""
+    from navsim.study.ensemble import BATCH, PartialError, Store
+
+    folder = target.with_name(f"{target.name}.partial")
+    if runs <= (batch or BATCH) and not folder.exists():
+        return None
+    try:
+        return Store(folder, key, fresh)
+    except PartialError as error:
+        leave(BAD_INPUT, error)
+
+
+def figure_folder(figures: str | None, target: Path, runs: int, quiet: bool) -> Path | None:
+    if figures == "none" or (figures is None and (runs > 1 or quiet)):
+        return None
+    folder = target.parent if figures is None else Path(figures)
+    if folder.exists() and not folder.is_dir():
+        leave(BAD_INPUT, f"--figures {folder}: is a file, not a folder")
+    return folder
+
+
+def print_summary(result: Any, name: str, quiet: bool, as_json: bool) -> None:
+    from navsim.report import tables
+
+    if as_json:
+        import json
+
+        print(json.dumps(tables.summary_json(result), indent=1, allow_nan=False))
+    elif not quiet:
+        print_table([(name, result)])
+
+
+def lacks(result: Any, name: object, error: KeyError) -> str:
+    """What to say of a result file without a variable that its kind has today."""
+    version = result.attributes["navsim_version"]
+    return f"{name}: has no {error.args[0]}; it was written by navsim {version}, compute it again with this version"
+
+
+def print_table(results: list[tuple[str, Any]]) -> None:
+    from navsim.report.tables import summary_table
+    from navsim.report.views import VIEWS
+
+    kinds = {str(result.attributes["kind"]) for _, result in results}
+    if len(kinds) > 1:
+        leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
+    view = VIEWS.get(kinds.pop())
+    if view is None:
+        print_console(summary_table(results), 52 + 40 * len(results))
+        return
+    for name, result in results:
+        print(name)
+        print_console(view.console(result), view.width)
+
+
+def print_console(table: Any, width: int) -> None:
+    """Print a table, in this width where there is no terminal to ask for its own."""
+    from rich.console import Console
+
+    Console(width=None if sys.stdout.isatty() else width, highlight=False).print(table)

@@ -1,0 +1,226 @@
+"""`navsim run`: one scenario of any kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from navsim.cli.common import (
+    BAD_INPUT,
+    MOST_RUNS,
+    RUN_FAILED,
+    FiguresOption,
+    FreshOption,
+    QuietOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    WorkersOption,
+    announce_compiling,
+    draw,
+    figure_folder,
+    leave,
+    print_console,
+    print_summary,
+    progress,
+    read,
+    say,
+    store_beside,
+    target_of,
+)
+
+
+def run(
+    scenario: ScenarioArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.h5",
+            help="Result file. Default: results/<scenario stem>.h5.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: SeedOption = 1,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Number of Monte Carlo runs. Default: 1.", show_default=False)
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EXPR",
+            help="Stop once an interval is narrow, as in 'rms_horizontal within 2%'; --runs is then the most.",
+            show_default=False,
+        ),
+    ] = None,
+    first_run: Annotated[
+        int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
+    ] = 0,
+    workers: WorkersOption = None,
+    keep: Annotated[
+        str | None,
+        typer.Option(
+            metavar="errors|all|none",
+            help="What is stored per run. Default: all for one run, errors for several.",
+            show_default=False,
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="monte-carlo|covariance",
+            help="Fly runs, or compute their accuracy to first order. Default: the scenario's.",
+            show_default=False,
+        ),
+    ] = None,
+    set_: SetOption = None,
+    figures: FiguresOption = None,
+    require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
+    fresh: FreshOption = False,
+    quiet: QuietOption = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Fly a scenario and write its result file, the summary table and the figures."""
+    checked, document = read(scenario, [*(set_ or []), *([f"method={method}"] if method else [])])
+    if checked.kind != "landing":  # one of the companion papers' systems
+        given = {"--until": until, "--keep": keep, "--method": method, "--first-run": first_run, "--workers": workers}
+        foreign = [name for name, value in given.items() if value]
+        if foreign or require_fix:
+            named = ", ".join(foreign or ["--require-fix"])
+            leave(BAD_INPUT, f"{named}: only for `kind: landing`; {scenario} is of kind {checked.kind}")
+        target = target_of(scenario, output, checked.kind)
+        _run_companion(scenario, checked, target, seed, runs, figures, dry_run, quiet, json_)
+        return
+    analytic = checked.method == "covariance"
+    if analytic and (runs or until or keep):
+        leave(BAD_INPUT, "--runs, --until and --keep belong to method monte-carlo; a covariance analysis has no runs")
+    runs = runs or (1 if until is None else MOST_RUNS)
+    kept = keep or ("all" if runs == 1 else "errors")
+    if kept not in ("errors", "all", "none"):
+        leave(BAD_INPUT, f"--keep {keep}: allowed are errors, all, none")
+    target = target_of(scenario, output)
+    drawing = figure_folder(figures, target, runs, quiet)
+
+    from navsim.core import jit
+    from navsim.io.results import ResultError, write
+    from navsim.scenario.source import InputError
+    from navsim.study import landing
+    from navsim.study.ensemble import PartialError
+
+    try:
+        enough = landing.stopping_rule(until) if until is not None else None
+    except ValueError as error:
+        leave(BAD_INPUT, f"--until {error}")
+    if not dry_run:
+        announce_compiling()
+    try:
+        case = landing.prepare(checked, document)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    if dry_run:
+        for warning in case.warnings:
+            say(f"warning: {warning}")
+        sources = len(case.world.signals.names)
+        extent = "covariance analysis" if analytic else f"{runs} run(s)"
+        say(
+            f"{scenario}: {extent} of {case.scenario.duration_s:g} s, {case.world.dtheta.shape[0]} IMU samples, "
+            f"{case.world.signals.time.size} fix epochs, {sources} sources; would write {target}"
+        )
+        return
+    store = (
+        None if analytic else store_beside(target, landing.partial_key(case, seed, first_run, runs, kept), runs, fresh)
+    )
+    try:
+        if analytic:
+            found = landing.fix_findings(case)
+            result = landing.covariance_result(case, landing.covariance_analysis(case), seed)
+        else:
+            with progress(runs, not quiet) as done:
+                threads = workers or landing.default_workers()
+                ensemble = landing.fly_all(
+                    case, seed, first_run, runs, threads, keep=kept, store=store, done=done, enough=enough
+                )
+            if enough is not None and not enough(ensemble):
+                say(f"warning: --until {until}: not reached within {runs} runs")
+            found = landing.findings(case, ensemble)
+            result = landing.result(case, ensemble, seed, keep=kept)
+        write(target, result)
+        written = draw(result, drawing, target.stem)
+    except (ResultError, PartialError) as error:
+        leave(RUN_FAILED, error)
+    except KeyboardInterrupt:
+        if store is not None:
+            say(f"finished runs are kept in {store.folder}; the same command goes on from there")
+        raise
+    if store is not None:
+        if store.redone:
+            say(f"{store.redone} damaged batch(es) of an earlier attempt were flown again")
+        store.remove()
+    jit.mark_warm()
+
+    print_summary(result, str(target.stem), quiet, json_)
+    if not quiet and not json_:
+        print(f"result   {target}")
+        if written:
+            names = ",".join(path.stem.removeprefix(f"{target.stem}_") for path in written)
+            print(f"figures  {drawing}/{target.stem}_{{{names}}}.png")
+    for warning in found:
+        say(f"warning: {warning}")
+    if found:
+        say(f"{len(found)} warning(s)")
+    lost = case.world.signals.time[case.world.dop[:, 1] != case.world.dop[:, 1]]
+    if require_fix and lost.size:
+        leave(
+            RUN_FAILED,
+            f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)",
+        )
+
+
+def _run_companion(
+    scenario: Path,
+    checked: Any,
+    target: Path,
+    seed: int,
+    runs: int | None,
+    figures: str | None,
+    dry_run: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """One of the companion papers' systems: computed, written, shown."""
+    from navsim.core import jit
+    from navsim.io.results import ResultError, write
+    from navsim.report.views import VIEWS
+    from navsim.study.companions import COMPANIONS
+
+    drawing = figure_folder(figures, target, 1, quiet)
+    if dry_run:
+        say(f"{scenario}: a study of kind {checked.kind}; would write {target}")
+        return
+    announce_compiling()
+    companion = COMPANIONS[checked.kind]
+    try:
+        with progress(companion.extent(checked), not quiet, companion.unit) as done:
+            result = companion.compute(checked, seed, runs, done)
+        write(target, result)
+        written = draw(result, drawing, target.stem)
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    jit.mark_warm()
+    if as_json:
+        import json
+
+        from navsim.report.tables import plain_tree
+
+        print(json.dumps(plain_tree(result, companion.summary), indent=1, allow_nan=False))
+    elif not quiet:
+        print_console(VIEWS[checked.kind].console(result), VIEWS[checked.kind].width)
+        print(f"result   {target}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")

@@ -1,0 +1,204 @@
+"""`navsim sweep`, `navsim optimize`, `navsim table2`: studies over many scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from navsim.cli.common import (
+    BAD_INPUT,
+    CHECK_FAILED,
+    RUN_FAILED,
+    FiguresOption,
+    FreshOption,
+    OutputOption,
+    QuietOption,
+    SeedOption,
+    SetOption,
+    WorkersOption,
+    announce_compiling,
+    draw,
+    figure_folder,
+    leave,
+    print_console,
+    progress,
+    say,
+    store_beside,
+    target_of,
+)
+
+
+def sweep(
+    study: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)],
+    output: OutputOption = None,
+    seed: SeedOption = 1,
+    runs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Monte Carlo runs a combination. Default: the study's.", show_default=False),
+    ] = None,
+    workers: WorkersOption = None,
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="dop|covariance|monte-carlo", help="Default: the study's.", show_default=False),
+    ] = None,
+    set_: SetOption = None,
+    figures: FiguresOption = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, compute nothing.")] = False,
+    fresh: FreshOption = False,
+    quiet: QuietOption = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the best combinations as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Compute every combination of the listed settings: a cube, a table, maps. Resumable after a kill."""
+    from navsim.scenario.load import read_study
+    from navsim.scenario.source import InputError
+    from navsim.scenario.sweep import Sweep
+
+    extra = [*(set_ or []), *([f"method={method}"] if method else []), *([f"runs={runs}"] if runs else [])]
+    try:
+        section, document, base = read_study(study, Sweep, extra)
+        target = target_of(study, output, "sweep")
+        from navsim.core import jit
+        from navsim.io.results import ResultError, write
+        from navsim.report import sweep as report
+        from navsim.study import sweep as computing
+        from navsim.study.ensemble import PartialError
+        from navsim.study.landing import default_workers
+
+        planned = computing.plan(section, document, base, seed)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in planned.axes)
+    if dry_run:
+        say(f"{study}: {planned.size} combinations ({extent}), method {section.method}; would write {target}")
+        return
+    announce_compiling()
+    drawing = figure_folder(figures, target, 1, quiet)
+    store = store_beside(target, computing.partial_key(planned), planned.size, fresh, planned.batch)
+    try:
+        with progress(planned.size, not quiet, "combinations") as done:
+            found = computing.compute(planned, workers or default_workers(), store, done)
+        result = computing.sweep_result(planned, found)
+        write(target, result)
+        table = report.save_csv(result, target.with_suffix(".csv"))
+        written = draw(result, drawing, target.stem)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    except (ResultError, PartialError) as error:
+        leave(RUN_FAILED, error)
+    except KeyboardInterrupt:
+        say(f"finished combinations are kept in {target}.partial; the same command goes on from there")
+        raise
+    if store is not None:
+        if store.redone:
+            say(f"{store.redone} damaged batch(es) of an earlier attempt were computed again")
+        store.remove()
+    jit.mark_warm()
+    if json_:
+        import json
+
+        print(json.dumps(report.best_json(result), indent=1, allow_nan=False))
+    elif not quiet:
+        print_console(report.console(result), 150)
+        print(f"result   {target}, {table}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")
+    refused = int(result.attributes["refused"])
+    if refused:
+        say(f"warning: {refused} of {planned.size} combinations are no valid scenario or have no solution: nan")
+
+
+def optimize(
+    study: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to solve.", show_default=False)],
+    output: OutputOption = None,
+    seed: SeedOption = 1,
+    set_: SetOption = None,
+    figures: FiguresOption = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
+    quiet: QuietOption = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the placements as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Find the best placement of pseudolites under constraints, for one or several numbers of them."""
+    from navsim.scenario.load import read_study
+    from navsim.scenario.optimize import Optimize
+    from navsim.scenario.source import InputError
+
+    try:
+        section, document, base = read_study(study, Optimize, set_ or [])
+        target = target_of(study, output, "optimize")
+        from navsim.core import jit
+        from navsim.io.results import ResultError, write
+        from navsim.report import optimize as report
+        from navsim.study import optimize as searching
+
+        if not dry_run:
+            announce_compiling()
+        problem = searching.problem(section, document, base)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    if dry_run:
+        say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
+        return
+    drawing = figure_folder(figures, target, 1, quiet)
+    try:
+        with progress(len(section.pseudolites), not quiet, "numbers of pseudolites") as done:
+            found = searching.search(problem, seed, done)
+        result = searching.optimize_result(problem, found, seed)
+        write(target, result)
+        written = draw(result, drawing, target.stem)
+    except (ResultError, searching.NoPlacement) as error:
+        leave(RUN_FAILED, error)
+    jit.mark_warm()
+    if json_:
+        import json
+
+        print(json.dumps(report.plain(result), indent=1, allow_nan=False))
+    elif not quiet:
+        print_console(report.console(result), 140)
+        print(f"result   {target}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")
+
+
+def table2(
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")] = Path(
+        "results"
+    ),
+    seed: SeedOption = 1,
+    runs: Annotated[int, typer.Option(min=1, help="Monte Carlo runs a row.")] = 400,
+    workers: WorkersOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Set the paper's Table 2 beside the computed one; exit 1 when claim C3 or the direction of C4 fails."""
+    from navsim.core import jit
+    from navsim.io.results import ResultError, check_writable, write
+    from navsim.report.table2 import console, save
+    from navsim.study import table2 as study
+    from navsim.study.landing import default_workers
+
+    try:
+        check_writable(output / "table2.h5")
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    announce_compiling()
+    with progress(len(study.CALIBRATIONS) * len(study.ROWS), not quiet, "rows") as done:
+        found = study.compute_all(seed, runs, workers or default_workers(), done)
+    result = study.result(found, seed, runs)
+    try:
+        write(output / "table2.h5", result)
+        written = save(result, output)
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    if not quiet:
+        print_console(console(result), 170)
+        print(f"files    {output}/table2.h5, {', '.join(path.name for path in written)}")
+    jit.mark_warm()
+    held = dict(zip(result["/claims/claim"], result["/claims/holds"][0], strict=True))
+    broken = [name for name in ("C3", "C4") if not held[name]]
+    if broken:
+        leave(CHECK_FAILED, f"claims that must hold fail: {', '.join(broken)}")

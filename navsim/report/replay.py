@@ -1,0 +1,166 @@
+"""A replayed flight: its tables and figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.core import wgs84
+from navsim.io.results import Result
+from navsim.report.tables import titled_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+
+def console(result: Result) -> RenderableType:
+    """Innovations, what was tuned, drift without fixes."""
+    from rich.console import Group
+
+    fixes = [str(name) for name in result["/summary/fixes"]]
+    seen = titled_table("Innovations, rms", "fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree")
+    for i, name in enumerate(fixes):
+        position = "  ".join(f"{x:.2f}" for x in result["/summary/innovation_position"][i])
+        velocity = "  ".join(_known(x, 3) for x in result["/summary/innovation_velocity"][i])
+        seen.add_row(name, position, velocity, f"{result['/summary/nis'][i]:.2f}")
+    tuned = titled_table("Noise and latency", "what", "value", "unit", "from")
+    for path, variable in result.variables.items():
+        if path.startswith("/tuning/"):
+            what, _, origin = variable.long_name.rpartition(", ")
+            tuned.add_row(what, f"{float(np.asarray(variable.data)):.4g}", variable.units, origin)
+    alignment = result.attributes
+    sigma = np.asarray(alignment["alignment_sigma_deg"])
+    begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
+    counts = {n: int(result[f"/summary/count/{n}"]) for n in ("samples", "fixes", "rejected", "gaps")}
+    said = (
+        f"aligned at {begin:.2f} s with data up to {until:.2f} s: tilt to {max(sigma[:2]):.1f}, heading to "
+        f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{number} {name}" for name, number in counts.items())
+    )
+    if not result["/outages/start"].size:
+        return Group(seen, tuned, said)
+    lost = titled_table("Horizontal drift without fixes, m", "length, s", "outages", "median", "largest")
+    length = result["/outages/end"] - result["/outages/start"]
+    for i, duration in enumerate(result["/summary/duration"]):
+        known = np.isfinite(result["/outages/horizontal_error"][np.abs(length - duration) < 1e-6])
+        lost.add_row(
+            f"{duration:g}",
+            str(int(known.sum())),
+            _known(result["/summary/drift_median"][i], 1),
+            _known(result["/summary/drift_max"][i], 1),
+        )
+    return Group(seen, tuned, lost, said)
+
+
+def _known(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+
+
+def _local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
+    """East and north of positions (n, 3) from an origin, m."""
+    ned = (wgs84.ecef_from_llh(llh) - wgs84.ecef_from_llh(origin)) @ wgs84.ned_matrix(origin).T
+    return ned[:, [1, 0]]
+
+
+def _track(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 3.4)
+    plan, profile = fig.subplots(1, 2, width_ratios=[3, 2])
+    llh, fixes = result["/filter/position_llh"], result["/gnss/position_llh"]
+    for positions, style in ((fixes, {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes"}),
+                             (llh, {"color": COLOURS[0], "label": "filter"})):  # fmt: skip
+        plan.plot(*_local(llh[0], positions).T, **style)
+    plan.set_aspect("equal", adjustable="datalim")
+    plan.set_xlabel("east, m")
+    plan.set_ylabel("north, m")
+    plan.legend()
+    profile.plot(result["/gnss/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
+    profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
+    profile.set_xlabel("time, s")
+    profile.set_ylabel("height, m")
+    return fig
+
+
+def _innovations(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 4.2)
+    axes = fig.subplots(3, 2, sharex=True)
+    time = result["/innovations/time"]
+    for column, (name, unit) in enumerate((("position_ned", "m"), ("velocity_ned", "m/s"))):
+        for row, axis in enumerate(("north", "east", "down")):
+            ax = axes[row, column]
+            sigma = 3.0 * result[f"/innovations/{name}_sigma"][:, row]
+            ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0, label="3 sigma")
+            ax.plot(time, result[f"/innovations/{name}"][:, row], color=COLOURS[0], lw=0.6, label="innovation")
+            ax.set_ylabel(f"{axis}, {unit}")
+            # a few wild fixes must not flatten the rest
+            seen = np.abs(result[f"/innovations/{name}"][:, row])
+            if np.isfinite(seen).any():
+                limit = max(float(np.nanpercentile(seen, 98)), float(np.nanmedian(sigma)))
+                ax.set_ylim(-1.3 * limit, 1.3 * limit)
+    axes[0, 0].set_title("position")
+    axes[0, 1].set_title("velocity")
+    axes[2, 0].legend(ncols=2, loc="lower right")
+    for ax in axes[-1]:
+        ax.set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return fig
+
+
+def _attitude(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 4.2)
+    axes = fig.subplots(3, 2, sharex=True)
+    time, rpy = result["/filter/time"], np.degrees(result["/filter/attitude_rpy"])
+    jump = np.abs(np.diff(rpy, axis=0, prepend=rpy[:1])) > 180.0
+    rpy = np.where(jump, np.nan, rpy)
+    sigma = np.degrees(result["/filter/sigma"][:, 6:9])
+    for row, name in enumerate(("roll", "pitch", "yaw")):
+        axes[row, 0].plot(time, rpy[:, row], color=COLOURS[0])
+        axes[row, 0].set_ylabel(f"{name}, deg")
+    axes[0, 1].plot(time, sigma[:, :2].max(axis=1), color=COLOURS[0], label="tilt")
+    axes[0, 1].plot(time, sigma[:, 2], color=COLOURS[1], label="heading")
+    axes[0, 1].set_ylabel("1 sigma, deg")
+    axes[0, 1].set_yscale("log")
+    axes[0, 1].legend()
+    for i, axis in enumerate("xyz"):
+        axes[1, 1].plot(time, np.degrees(result["/filter/gyro_bias"][:, i]), color=COLOURS[i], label=axis)
+        axes[2, 1].plot(time, result["/filter/accelerometer_bias"][:, i], color=COLOURS[i])
+    axes[1, 1].set_ylabel("gyro bias, deg/s")
+    axes[1, 1].legend(ncols=3)
+    axes[2, 1].set_ylabel("accel. bias, m/s²")
+    for ax in axes[-1]:
+        ax.set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return fig
+
+
+def _outages(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 2.6)
+    ax = fig.subplots()
+    length = np.round(result["/outages/end"] - result["/outages/start"], 6)
+    for i, duration in enumerate(result["/summary/duration"]):
+        drift = np.sort(result["/outages/horizontal_error"][length == np.round(duration, 6)])
+        drift = drift[np.isfinite(drift)]
+        share = (np.arange(drift.size) + 0.5) / max(drift.size, 1)
+        ax.plot(drift, share, "o-", ms=3, color=COLOURS[i % 3], label=f"{duration:g} s without fixes")
+    ax.set_xscale("log")
+    ax.set_xlabel("horizontal drift, m")
+    ax.set_ylabel("share of outages")
+    ax.set_ylim(0.0, 1.0)
+    ax.legend()
+    return fig
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """Track, innovations, attitude with its uncertainty and the biases, drift in outages."""
+    drawn = {"track": _track(result), "innovations": _innovations(result), "attitude": _attitude(result)}
+    if np.isfinite(result["/outages/horizontal_error"]).any():
+        drawn["outages"] = _outages(result)
+    return drawn

@@ -1,0 +1,221 @@
+"""Replay: simulated recordings against their truth, real ones against the figures beside them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.core.wgs84 import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.io.results import Result
+from navsim.scenario.load import read_replay
+from navsim.study import replay
+from tests.recordings import LATENCY, write_flight
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def flown(log: Path, *assignments: str) -> Result:
+    return replay.compute(replay.prepare(*read_replay(log, assignments)))
+
+
+def errors(result: Result, truth: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position (m), velocity (m/s), attitude (deg) errors NED / roll pitch yaw at the outputs."""
+    time, llh, velocity, rpy = truth
+    t = result["/filter/time"]
+
+    def at(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(t, time, values[:, i]) for i in range(3)], axis=1)
+
+    ecef = at(ecef_from_llh(llh))
+    position = np.einsum("nij,nj->ni", ned_matrix(at(llh)), ecef - ecef_from_llh(result["/filter/position_llh"]))
+    turn = at(np.unwrap(rpy, axis=0)) - np.unwrap(result["/filter/attitude_rpy"], axis=0)
+    return position, at(velocity) - result["/filter/velocity_ned"], np.degrees((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize("vertical", [True, False])
+def test_a_simulated_recording_is_recovered(rough: bool, vertical: bool, tmp_path: Path) -> None:
+    truth = write_flight(tmp_path, rough=rough, vertical=vertical)
+    result = flown(tmp_path / "log.yaml")
+    position, velocity, attitude = errors(result, truth)
+    late = result["/filter/time"] > 40.0
+    assert np.sqrt(np.mean(position[late, :2] ** 2)) < 0.3
+    assert np.sqrt(np.mean(velocity[late] ** 2)) < 0.15
+    assert np.sqrt(np.mean(attitude[late, :2] ** 2)) < 0.3
+    assert np.sqrt(np.mean(attitude[late, 2] ** 2)) < 1.0
+    assert float(result["/tuning/latency"]) == pytest.approx(LATENCY, abs=0.02)
+    assert 0.7 < result["/summary/nis"][1] < 1.4
+    sigma = result["/filter/sigma"][late]
+    scaled = np.concatenate([position[late], velocity[late], np.radians(attitude[late])], axis=1) / sigma[:, :9]
+    assert np.sqrt(np.mean(scaled**2)) < 1.6
+
+
+def test_what_is_wrong_with_a_recording_is_counted(tmp_path: Path) -> None:
+    write_flight(tmp_path, rough=True)
+    found = replay.prepare(*read_replay(tmp_path / "log.yaml")).warnings
+    for fragment in ("samples out of order", "samples with the time of another", "fixes out of order",
+                     "3 placeholders before the first fix", "fixes with the time of another"):  # fmt: skip
+        assert any(fragment in warning for warning in found), (fragment, found)
+
+
+def test_a_gap_is_bridged_with_a_covariance_that_knows_it(tmp_path: Path) -> None:
+    truth = write_flight(tmp_path)
+    lines = (tmp_path / "imu.csv").read_text().splitlines()
+    (tmp_path / "imu.csv").write_text("\n".join(lines[:2500] + lines[2600:]) + "\n")  # 50 to 52 s
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", "gnss.latency_s=0.12")))
+    result = replay.compute(recording)
+    assert any("no samples for 2" in warning for warning in replay.findings(recording, result))
+    position, _, attitude = errors(result, truth)
+    t = result["/filter/time"]
+    sigma = result["/filter/sigma"]
+    # answers come a latency after the state they rest on
+    after, before = (t > 52.2) & (t < 52.6), (t > 49.0) & (t < 49.8)
+    assert sigma[after, 6].mean() > 5.0 * sigma[before, 6].mean()
+    scaled = np.abs(np.concatenate([position, np.radians(attitude)], axis=1) / sigma[:, [0, 1, 2, 6, 7, 8]])
+    assert np.max(scaled[after]) < 4.0
+    assert np.sqrt(np.mean(position[t > 70.0] ** 2)) < 0.5
+
+
+def test_smoothing_is_better_than_filtering(tmp_path: Path) -> None:
+    truth = write_flight(tmp_path)
+    filtered = errors(flown(tmp_path / "log.yaml"), truth)
+    smoothed = errors(flown(tmp_path / "log.yaml", "filter.kind=rts"), truth)
+    for a, b in zip(filtered, smoothed, strict=True):
+        assert np.sqrt(np.mean(b[50:] ** 2)) < np.sqrt(np.mean(a[50:] ** 2))
+
+
+def test_outages_withheld_and_drift(tmp_path: Path) -> None:
+    write_flight(tmp_path)
+    result = flown(
+        tmp_path / "log.yaml", "tuning=none", "gnss.latency_s=0.12",
+        "outages=[{start_s: [50, 60], duration_s: [5, 20]}, {start_s: 70, duration_s: 3, withhold: true}]",
+    )  # fmt: skip
+    length = result["/outages/end"] - result["/outages/start"]
+    drift = result["/outages/horizontal_error"]
+    assert sorted(length) == [3.0, 5.0, 5.0, 20.0, 20.0]
+    assert np.isfinite(drift).all()
+    assert drift[length == 20.0].max() > drift[length == 5.0].max()
+    t = result["/innovations/time"]
+    withheld = np.isnan(result["/innovations/position_ned"][:, 0])
+    np.testing.assert_array_equal(withheld, (t >= 70.0) & (t <= 73.0))
+
+
+def test_nmea_is_as_good_as_a_table(tmp_path: Path) -> None:
+    """The same fixes as GGA and RMC sentences, whose resolution is a centimetre and 0.005 m/s."""
+    write_flight(tmp_path)
+    table = np.genfromtxt(tmp_path / "gnss.csv", delimiter=",", skip_header=1)
+    sentences = []
+    for t, lat, lon, h, vn, ve, _ in table:
+        clock = f"{int(t // 3600):02d}{int(t // 60) % 60:02d}{t % 60:07.4f}"
+        where = f"{int(lat):02d}{60 * (lat % 1):010.7f},N,{int(lon):03d}{60 * (lon % 1):010.7f},E"
+        speed, course = np.hypot(vn, ve) / (1852 / 3600), np.degrees(np.arctan2(ve, vn)) % 360
+        for body in (
+            f"GPGGA,{clock},{where},1,09,0.9,{h - 15.0:.3f},M,15.000,M,,",
+            f"GPRMC,{clock},A,{where},{speed:.4f},{course:.3f},,,,A",
+        ):
+            check = 0
+            for c in body:
+                check ^= ord(c)
+            sentences.append(f"${body}*{check:02X}")
+    sentences.insert(7, "$GPGGA,garbled*00")
+    (tmp_path / "gnss.nmea").write_text("\r\n".join(sentences))
+    by_table = replay.prepare(*read_replay(tmp_path / "log.yaml"))
+    by_nmea = replay.prepare(*read_replay(tmp_path / "log.yaml", (f"gnss.file={tmp_path}/gnss.nmea",)))
+    np.testing.assert_allclose(by_nmea.fixes.time, by_table.fixes.time, atol=1e-4)
+    np.testing.assert_allclose(by_nmea.fixes.llh, by_table.fixes.llh, atol=2e-3)
+    np.testing.assert_allclose(by_nmea.fixes.llh[:, :2], by_table.fixes.llh[:, :2], atol=1e-8)
+    np.testing.assert_allclose(by_nmea.fixes.velocity[:, :2], by_table.fixes.velocity[:, :2], atol=2e-3)
+    assert any("corrupt NMEA" in warning for warning in by_nmea.warnings)
+
+
+# --- real flights, against the figures of their SOURCE.md
+
+THOR = """kind: replay
+version: 1
+imu: {{file: {folder}/imu.csv.gz}}
+gnss: {{file: {folder}/gnss.csv}}
+start_s: 150
+outages:
+  - {{start_s: [250, 280, 310, 340, 370, 400, 430, 460, 490], duration_s: [10, 30]}}
+"""
+
+
+@pytest.fixture(scope="module")
+def thor(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Any]:
+    folder = shared / "data/fw_thor75"
+    log = tmp_path_factory.mktemp("thor") / "log.yaml"
+    log.write_text(THOR.format(folder=folder))
+    import gzip
+
+    with gzip.open(folder / "onboard_nav.csv.gz", "rt") as file:
+        onboard = np.genfromtxt(file, delimiter=",", names=True)
+    return flown(log), onboard
+
+
+def rms(x: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.nanmean(np.asarray(x) ** 2, axis=0))
+
+
+def test_thor_innovations(thor: tuple[Result, Any]) -> None:
+    """Take-off, circuits, landing: innovations no larger than an untuned filter's, sigma as large as they are."""
+    result, _ = thor
+    t = result["/innovations/time"]
+    circuits = (t > 230.0) & (t < 570.0)
+    assert np.all(np.round(rms(result["/innovations/position_ned"][circuits]), 1) <= [1.4, 0.8, 1.4])
+    assert np.all(np.round(rms(result["/innovations/velocity_ned"][circuits]), 2) <= [0.56, 0.53, 0.31])
+    assert np.all((result["/summary/nis"] > 0.7) & (result["/summary/nis"] < 1.4))
+    assert result["/innovations/time"][-1] > 690.0
+    # no divergence: the last innovations, on the ground, are small
+    assert np.abs(result["/innovations/position_ned"][-20:]).max() < 2.0
+
+
+def test_thor_attitude_against_onboard(thor: tuple[Result, Any]) -> None:
+    result, onboard = thor
+    keep = (onboard["t_s"] > 230.0) & (onboard["t_s"] < 570.0)
+    for axis, (name, limit) in enumerate((("roll_deg", 1.3), ("pitch_deg", 0.7), ("yaw_deg", 1.0))):
+        ours = np.degrees(np.unwrap(result["/filter/attitude_rpy"][:, axis]))
+        there = np.interp(onboard["t_s"][keep], result["/filter/time"], ours)
+        difference = (there - onboard[name][keep] + 180.0) % 360.0 - 180.0
+        assert np.round(rms(difference - np.median(difference)), 1) <= limit, name
+
+
+def test_thor_drift_without_fixes(thor: tuple[Result, Any]) -> None:
+    result, _ = thor
+    assert np.all(result["/summary/duration"] == [10.0, 30.0])
+    assert np.all(result["/summary/drift_median"] <= [9.9, 108.0])
+    assert np.all(result["/summary/drift_max"] <= [38.0, 264.0])
+
+
+def test_comma_against_its_pose(shared: Path, tmp_path: Path) -> None:
+    """A car, converted by the script: standard deviations against the pose reference after ten seconds."""
+    folder = shared / "data/comma2k19_ex1"
+    subprocess.run([sys.executable, ROOT / "scripts/convert_comma2k19.py", folder, tmp_path], check=True)
+    result = flown(tmp_path / "log.yaml")
+    assert 0.7 < result["/summary/nis"][1] < 1.4
+    from scipy.spatial.transform import Rotation
+
+    time = np.load(folder / "global_pose_frame_times.npy")
+    t = result["/filter/time"]
+    keep = (time > t[0] + 10.0) & (time < t[-1])
+    pose = {
+        n: np.load(folder / f"global_pose_frame_{n}.npy")[keep] for n in ("positions", "velocities", "orientations")
+    }
+
+    def at(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(time[keep], t, values[:, i]) for i in range(3)], axis=1)
+
+    c_ne = ned_matrix(llh_from_ecef(pose["positions"]))
+    ours = at(ecef_from_llh(result["/filter/position_llh"]))
+    position = np.einsum("nij,nj->ni", c_ne, ours - pose["positions"]).std(axis=0)
+    velocity = (at(result["/filter/velocity_ned"]) - np.einsum("nij,nj->ni", c_ne, pose["velocities"])).std(axis=0)
+    c_nb = c_ne @ Rotation.from_quat(pose["orientations"][:, [1, 2, 3, 0]]).as_matrix()
+    there = Rotation.from_matrix(c_nb).as_euler("ZYX")[:, ::-1]
+    turn = np.degrees((at(np.unwrap(result["/filter/attitude_rpy"], axis=0)) - there + np.pi) % (2 * np.pi) - np.pi)
+    assert np.all(np.round(position[:2], 2) <= [0.20, 0.11])
+    assert np.round(np.sqrt(np.mean(velocity[:2] ** 2)), 2) <= 0.04
+    assert np.all(np.round(turn.std(axis=0), 2) <= [0.13, 0.19, 1.0])
