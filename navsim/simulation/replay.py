@@ -186,7 +186,8 @@ def fly(
 
     pieces = []
     done = 0
-    edges = [0, *(k for k, _ in flight.gaps if k > 0), flight.imu_time.size - 1]
+    lost = dict(flight.gaps)
+    edges = sorted({0, *lost, *(k + 1 for k in lost), flight.imu_time.size - 1})
     for number, (first, last) in enumerate(itertools.pairwise(edges)):
         end = flight.imu_time[last]
         final = number == len(edges) - 2
@@ -197,7 +198,8 @@ def fly(
         count = when.size
         out = loosely_coupled.Flown.of(count)
         job = (
-            flight.imu_time[first : last + 1], flight.dtheta[first:last], flight.dv[first:last], nav, p, noise,
+            flight.imu_time[first : last + 1], flight.dtheta[first:last], flight.dv[first:last], nav, p,
+            _unsampled(noise, flight, lost[first]) if first in lost else noise,
             np.maximum(when - beliefs.latency, flight.imu_time[first]),
             np.array([*llh[done:stop], *rows]).reshape(-1, 3),
             np.array([*velocity[done:stop], *rows]).reshape(-1, 3), np.tile(noise_of_fix, (count, 1, 1)), True,
@@ -211,8 +213,6 @@ def fly(
             loosely_coupled.run(kind, *job)
         pieces.append(loosely_coupled.Flown(*(a[: a.shape[0] - len(rows)] for a in out)))
         done = stop
-        if not final:
-            _forget(p, flight, dict(flight.gaps)[last])
     estimate = np.concatenate([pieces[0].estimate[:1], *(o.estimate[1:] for o in pieces)])
     sigma = np.concatenate([pieces[0].sigma[:1], *(o.sigma[1:] for o in pieces)])
 
@@ -259,11 +259,10 @@ def _start(flight: Flight, beliefs: Beliefs) -> tuple[np.ndarray, np.ndarray]:
     return nav, matrix.ravel()
 
 
-def _forget(p: np.ndarray, flight: Flight, length: float) -> None:
-    """Widen the covariance (240,) for `length` seconds without samples: rate and specific force were then anywhere
-    within their scatter over the flight, all the time."""
-    diagonal = np.arange(states.N) * (covariance.STRIDE + 1)
-    force = np.linalg.norm(flight.force_scatter)
-    p[diagonal[states.ATT : states.ATT + 3]] += (np.linalg.norm(flight.rate_scatter) * length) ** 2
-    p[diagonal[states.VEL : states.VEL + 3]] += (force * length) ** 2
-    p[diagonal[states.POS : states.POS + 3]] += (0.5 * force * length**2) ** 2
+def _unsampled(noise: np.ndarray, flight: Flight, length: float) -> np.ndarray:
+    """Process noise (6,) for `length` seconds without samples: rate and specific force were then anywhere within their
+    scatter over the flight. As white noise that leads to the same variances in the end."""
+    out = noise.copy()
+    out[covariance.NOISE_GYRO] += np.mean(flight.rate_scatter**2) * length
+    out[covariance.NOISE_ACCEL] += np.mean(flight.force_scatter**2) * length
+    return out
