@@ -25,6 +25,16 @@ def _as_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
+def one_or_more(value: Any) -> Any:
+    """One value or a list of them, as a tuple."""
+    return tuple(value) if isinstance(value, (list, tuple)) else (value,)
+
+
+def one_or_list(value: tuple[Any, ...]) -> Any:
+    """A tuple as it would be written: a single value by itself."""
+    return value[0] if len(value) == 1 else list(value)
+
+
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
@@ -193,5 +203,6 @@ def _models_in(annotation: Any) -> list[Any]:
 
 __all__ = [
     "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Elevation", "Latitude", "Longitude", "NonNegative",
-    "Pair", "Positive", "Section", "Triple", "Utc", "hint", "list_of", "reject", "validated",
+    "Pair", "Positive", "Section", "Triple", "Utc", "hint", "list_of",
+    "one_or_list", "one_or_more", "reject", "validated",
 ]  # fmt: skip

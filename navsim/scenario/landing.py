@@ -10,7 +10,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from navsim.scenario.base import (
     DEG,
@@ -29,6 +29,8 @@ from navsim.scenario.base import (
     Triple,
     Utc,
     list_of,
+    one_or_list,
+    one_or_more,
     reject,
 )
 from navsim.scenario.presets import IMU_PRESETS
@@ -344,14 +346,36 @@ class Interference(Section):
         return self
 
 
+Files = Annotated[tuple[str, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
+"""A file name or a list of them."""
+Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+Checksums = Annotated[tuple[Checksum, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
+
+
 class Sky(Section):
     """Where the satellites are, and which of them are received."""
 
-    source: Literal["nominal-glonass", "almanac", "directions"] = "nominal-glonass"
-    almanac: str | None = None
-    """GLONASS almanac file (.agl), for `source: almanac`"""
-    almanac_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
-    """its checksum; when given, another file is refused"""
+    source: Literal["nominal-glonass", "nominal-gps", "nominal", "almanac", "navigation", "orbits", "directions"] = (
+        "nominal-glonass"
+    )
+    """nominal: design constellations, GPS and GLONASS; almanac, navigation, orbits: real satellites from files"""
+    almanac: Files | None = None
+    """for `source: almanac`: .agl, .agp, YUMA, SEM, two-line elements; one file or a list"""
+    almanac_sha256: Checksums | None = None
+    """checksum of the file, or a list in their order; when given, another file is refused"""
+    navigation: Files | None = None
+    """for `source: navigation`: RINEX 2 or 3 broadcast messages, one file or a list; .gz too"""
+    navigation_sha256: Checksums | None = None
+    """as almanac_sha256"""
+    orbits: Files | None = None
+    """for `source: orbits`: SP3 precise orbits, one file or a list; .gz too"""
+    orbits_sha256: Checksums | None = None
+    """as almanac_sha256"""
+    systems: list_of(Literal["glonass", "gps"]) = ()  # type: ignore[valid-type]
+    """use these alone; left out: all there are"""
+    broadcast: bool = False
+    """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
+    do; so that files exported from the run are exact"""
     directions: list_of(Direction) = ()  # type: ignore[valid-type]
     """sources X01, X02, ... in fixed directions from the receiver, for `source: directions`"""
     mask_deg: Elevation = 5.0
@@ -368,15 +392,16 @@ class Sky(Section):
 
     @model_validator(mode="after")
     def _what_the_source_needs(self) -> Self:
-        if self.source == "almanac" and self.almanac is None:
-            raise reject("`source: almanac` needs the almanac's file name here", "almanac")
+        for source in ("almanac", "navigation", "orbits"):
+            if self.source == source and not getattr(self, source):
+                raise reject(f"`source: {source}` needs the file name here", source)
         if self.source == "directions" and not self.directions:
             raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
         if self.mask_deg >= self.mask_upper_deg:
             raise reject("must lie below mask_upper_deg", "mask_deg")
         for index, name in enumerate(self.exclude):
-            if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|X\d{2})", name):
-                raise reject(f"'{name}' names no source; GLONASS slots are R01 to R24", "exclude", index)
+            if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|R\d{3}|G\d{2}|T\d{5}|X\d{2})", name):
+                raise reject(f"'{name}' names no source; GLONASS slots are R01 to R24, GPS G01 on", "exclude", index)
         return self
 
     def mask(self) -> Mask:

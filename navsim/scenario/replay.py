@@ -5,15 +5,27 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
-from navsim.scenario.base import NonNegative, Pair, Positive, Section, Triple, Utc, list_of, reject
+from navsim.scenario.base import (
+    NonNegative,
+    Pair,
+    Positive,
+    Section,
+    Triple,
+    Utc,
+    list_of,
+    one_or_list,
+    one_or_more,
+    reject,
+)  # fmt: skip
 from navsim.scenario.landing import Accelerometer, Gate, Gyro
 from navsim.scenario.presets import SENSOR_CLASSES
 
 Times = Annotated[
     tuple[NonNegative, ...],
-    BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else (v,)),
+    BeforeValidator(one_or_more),
+    PlainSerializer(one_or_list),
 ]
 
 

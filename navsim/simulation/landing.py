@@ -30,11 +30,11 @@ _LISTED_RANGE = 20_000e3
 
 @dataclass(frozen=True)
 class Satellites:
-    """A constellation, the names and the clock number of its members, and which of them to use."""
+    """A constellation of n satellites, their names, clock numbers (n,) int, and which of them to use (n,) bool."""
 
     constellation: Any
     names: tuple[str, ...]
-    clock: int
+    clock: np.ndarray
     chosen: np.ndarray
 
 
@@ -79,7 +79,7 @@ class ErrorLaw:
 class Environment:
     """All sources of signals and the antenna that hears them; lever_arm (3,) IMU to antenna, body, m."""
 
-    satellites: Satellites | None
+    satellites: tuple[Satellites, ...]
     listed: Listed | None
     mask: Mask
     ground: Ground
@@ -225,7 +225,7 @@ def build_world(
 def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
     """All sources at the times of `motion`, seen from the antenna; see `pseudorange.Signals`."""
     e = motion.time.size
-    satellites, listed, ground, law = environment.satellites, environment.listed, environment.ground, environment.law
+    listed, ground, law = environment.listed, environment.ground, environment.law
     c_ne = ned_matrix(motion.llh)
     arm = np.einsum("nij,j->ni", motion.c_nb, environment.lever_arm)
     antenna = motion.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
@@ -247,10 +247,10 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         chosen.append(use)
         ground_based.append(is_ground)
 
-    if satellites is not None:
-        p, v = pseudorange.satellites_at_reception(satellites.constellation, utc + motion.time, antenna)
-        for i, name in enumerate(satellites.names):
-            add(name, satellites.clock, p[:, i], v[:, i], p[:, i], satellites.chosen[i], False)
+    for group in environment.satellites:
+        p, v = pseudorange.satellites_at_reception(group.constellation, utc + motion.time, antenna)
+        for i, name in enumerate(group.names):
+            add(name, int(group.clock[i]), p[:, i], v[:, i], p[:, i], group.chosen[i], False)
     if listed is not None:
         for i, name in enumerate(listed.names):
             direction = np.einsum("nji,j->ni", c_ue, unit_vector(listed.azimuth[i], listed.elevation[i]))
@@ -276,6 +276,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
     azimuth, elevation = azimuth_elevation(los)
     used = np.array(chosen, dtype=bool) & (on_ground | environment.mask.passes(azimuth, elevation))
+    used &= np.isfinite(distance)  # a satellite without a message at the time
     los[~used] = np.nan
     satellite_sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
     return pseudorange.Signals(

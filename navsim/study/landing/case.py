@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, field
 
@@ -10,15 +9,12 @@ import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
 from navsim.estimation.loosely_coupled import KINDS
-from navsim.io.almanac import read_agl
-from navsim.io.text import FileError
-from navsim.models import glonass
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Trajectory
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing
-from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.scenario.source import Document
 from navsim.simulation.landing import (
     Environment,
     ErrorLaw,
@@ -33,6 +29,7 @@ from navsim.simulation.landing import (
     epochs,
     fly,
 )
+from navsim.study.landing.sky import read_satellites
 from navsim.study.statistics import gate_limits
 
 FOOT = 0.3048
@@ -67,17 +64,16 @@ class Case:
 
 
 def environment(scenario: Landing, document: Document) -> tuple[Environment, Landing, list[str]]:
-    """The sources of signals, the scenario with the almanac's checksum written into it, warnings.
+    """The sources of signals, the scenario with the checksums of its files written into it, warnings.
 
-    Raises InputError for an almanac that cannot be used.
+    Raises InputError for a file of satellites that cannot be used.
     """
     warnings: list[str] = []
     ground = _ground(scenario, scenario.trajectory())
-    satellites, listed = None, None
-    if scenario.sky.source == "directions":
-        listed = _listed(scenario)
-    else:
-        satellites, scenario = _satellites(scenario, document, warnings)
+    satellites: tuple[Satellites, ...] = ()
+    listed = _listed(scenario) if scenario.sky.source == "directions" else None
+    if listed is None:
+        satellites, scenario = read_satellites(scenario, document, warnings)
     signals = scenario.signals
     law = ErrorLaw(
         signals.range_law,
@@ -91,7 +87,7 @@ def environment(scenario: Landing, document: Document) -> tuple[Environment, Lan
 
 
 def prepare(scenario: Landing, document: Document) -> Case:
-    """Build everything the runs share. Raises InputError for an almanac that cannot be used."""
+    """Build everything the runs share. Raises InputError for a file of satellites that cannot be used."""
     sources, scenario, warnings = environment(scenario, document)
     trajectory = scenario.trajectory()
     receiver = scenario.receiver
@@ -125,46 +121,6 @@ def prepare(scenario: Landing, document: Document) -> Case:
         _settings(scenario, truth_gyro, truth_accel),
         warnings,
     )
-
-
-def _satellites(scenario: Landing, document: Document, warnings: list[str]) -> tuple[Satellites, Landing]:
-    """The constellation, and the scenario with the almanac's checksum written into it."""
-    sky = scenario.sky
-    utc = scenario.epoch.timestamp()
-    constellation: glonass.Nominal | glonass.Almanac = glonass.Nominal()
-    if sky.source == "almanac":
-        assert sky.almanac is not None
-        key = ("sky", "almanac")
-        path = document.resolve(key, sky.almanac)
-
-        def wrong(message: str, line: int = 0) -> InputError:
-            named = document.place(key)
-            if not line:
-                return InputError([Problem(named, "sky.almanac", f"{sky.almanac}: {message}")])
-            return InputError([Problem(Place(str(path), line, 1), "sky.almanac", f"{message} (named at {named})")])
-
-        try:
-            checksum = hashlib.sha256(path.read_bytes()).hexdigest()
-            constellation = read_agl(path)
-        except FileError as error:
-            raise wrong(f"not a usable almanac: {error.message}", error.line) from None
-        except OSError as error:
-            raise wrong(f"cannot be read: {error.strerror or error} ({path})") from None
-        if sky.almanac_sha256 not in (None, checksum):
-            raise wrong(f"has the checksum {checksum}, not the one of sky.almanac_sha256")
-        scenario = scenario.model_copy(update={"sky": sky.model_copy(update={"almanac_sha256": checksum})})
-        age = constellation.age(utc) / 86400.0
-        if age > sky.almanac_warning_days:
-            warnings.append(
-                f"the almanac {sky.almanac} is {age:.0f} days away from the epoch; satellite positions may be off"
-            )
-    names = tuple(f"R{slot:02d}" for slot in constellation.slot)
-    healthy = np.ones(len(names), dtype=bool) if sky.use_unhealthy else constellation.healthy
-    if not np.all(healthy):
-        out = ", ".join(n for n, h in zip(names, healthy, strict=True) if not h)
-        warnings.append(f"not used, because the almanac marks them as unhealthy: {out}")
-    chosen = healthy & np.array([name not in sky.exclude for name in names])
-    return Satellites(constellation, names, CLOCKS.index("glonass"), chosen), scenario
 
 
 def _listed(scenario: Landing) -> Listed:

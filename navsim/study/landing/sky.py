@@ -1,0 +1,162 @@
+"""The satellites of a landing scenario: design constellations, or real ones from files."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from navsim.io.almanac import read_almanac
+from navsim.io.rinex_nav import read_nav
+from navsim.io.sp3 import read_sp3
+from navsim.io.text import FileError
+from navsim.models import glonass, glonass_broadcast, gps
+from navsim.scenario.landing import CLOCKS, Landing
+from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.simulation.landing import Satellites
+
+_LETTERS = {"R": "glonass"}
+"""Systems by the first letter of a satellite's name; all others keep GPS time."""
+
+
+def read_satellites(
+    scenario: Landing, document: Document, warnings: list[str]
+) -> tuple[tuple[Satellites, ...], Landing]:
+    """The constellations of the sky section, and the scenario with its files' checksums written into it.
+
+    Raises InputError for files that cannot be used, or have nothing for the time of the scenario.
+    """
+    sky = scenario.sky
+    utc = scenario.epoch.timestamp()
+    key = sky.source
+    constellations: list[Any] = []
+    if key in ("nominal-glonass", "nominal"):
+        constellations.append(glonass.Nominal())
+    if key in ("nominal-gps", "nominal"):
+        constellations.append(gps.nominal(utc))
+    if key in ("almanac", "navigation", "orbits"):
+        files = _Files(scenario, document, key)
+        for name in getattr(sky, key):
+            constellations += files.read(name, _READERS[key], utc)
+        scenario = files.with_checksums()
+    if sky.systems:
+        constellations = [c for c in constellations if c.system in sky.systems]
+        if not constellations:
+            where = document.place(("sky", "systems"))
+            message = f"`source: {key}` has no satellite of {', '.join(sky.systems)}"
+            raise InputError([Problem(where, "sky.systems", message)])
+    if key == "almanac":
+        _warn_of_age(sky.almanac_warning_days, constellations, utc, warnings)
+    if sky.broadcast:
+        constellations = [_as_broadcast(c, utc, utc + scenario.duration_s) for c in constellations]
+    groups = tuple(_group(scenario, document, c, warnings) for c in constellations)
+    names = [name for group in groups for name in group.names]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        where = document.place(("sky", key))
+        raise InputError([Problem(where, f"sky.{key}", f"more than one file has {', '.join(twice)}")])
+    return groups, scenario
+
+
+def _read_navigation(path: Path, utc: float) -> list[Any]:
+    found = read_nav(path)
+    out: list[Any] = []
+    if found.glonass is not None:
+        out.append(glonass_broadcast.Constellation(found.glonass))
+    if found.gps is not None:
+        out.append(gps.Constellation(found.gps))
+    return out
+
+
+def _read_orbits(path: Path, utc: float) -> list[Any]:
+    table = read_sp3(path)
+    return [o for o in (table.of("R", "glonass"), table.of("G", "gps")) if o.names]
+
+
+_READERS: dict[str, Callable[[Path, float], list[Any]]] = {
+    "almanac": lambda path, utc: [read_almanac(path, utc)],
+    "navigation": _read_navigation,
+    "orbits": _read_orbits,
+}
+
+
+class _Files:
+    """Reads the files of one key of the sky section, and compares and notes their checksums."""
+
+    def __init__(self, scenario: Landing, document: Document, key: str) -> None:
+        self.scenario, self.document, self.key = scenario, document, key
+        self.wanted = getattr(scenario.sky, f"{key}_sha256")
+        self.found: list[str] = []
+
+    def read(self, name: str, reader: Callable[[Path, float], list[Any]], utc: float) -> list[Any]:
+        place = ("sky", self.key)
+        path = self.document.resolve(place, name)
+        try:
+            checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+            constellations = reader(path, utc)
+        except FileError as error:
+            raise self._wrong(name, path, f"not a usable file of satellites: {error.message}", error.line) from None
+        except OSError as error:
+            raise self._wrong(name, path, f"cannot be read: {error.strerror or error} ({path})") from None
+        number = len(self.found)
+        if self.wanted is not None and (number >= len(self.wanted) or checksum != self.wanted[number]):
+            raise self._wrong(name, path, f"has the checksum {checksum}, not the one of sky.{self.key}_sha256")
+        self.found.append(checksum)
+        return constellations
+
+    def with_checksums(self) -> Landing:
+        sky = self.scenario.sky.model_copy(update={f"{self.key}_sha256": tuple(self.found)})
+        return self.scenario.model_copy(update={"sky": sky})
+
+    def _wrong(self, name: str, path: Path, message: str, line: int = 0) -> InputError:
+        named = self.document.place(("sky", self.key))
+        if not line:
+            return InputError([Problem(named, f"sky.{self.key}", f"{name}: {message}")])
+        return InputError([Problem(Place(str(path), line, 1), f"sky.{self.key}", f"{message} (named at {named})")])
+
+
+def _warn_of_age(limit_days: float, constellations: list[Any], utc: float, warnings: list[str]) -> None:
+    for constellation in constellations:
+        age = constellation.age(utc) / 86400.0
+        if age > limit_days:
+            warnings.append(
+                f"the {constellation.system} almanac is {age:.0f} days away from the epoch; satellite positions may be "
+                "off"
+            )
+
+
+def _as_broadcast(constellation: Any, first: float, last: float) -> Any:
+    """The constellation by the messages it would send."""
+    if isinstance(constellation, (glonass.Almanac, glonass.Nominal)):
+        return glonass_broadcast.Constellation(glonass_broadcast.messages(constellation, first, last))
+    return constellation
+
+
+def _group(scenario: Landing, document: Document, constellation: Any, warnings: list[str]) -> Satellites:
+    """A constellation with the choice of its satellites; warnings of those that cannot be used."""
+    sky = scenario.sky
+    if sky.use_unhealthy and hasattr(constellation, "use_unhealthy"):
+        constellation = type(constellation)(constellation.records, constellation.reach, True)
+    names = constellation.names
+    healthy = np.ones(len(names), dtype=bool)
+    if hasattr(constellation, "healthy") and not sky.use_unhealthy:
+        healthy = constellation.healthy
+    utc = scenario.epoch.timestamp()
+    ends = constellation.state(np.array([utc, utc + scenario.duration_s]))[0]
+    known = np.isfinite(ends[..., 0]).any(axis=0)
+    if not known.any():
+        where = document.place(("sky", sky.source))
+        message = (
+            f"has no {constellation.system} satellite for the time of the scenario, {scenario.epoch:%Y-%m-%d %H:%M}"
+        )
+        raise InputError([Problem(where, f"sky.{sky.source}", message)])
+    for good, why in ((healthy, "because the almanac marks them as unhealthy"), (known, "because no message serves")):
+        if not np.all(good):
+            out = ", ".join(n for n, g in zip(names, good, strict=True) if not g)
+            warnings.append(f"not used, {why}: {out}")
+    chosen = healthy & known & np.array([name not in sky.exclude for name in names])
+    clock = np.array([CLOCKS.index(_LETTERS.get(name[0], "gps")) for name in names])
+    return Satellites(constellation, names, clock, chosen)
