@@ -12,6 +12,7 @@ from navsim.cli.common import (
     lacks,
     leave,
     print_table,
+    say,
 )
 
 
@@ -59,3 +60,49 @@ def plot(
         leave(BAD_INPUT, error)
     except KeyError as error:
         leave(BAD_INPUT, lacks(result, file, error))
+
+
+def export(
+    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A landing result.", show_default=False)],
+    rinex: Annotated[bool, typer.Option("--rinex", help="Observations, messages; pseudolites as CSV.")] = False,
+    nmea: Annotated[bool, typer.Option("--nmea", help="GGA, RMC, VTG of the fixes.")] = False,
+    kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses.")] = False,
+    geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Truth, fixes, filter errors as tables.")] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER/STEM",
+            help="Start of the files' names. Default: beside the result.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Write a result in the formats of other programs."""
+    from navsim.io.export import approximate_systems
+    from navsim.io.export import export as convert
+    from navsim.io.results import ResultError, read
+
+    chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
+                                        ("csv", csv)) if wanted]  # fmt: skip
+    if not chosen:
+        leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv")
+    target = (output or file).with_suffix(".h5")
+    if not target.parent.is_dir():
+        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    try:
+        result = read(file)
+        for path in convert(result, target, chosen):
+            print(path)
+    except ResultError as error:
+        leave(BAD_INPUT, f"{file}: {error}" if str(file) not in str(error) else error)
+    except KeyError as error:
+        leave(BAD_INPUT, lacks(result, file, error))
+    if rinex:
+        for system in approximate_systems(result):
+            say(
+                f"warning: the {system} satellites flew by an almanac, and the exported messages only resemble it; fly "
+                "with sky.broadcast: true for exact ones"
+            )

@@ -7,7 +7,7 @@ Sources: [1] IS-GPS-200, sections 20.3.3.3.3.1 (satellite clock), 20.3.3.4.3 (ep
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -70,6 +70,24 @@ class Elements:
         """Some of the records; an index array of any shape gives fields of that shape."""
         return Elements(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
+    def referred_to(self, toe: np.ndarray) -> Elements:
+        """The same orbits and clocks with other reference times (n,), GPS s: what a later message would say."""
+        dt = toe - self.toe
+        sow, new_sow = self.toe % timescales.WEEK, toe % timescales.WEEK
+        n = np.sqrt(GM / self.sqrt_a**6) + self.delta_n
+        node = self.omega0 + (self.omega_dot - EARTH_RATE) * dt - EARTH_RATE * (sow - new_sow)
+        clock = toe - self.toc
+        return replace(
+            self,
+            toe=toe,
+            toc=toe,
+            m0=_wrapped(self.m0 + n * dt),
+            omega0=_wrapped(node),
+            i0=self.i0 + self.i_dot * dt,
+            af0=self.af0 + self.af1 * clock + self.af2 * clock**2,
+            af1=self.af1 + 2.0 * self.af2 * clock,
+        )
+
     def state(self, gps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF position and velocity (..., 3), m and m/s, at GPS times (...) that go with the fields' shape [1, 2]."""
         a = self.sqrt_a**2
@@ -127,6 +145,11 @@ class Elements:
         for _ in range(6):
             eccentric = eccentric - (eccentric - self.e * np.sin(eccentric) - mean) / (1.0 - self.e * np.cos(eccentric))
         return eccentric
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles in -pi .. pi."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,427 @@
+"""Results in the formats of others: RINEX, NMEA, CSV, KML, GeoJSON.
+
+Everything is taken from the result file; nothing is flown again. Pseudolites, for which RINEX has no letter, go to a
+CSV beside the observation file.
+
+Sources: [1] RINEX 3.04. [2] NMEA 0183 version 4.11. [3] OGC KML 2.3. [4] RFC 7946 (GeoJSON).
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import io
+import itertools
+import json
+import os
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from navsim.core import wgs84
+from navsim.io import rinex_write
+from navsim.io.results import Result, ResultError
+from navsim.models import glonass_broadcast, gps, timescales
+from navsim.models.atmosphere import L1
+
+ELLIPSE_PROBABILITY = 0.95
+_ELLIPSE_POINTS = 36
+_ELLIPSES = 40
+"""At most so many error ellipses are drawn along a track."""
+TOE_SPACING = 7200.0
+"""GPS messages of simulated satellites are given reference times at multiples of this, s."""
+
+
+def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
+    """Write a landing result as `target` with the endings of the formats ("rinex", "nmea", "csv", "kml", "geojson").
+
+    Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
+    """
+    if result.attributes["kind"] != "landing":
+        raise ResultError(f"only results of kind landing are exported, this is one of kind {result.attributes['kind']}")
+    writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
+    written = []
+    for name in formats:
+        for path, text in writers[name](result, target).items():
+            _write(path, text)
+            written.append(path)
+    return written
+
+
+def _write(path: Path, text: str) -> None:
+    """Whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="")
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _scenario(result: Result) -> Any:
+    import yaml
+
+    return yaml.safe_load(str(result.attributes["scenario"]))
+
+
+def _utc(result: Result) -> float:
+    """UTC of time 0, POSIX s."""
+    text = str(result.attributes["epoch"]).replace("Z", "+00:00")
+    return datetime.datetime.fromisoformat(text).timestamp()
+
+
+def _origin(result: Result) -> str:
+    return f"navsim {result.attributes['navsim_version']}, scenario {str(result.attributes['scenario_sha256'])[:16]}"
+
+
+# --- RINEX
+
+
+def _rinex(result: Result, target: Path) -> dict[Path, str]:
+    """Observations, messages, and the pseudolites' own table."""
+    if "/measurements/pseudorange" not in result:
+        raise ResultError("the result has no measurements; fly it with --keep all (one run keeps them by itself)")
+    constellations, approximate = _constellations(result)
+    time = result["/geometry/time"]
+    receiver = _scenario(result)["receiver"]
+    clock = 1e-6 * receiver["clock_offset_us"] + 1e-9 * receiver["clock_drift_ppb"] * time
+    utc = _utc(result) + time
+    # a receiver marks epochs by its own clock
+    start, part = divmod(float(timescales.gps_from_utc(_utc(result))), 1.0)
+    tag = part + time + clock
+    names = [str(name) for name in result["/geometry/source"]]
+    ranges, rates = result["/measurements/pseudorange"][0], result["/measurements/range_rate"][0]
+    cn0 = result["/measurements/cn0"][0]
+    columns, values = [], []
+    channels: dict[str, int] = {}
+    for constellation in constellations:
+        sent = utc[:, None] - (ranges[:, _places(names, constellation.names)] / wgs84.SPEED_OF_LIGHT - clock[:, None])
+        sent = np.where(np.isfinite(sent), sent, utc[:, None] - 0.075)
+        offset, drift = constellation.clock(sent)
+        frequency = getattr(constellation, "frequency", np.full(len(constellation.names), L1))
+        for k, name in enumerate(constellation.names):
+            if name not in names:
+                continue
+            i = names.index(name)
+            # what the satellite's clock adds, a receiver that knows the message takes off again
+            raw = ranges[:, i] - wgs84.SPEED_OF_LIGHT * offset[:, k]
+            rate = rates[:, i] - wgs84.SPEED_OF_LIGHT * drift[:, k]
+            values.append(np.stack([raw, -rate * frequency[k] / wgs84.SPEED_OF_LIGHT, cn0[:, i]]))
+            columns.append(name)
+            if name.startswith("R"):
+                channels[name] = round((frequency[k] - glonass_broadcast.FDMA_L1) / glonass_broadcast.FDMA_STEP)
+    if not columns:
+        raise ResultError("no satellite of the result can be written as RINEX")
+    order = np.argsort(columns)
+    table = np.stack(values, axis=-1)[:, :, order]
+    table[:, ~np.isfinite(table[0])] = np.nan
+    truth = wgs84.ecef_from_llh(result["/truth/position_llh"][0])
+    epochs = rinex_write.Epochs(
+        start=start,
+        tag=tag,
+        satellites=tuple(columns[i] for i in order),
+        values=table,
+        position=truth,
+        channels=channels,
+        interval=float(np.median(np.diff(time))) if time.size > 1 else 1.0,
+    )
+    stamp = str(result.attributes["created"]).replace("-", "").replace("T", " ").replace(":", "")[:15]
+    made = f"{'navsim ' + str(result.attributes['navsim_version']):20s}{'':20s}{stamp} UTC "
+    comments = [_origin(result), "simulated: satellite clocks as in the messages,", "no ionosphere, no troposphere"]
+    if approximate:
+        comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
+    elements = next((c.records for c in constellations if c.system == "gps"), None)
+    vectors = next((c.records for c in constellations if c.system == "glonass"), None)
+    title = str(result.attributes.get("title") or target.stem)
+    return {
+        target.with_suffix(".obs"): "\n".join(rinex_write.observation_lines(epochs, title, comments, made)) + "\n",
+        target.with_suffix(".nav"): "\n".join(rinex_write.navigation_lines(elements, vectors, comments, made)) + "\n",
+        **_pseudolites(result, target, start, tag, names),
+    }
+
+
+def approximate_systems(result: Result) -> list[str]:
+    """Systems whose satellites did not fly by the messages that are exported."""
+    out = []
+    for system in ("gps", "glonass"):
+        path = f"/navigation/{system}/message"
+        if path in result and not int(result.variables[path].attributes["exact"]):
+            out.append(system)
+    return out
+
+
+def _constellations(result: Result) -> tuple[list[Any], list[str]]:
+    """The constellations behind the result's messages, GPS messages with reference times near the flight."""
+    out: list[Any] = []
+    if "/navigation/gps/prn" in result:
+        stored = gps.Elements(**{f.name: _stored(result, "gps", f.name) for f in fields(gps.Elements)})
+        out.append(gps.Constellation(_near(stored, result), reach=np.inf))
+    if "/navigation/glonass/slot" in result:
+        names = [f.name for f in fields(glonass_broadcast.StateVectors)]
+        vectors = glonass_broadcast.StateVectors(**{n: _stored(result, "glonass", n) for n in names})
+        out.append(glonass_broadcast.Constellation(vectors, use_unhealthy=True))
+    if not out:
+        raise ResultError(
+            "the result has no navigation messages; RINEX needs a sky of nominal, almanac or navigation satellites"
+        )
+    return out, approximate_systems(result)
+
+
+def _stored(result: Result, system: str, name: str) -> np.ndarray:
+    data = result[f"/navigation/{system}/{name}"]
+    return data.astype(bool) if name == "healthy" else data
+
+
+def _near(elements: gps.Elements, result: Result) -> gps.Elements:
+    """Messages as satellites would send them during the flight; those of a real navigation file stay as they are."""
+    time = timescales.gps_from_utc(_utc(result) + result["/geometry/time"][[0, -1]])
+    if np.all(np.abs(elements.toe[:, None] - time) < gps.HALF_FIT):
+        return elements
+    toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
+    parts = [elements.referred_to(np.full(elements.prn.size, toe)) for toe in toes]
+    whole = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(gps.Elements)}
+    issue = np.repeat(np.arange(1, toes.size + 1), elements.prn.size).astype(float)
+    return gps.Elements(**(whole | {"iode": issue, "iodc": issue, "healthy": np.ones(issue.size, dtype=bool)}))
+
+
+def _places(names: list[str], wanted: tuple[str, ...]) -> list[int]:
+    """Columns of the wanted sources; any column for those the result lacks, which are passed over later."""
+    return [names.index(name) if name in names else 0 for name in wanted]
+
+
+def _pseudolites(result: Result, target: Path, start: float, tag: np.ndarray, names: list[str]) -> dict[Path, str]:
+    """One row an epoch and pseudolite: what RINEX has no place for."""
+    ground = [str(name) for name in result["/pseudolites/name"]]
+    if not ground:
+        return {}
+    llh = result["/pseudolites/position_llh"]
+    ecef = wgs84.ecef_from_llh(llh)
+    rows: list[list[str]] = []
+    for e, when in enumerate(tag):
+        for g, name in enumerate(ground):
+            i = names.index(name)
+            values = (result[f"/measurements/{n}"][0, e, i] for n in ("pseudorange", "range_rate", "cn0"))
+            rows.append(
+                [_exact(start, when), name, *(_cell(x, 4) for x in values), *(f"{x:.4f}" for x in ecef[g]),
+                 f"{np.degrees(llh[g, 0]):.9f}", f"{np.degrees(llh[g, 1]):.9f}", f"{llh[g, 2]:.4f}"]
+            )  # fmt: skip
+    head = ["tag_gps_s", "name", "pseudorange_m", "range_rate_m_s", "cn0_dbhz", "x_m", "y_m", "z_m", "lat_deg",
+            "lon_deg", "h_m"]  # fmt: skip
+    return {target.with_name(f"{target.stem}_pseudolites.csv"): _table(head, rows)}
+
+
+def _exact(start: float, since: float) -> str:
+    """The sum with seven decimals, more than one double holds."""
+    whole, part = divmod(round(float(since), 7), 1.0)
+    return f"{start + whole:.0f}" + f"{part:.7f}"[1:]
+
+
+# --- tables
+
+
+def _cell(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else ""
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def _csv(result: Result, target: Path) -> dict[Path, str]:
+    """Three tables: the true motion, the fixes, the filter's errors with their sigmas (first run)."""
+    truth = [
+        [f"{t:.4f}", f"{np.degrees(p[0]):.10f}", f"{np.degrees(p[1]):.10f}", f"{p[2]:.4f}", *(f"{x:.5f}" for x in v),
+         *(f"{x:.6f}" for x in np.degrees(a))]
+        for t, p, v, a in zip(result["/truth/time"], result["/truth/position_llh"], result["/truth/velocity_ned"],
+                              result["/truth/attitude_rpy"], strict=True)
+    ]  # fmt: skip
+    files = {
+        target.with_name(f"{target.stem}_truth.csv"): _table(
+            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg", "yaw_deg"],
+            truth,
+        )
+    }
+    if "/receiver/position_llh" in result:
+        rows = []
+        dops = np.stack([result[f"/geometry/{n}"] for n in ("pdop", "hdop", "vdop")], axis=1)
+        for t, p, v, d in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
+                              result["/receiver/velocity_ned"][0], dops, strict=True):  # fmt: skip
+            rows.append(
+                [f"{t:.4f}", _cell(np.degrees(p[0]), 10), _cell(np.degrees(p[1]), 10), _cell(p[2], 4),
+                 *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d)]
+            )  # fmt: skip
+        files[target.with_name(f"{target.stem}_gnss.csv")] = _table(
+            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop"], rows
+        )
+    if "/filter/error" in result:
+        states = [str(name) for name in result["/filter/state"]]
+        error, sigma = result["/filter/error"][0], result["/filter/sigma"][0]
+        rows = [
+            [f"{t:.4f}", *(f"{x:.9g}" for x in e), *(f"{x:.9g}" for x in s)]
+            for t, e, s in zip(result["/filter/time"], error, sigma, strict=True)
+        ]
+        head = ["t_s", *(f"error_{n}" for n in states), *(f"sigma_{n}" for n in states)]
+        files[target.with_name(f"{target.stem}_filter.csv")] = _table(head, rows)
+    return files
+
+
+# --- NMEA
+
+
+def _nmea(result: Result, target: Path) -> dict[Path, str]:
+    """GGA, RMC and VTG of each fix of the first run, with as many digits as the format lets [2]. Heights are given over
+    the ellipsoid with a geoid separation of zero, which is what the simulation knows."""
+    if "/receiver/position_llh" not in result:
+        raise ResultError("the result has no fixes; fly it with --keep errors or all")
+    utc = _utc(result)
+    used = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).sum(axis=1)
+    lines = []
+    for t, p, v, n, hdop in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
+                                result["/receiver/velocity_ned"][0], used, result["/geometry/hdop"],
+                                strict=True):  # fmt: skip
+        when = datetime.datetime.fromtimestamp(utc + float(t), datetime.UTC)
+        clock = f"{when:%H%M%S}.{when.microsecond // 10000:02d}"
+        if not np.isfinite(p[0]):
+            lines += [
+                _sentence(f"GPGGA,{clock},,,,,0,00,,,M,,M,,"),
+                _sentence(f"GPRMC,{clock},V,,,,,,,{when:%d%m%y},,,N"),
+            ]
+            continue
+        where = _angle(np.degrees(p[0]), 2, "NS") + "," + _angle(np.degrees(p[1]), 3, "EW")
+        speed, course = float(np.hypot(v[0], v[1])), float(np.degrees(np.arctan2(v[1], v[0])) % 360.0)
+        knots = speed * 3600.0 / 1852.0
+        lines += [
+            _sentence(f"GPGGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2]:.3f},M,0.000,M,,"),
+            _sentence(f"GPRMC,{clock},A,{where},{knots:.3f},{course:.2f},{when:%d%m%y},,,A"),
+            _sentence(f"GPVTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
+        ]
+    return {target.with_suffix(".nmea"): "".join(f"{line}\r\n" for line in lines)}
+
+
+def _angle(degrees: float, width: int, signs: str) -> str:
+    """ddmm.mmmmmmm,N"""
+    units = round(abs(degrees) * 60e7)  # of 1e-7 minutes, so that 60 minutes cannot appear
+    whole, minutes = divmod(units, 60 * 10**7)
+    return f"{whole:0{width}d}{minutes // 10**7:02d}.{minutes % 10**7:07d},{signs[0] if degrees >= 0.0 else signs[1]}"
+
+
+def _sentence(body: str) -> str:
+    check = 0
+    for character in body:
+        check ^= ord(character)
+    return f"${body}*{check:02X}"
+
+
+# --- maps
+
+
+def _map_features(result: Result) -> list[dict[str, Any]]:
+    """Track, error ellipses of fixes, pseudolites, runway: type, name, coordinates (lon, lat, h), properties."""
+    llh = result["/truth/position_llh"]
+    step = max(1, llh.shape[0] // 2000)
+    track = np.concatenate([llh[::step], llh[-1:]])
+    out: list[dict[str, Any]] = [
+        {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(track)}
+    ]
+    runway = _scenario(result)["runway"]
+    threshold = result["/truth/threshold_llh"]
+    axes = wgs84.heading_axes(threshold, np.radians(runway["heading_deg"]))
+    half, length = 0.5 * runway["width_m"], runway["length_m"]
+    corners = np.array([[0, -half], [length, -half], [length, half], [0, half], [0, -half]])
+    out.append({"kind": "runway", "type": "Polygon", "name": "runway",
+                "coordinates": _lonlat(_offset(threshold, corners @ axes[:, :2].T))})  # fmt: skip
+    for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
+        out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
+    covariance = result["/receiver/covariance_enu"]
+    known = np.flatnonzero(np.isfinite(covariance[:, 0, 0]))
+    scale = np.sqrt(-2.0 * np.log(1.0 - ELLIPSE_PROBABILITY))
+    for e in known[:: max(1, known.size // _ELLIPSES)]:
+        t = result["/geometry/time"][e]
+        here = np.array([np.interp(t, result["/truth/time"], llh[:, i]) for i in range(3)])
+        values, vectors = np.linalg.eigh(covariance[e, :2, :2])
+        angle = np.linspace(0.0, 2.0 * np.pi, _ELLIPSE_POINTS + 1)
+        circle = np.stack([np.cos(angle), np.sin(angle)]) * (scale * np.sqrt(values))[:, None]
+        east, north = vectors @ circle
+        ned = np.stack([north, east, np.zeros_like(north)], axis=1)
+        out.append(
+            {"kind": "ellipse", "type": "Polygon", "name": f"fix at {t:g} s",
+             "coordinates": _lonlat(_offset(here, ned @ wgs84.ned_matrix(here))),
+             "properties": {"t_s": float(t), "probability": ELLIPSE_PROBABILITY,
+                            "semi_major_m": float(scale * np.sqrt(values[1])),
+                            "semi_minor_m": float(scale * np.sqrt(values[0]))}}
+        )  # fmt: skip
+    return out
+
+
+def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:
+    return wgs84.llh_from_ecef(wgs84.ecef_from_llh(llh) + ecef)
+
+
+def _lonlat(llh: np.ndarray) -> list[list[float]]:
+    return [[round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in llh]
+
+
+def _geojson(result: Result, target: Path) -> dict[Path, str]:
+    features = []
+    for f in _map_features(result):
+        coordinates: Any = f["coordinates"]
+        if f["type"] == "Point":
+            coordinates = coordinates[0]
+        elif f["type"] == "Polygon":
+            coordinates = [_counterclockwise(coordinates)]
+        features.append(
+            {"type": "Feature", "geometry": {"type": f["type"], "coordinates": coordinates},
+             "properties": {"kind": f["kind"], "name": f["name"], **f.get("properties", {})}}
+        )  # fmt: skip
+    whole = {"type": "FeatureCollection", "features": features}
+    return {target.with_suffix(".geojson"): json.dumps(whole, indent=1) + "\n"}
+
+
+def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:
+    """RFC 7946 wants outer rings counterclockwise."""
+    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in itertools.pairwise(ring))
+    return ring if area > 0.0 else ring[::-1]
+
+
+_STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
+           "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5")}  # fmt: skip
+"""Line colour (aabbggrr), width, fill."""
+
+
+def _kml(result: Result, target: Path) -> dict[Path, str]:
+    from xml.etree import ElementTree as Xml
+
+    kml = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
+    document = Xml.SubElement(kml, "Document")
+    Xml.SubElement(document, "name").text = str(result.attributes.get("title") or target.stem)
+    Xml.SubElement(document, "description").text = _origin(result)
+    for kind, (line, width, fill) in _STYLES.items():
+        style = Xml.SubElement(document, "Style", id=kind)
+        drawn = Xml.SubElement(style, "LineStyle")
+        Xml.SubElement(drawn, "color").text = line
+        Xml.SubElement(drawn, "width").text = str(width)
+        Xml.SubElement(Xml.SubElement(style, "PolyStyle"), "color").text = fill
+    for f in _map_features(result):
+        mark = Xml.SubElement(document, "Placemark")
+        Xml.SubElement(mark, "name").text = f["name"]
+        Xml.SubElement(mark, "styleUrl").text = f"#{f['kind']}"
+        shape = Xml.SubElement(mark, f["type"])
+        on_ground = f["kind"] in ("runway", "ellipse", "pseudolite")
+        if f["type"] != "Point":
+            Xml.SubElement(shape, "tessellate").text = "1"
+        # heights are over the ellipsoid, KML's over the sea: shown as they are, without a geoid
+        Xml.SubElement(shape, "altitudeMode").text = "clampToGround" if on_ground else "absolute"
+        into = shape
+        if f["type"] == "Polygon":
+            into = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
+        Xml.SubElement(into, "coordinates").text = " ".join(",".join(map(str, c)) for c in f["coordinates"])
+    Xml.indent(kml, space=" ")
+    text = Xml.tostring(kml, encoding="unicode", xml_declaration=False)
+    return {target.with_suffix(".kml"): '<?xml version="1.0" encoding="UTF-8"?>\n' + text + "\n"}

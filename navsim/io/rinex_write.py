@@ -1,0 +1,165 @@
+"""RINEX 3.04 files: observations and navigation messages of GPS and GLONASS.
+
+Version 3.04, since its four-line GLONASS records are what most programs read. Source: [1] RINEX 3.04 (2018), section 5
+and tables A2, A3 (observations), A5, A6, A10 (navigation).
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.models import gps, timescales
+from navsim.models.glonass_broadcast import StateVectors
+
+VERSION = 3.04
+CODES = ("C1C", "D1C", "S1C")
+"""What is written of each satellite: pseudorange m, Doppler Hz, C/N0 dB-Hz, all of C/A code in L1."""
+
+
+@dataclass(frozen=True)
+class Epochs:
+    """What a receiver would have recorded.
+
+    start: whole GPS s from 1980-01-06; tag: (e,) by the receiver's clock, s after that (one number would not hold its
+    tenths of microseconds). satellites: (s,) names. values: (3, e, s) as `CODES`, nan where there is none. position:
+    (3,) approximate, ECEF m. channels: by GLONASS satellite. interval: s.
+    """
+
+    start: float
+    tag: np.ndarray
+    satellites: tuple[str, ...]
+    values: np.ndarray
+    position: np.ndarray
+    channels: dict[str, int]
+    interval: float
+
+
+def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made: str) -> list[str]:
+    """The lines of an observation file [1]; marker: its name, comments: lines of up to 60 characters, made: by whom."""
+    first = _calendar(epochs.start, epochs.tag[0], 7)
+    last = _calendar(epochs.start, epochs.tag[-1], 7)
+    systems = [letter for letter in "GR" if any(name[0] == letter for name in epochs.satellites)]
+    kind = "M: MIXED" if len(systems) > 1 else {"G": "G: GPS", "R": "R: GLONASS"}[systems[0]]
+    lines = [
+        _label(f"{VERSION:9.2f}           OBSERVATION DATA    {kind}", "RINEX VERSION / TYPE"),
+        _label(made, "PGM / RUN BY / DATE"),
+        *(_label(text[:60], "COMMENT") for text in comments),
+        _label(marker[:60], "MARKER NAME"),
+        _label("GEODETIC" if epochs.tag.size == 0 else "AIRBORNE", "MARKER TYPE"),
+        _label("navsim", "OBSERVER / AGENCY"),
+        _label(f"{'1':20s}{'simulated':20s}{'1':20s}", "REC # / TYPE / VERS"),
+        _label(f"{'1':20s}{'simulated':20s}", "ANT # / TYPE"),
+        _label("".join(f"{x:14.4f}" for x in epochs.position), "APPROX POSITION XYZ"),
+        _label("".join(f"{0.0:14.4f}" for _ in range(3)), "ANTENNA: DELTA H/E/N"),
+        *(
+            _label(f"{letter}  {len(CODES):3d}" + "".join(f" {code}" for code in CODES), "SYS / # / OBS TYPES")
+            for letter in systems
+        ),
+        _label("DBHZ", "SIGNAL STRENGTH UNIT"),
+        _label(f"{epochs.interval:10.3f}", "INTERVAL"),
+        _label(_first_obs(first), "TIME OF FIRST OBS"),
+        _label(_first_obs(last), "TIME OF LAST OBS"),
+        *_channel_lines(epochs.channels),
+    ]
+    if "R" in systems:
+        lines.append(_label("", "GLONASS COD/PHS/BIS"))
+    leap = int(timescales.leap_seconds(timescales.utc_from_gps(epochs.start)))
+    lines += [_label(f"{leap:6d}", "LEAP SECONDS"), _label("", "END OF HEADER")]
+    for e, tag in enumerate(epochs.tag):
+        seen = np.flatnonzero(np.isfinite(epochs.values[0, e]))
+        year, month, day, hour, minute, second = _calendar(epochs.start, tag, 7)
+        lines.append(f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{second:11.7f}  0{seen.size:3d}")
+        for s in seen:
+            fields = (f"{x:14.3f}  " if np.isfinite(x) else 16 * " " for x in epochs.values[:, e, s])
+            lines.append((epochs.satellites[s] + "".join(fields)).rstrip())
+    return lines
+
+
+def navigation_lines(
+    elements: gps.Elements | None, vectors: StateVectors | None, comments: Iterable[str], made: str
+) -> list[str]:
+    """The lines of a navigation file [1] with GPS elements, GLONASS state vectors, or both."""
+    if elements is not None and vectors is not None:
+        kind = "M: MIXED"
+    else:
+        kind = "G: GPS" if elements is not None else "R: GLONASS"
+    lines = [
+        _label(f"{VERSION:9.2f}           NAVIGATION DATA     {kind}", "RINEX VERSION / TYPE"),
+        _label(made, "PGM / RUN BY / DATE"),
+        *(_label(text[:60], "COMMENT") for text in comments),
+    ]
+    first = float(timescales.utc_from_gps(elements.toe[0])) if elements is not None else 0.0
+    if vectors is not None:
+        first = float(vectors.time[0])
+    lines += [_label(f"{int(timescales.leap_seconds(first)):6d}", "LEAP SECONDS"), _label("", "END OF HEADER")]
+    if elements is not None:
+        for i in np.lexsort((elements.toe, elements.prn)):
+            lines += _gps_record(elements, int(i))
+    if vectors is not None:
+        for i in np.lexsort((vectors.time, vectors.slot)):
+            lines += _glonass_record(vectors, int(i))
+    return lines
+
+
+def _gps_record(x: gps.Elements, i: int) -> list[str]:
+    week, second = divmod(float(x.toe[i]), timescales.WEEK)
+    year, month, day, hour, minute, sec = _calendar(float(x.toc[i]), 0.0, 0)
+    head = f"G{x.prn[i]:02d} {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d} {int(sec):02d}"
+    numbers = [
+        x.iode[i], x.crs[i], x.delta_n[i], x.m0[i], x.cuc[i], x.e[i], x.cus[i], x.sqrt_a[i],
+        second, x.cic[i], x.omega0[i], x.cis[i], x.i0[i], x.crc[i], x.omega[i], x.omega_dot[i],
+        x.i_dot[i], 1.0, week, 0.0, x.ura[i], 0.0 if x.healthy[i] else 63.0, x.tgd[i], x.iodc[i],
+        # sent for the first time two hours before its reference time, and fit for four hours
+        second - 7200.0, 4.0,
+    ]  # fmt: skip
+    return _record(head, [x.af0[i], x.af1[i], x.af2[i]], numbers)
+
+
+def _glonass_record(x: StateVectors, i: int) -> list[str]:
+    when = datetime.datetime.fromtimestamp(float(x.time[i]), datetime.UTC)
+    head = f"R{x.slot[i]:02d} {when:%Y %m %d %H %M %S}"
+    gps_week_second = float(timescales.gps_from_utc(x.time[i])) % timescales.WEEK
+    p, v, a = 1e-3 * x.position[i], 1e-3 * x.velocity[i], 1e-3 * x.acceleration[i]
+    numbers = [p[0], v[0], a[0], 0.0 if x.healthy[i] else 1.0, p[1], v[1], a[1], float(x.channel[i]),
+               p[2], v[2], a[2], x.age[i]]  # fmt: skip
+    return _record(head, [-x.tau[i], x.gamma[i], gps_week_second], numbers)
+
+
+def _record(head: str, first: list[float], rest: list[float]) -> list[str]:
+    """A record: the first line has three numbers, all others four."""
+    lines = [head + "".join(_exponent(x) for x in first)]
+    return lines + ["    " + "".join(_exponent(x) for x in rest[k : k + 4]) for k in range(0, len(rest), 4)]
+
+
+def _exponent(x: float) -> str:
+    """D19.12 as other programs write it."""
+    return f"{float(x):19.12E}".replace("E", "D")
+
+
+def _label(text: str, label: str) -> str:
+    return f"{text:60s}{label}"
+
+
+def _calendar(start: float, since: float, digits: int) -> tuple[int, int, int, int, int, float]:
+    """Calendar date and time of `since` seconds after whole GPS seconds, rounded to so many digits of a second."""
+    whole, part = divmod(round(float(since), digits), 1.0)
+    t = datetime.datetime.fromtimestamp(timescales.GPS_EPOCH + start + whole, datetime.UTC)
+    return t.year, t.month, t.day, t.hour, t.minute, t.second + part
+
+
+def _first_obs(calendar: tuple[int, int, int, int, int, float]) -> str:
+    return "".join(f"{x:6d}" for x in calendar[:5]) + f"{calendar[5]:13.7f}     GPS"
+
+
+def _channel_lines(channels: dict[str, int]) -> list[str]:
+    names = sorted(channels)
+    lines = []
+    for first in range(0, len(names), 8):
+        start = f"{len(names):3d} " if first == 0 else "    "
+        text = "".join(f"{name} {channels[name]:2d} " for name in names[first : first + 8])
+        lines.append(_label(start + text, "GLONASS SLOT / FRQ #"))
+    return lines

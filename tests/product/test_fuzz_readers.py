@@ -1,0 +1,287 @@
+"""Every reader either reads or refuses with a file and a line; none hangs, crashes or passes wrong numbers on.
+
+Whole files made here are cut, garbled and shuffled by hypothesis; with ../shared the real files are too. What is still
+read must be finite or nan where nothing stood, and within the physical limits that the readers promise.
+"""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from navsim.io import rinex_write
+from navsim.io.almanac import read_almanac
+from navsim.io.recording import read_fixes, read_imu
+from navsim.io.rinex_nav import read_nav
+from navsim.io.rinex_obs import read_obs
+from navsim.io.sp3 import read_sp3
+from navsim.io.text import FileError
+from navsim.models import glonass, glonass_broadcast, gps, timescales
+
+UTC = timescales.posix(2018, 9, 13, 12)
+NAMES = ("G01", "G02", "G03", "R01", "R02")
+
+
+def nav_text() -> str:
+    elements = gps.nominal(UTC).records.take(np.arange(3))
+    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
+    return "\n".join(rinex_write.navigation_lines(elements, vectors, ["fuzz"], "made")) + "\n"
+
+
+def obs_text() -> str:
+    values = np.stack([np.full((4, 5), 2.2e7), np.full((4, 5), -1234.5), np.full((4, 5), 45.0)])
+    values[:, 1, 2] = np.nan
+    epochs = rinex_write.Epochs(
+        float(timescales.gps_from_utc(UTC)), np.arange(4.0), NAMES, values, np.array([2.8e6, 2.1e6, 5.2e6]),
+        {"R01": 1, "R02": -4}, 1.0,
+    )  # fmt: skip
+    return "\n".join(rinex_write.observation_lines(epochs, "fuzz", ["fuzz"], "made")) + "\n"
+
+
+def obs2_text() -> str:
+    head = [
+        f"{'     2.11           OBSERVATION DATA    M (MIXED)':60s}RINEX VERSION / TYPE",
+        f"{'     3    C1    D1    S1':60s}# / TYPES OF OBSERV",
+        f"{'  2018     9    13    12     0    0.0000000     GPS':60s}TIME OF FIRST OBS",
+        f"{'':60s}END OF HEADER",
+    ]
+    body = []
+    for k in range(3):
+        body.append(f" 18  9 13 12  0 {k:2d}.0000000  0  2G01R02")
+        body += [f"{2.2e7:14.3f}  {-1234.5:14.3f}  {45.0:14.3f}"] * 2
+    return "\n".join([*head, *body]) + "\n"
+
+
+def sp3_text() -> str:
+    head = ["#cP2018  9 13 12  0  0.00000000       2 TRACK IGb14 FIT TEST", "## 2018 0.0 900.0 58374 0.0",
+            "+    2   G01R02" + "  0" * 15, "%c M  cc GPS ccc cccc"]  # fmt: skip
+    body = []
+    for k in range(2):
+        body.append(f"*  2018  9 13 12 {15 * k:2d}  0.00000000")
+        for name, *numbers in (("G01", 15e3, 12e3, 18e3, 12.5), ("R02", -9e3, 20e3, 12e3, 999999.999999)):
+            body.append(f"P{name}" + "".join(f"{x:14.6f}" for x in numbers))
+    return "\n".join([*head, *body, "EOF"]) + "\n"
+
+
+YUMA = """******** Week 866 almanac for PRN-01 ********
+ID:                         01
+Health:                     000
+Eccentricity:               0.5221366882E-002
+Time of Applicability(s):  589824.0000
+Orbital Inclination(rad):   0.9637857480
+Rate of Right Ascen(r/s):  -0.7897471819E-008
+SQRT(A)  (m 1/2):           5153.602051
+Right Ascen at Week(rad):  -0.1159458779E+001
+Argument of Perigee(rad):   0.451712027
+Mean Anom(rad):            -0.2105941778E+001
+Af0(s):                     0.1621246338E-004
+Af1(s/s):                   0.0000000000E+000
+week:                        866
+"""
+SEM = """1  CURRENT.ALM
+ 862 319488
+
+1
+63
+0
+ 5.10072708129883E-03  6.84547424316406E-03 -2.48837750405073E-09
+ 5.15360253906250E+03 -2.08778738975525E-01  1.46086812019348E-01
+ 4.55284833908081E-01  1.33514404296875E-05  0.00000000000000E+00
+0
+11
+"""
+AGL = """13 09 2018    3600
+ 1   1  1  13 09 2018  0.955206250E+04  0.000000000E+00  0.000000000E+00 -0.305175781E-04
+-0.9923382E+00  0.6754875E-02 -0.2874756E-01  0.4005432E-03 -0.2656180E+04  0.8544922E-03
+"""
+TLE = """VANGUARD 1
+1 00005U 58002B   00179.78495062  .00000023  00000-0  28098-4 0  4753
+2 00005  34.2682 348.7242 1859667 331.7664  19.3264 10.82419157413667
+"""
+IMU = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n" + "".join(
+    f"{0.02 * k:.2f},0.01,-0.02,0.03,0.1,0.2,-9.8\n" for k in range(15)
+)
+GNSS = "t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s\n" + "".join(
+    f"{k}.0,56.{k},37.0,100.0,10.0,0.5,{'' if k % 2 else '0.1'}\n" for k in range(8)
+)
+
+
+def sentence(body: str) -> str:
+    check = 0
+    for character in body:
+        check ^= ord(character)
+    return f"${body}*{check:02X}\r\n"
+
+
+NMEA = "".join(
+    sentence(f"GPGGA,12351{k}.00,4807.03{k}0000,N,01131.0000000,E,1,08,0.9,545.400,M,46.900,M,,")
+    + sentence(f"GPRMC,12351{k}.00,A,4807.03{k}0000,N,01131.0000000,E,022.4,084.4,230394,,,A")
+    for k in range(6)
+)
+
+
+def almanac(path: Path) -> Any:
+    return read_almanac(path, UTC)
+
+
+READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "nav": (read_nav, nav_text()),
+    "obs": (read_obs, obs_text()),
+    "obs2": (read_obs, obs2_text()),
+    "sp3": (read_sp3, sp3_text()),
+    "yuma": (almanac, YUMA),
+    "sem": (almanac, SEM),
+    "agl": (almanac, AGL),
+    "tle": (almanac, TLE),
+    "imu": (read_imu, IMU),
+    "gnss": (read_fixes, GNSS),
+    "nmea": (read_fixes, NMEA),
+}
+
+
+def sane(found: Any) -> None:
+    """What was read holds no infinities, and satellites where satellites can be."""
+    if isinstance(found, tuple):
+        found = found[0]
+    for value in vars(found).values() if hasattr(found, "__dict__") else ():
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            assert not np.isinf(value).any()
+        elif isinstance(value, dict):
+            for inner in value.values():
+                if isinstance(inner, np.ndarray) and inner.dtype.kind == "f":
+                    assert not np.isinf(inner).any()
+    if isinstance(found, gps.Constellation | glonass.Almanac):
+        radius = np.linalg.norm(found.state(np.array([UTC]))[0], axis=2)
+        assert np.all(np.isnan(radius) | ((radius > 1.2e7) & (radius < 8e7)))
+
+
+def attempt(reader: Callable[[Path], Any], path: Path) -> None:
+    refusal = None
+    try:
+        sane(reader(path))
+    except FileError as error:
+        refusal = error
+    if refusal is not None:
+        assert str(path) in str(refusal)
+        assert refusal.message
+        assert refusal.line >= 0
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_the_whole_file_is_read(name: str, tmp_path: Path) -> None:
+    reader, text = READERS[name]
+    path = tmp_path / "file"
+    path.write_text(text)
+    sane(reader(path))
+
+
+@st.composite
+def damage(draw: st.DrawFn) -> Callable[[bytes], bytes]:
+    """Cut, overwrite, drop or double lines, or insert rubbish."""
+    kind = draw(st.sampled_from(["cut", "overwrite", "drop", "double", "insert", "swap"]))
+    where, more = draw(st.floats(0.0, 1.0)), draw(st.floats(0.0, 1.0))
+    rubbish = draw(st.binary(min_size=1, max_size=12) | st.text("0123456789.-+eED GR*,\n", min_size=1).map(str.encode))
+
+    def apply(data: bytes) -> bytes:
+        at = int(where * (len(data) - 1))
+        lines = data.split(b"\n")
+        i, j = int(where * (len(lines) - 1)), int(more * (len(lines) - 1))
+        if kind == "cut":
+            return data[:at]
+        if kind == "overwrite":
+            return data[:at] + rubbish + data[at + len(rubbish) :]
+        if kind == "insert":
+            return data[:at] + rubbish + data[at:]
+        if kind == "drop":
+            del lines[i]
+        elif kind == "double":
+            lines.insert(i, lines[i])
+        else:
+            lines[i], lines[j] = lines[j], lines[i]
+        return b"\n".join(lines)
+
+    return apply
+
+
+@pytest.mark.parametrize("name", READERS)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(harm=st.lists(damage(), min_size=1, max_size=3))
+def test_a_damaged_file_is_read_or_refused(name: str, harm: list[Callable[[bytes], bytes]], tmp_path: Path) -> None:
+    reader, text = READERS[name]
+    data = text.encode()
+    for one in harm:
+        data = one(data)
+    path = tmp_path / "file"
+    path.write_bytes(data)
+    attempt(reader, path)
+
+
+@pytest.mark.parametrize("name", READERS)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.binary(max_size=400))
+def test_rubbish_is_refused(name: str, data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(data)
+    attempt(READERS[name][0], path)
+
+
+@pytest.mark.parametrize("cut", [1, 37, 500, 5000])
+def test_packed_files_cut_short_are_refused(cut: int, tmp_path: Path) -> None:
+    path = tmp_path / "file.gz"
+    path.write_bytes(gzip.compress(nav_text().encode())[:-cut] if cut < 1000 else gzip.compress(b"x" * cut)[:20])
+    with pytest.raises(FileError):
+        read_nav(path)
+
+
+def test_hatanaka_is_undone(tmp_path: Path) -> None:
+    import hatanaka
+
+    plain, packed = tmp_path / "r.obs", tmp_path / "r.crx.gz"
+    plain.write_text(obs_text())
+    packed.write_bytes(gzip.compress(hatanaka.rnx2crx(obs_text()).encode()))
+    a, b = read_obs(plain), read_obs(packed)
+    np.testing.assert_array_equal(a.time, b.time)
+    for code in a.values:
+        np.testing.assert_array_equal(a.values[code], b.values[code])
+    data = gzip.decompress(packed.read_bytes())
+    broken = tmp_path / "broken.crx"
+    broken.write_bytes(data[: len(data) * 2 // 3])
+    attempt(read_obs, broken)
+
+
+REAL = {
+    "esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz": read_nav,
+    "esbc_2020177/ESBC_2020177_GR_60S.rnx.gz": read_obs,
+    "esbc_2020177/GRG0MGXFIN_20201770000_01D_15M_ORB.SP3.gz": read_sp3,
+    "almanacs/gps_yuma_20160331.alm": almanac,
+    "almanacs/gps_sem_current.al3": almanac,
+    "almanacs/MCCJ_180913.agp": almanac,
+    "almanacs/MCCJ_180913.agl": almanac,
+    "fw_thor75/gnss.csv": read_fixes,
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_files_cut_and_garbled(name: str, shared: Path, tmp_path: Path) -> None:
+    """Sixteen cuts and sixteen overwritten places of each real file, a long one shortened first."""
+    reader = REAL[name]
+    data = (shared / "data" / name).read_bytes()
+    data = gzip.decompress(data) if name.endswith(".gz") else data
+    if not name.endswith("SP3.gz"):
+        data = b"\n".join(data.split(b"\n")[:3000])
+    rng = np.random.default_rng(1)
+    path = tmp_path / Path(name).name.removesuffix(".gz")
+    for at in rng.integers(1, len(data), 16):
+        path.write_bytes(data[:at])
+        attempt(reader, path)
+        garbled = bytearray(data)
+        garbled[at : at + 6] = bytes(rng.integers(32, 127, 6, dtype=np.uint8))
+        path.write_bytes(bytes(garbled))
+        attempt(reader, path)
