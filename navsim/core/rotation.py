@@ -41,6 +41,18 @@ def dcm_from_quaternion(q: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
 
 
+def dcm_from_rpy(rpy: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw (..., 3), rad, of the yaw-pitch-roll sequence -> C_nb (..., 3, 3) [1]."""
+    cr, cp, cy = np.moveaxis(np.cos(rpy), -1, 0)
+    sr, sp, sy = np.moveaxis(np.sin(rpy), -1, 0)
+    rows = [
+        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
+        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
+        [-sp, sr * cp, cr * cp],
+    ]
+    return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
+
+
 def roll_pitch_yaw(c: np.ndarray) -> np.ndarray:
     """C_nb (..., 3, 3) -> roll, pitch, yaw (..., 3), rad; the yaw-pitch-roll (z, y, x) sequence [1]."""
     return np.stack(

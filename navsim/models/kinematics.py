@@ -10,8 +10,10 @@ Sources: [1] Groves (2013), eqs. 2.147-2.149 (specific force in rotating axes), 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from navsim.core.rotation import quaternion_from_dcm, roll_pitch_yaw
 from navsim.models.path import Path
 
 _GAUSS = np.polynomial.legendre.leggauss(4)
-_EARTH_RATE = np.array([0.0, 0.0, wgs84.RATE])
+EARTH_RATE = np.array([0.0, 0.0, wgs84.RATE])
 _GRADIENT_STEP = 100.0
 """Baseline of the central difference of gravity along the path, m: exact to 1e-15 m/s2 per metre."""
 
@@ -64,6 +66,24 @@ class Motion:
     def rpy(self) -> np.ndarray:
         """Roll, pitch, yaw (n, 3), rad."""
         return roll_pitch_yaw(self.c_nb)
+
+
+class Moving(Protocol):
+    """Any motion that can be flown: `Trajectory`, or a recorded one."""
+
+    @property
+    def frame(self) -> Frame:
+        """Axes of the path."""
+
+    @property
+    def path(self) -> Any:
+        """`events`: times by name; `jet(t)`: position and its derivatives in the frame; `knots`."""
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+
+    def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `integrate`."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +135,8 @@ class Trajectory:
         step = 0.5 * _GRADIENT_STEP * direction
         slope = (wgs84.gravity_ecef(position + step) - wgs84.gravity_ecef(position - step)) / _GRADIENT_STEP
         gravity_rate = slope * np.linalg.norm(velocity, axis=1, keepdims=True)
-        force = acceleration + 2.0 * np.cross(_EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
-        force_rate = jerk + 2.0 * np.cross(_EARTH_RATE, acceleration) - gravity_rate
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
+        force_rate = jerk + 2.0 * np.cross(EARTH_RATE, acceleration) - gravity_rate
 
         wind, wind_rate = self.wind.at(t)
         air, air_rate = velocity - wind @ to_ecef, acceleration - wind_rate @ to_ecef
@@ -153,33 +173,38 @@ class Trajectory:
             velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
             c_nb=c_ne @ c_eb,
             specific_force=np.einsum("nji,nj->ni", c_eb, force),
-            angular_rate=rate + np.einsum("nji,j->ni", c_eb, _EARTH_RATE),
+            angular_rate=rate + np.einsum("nji,j->ni", c_eb, EARTH_RATE),
         )
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Integrals of angular rate and specific force (body axes) between the times t (n + 1,).
+        """As `integrate`."""
+        return integrate(self.motion, np.concatenate([self.path.knots, self.wind.knots]), t)
 
-        Gauss-Legendre quadrature with four nodes on every interval, cut where the path changes segment:
-        exact to rounding for these paths. Returns dtheta (n, 3) rad, dv (n, 3) m/s.
-        """
-        t = np.asarray(t, dtype=float)
-        inside = np.concatenate([self.path.knots, self.wind.knots])
-        cuts = np.unique(np.concatenate([t, inside[(inside > t[0]) & (inside < t[-1])]]))
-        # a cut within rounding of a sample time would make an empty interval
-        keep = np.concatenate([[True], np.diff(cuts) > 1e-12])
-        cuts = cuts[keep]
-        half = 0.5 * np.diff(cuts)
-        nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * _GAUSS[0]
-        motion = self.motion(nodes.ravel())
-        weights = half[:, None] * _GAUSS[1]
-        owner = np.searchsorted(t, 0.5 * (cuts[:-1] + cuts[1:])) - 1
-        sums = []
-        for values in (motion.angular_rate, motion.specific_force):
-            pieces = np.einsum("kg,kgi->ki", weights, values.reshape(half.size, -1, 3))
-            total = np.zeros((t.size - 1, 3))
-            np.add.at(total, owner, pieces)
-            sums.append(total)
-        return sums[0], sums[1]
+
+def integrate(
+    motion: Callable[[np.ndarray], Motion], knots: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals of angular rate and specific force (body axes) between the times t (n + 1,).
+
+    Gauss-Legendre quadrature with four nodes on every interval, cut at the knots, where the motion changes segment:
+    exact to rounding for paths of polynomials. Returns dtheta (n, 3) rad, dv (n, 3) m/s.
+    """
+    t = np.asarray(t, dtype=float)
+    cuts = np.unique(np.concatenate([t, knots[(knots > t[0]) & (knots < t[-1])]]))
+    # a cut within rounding of a sample time would make an empty interval
+    cuts = cuts[np.concatenate([[True], np.diff(cuts) > 1e-12])]
+    half = 0.5 * np.diff(cuts)
+    nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * _GAUSS[0]
+    moving = motion(nodes.ravel())
+    weights = half[:, None] * _GAUSS[1]
+    owner = np.searchsorted(t, 0.5 * (cuts[:-1] + cuts[1:])) - 1
+    sums = []
+    for values in (moving.angular_rate, moving.specific_force):
+        pieces = np.einsum("kg,kgi->ki", weights, values.reshape(half.size, -1, 3))
+        total = np.zeros((t.size - 1, 3))
+        np.add.at(total, owner, pieces)
+        sums.append(total)
+    return sums[0], sums[1]
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -175,6 +175,23 @@ class SmoothApproach(_Approach):
         )
 
 
+class RecordedApproach(Section):
+    """A real flight, as `navsim replay` found it, with simulated sensors, satellites and pseudolites."""
+
+    profile: Literal["recorded"]
+    file: str
+    """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
+    start_s: float | None = None
+    """time of the log that becomes time 0; default: the first there is"""
+    touchdown_s: float | None = None
+    """time of the log at touchdown, for the figures there"""
+
+    @property
+    def start(self) -> Point | None:
+        """Nothing: the recording says where it starts."""
+        return None
+
+
 class WindSection(Section):
     """Steady wind. It changes the attitude (crab), not the path, which is given over ground."""
 
@@ -575,7 +592,7 @@ class Landing(Section):
     method: Literal["monte-carlo", "covariance"] = "monte-carlo"
     """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget"""
     runway: Runway = Runway()
-    approach: Annotated[PaperApproach | SmoothApproach | STurn, Field(discriminator="profile")]
+    approach: Annotated[PaperApproach | SmoothApproach | STurn | RecordedApproach, Field(discriminator="profile")]
     wind: WindSection = WindSection()
     imu: Imu = Imu()
     initial_errors: InitialErrors = InitialErrors()
@@ -597,6 +614,12 @@ class Landing(Section):
             raise reject("fixes cannot come faster than the IMU's samples (imu.rate_hz)", "receiver", "rate_hz")
         if self.duration_s * self.imu.rate_hz < 2.0:
             raise reject("shorter than two samples of the IMU", "duration_s")
+        if isinstance(self.approach, RecordedApproach):
+            if self.pseudolites.frame == "table1":
+                raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
+            if self.wind.speed_m_s:
+                raise reject("a recorded flight has had its wind", "wind", "speed_m_s")
+            return self
         try:
             path = self.approach.path()
         except ValueError as error:
@@ -644,15 +667,17 @@ class Landing(Section):
 
     def slant(self) -> float:
         """Length of the paper's glide path, m: start height over the sine of the slope."""
+        assert not isinstance(self.approach, RecordedApproach)
         return self.approach.start_height_m / math.sin(self.approach.glide_slope_deg * DEG)
 
     def trajectory(self) -> Trajectory:
-        """The aircraft's motion over the Earth."""
+        """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""
         import numpy as np
 
         from navsim.models.approach import FLARE, TOUCHDOWN
         from navsim.models.kinematics import Trajectory, Wind, touchdown_from_start, touchdown_from_threshold
 
+        assert not isinstance(self.approach, RecordedApproach)
         path = self.approach.path()
         heading = self.runway.heading_deg * DEG
         if self.approach.start is not None:

@@ -90,6 +90,9 @@ def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tu
     if base.data.get("kind") != "landing":
         message = f"the base of a study is a landing scenario; {study.base} is of kind {base.data.get('kind')!r}"
         raise InputError([Problem(document.place(("base",)), "base", message)])
+    if isinstance(base.data.get("approach"), dict) and base.data["approach"].get("profile") == "recorded":
+        message = f"{study.base} flies a recorded approach, which `navsim run` does, but no study"
+        raise InputError([Problem(document.place(("base",)), "base", message)])
     return study, document, base
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core import wgs84
-from navsim.core.rotation import quaternion_from_dcm
+from navsim.core.rotation import dcm_from_rpy, quaternion_from_dcm
 from navsim.models.recording import Fixes, Samples
 
 
@@ -97,14 +97,7 @@ def levelled(force: np.ndarray, heading: float) -> np.ndarray:
     """C_nb (3, 3) of a body at rest from its mean specific force (3,), and a heading in rad [3]."""
     roll = np.arctan2(-force[1], -force[2])
     pitch = np.arctan2(force[0], np.hypot(force[1], force[2]))
-    cr, sr, cp, sp, ch, sh = (f(a) for a in (roll, pitch, heading) for f in (np.cos, np.sin))
-    return np.array(
-        [
-            [cp * ch, sr * sp * ch - cr * sh, cr * sp * ch + sr * sh],
-            [cp * sh, sr * sp * sh + cr * ch, cr * sp * sh - sr * ch],
-            [-sp, sr * cp, cr * cp],
-        ]
-    )
+    return dcm_from_rpy(np.array([roll, pitch, heading]))
 
 
 def at_rest(rest: Standstill, heading: float, heading_sigma: float, gyro_sigma: float, accel_sigma: float) -> Alignment:

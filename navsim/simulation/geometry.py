@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.placement import BLOCK, SAT_FIXED, SAT_N, SAT_SHARED, placement_dops
-from navsim.models.kinematics import Trajectory
+from navsim.models.kinematics import Moving
 from navsim.models.sky import enu_matrix
 from navsim.simulation.landing import Environment, Ground, build_signals
 
@@ -69,7 +69,7 @@ class Geometry:
         return out, lost
 
 
-def glide_geometry(trajectory: Trajectory, environment: Environment, utc: np.ndarray, time: np.ndarray) -> Geometry:
+def glide_geometry(trajectory: Moving, environment: Environment, utc: np.ndarray, time: np.ndarray) -> Geometry:
     """The geometry at the times `time` (e,) s of the approach, for each start utc (n,), one after the other (n e)."""
     ground = environment.ground
     alone = replace(environment, ground=replace(ground, names=(), llh=np.empty((0, 3))))

@@ -20,7 +20,7 @@ from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.estimation import error_state, loosely_coupled, receiver, smoother
 from navsim.models import imu, pseudorange
-from navsim.models.kinematics import Motion, Trajectory
+from navsim.models.kinematics import Motion, Moving
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.simulation.streams import generator
 
@@ -182,7 +182,7 @@ def epochs(duration: float, rate: float) -> np.ndarray:
 
 
 def build_world(
-    trajectory: Trajectory,
+    trajectory: Moving,
     environment: Environment,
     *,
     utc: float,

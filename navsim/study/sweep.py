@@ -20,7 +20,7 @@ import navsim
 from navsim.core.jit import digest as kernel_digest
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io.results import Result, Variable
-from navsim.models.kinematics import Frame, Trajectory
+from navsim.models.kinematics import Frame, Moving
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing, Pseudolites
 from navsim.scenario.load import resolved_yaml
@@ -175,7 +175,7 @@ class Plan:
         return _geometry(scenario, scenario.trajectory(), sources)
 
 
-def _geometry(scenario: Landing, trajectory: Trajectory, sources: Environment) -> Geometry:
+def _geometry(scenario: Landing, trajectory: Moving, sources: Environment) -> Geometry:
     utc = np.array([scenario.epoch.timestamp()])
     return glide_geometry(trajectory, sources, utc, glide_epochs(scenario, trajectory))
 

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import SPEED_OF_LIGHT
 from navsim.estimation.loosely_coupled import KINDS
+from navsim.io.results import ResultError, read
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
-from navsim.models.kinematics import Trajectory
+from navsim.models.kinematics import Moving, touchdown_from_threshold
+from navsim.models.recorded import recorded_trajectory
 from navsim.scenario.base import DEG
-from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing
-from navsim.scenario.source import Document
+from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing, RecordedApproach
+from navsim.scenario.source import Document, InputError, Problem
 from navsim.simulation.landing import (
     Environment,
     ErrorLaw,
@@ -44,7 +47,7 @@ class Case:
     """A scenario turned into models, ready to be flown any number of times."""
 
     scenario: Landing
-    trajectory: Trajectory
+    trajectory: Moving
     environment: Environment
     world: World
     initial: InitialErrors
@@ -63,13 +66,56 @@ class Case:
         return fly(self.world, self.initial, self.gyro, self.accel, self.settings, seed, run)
 
 
-def environment(scenario: Landing, document: Document) -> tuple[Environment, Landing, list[str]]:
+def trajectory_of(scenario: Landing, document: Document) -> Moving:
+    """The motion to be flown. Raises InputError for a recording that cannot be used."""
+    approach = scenario.approach
+    if not isinstance(approach, RecordedApproach):
+        return scenario.trajectory()
+    key = ("approach", "file")
+    path = document.resolve(key, approach.file)
+
+    def wrong(message: str, name: str = "file") -> InputError:
+        place = document.place(("approach", name))
+        return InputError([Problem(place, f"approach.{name}", f"{approach.file}: {message}")])
+
+    try:
+        result = read(path)
+        if result.attributes["kind"] != "replay":
+            raise wrong(f"is a result of kind {result.attributes['kind']}; a replay is needed")
+        time, llh = result["/filter/time"], result["/filter/position_llh"]
+        attitude = result["/filter/attitude_rpy"]
+    except (ResultError, KeyError, OSError) as error:
+        raise wrong(str(error)) from None
+    start = float(time[0]) if approach.start_s is None else approach.start_s
+    if not time[0] - 1e-9 <= start < time[-1]:
+        raise wrong(f"the recording lasts from {time[0]:g} to {time[-1]:g} s", "start_s")
+    if start + scenario.duration_s > time[-1] + 1e-9:
+        raise wrong(
+            f"the recording ends {time[-1] - start:.1f} s after the start; duration_s is {scenario.duration_s:g}"
+        )
+    keep = (time >= start - 1.0) & (time <= start + scenario.duration_s + 1.0)
+    threshold = scenario.runway.threshold
+    assert threshold is not None
+    frame = touchdown_from_threshold(
+        threshold.radians, scenario.runway.height_m, scenario.runway.heading_deg * DEG, scenario.runway.aim_point_m
+    )
+    events = {} if approach.touchdown_s is None else {TOUCHDOWN: approach.touchdown_s - start}
+    try:
+        c_nb = dcm_from_rpy(attitude[keep])
+        return recorded_trajectory(time[keep] - start, llh[keep], c_nb, frame, events)
+    except ValueError as error:
+        raise wrong(str(error)) from None
+
+
+def environment(
+    scenario: Landing, document: Document, trajectory: Moving | None = None
+) -> tuple[Environment, Landing, list[str]]:
     """The sources of signals, the scenario with the checksums of its files written into it, warnings.
 
     Raises InputError for a file of satellites that cannot be used.
     """
     warnings: list[str] = []
-    ground = _ground(scenario, scenario.trajectory())
+    ground = _ground(scenario, trajectory or trajectory_of(scenario, document))
     satellites: tuple[Satellites, ...] = ()
     listed = _listed(scenario) if scenario.sky.source == "directions" else None
     if listed is None:
@@ -88,8 +134,8 @@ def environment(scenario: Landing, document: Document) -> tuple[Environment, Lan
 
 def prepare(scenario: Landing, document: Document) -> Case:
     """Build everything the runs share. Raises InputError for a file of satellites that cannot be used."""
-    sources, scenario, warnings = environment(scenario, document)
-    trajectory = scenario.trajectory()
+    trajectory = trajectory_of(scenario, document)
+    sources, scenario, warnings = environment(scenario, document, trajectory)
     receiver = scenario.receiver
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
@@ -135,7 +181,7 @@ def _listed(scenario: Landing) -> Listed:
     )
 
 
-def _ground(scenario: Landing, trajectory: Trajectory) -> Ground:
+def _ground(scenario: Landing, trajectory: Moving) -> Ground:
     section = scenario.pseudolites
     return Ground(
         names=section.names(),
@@ -215,7 +261,7 @@ def fix_findings(case: Case) -> list[str]:
     return out
 
 
-def glide_epochs(scenario: Landing, trajectory: Trajectory) -> np.ndarray:
+def glide_epochs(scenario: Landing, trajectory: Moving) -> np.ndarray:
     """Fix epochs from the start of the glide to touchdown, s."""
     events = trajectory.path.events
     first = events.get(GLIDE_START, 0.0)

@@ -1,0 +1,110 @@
+"""A recorded motion as a trajectory to fly again: smooth curves through recorded positions and attitudes.
+
+Positions are fitted by a quintic spline with a knot each half second (least squares, so that the steps a filter makes
+at its fixes are not flown), attitudes by a spline with continuous rates through samples a quarter of a second apart.
+What inertial sensors feel follows from these curves exactly; how near they are to the recording is `misfit`.
+
+Sources: [1] de Boor, A Practical Guide to Splines (2001), chapter XIV. [2] scipy's RotationSpline (rates in body axes).
+[3] Groves (2013), eqs. 2.147-2.149.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from navsim.core import wgs84
+from navsim.models.kinematics import EARTH_RATE, Frame, Motion, integrate
+
+_POSITION_KNOTS, _ATTITUDE_STEP = 0.5, 0.25
+_DEGREE = 5
+
+
+@dataclass(frozen=True)
+class RecordedPath:
+    """Positions in the axes of a frame, as `models.path.Path` gives them; events by name, s."""
+
+    spline: Any
+    frame: Frame
+    knots: np.ndarray
+    events: dict[str, float]
+
+    def jet(self, t: np.ndarray) -> np.ndarray:
+        """Position, velocity, acceleration, jerk at times t (n,): (n, 4, 3) m, m/s, ... in the frame's axes."""
+        derivatives = np.stack([self.spline(t, order) for order in range(4)], axis=1)
+        derivatives[:, 0] -= self.frame.origin
+        return derivatives @ self.frame.axes
+
+
+@dataclass(frozen=True)
+class RecordedTrajectory:
+    """A recorded flight, to be used like `kinematics.Trajectory`."""
+
+    path: RecordedPath
+    frame: Frame
+    attitude: Any
+    misfit: float
+    """rms distance of the curve from the recorded positions, m"""
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        position, velocity, acceleration = (self.path.spline(t, order) for order in range(3))
+        c_eb = self.attitude(t).as_matrix()
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
+        llh = wgs84.llh_from_ecef(position)
+        c_ne = wgs84.ned_matrix(llh)
+        return Motion(
+            time=t,
+            position_ecef=position,
+            velocity_ecef=velocity,
+            llh=llh,
+            velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
+            c_nb=c_ne @ c_eb,
+            specific_force=np.einsum("nji,nj->ni", c_eb, force),
+            angular_rate=self.attitude(t, 1) + np.einsum("nji,j->ni", c_eb, EARTH_RATE),
+        )
+
+    def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals of angular rate and specific force between the times t (n + 1,): (n, 3) rad, m/s."""
+        return integrate(self.motion, self._knots, t)
+
+    @cached_property
+    def _knots(self) -> np.ndarray:
+        return np.union1d(self.path.knots, self.attitude.times)
+
+
+def recorded_trajectory(
+    time: np.ndarray, llh: np.ndarray, c_nb: np.ndarray, frame: Frame, events: dict[str, float]
+) -> RecordedTrajectory:
+    """A trajectory through recorded positions (n, 3) rad, rad, m and attitudes (n, 3, 3) at times (n,), s, ascending.
+
+    Raises ValueError for recordings too short or too sparse for the curves.
+    """
+    from scipy.interpolate import make_lsq_spline
+    from scipy.spatial.transform import Rotation, RotationSpline
+
+    span = float(time[-1] - time[0])
+    if span < 4.0 * _POSITION_KNOTS or np.max(np.diff(time)) > _ATTITUDE_STEP:
+        raise ValueError(
+            f"a recording of at least {4.0 * _POSITION_KNOTS:g} s with outputs each {_ATTITUDE_STEP:g} s or denser is "
+            f"needed, this has {time.size} in {span:.1f} s"
+        )
+    ecef = wgs84.ecef_from_llh(llh)
+    inner = np.linspace(time[0], time[-1], max(2, round(span / _POSITION_KNOTS)) + 1)
+    knots = np.concatenate([np.repeat(inner[:1], _DEGREE), inner, np.repeat(inner[-1:], _DEGREE)])
+    spline = make_lsq_spline(time, ecef, knots, k=_DEGREE)
+    misfit = float(np.sqrt(np.mean(np.sum((spline(time) - ecef) ** 2, axis=1))))
+    kept = [0]
+    for index in range(1, time.size):
+        if time[index] - time[kept[-1]] >= _ATTITUDE_STEP - 1e-6:
+            kept.append(index)
+    if kept[-1] != time.size - 1:
+        kept[-1] = time.size - 1
+    c_eb = np.swapaxes(wgs84.ned_matrix(llh[kept]), 1, 2) @ c_nb[kept]
+    attitude = RotationSpline(time[kept], Rotation.from_matrix(c_eb))
+    path = RecordedPath(spline, frame, inner, events)
+    return RecordedTrajectory(path, frame, attitude, misfit)
