@@ -25,6 +25,7 @@ from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.atmosphere import L1
+from navsim.models.glonass import FDMA_L1, FDMA_STEP
 
 ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
@@ -112,7 +113,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
             values.append(np.stack([raw, -rate * frequency[k] / wgs84.SPEED_OF_LIGHT, cn0[:, i]]))
             columns.append(name)
             if name.startswith("R"):
-                channels[name] = round((frequency[k] - glonass_broadcast.FDMA_L1) / glonass_broadcast.FDMA_STEP)
+                channels[name] = round((frequency[k] - FDMA_L1) / FDMA_STEP)
     if not columns:
         raise ResultError("no satellite of the result can be written as RINEX")
     order = np.argsort(columns)

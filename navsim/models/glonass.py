@@ -41,6 +41,14 @@ _CHANNELS = (1, -4, 5, 6, 1, -4, 5, 6, -2, -7, 0, -1, -2, -7, 0, -1, 4, -3, 3, 2
 """Frequency channels by slot, shared by satellites on opposite sides of the Earth, as of 2018."""
 
 
+FDMA_L1, FDMA_STEP = 1602.0e6, 0.5625e6
+"""Frequency of channel 0 and spacing of the channels in L1, Hz [1]."""
+
+
+def _frequency(channel: np.ndarray) -> np.ndarray:
+    return FDMA_L1 + FDMA_STEP * channel
+
+
 def _names(slot: np.ndarray) -> tuple[str, ...]:
     return tuple(f"R{s:02d}" for s in slot)
 
@@ -74,6 +82,11 @@ class Almanac:
     def names(self) -> tuple[str, ...]:
         """R01, R02, ... of `slot`."""
         return _names(self.slot)
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Carrier frequencies in L1, Hz (n,); that of channel 0 where the channel is not known."""
+        return _frequency(self.channel if self.channel.size else np.zeros(self.slot.size))
 
     def age(self, time: float) -> float:
         """Largest distance in s of the almanac's own times from a UTC time (s from 1970-01-01)."""
@@ -143,6 +156,11 @@ class Nominal:
     def names(self) -> tuple[str, ...]:
         """R01, R02, ... of `slot`."""
         return _names(self.slot)
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Carrier frequencies in L1, Hz (n,)."""
+        return _frequency(self.channel)
 
     def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities, (m, 24, 3), at UTC times (m,) or (m, 24); see `Almanac.state`."""

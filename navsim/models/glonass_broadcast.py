@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from navsim.models import timescales
+from navsim.models.glonass import FDMA_L1, FDMA_STEP
 
 STEP = 60.0
 """Length of an integration step, s: a state 15 minutes away is then good to 1e-3 m."""
@@ -24,9 +25,6 @@ _MAS = np.pi / (180.0 * 3600.0 * 1000.0)
 _TO_ITRF_SHIFT = np.array([-0.003, -0.001, 0.000])
 _TO_ITRF_TURN = np.array([0.019, -0.042, 0.002]) * _MAS
 """PZ-90.11 to ITRF2008: metres and rotations [2]; WGS 84 (G1674 and later) is ITRF2008 within a centimetre."""
-
-FDMA_L1, FDMA_STEP = 1602.0e6, 0.5625e6
-"""Frequency of channel 0 and spacing of the channels in L1, Hz [1]."""
 
 
 def itrf_from_pz90(position: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 
     pseudorange = range + receiver clock - source clock + ionosphere + troposphere + multipath + noise
 
-`Signals.delay` is where the terms that do not change from run to run are added up (today the clocks of the
-pseudolites; atmosphere and multipath belong there). Sources: [1] Groves (2013), sections 8.5, 9.2.
+`Signals.delay` is where the terms that do not change from run to run are added up: clocks of the pseudolites, what
+the receiver's corrections leave of the atmosphere, multipath. Sources: [1] Groves (2013), sections 8.5, 9.2.
 [2] `landing.md` section 4.
 """
 
@@ -27,7 +27,10 @@ class Signals:
     transmission, in ECEF axes at reception), m, m/s. range, range_rate: (e, s) true, m, m/s.
     delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
     los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
-    rad, also of unused sources. cn0: (e, s) dB-Hz.
+    rad, also of unused sources. cn0: (e, s) dB-Hz. ionosphere: (e, s) the ionosphere's part of the delay, m. space:
+    (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None. fix_sigma: (e, s)
+    1 sigma of the pseudoranges that fixes are made from; smoothing: (e, s) int, counts of the carrier smoothing, or
+    None for bare code.
     """
 
     time: np.ndarray
@@ -46,6 +49,10 @@ class Signals:
     azimuth: np.ndarray
     elevation: np.ndarray
     cn0: np.ndarray
+    ionosphere: np.ndarray
+    space: np.ndarray | None
+    fix_sigma: np.ndarray
+    smoothing: np.ndarray | None
 
 
 def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-untyped-def]
@@ -77,7 +84,7 @@ def sigma_of_elevation(law: str, zenith: float, elevation: np.ndarray, scale: fl
     constant: the same everywhere; inverse-sine: zenith / sin(el), el no lower than 2 degrees;
     exponential: zenith (1 + 9 exp(-el / scale)), ten times the zenith value at the horizon (scale in rad).
     """
-    if law == "constant":
+    if law in ("constant", "cn0"):  # the latter is made of the carrier to noise density afterwards
         return np.full_like(elevation, zenith)
     if law == "inverse-sine":
         return zenith / np.sin(np.maximum(elevation, np.radians(2.0)))

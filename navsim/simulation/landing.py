@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,17 @@ from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.estimation import error_state, loosely_coupled, receiver, smoother
-from navsim.models import imu, pseudorange
+from navsim.models import atmosphere, imu, pseudorange, tracking
+from navsim.models.glonass import FDMA_L1
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
+from navsim.simulation.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.simulation.streams import generator
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
+_CARRIER_SIGMA = 3e-3
+"""1 sigma of a carrier phase measurement, m."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ class ErrorLaw:
 
 @dataclass(frozen=True)
 class Environment:
-    """All sources of signals and the antenna that hears them; lever_arm (3,) IMU to antenna, body, m."""
+    """All sources of signals, what becomes of them, and the antenna that hears them; lever_arm (3,) IMU to antenna,
+    body, m."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -85,6 +90,7 @@ class Environment:
     ground: Ground
     law: ErrorLaw
     lever_arm: np.ndarray
+    effects: Effects = NO_EFFECTS
 
 
 @dataclass(frozen=True)
@@ -204,7 +210,7 @@ def build_world(
     fix_time = fix_time[fix_time + latency <= imu_time[-1] + 1e-9]
     at_fix = trajectory.motion(fix_time)
     signals = build_signals(at_fix, utc, environment)
-    cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.sigma**2)
+    cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.fix_sigma**2)
     at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + latency]))
     return World(
         imu_time=imu_time,
@@ -278,8 +284,8 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     used = np.array(chosen, dtype=bool) & (on_ground | environment.mask.passes(azimuth, elevation))
     used &= np.isfinite(distance)  # a satellite without a message at the time
     los[~used] = np.nan
-    satellite_sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
-    return pseudorange.Signals(
+    sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
+    built = pseudorange.Signals(
         time=motion.time,
         antenna=antenna,
         names=tuple(names),
@@ -290,13 +296,99 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         range=distance,
         range_rate=rate,
         delay=np.broadcast_to(np.where(on_ground, ground.delay, 0.0), (e, s)).copy(),
-        sigma=np.where(on_ground, ground.sigma, satellite_sigma),
+        sigma=np.where(on_ground, ground.sigma, sigma),
         rate_sigma=np.broadcast_to(np.where(on_ground, ground.rate_sigma, law.rate_sigma), (e, s)).copy(),
         los=los,
         azimuth=azimuth,
         elevation=elevation,
         cn0=np.where(used, np.where(on_ground, ground.cn0, law.cn0), np.nan),
+        ionosphere=np.zeros((e, s)),
+        space=None,
+        fix_sigma=np.empty((e, s)),
+        smoothing=None,
     )
+    return _affected(built, utc, motion.llh, environment, on_ground)
+
+
+def _affected(
+    signals: pseudorange.Signals, utc: float, llh: np.ndarray, environment: Environment, on_ground: np.ndarray
+) -> pseudorange.Signals:
+    """The signals with all effects of the environment; llh: (e, 3) of the receiver, on_ground: (s,) pseudolites."""
+    effects, ground = environment.effects, environment.ground
+    e, s = signals.range.shape
+    sky = ~on_ground
+    when = utc + signals.time
+    delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
+    chip, ratio2 = _carriers(environment, s)
+    air, ionosphere = propagation(effects, when, llh, signals.azimuth, signals.elevation, ratio2)
+    delay += np.where(sky, air, 0.0) + np.array(effects.offsets)[signals.clock]
+    ionosphere = np.where(sky, ionosphere, 0.0)
+    away = signals.position - signals.antenna[:, None]
+    distance = np.linalg.norm(away, axis=2)
+    space = None
+    if effects.space is not None:
+        space = np.zeros((e, s, 4))
+        unit = away[:, sky] / distance[:, sky, None]
+        space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
+    if effects.reference is not None:
+        first = 0
+        earlier = when - effects.reference.latency
+        place = np.broadcast_to(effects.reference.llh, (e, 3))
+        for group in environment.satellites:
+            here = slice(first, first + len(group.names))
+            first = here.stop
+            unit, azimuth, elevation = seen_from(group.constellation, earlier, effects.reference.llh)
+            there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
+            delay[:, here] -= there
+            ionosphere[:, here] -= part
+            if space is not None and effects.space is not None:
+                position, velocity = signals.position[:, here], signals.velocity[:, here]
+                space[:, here] -= space_sensitivity(effects.space, unit, position, velocity)
+        sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
+    if effects.thermal:
+        cn0 += np.where(sky, tracking.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
+    if effects.cn0_reference is not None:
+        cn0 += np.where(on_ground, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
+    if effects.thermal:
+        thermal = effects.loop.sigma(np.nan_to_num(cn0, nan=environment.law.cn0), chip)
+        sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
+    if effects.ground is not None:
+        for i in np.flatnonzero(on_ground):
+            transmitter = ground.llh[i - (s - len(ground.names))]
+            above, own = llh[:, 2] - effects.ground.height, transmitter[2] - effects.ground.height
+            across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
+            ray = tracking.reflection(effects.ground, atmosphere.L1, above, float(own), across)
+            delay[:, i] += tracking.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+    fix_sigma, smoothing = sigma, None
+    if effects.smoothing > 0.0 and e > 1:
+        memory = max(1, round(effects.smoothing / float(np.median(np.diff(signals.time)))))
+        variance, smoothing = tracking.smoothed_variance(sigma**2, signals.used, memory)
+        fix_sigma = np.sqrt(np.where(signals.used, variance, 1.0))
+    return replace(
+        signals,
+        clock=np.zeros_like(signals.clock) if effects.one_clock else signals.clock,
+        delay=delay,
+        cn0=cn0,
+        sigma=sigma,
+        ionosphere=ionosphere,
+        space=space,
+        fix_sigma=fix_sigma,
+        smoothing=smoothing,
+    )
+
+
+def _carriers(environment: Environment, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Length of a chip, m, and (L1 / f)^2 of every source (s,); what is no GLONASS satellite is as GPS."""
+    chip, ratio2 = np.full(count, tracking.CHIP["gps"]), np.ones(count)
+    first = 0
+    for group in environment.satellites:
+        here = slice(first, first + len(group.names))
+        first = here.stop
+        if group.constellation.system == "glonass":
+            chip[here] = tracking.CHIP["glonass"]
+            frequency = getattr(group.constellation, "frequency", np.full(len(group.names), FDMA_L1))
+            ratio2[here] = (atmosphere.L1 / frequency) ** 2
+    return chip, ratio2
 
 
 @dataclass(frozen=True)
@@ -350,16 +442,24 @@ def fly(
     dtheta, dv, bias = imu.simulate(generator(seed, run, "imu"), world.dtheta, world.dv, dt, gyro, accel)
 
     ranges, rates = np.empty((e, s)), np.empty((e, s))
+    delay = signals.delay
+    if signals.space is not None:
+        delay = delay + np.einsum("esk,sk->es", signals.space, generator(seed, run, "space").standard_normal((s, 4)))
     noise.measure(
         generator(seed, run, "measurements"),
-        signals.range, signals.delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
+        signals.range, delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
         ranges, rates,
     )  # fmt: skip
+    if signals.smoothing is not None:
+        # the ionosphere delays the code as much as it advances the carrier
+        phase = signals.range + delay - 2.0 * signals.ionosphere + world.clock[:, :1]
+        phase = phase + _CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
+        ranges = tracking.smooth(ranges, phase, signals.smoothing)
 
     llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
     cov = np.empty((e, 6, 6))
     receiver.fixes(
-        world.start, signals.position, signals.velocity, signals.sigma, signals.rate_sigma, signals.clock,
+        world.start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
         ranges, rates, llh, velocity, clocks, cov,
     )  # fmt: skip
 

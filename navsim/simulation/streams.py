@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-STREAMS = {"initial": 0, "imu": 1, "measurements": 2, "elevation": 3, "plots": 4, "onboard": 5}
+STREAMS = {
+    "initial": 0,
+    "imu": 1,
+    "measurements": 2,
+    "elevation": 3,
+    "plots": 4,
+    "onboard": 5,
+    "space": 6,
+    "carrier": 7,
+}
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 
 

@@ -15,9 +15,11 @@ from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded import recorded_trajectory
+from navsim.models.tracking import CodeLoop, GroundReflection
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing, RecordedApproach
 from navsim.scenario.source import Document, InputError, Problem
+from navsim.simulation.effects import Effects, Ionosphere, Reference, Space, Troposphere
 from navsim.simulation.landing import (
     Environment,
     ErrorLaw,
@@ -129,7 +131,48 @@ def environment(
         signals.cn0_dbhz,
     )
     lever_arm = np.array(scenario.receiver.lever_arm_m)
-    return Environment(satellites, listed, scenario.sky.mask(), ground, law, lever_arm), scenario, warnings
+    effects = _effects(scenario, ground)
+    return Environment(satellites, listed, scenario.sky.mask(), ground, law, lever_arm, effects), scenario, warnings
+
+
+def _effects(scenario: Landing, ground: Ground) -> Effects:
+    """What becomes of the signals on their way and in the receiver."""
+    signals, pseudolites = scenario.signals, scenario.pseudolites
+    loop = CodeLoop(signals.tracking.spacing_chips, signals.tracking.bandwidth_hz, signals.tracking.integration_s)
+    ionosphere, troposphere = signals.ionosphere, signals.troposphere
+    space, station, multipath = signals.ephemeris, pseudolites.differential, pseudolites.multipath
+    offsets = [0.0] * len(CLOCKS)
+    # a clock ahead of the other makes its signals seem to come earlier
+    offsets[CLOCKS.index("gps")] = -SPEED_OF_LIGHT * signals.gps_offset_ns * 1e-9
+    return Effects(
+        ionosphere=None
+        if ionosphere is None
+        else Ionosphere(
+            np.array(ionosphere.alpha), np.array(ionosphere.beta), ionosphere.truth_scale, ionosphere.corrected
+        ),
+        troposphere=None if troposphere is None else Troposphere(troposphere.truth_scale, troposphere.correction),
+        space=None if space is None else Space(np.array(space.orbit_sigma_m), space.clock_sigma_m),
+        reference=None
+        if station is None
+        else Reference(
+            ground.llh[ground.names.index(station.site) if station.site else 0], station.latency_s, station.sigma_m
+        ),
+        loop=loop,
+        thermal=signals.range_law == "cn0",
+        horizon_db=signals.tracking.gain_horizon_db,
+        ground=None
+        if multipath is None
+        else GroundReflection(
+            scenario.runway.height_m,
+            multipath.permittivity,
+            multipath.conductivity_s_m,
+            signals.tracking.gain_horizon_db,
+        ),
+        cn0_reference=pseudolites.cn0_reference_m,
+        offsets=tuple(offsets),
+        one_clock=scenario.receiver.one_clock,
+        smoothing=scenario.receiver.smoothing_s,
+    )
 
 
 def prepare(scenario: Landing, document: Document) -> Case:

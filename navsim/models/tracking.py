@@ -1,0 +1,134 @@
+"""What a receiver's code loop makes of signal strength and of a reflection.
+
+Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 8.9.2 (thermal noise of a non-coherent
+early-late loop). [2] Misra & Enge, Global Positioning System (2006), section 10.5 (code error of a reflection, from the
+early-late discriminator). [3] ITU-R P.527 (permittivity and conductivity of ground); Balanis, Advanced Engineering
+Electromagnetics (2012), section 5.3 (Fresnel's coefficients).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.wgs84 import SPEED_OF_LIGHT
+
+CHIP = {"gps": SPEED_OF_LIGHT / 1.023e6, "glonass": SPEED_OF_LIGHT / 0.511e6}
+"""Length of a chip of the C/A code, m."""
+
+
+@dataclass(frozen=True)
+class CodeLoop:
+    """spacing: early to late, chips (0 to 1); bandwidth: one-sided, Hz; integration: s."""
+
+    spacing: float
+    bandwidth: float
+    integration: float
+
+    def sigma(self, cn0: np.ndarray, chip: np.ndarray | float) -> np.ndarray:
+        """1 sigma of the thermal noise of a pseudorange, m, at a carrier to noise density ratio (dB-Hz) [1]."""
+        ratio = 10.0 ** (np.asarray(cn0) / 10.0)
+        squaring = 1.0 + 2.0 / (self.integration * (2.0 - self.spacing) * ratio)
+        return chip * np.sqrt(self.bandwidth * self.spacing / (2.0 * ratio) * squaring)
+
+
+def antenna_gain(elevation: np.ndarray, horizon_db: float) -> np.ndarray:
+    """Gain relative to the zenith, dB: falls with the sine of the elevation to `horizon_db` at the horizon, and on to
+    twice that at the nadir."""
+    return horizon_db * (1.0 - np.sin(elevation))
+
+
+@dataclass(frozen=True)
+class GroundReflection:
+    """The ground under a path from a transmitter near it: height of the ground over the ellipsoid, m; permittivity,
+    relative; conductivity, S/m; horizon_db: the receiving antenna's gain at its horizon, see `antenna_gain`."""
+
+    height: float
+    permittivity: float
+    conductivity: float
+    horizon_db: float
+
+
+def reflection(
+    ground: GroundReflection, frequency: float, above: np.ndarray, transmitter_above: float, across: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The ray by way of the ground beside the direct one: its amplitude relative to it, excess length m, phase rad.
+
+    frequency: Hz. above: heights of the receiver over the ground, transmitter_above: of the transmitter, across: their
+    horizontal distance, m. Flat ground, circular polarisation: of the reflected wave the part of the same sense is
+    received, half the sum of both Fresnel coefficients [3].
+    """
+    low, high = np.maximum(transmitter_above, 0.0), np.maximum(above, 0.0)
+    direct, bounced = np.hypot(across, high - low), np.hypot(across, high + low)
+    grazing = np.arctan2(high + low, across)
+    wavelength = SPEED_OF_LIGHT / frequency
+    epsilon = ground.permittivity - 60j * wavelength * ground.conductivity
+    sin, root = np.sin(grazing), np.sqrt(epsilon - np.cos(grazing) ** 2)
+    vertical = (epsilon * sin - root) / (epsilon * sin + root)
+    horizontal = (sin - root) / (sin + root)
+    coefficient = 0.5 * (vertical + horizontal)
+    below = np.arctan2(high - low, across)
+    gain = antenna_gain(-grazing, ground.horizon_db) - antenna_gain(-below, ground.horizon_db)
+    amplitude = np.abs(coefficient) * 10.0 ** (gain / 20.0) * direct / bounced
+    excess = bounced - direct
+    return amplitude, excess, (np.angle(coefficient) - 2.0 * np.pi * excess / wavelength) % (2.0 * np.pi)
+
+
+def multipath_error(
+    spacing: float, chip: float, amplitude: np.ndarray, excess: np.ndarray, phase: np.ndarray
+) -> np.ndarray:
+    """Error of a pseudorange by one reflection, m: where the early-late discriminator of both rays is zero [2].
+
+    spacing: chips. amplitude: relative, below 1. excess: m. phase: rad. Infinite bandwidth; by bisection, to 1e-6 m.
+    """
+    half, delay = 0.5 * spacing, np.asarray(excess) / chip
+    mixed = np.asarray(amplitude) * np.cos(phase)
+
+    def discriminator(error: np.ndarray) -> np.ndarray:
+        direct = _triangle(error - half) - _triangle(error + half)
+        reflected = _triangle(error - half - delay) - _triangle(error + half - delay)
+        return direct + mixed * reflected
+
+    # with amplitude below 1 the zero lies within half a spacing of the direct ray's
+    low, high = np.full_like(delay, -half), np.full_like(delay, half)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        rising = discriminator(middle) < 0.0
+        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+    return 0.5 * chip * (low + high)
+
+
+def _triangle(x: np.ndarray) -> np.ndarray:
+    """Correlation of the code with itself, x in chips."""
+    return np.maximum(1.0 - np.abs(x), 0.0)
+
+
+def smoothed_variance(variance: np.ndarray, used: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Variance (e, s) of carrier-smoothed pseudoranges, m2, and the weight count (e, s) of each epoch's own code.
+
+    variance: (e, s) of a single pseudorange. used: (e, s) bool; smoothing starts anew after a break. most: longest
+    memory, epochs. Hatch's filter y = P / n + (1 - 1 / n) (y before + change of the carrier).
+    """
+    count = np.zeros(used.shape, dtype=int)
+    out = np.zeros(used.shape)
+    running = np.zeros(used.shape[1], dtype=int)
+    previous = np.zeros(used.shape[1])
+    for e in range(used.shape[0]):
+        running = np.where(used[e], np.minimum(running + 1, most), 0)
+        n = np.maximum(running, 1)
+        previous = variance[e] / n**2 + (1.0 - 1.0 / n) ** 2 * previous
+        count[e], out[e] = running, previous
+    return out, count
+
+
+def smooth(code: np.ndarray, carrier: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Carrier-smoothed pseudoranges (e, s), m, with the counts of `smoothed_variance`; nan where there is no code."""
+    out = np.empty_like(code)
+    previous = np.zeros(code.shape[1])
+    for e in range(code.shape[0]):
+        n = np.maximum(count[e], 1)
+        ahead = previous + (carrier[e] - carrier[e - 1] if e else 0.0)
+        previous = np.where(count[e] > 1, code[e] / n + (1.0 - 1.0 / n) * ahead, code[e])
+        out[e] = previous
+    return out

@@ -1,0 +1,158 @@
+"""Atmosphere, messages, corrections, time scales and smoothing in a landing: each does what it says, and no more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.models import atmosphere
+from navsim.scenario.source import InputError
+from navsim.study import landing
+from tests.helpers import case, scenario
+
+BASE = ("sky.source=nominal", "receiver.rate_hz=1", "pseudolites.count=1")
+QUIET = ("signals.range_sigma_m=1e-6", "signals.range_rate_sigma_m_s=1e-6", "pseudolites.range_sigma_m=1e-6")
+
+
+def fix_errors(c: landing.Case, run: int = 0) -> np.ndarray:
+    """Errors of the fixes of a run, NED m."""
+    from navsim.core.wgs84 import ecef_from_llh, ned_matrix
+
+    flown = c.fly(1, run)
+    truth = c.world.signals.antenna
+    llh = flown.fix_llh
+    return np.einsum("nij,nj->ni", ned_matrix(llh), ecef_from_llh(llh) - truth)
+
+
+def test_the_ideal_world_is_untouched() -> None:
+    plain = case(*BASE).world.signals
+    assert not plain.delay.any()
+    assert plain.space is None
+    assert plain.smoothing is None
+    assert plain.fix_sigma is plain.sigma
+
+
+def test_ionosphere_leaves_its_share() -> None:
+    """Half of Klobuchar's delay is left of 1.5 times it; GLONASS sees it by the square of the frequencies."""
+    iono = "signals.ionosphere={truth_scale: 1.5}"
+    s = case(*BASE, iono).world.signals
+    raw = case(*BASE, "signals.ionosphere={truth_scale: 1.5, corrected: false}").world.signals
+    seen = s.used & (np.array([n[0] for n in s.names]) != "P")
+    np.testing.assert_allclose(raw.delay[seen], 3.0 * s.delay[seen], rtol=1e-9)
+    assert np.all(s.delay[seen] > 0.5)
+    assert s.delay[:, -1] == pytest.approx(0.0)
+    section = scenario(*BASE, iono).signals.ionosphere
+    assert section is not None
+    first = np.flatnonzero(seen[0])[0]
+    llh = case(*BASE).world.at_filter.llh[1]
+    model = atmosphere.klobuchar(
+        np.array(section.alpha), np.array(section.beta), 1536840001.0, llh, s.azimuth[0, first], s.elevation[0, first]
+    )
+    ratio2 = (atmosphere.L1 / (1602e6 + 0.5625e6 * 1)) ** 2
+    assert s.names[first] == "R01"
+    assert s.delay[0, first] == pytest.approx(0.5 * model * ratio2, rel=1e-6)
+
+
+def test_troposphere_is_taken_off() -> None:
+    used = case(*BASE).world.signals.used
+    none, saastamoinen, mops = (
+        case(*BASE, f"signals.troposphere={{truth_scale: 1.0, correction: {c}}}").world.signals.delay[used]
+        for c in ("none", "saastamoinen", "mops")
+    )
+    assert none.max() > 8.0
+    assert np.abs(saastamoinen).max() < 0.06 * none.max()
+    assert np.abs(mops).max() < 1e-12
+
+
+def test_messages_are_drawn_a_run_and_stay() -> None:
+    """The scatter over runs of each satellite's ranges is that of orbit and clock; within a run it hardly moves."""
+    c = case(*BASE, *QUIET, "signals.ephemeris={orbit_sigma_m: [1.0, 2.0, 1.5], clock_sigma_m: 1.0}")
+    s = c.world.signals
+    assert s.space is not None
+    drawn = np.stack([c.fly(1, run).pseudorange for run in range(200)]) - s.range - c.world.clock[:, 0, None]
+    seen = s.used[0] & s.used[-1]
+    ground = np.array([n.startswith("PL") for n in s.names])
+    assert np.abs(drawn[:, :, ground]).max() < 1e-3
+    sky = seen & ~ground
+    sigma = np.sqrt(np.sum(s.space[0] ** 2, axis=1))
+    np.testing.assert_allclose(drawn[:, 0, sky].std(axis=0), sigma[sky], rtol=0.2)
+    # radial counts most from far away, the clock fully
+    assert np.all((sigma[sky] > 1.3) & (sigma[sky] < 2.0))
+    assert np.abs(drawn[:, -1, sky] - drawn[:, 0, sky]).max() < 0.5
+
+
+def test_differential_corrections_remove_what_is_common() -> None:
+    errors = (
+        "signals.ephemeris={}", "signals.ionosphere={}", "signals.troposphere={truth_scale: 1.05}",
+    )  # fmt: skip
+    alone = fix_errors(case(*BASE, *QUIET, *errors))
+    corrected = fix_errors(case(*BASE, *QUIET, *errors, "pseudolites.differential={latency_s: 1, sigma_m: 1e-6}"))
+    late = fix_errors(case(*BASE, *QUIET, *errors, "pseudolites.differential={latency_s: 60, sigma_m: 1e-6}"))
+    size = [np.sqrt(np.mean(np.sum(e**2, axis=1))) for e in (alone, corrected, late)]
+    assert size[1] < 0.1 * size[0]
+    assert size[1] < size[2] < size[0]
+    noisy = case(*BASE, "pseudolites.differential={sigma_m: 1.0}").world.signals
+    plain = case(*BASE).world.signals
+    sky = np.array([not n.startswith("PL") for n in plain.names])
+    np.testing.assert_allclose(noisy.sigma[:, sky] ** 2, plain.sigma[:, sky] ** 2 + 1.0)
+    np.testing.assert_array_equal(noisy.sigma[:, ~sky], plain.sigma[:, ~sky])
+
+
+def test_time_scales() -> None:
+    """An offset of GPS time is the clock unknown's business, unless the receiver takes both scales for one."""
+    offset = "signals.gps_offset_ns=30"
+    assert np.abs(fix_errors(case(*BASE, *QUIET, offset))).max() < 1e-3
+    both = case(*BASE, *QUIET, offset, "receiver.one_clock=true")
+    assert np.abs(fix_errors(both)).max() > 1.0
+    assert np.all(both.world.dop[:, 0] < case(*BASE).world.dop[:, 0])
+    assert np.abs(fix_errors(case(*BASE, *QUIET, "receiver.one_clock=true"))).max() < 1e-3
+
+
+def test_noise_from_signal_strength() -> None:
+    s = case(*BASE, "signals.range_law=cn0").world.signals
+    sky = s.used & np.array([not n.startswith("PL") for n in s.names])
+    low, high = (
+        np.nanargmin(np.where(sky[0], s.elevation[0], np.nan)),
+        np.nanargmax(np.where(sky[0], s.elevation[0], np.nan)),
+    )
+    assert s.cn0[0, low] < s.cn0[0, high] <= 45.0
+    glonass, gps = (np.array([n[0] == letter for n in s.names]) & sky[0] for letter in "RG")
+    assert np.median(s.sigma[0, glonass]) > 1.5 * np.median(s.sigma[0, gps])  # chips twice as long
+    near = case(*BASE, "pseudolites.cn0_reference_m=1000").world.signals
+    assert near.cn0[0, -1] == pytest.approx(45.0 - 20 * np.log10(near.range[0, -1] / 1000.0), abs=0.01)
+
+
+def test_ground_multipath_of_pseudolites() -> None:
+    s = case(*BASE, *QUIET, "pseudolites.height_m=5", "pseudolites.multipath={}").world.signals
+    error = s.delay[:, -1]
+    assert np.abs(error).max() > 0.02
+    assert np.abs(error).max() < 5.0
+    assert not s.delay[:, :-1].any()
+    assert np.sum(np.diff(np.sign(error)) != 0) >= 1  # it beats as the aircraft comes down
+
+
+def test_smoothed_code() -> None:
+    """Fixes get quieter as the stated sigma says; an ionosphere that grows pulls the smoothed code away from the code."""
+    bare, smoothed = (case(*BASE, f"receiver.smoothing_s={t}", "receiver.rate_hz=2") for t in (0, 30))
+    late = slice(120, None)
+    rms = [np.sqrt(np.mean([fix_errors(c, run)[late] ** 2 for run in range(20)])) for c in (bare, smoothed)]
+    assert rms[1] < 0.3 * rms[0]
+    predicted = [
+        np.sqrt(np.mean(np.trace(c.world.fix_covariance[late], axis1=1, axis2=2)) / 3.0) for c in (bare, smoothed)
+    ]
+    assert rms[1] / rms[0] == pytest.approx(predicted[1] / predicted[0], rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("assignments", "fragment"),
+    [
+        (("pseudolites.count=0", "pseudolites.differential={}"), "there is none"),
+        (("pseudolites.differential={site: PL7}",), "no pseudolite is named 'PL7'"),
+        (("method=covariance", "signals.ephemeris={}"), "correlated in time"),
+        (("method=covariance", "receiver.smoothing_s=10"), "correlated in time"),
+        (("signals.ionosphere={alpha: [1, 2, 3]}",), "too short"),
+    ],
+)
+def test_what_does_not_go_together(assignments: tuple[str, ...], fragment: str) -> None:
+    with pytest.raises(InputError, match=fragment):
+        scenario(*BASE, *assignments)
