@@ -10,7 +10,7 @@ import typer
 
 from navsim.cli.common import INTERRUPTED, OK, say
 from navsim.cli.files import init, schema, validate
-from navsim.cli.recorded import replay
+from navsim.cli.recorded import live, replay
 from navsim.cli.results import export, plot, show
 from navsim.cli.run import run
 from navsim.cli.studies import optimize, sweep, table2
@@ -23,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, table2, sweep, optimize, replay, show, plot, export, validate, schema, init):
+for command in (run, table2, sweep, optimize, replay, live, show, plot, export, validate, schema, init):
     app.command()(command)
 
 

@@ -1,4 +1,4 @@
-"""`navsim replay`: recorded flights."""
+"""`navsim replay` and `navsim live`: recorded flights, and flights with a real block in the loop."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from navsim.cli.common import (
     FiguresOption,
     OutputOption,
     QuietOption,
+    ScenarioArgument,
+    SeedOption,
     SetOption,
     announce_compiling,
     draw,
@@ -85,3 +87,80 @@ def replay(
             print(f"figures  {', '.join(map(str, written))}")
     for warning in flying.findings(recording, result):
         say(f"warning: {warning}")
+
+
+def live(
+    scenario: ScenarioArgument,
+    receiver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOURCE",
+            help="The receiver is real: NMEA or CSV lines from -, udp://:PORT, tcp://HOST:PORT, tcp-listen://:PORT, "
+            "serial:///dev/NAME?baud=N, or a file.",
+            show_default=False,
+        ),
+    ] = None,
+    imu: Annotated[
+        str | None,
+        typer.Option(metavar="SOURCE", help="The IMU is real: CSV lines from such a source.", show_default=False),
+    ] = None,
+    output: OutputOption = None,
+    seed: SeedOption = 1,
+    set_: SetOption = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Hold lines of a fast source back until their time has come.")
+    ] = False,
+    silence: Annotated[float, typer.Option(min=0.1, help="End after so many seconds without a line.")] = 10.0,
+    quiet: QuietOption = False,
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Fly a landing whose receiver or IMU is a live stream; late, lost and corrupt messages are counted."""
+    from navsim.scenario.load import read
+    from navsim.scenario.source import InputError
+
+    if (receiver is None) == (imu is None):
+        leave(BAD_INPUT, "give exactly one of --receiver and --imu")
+    try:
+        section, document = read(scenario, set_ or [])
+        target = target_of(scenario, output, "live")
+        from navsim.core import jit
+        from navsim.io.results import ResultError, write
+        from navsim.io.stream import StreamError, opened
+        from navsim.report import live as report
+        from navsim.study import landing
+        from navsim.study.live import Session
+
+        if section.filter.kind in ("rts", "map"):
+            leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
+        announce_compiling()
+        case = landing.prepare(section, document)
+        session = Session(case, "receiver" if receiver is not None else "imu", seed, realtime)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    try:
+        with opened(receiver or imu or "-") as lines, progress(int(section.duration_s), not quiet, "seconds") as done:
+            try:
+                why = session.pump(lines, silence, done)
+            except KeyboardInterrupt:
+                why = "interrupted; what came so far is kept"
+        result = session.result()
+        write(target, result)
+    except StreamError as error:
+        leave(BAD_INPUT, error)
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    jit.mark_warm()
+    if json_:
+        import json
+
+        from navsim.report.tables import plain_tree
+
+        print(json.dumps(plain_tree(result, ("/summary", "/stream")), indent=1, allow_nan=False))
+    elif not quiet:
+        print_console(report.console(result), 100)
+        print(f"result   {target}")
+    say(f"ended: {why}")
+    if not result["/filter/time"].size:
+        leave(RUN_FAILED, "not one message could be used")

@@ -30,6 +30,6 @@ UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3 + ("m/s2",) * 
 
 # --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n
 # (scalar first); gyro and accelerometer bias estimates [rad/s, m/s2]; the turn that the `tfg` filter's bias
-# axes have been held back by (quaternion, see `estimation.tfg`)
+# axes have been held back by (quaternion, see `estimation.tfg`; zeros at the start of a flight)
 NAV_LLH, NAV_VEL, NAV_QUAT, NAV_GYRO, NAV_ACCEL, NAV_HELD = 0, 3, 6, 10, 13, 16
 NAV_N = 20

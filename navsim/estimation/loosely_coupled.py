@@ -294,8 +294,9 @@ def run(
     ahead_previous = np.empty(6)
     ahead_cursor = np.empty(3)
 
-    nav[states.NAV_HELD] = 1.0
-    nav[states.NAV_HELD + 1 :] = 0.0
+    # a flight that goes on from an earlier piece keeps the bias axes of its covariance
+    if not nav[states.NAV_HELD : states.NAV_HELD + 4].any():
+        nav[states.NAV_HELD] = 1.0
     cursor[1] = imu_time[0]
     cursor[2] = imu_time[1] - imu_time[0]
     for i in range(3):

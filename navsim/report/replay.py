@@ -26,7 +26,7 @@ def console(result: Result) -> RenderableType:
         velocity = "  ".join(_known(x, 3) for x in result["/summary/innovation_velocity"][i])
         seen.add_row(name, position, velocity, f"{result['/summary/nis'][i]:.2f}")
     tuned = titled_table("Noise and latency", "what", "value", "unit", "from")
-    for path, variable in result.variables.items():
+    for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
             what, _, origin = variable.long_name.rpartition(", ")
             tuned.add_row(what, f"{float(np.asarray(variable.data)):.4g}", variable.units, origin)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from navsim.io.results import Result, ResultError
-from navsim.report import atc, azimuth, elevation, optimize, replay, sweep, table2
+from navsim.report import atc, azimuth, elevation, live, optimize, replay, sweep, table2
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +30,7 @@ VIEWS = {
     "atc-tracking": View(atc.console, 150, atc.figures),
     "azimuth-tracking": View(azimuth.console, 130, azimuth.figures),
     "mls-elevation": View(elevation.console, 140, elevation.figures),
+    "live": View(live.console, 100, live.figures),
     "replay": View(replay.console, 110, replay.figures),
     "optimize": View(optimize.console, 140, optimize.figures),
 }

@@ -132,7 +132,7 @@ def test_ground_multipath_of_pseudolites() -> None:
 
 
 def test_smoothed_code() -> None:
-    """Fixes get quieter as the stated sigma says; an ionosphere that grows pulls the smoothed code away from the code."""
+    """Fixes get quieter, as their stated sigma says."""
     bare, smoothed = (case(*BASE, f"receiver.smoothing_s={t}", "receiver.rate_hz=2") for t in (0, 30))
     late = slice(120, None)
     rms = [np.sqrt(np.mean([fix_errors(c, run)[late] ** 2 for run in range(20)])) for c in (bare, smoothed)]

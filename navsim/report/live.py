@@ -1,0 +1,44 @@
+"""A live run: what came over the line, and what the filter made of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.io.results import Result
+from navsim.report.tables import titled_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+
+def console(result: Result) -> RenderableType:
+    """Counts of the stream, accuracy against the scenario's truth."""
+    from rich.console import Group
+
+    stream = titled_table(f"Stream in place of the {result.attributes['replaced_block']}", "messages", "count")
+    for path, variable in sorted(result.variables.items()):
+        if path.startswith("/stream/"):
+            stream.add_row(variable.long_name, str(int(np.asarray(variable.data))))
+    rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
+    said = f"rms position error N E D over the last 20 s: {rms} m; NIS per degree {float(result['/summary/nis']):.2f}"
+    return Group(stream, said)
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """Position errors with their 3 sigma."""
+    from navsim.report.figures import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(COLUMN, 3.6)
+    axes = fig.subplots(3, 1, sharex=True)
+    time = result["/filter/time"]
+    for i, (ax, name) in enumerate(zip(axes, ("north", "east", "down"), strict=True)):
+        sigma = 3.0 * result["/filter/sigma"][:, i]
+        ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0)
+        ax.plot(time, result["/filter/error"][:, i], color=COLOURS[0])
+        ax.set_ylabel(f"{name}, m")
+    axes[-1].set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    return {"errors": fig}
