@@ -152,3 +152,14 @@ def test_smoothed_errors_are_smaller_and_the_last_is_the_filters() -> None:
     np.testing.assert_allclose(smoothed.error[-1], filtered.error[-1], atol=1e-2 * filtered.sigma[-1].max(), rtol=0)
     assert np.all(np.abs(smoothed.error[-1] - filtered.error[-1]) < 0.02 * filtered.sigma[-1])
     assert np.all(smoothed.sigma[40, :6] < 0.9 * filtered.sigma[40, :6])
+
+
+def test_one_backward_pass_is_nearly_the_iterated_smoother() -> None:
+    """`rts` halves the filter's position error and comes within a few percent of `map`, which iterates it."""
+    rms = []
+    for kind in ("tfg", "rts", "map"):
+        flown = case(f"filter.kind={kind}", "receiver.rate_hz=2", "approach.pitch=level")
+        errors = np.array([flown.fly(1, run).error[10:-10, :3] for run in range(8)])
+        rms.append(np.sqrt(np.mean(errors**2)))
+    assert rms[1] < 0.75 * rms[0]
+    assert rms[1] == pytest.approx(rms[2], rel=0.05)
