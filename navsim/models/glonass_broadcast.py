@@ -15,6 +15,7 @@ import numpy as np
 
 from navsim.models import timescales
 from navsim.models.glonass import FDMA_L1, FDMA_STEP
+from navsim.models.messages import for_each, nearest
 
 STEP = 60.0
 """Length of an integration step, s: a state 15 minutes away is then good to 1e-3 m."""
@@ -90,16 +91,8 @@ class Constellation:
 
     def chosen(self, utc: np.ndarray) -> np.ndarray:
         """Index of the record that each satellite uses at UTC times (m, n), -1 without one."""
-        out = np.full(utc.shape, -1)
         usable = self.records.healthy | self.use_unhealthy
-        for column, slot in enumerate(self.slot):
-            mine = np.flatnonzero((self.records.slot == slot) & usable)
-            if mine.size:
-                distance = np.abs(utc[:, column, None] - self.records.time[mine])
-                best = np.argmin(distance, axis=1)
-                inside = np.take_along_axis(distance, best[:, None], axis=1)[:, 0] <= self.reach
-                out[:, column] = np.where(inside, mine[best], -1)
-        return out
+        return nearest(self.records.slot, usable, self.records.time, self.slot, utc, self.reach)
 
     def age(self, utc: float) -> float:
         """Largest distance, s, of the records' times from a UTC time."""
@@ -127,9 +120,7 @@ class Constellation:
         return np.where(lost, np.nan, offset), np.where(lost, np.nan, gamma)
 
     def _select(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        utc = np.asarray(utc, dtype=float)
-        if utc.ndim == 1:
-            utc = np.repeat(utc[:, None], self.slot.size, axis=1)
+        utc = for_each(utc, self.slot.size)
         return utc, self.chosen(utc)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
-from navsim.models import timescales
+from navsim.models import messages, timescales
 
 GM = 3.986005e14
 """Gravitational constant of the Earth as the GPS message means it, m3/s2 [1]."""
@@ -178,17 +178,9 @@ class Constellation:
 
     def chosen(self, utc: np.ndarray) -> np.ndarray:
         """Index of the record that each satellite uses at UTC times (m, n), -1 without one."""
-        gps = timescales.gps_from_utc(utc)
-        out = np.full(gps.shape, -1)
         usable = self.records.healthy | self.use_unhealthy
-        for column, prn in enumerate(self.prn):
-            mine = np.flatnonzero((self.records.prn == prn) & usable)
-            if mine.size:
-                distance = np.abs(gps[:, column, None] - self.records.toe[mine])
-                best = np.argmin(distance, axis=1)
-                inside = np.take_along_axis(distance, best[:, None], axis=1)[:, 0] <= self.reach
-                out[:, column] = np.where(inside, mine[best], -1)
-        return out
+        gps = timescales.gps_from_utc(utc)
+        return messages.nearest(self.records.prn, usable, self.records.toe, self.prn, gps, self.reach)
 
     def age(self, utc: float) -> float:
         """Largest distance, s, of the records' reference times from a UTC time."""
@@ -211,9 +203,7 @@ class Constellation:
         return np.where(lost, np.nan, offset - records.tgd), np.where(lost, np.nan, rate)
 
     def _select(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        utc = np.asarray(utc, dtype=float)
-        if utc.ndim == 1:
-            utc = np.repeat(utc[:, None], self.prn.size, axis=1)
+        utc = messages.for_each(utc, self.prn.size)
         return utc, self.chosen(utc)
 
 

@@ -163,22 +163,30 @@ class Trajectory:
             ],
             axis=1,
         )
-        llh = wgs84.llh_from_ecef(position)
-        c_ne = wgs84.ned_matrix(llh)
-        return Motion(
-            time=t,
-            position_ecef=position,
-            velocity_ecef=velocity,
-            llh=llh,
-            velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
-            c_nb=c_ne @ c_eb,
-            specific_force=np.einsum("nji,nj->ni", c_eb, force),
-            angular_rate=rate + np.einsum("nji,j->ni", c_eb, EARTH_RATE),
-        )
+        return assembled(t, position, velocity, force, c_eb, rate)
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `integrate`."""
         return integrate(self.motion, np.concatenate([self.path.knots, self.wind.knots]), t)
+
+
+def assembled(
+    t: np.ndarray, position: np.ndarray, velocity: np.ndarray, force: np.ndarray, c_eb: np.ndarray, rate: np.ndarray
+) -> Motion:
+    """A motion from what it is in ECEF: position, velocity, specific force (n, 3), attitude C_eb (n, 3, 3), and the
+    angular rate against the Earth in body axes (n, 3)."""
+    llh = wgs84.llh_from_ecef(position)
+    c_ne = wgs84.ned_matrix(llh)
+    return Motion(
+        time=t,
+        position_ecef=position,
+        velocity_ecef=velocity,
+        llh=llh,
+        velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
+        c_nb=c_ne @ c_eb,
+        specific_force=np.einsum("nji,nj->ni", c_eb, force),
+        angular_rate=rate + np.einsum("nji,j->ni", c_eb, EARTH_RATE),
+    )
 
 
 def integrate(

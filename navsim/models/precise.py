@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from navsim.core.wgs84 import RATE, SPEED_OF_LIGHT
+from navsim.models.messages import for_each
 
 _POINTS = 10
 """Points of the interpolating polynomial: millimetres for a table each 15 minutes, inside of it [1]."""
@@ -46,10 +47,8 @@ class Orbits:
     def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities (m, n, 3), m, m/s, at UTC times (m,) or (m, n); nan outside the table and
         beside missing positions."""
-        utc = np.asarray(utc, dtype=float)
         n = len(self.names)
-        if utc.ndim == 1:
-            utc = np.repeat(utc[:, None], n, axis=1)
+        utc = for_each(utc, n)
         first = np.clip(np.searchsorted(self.time, utc) - _POINTS // 2, 0, max(self.time.size - _POINTS, 0))
         window = first[..., None] + np.arange(min(_POINTS, self.time.size))
         step = float(np.median(np.diff(self.time))) if self.time.size > 1 else 1.0
@@ -73,9 +72,7 @@ class Orbits:
 
     def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Satellite clocks, s, and their rates (m, n), linear between the table's, with relativity -2 r.v / c2."""
-        utc = np.asarray(utc, dtype=float)
-        if utc.ndim == 1:
-            utc = np.repeat(utc[:, None], len(self.names), axis=1)
+        utc = for_each(utc, len(self.names))
         low = np.clip(np.searchsorted(self.time, utc, side="right") - 1, 0, self.time.size - 2)
         column = np.arange(len(self.names))[None, :]
         width = self.time[low + 1] - self.time[low]

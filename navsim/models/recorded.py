@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core import wgs84
-from navsim.models.kinematics import EARTH_RATE, Frame, Motion, integrate
+from navsim.models.kinematics import EARTH_RATE, Frame, Motion, assembled, integrate
 
 _POSITION_KNOTS, _ATTITUDE_STEP = 0.5, 0.25
 _DEGREE = 5
@@ -55,18 +55,7 @@ class RecordedTrajectory:
         position, velocity, acceleration = (self.path.spline(t, order) for order in range(3))
         c_eb = self.attitude(t).as_matrix()
         force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
-        llh = wgs84.llh_from_ecef(position)
-        c_ne = wgs84.ned_matrix(llh)
-        return Motion(
-            time=t,
-            position_ecef=position,
-            velocity_ecef=velocity,
-            llh=llh,
-            velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
-            c_nb=c_ne @ c_eb,
-            specific_force=np.einsum("nji,nj->ni", c_eb, force),
-            angular_rate=self.attitude(t, 1) + np.einsum("nji,j->ni", c_eb, EARTH_RATE),
-        )
+        return assembled(t, position, velocity, force, c_eb, self.attitude(t, 1))
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals of angular rate and specific force between the times t (n + 1,): (n, 3) rad, m/s."""

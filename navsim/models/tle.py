@@ -17,6 +17,7 @@ import numpy as np
 
 from navsim.core.wgs84 import RATE
 from navsim.models import timescales
+from navsim.models.messages import for_each
 
 _JULIAN_1970 = 2440587.5
 
@@ -65,9 +66,7 @@ class Constellation:
 
     def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities (m, n, 3), m, m/s, at UTC times (m,) or (m, n); nan where SGP4 fails."""
-        utc = np.asarray(utc, dtype=float)
-        if utc.ndim == 1:
-            utc = np.repeat(utc[:, None], len(self.names), axis=1)
+        utc = for_each(utc, len(self.names))
         # one time for all satellites, then along the velocity for the travel time's spread of some 10 ms
         common = np.mean(utc, axis=1)
         day = np.floor(common / timescales.DAY)

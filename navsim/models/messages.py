@@ -1,0 +1,29 @@
+"""Which message a satellite is used by at a time: the one whose reference time is nearest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def nearest(
+    owners: np.ndarray, usable: np.ndarray, reference: np.ndarray, members: np.ndarray, at: np.ndarray, reach: float
+) -> np.ndarray:
+    """Index (m, n) of the message that each member (n,) uses at times `at` (m, n); -1 without one within `reach`, s.
+
+    owners, usable, reference: (k,) of the messages: whose they are, whether they may be used, their reference times.
+    """
+    out = np.full(at.shape, -1)
+    for column, member in enumerate(members):
+        mine = np.flatnonzero((owners == member) & usable)
+        if mine.size:
+            distance = np.abs(at[:, column, None] - reference[mine])
+            best = np.argmin(distance, axis=1)
+            inside = np.take_along_axis(distance, best[:, None], axis=1)[:, 0] <= reach
+            out[:, column] = np.where(inside, mine[best], -1)
+    return out
+
+
+def for_each(time: np.ndarray, count: int) -> np.ndarray:
+    """Times (m,) or (m, count) as (m, count)."""
+    time = np.asarray(time, dtype=float)
+    return np.repeat(time[:, None], count, axis=1) if time.ndim == 1 else time
