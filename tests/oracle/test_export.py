@@ -121,6 +121,7 @@ def test_our_own_reader_and_solver_find_the_fixes_again(noisy: Result, tmp_path:
     np.testing.assert_allclose(found.clocks[:, 0], alone["/receiver/clock"][0][:, 0], atol=0.05)
 
 
+@pytest.mark.filterwarnings("ignore::FutureWarning:georinex")
 def test_georinex_reads_the_same(noisy: Result, tmp_path: Path) -> None:
     georinex = pytest.importorskip("georinex")
     export(noisy, tmp_path / "r.h5", ["rinex"])
