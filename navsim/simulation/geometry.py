@@ -15,7 +15,7 @@ from navsim.core.dop import MAX_CLOCKS
 from navsim.core.placement import BLOCK, SAT_FIXED, SAT_N, SAT_SHARED, placement_dops
 from navsim.models.kinematics import Moving
 from navsim.models.sky import enu_matrix
-from navsim.simulation.landing import Environment, Ground, build_signals
+from navsim.simulation.signals import Environment, Ground, build_signals
 
 _LOWER = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 """Rows and columns of the lower triangle, in the kernel's order."""

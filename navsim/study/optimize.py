@@ -27,8 +27,8 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.source import Document, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.simulation.landing import Ground as Transmitters
-from navsim.simulation.landing import build_signals
+from navsim.simulation.signals import Ground as Transmitters
+from navsim.simulation.signals import build_signals
 from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.placement import Rules, rules

@@ -27,7 +27,7 @@ from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.simulation.landing import Environment
+from navsim.simulation.signals import Environment
 from navsim.study.ensemble import Arrays, Ensemble, Store, fly_all
 from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare, result
 from navsim.study.landing import fly_all as fly_landing

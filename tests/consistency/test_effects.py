@@ -98,6 +98,25 @@ def test_differential_corrections_remove_what_is_common() -> None:
     np.testing.assert_array_equal(noisy.sigma[:, ~sky], plain.sigma[:, ~sky])
 
 
+def test_corrections_of_listed_directions() -> None:
+    """Sources in fixed directions are corrected too; what stays is the height between aircraft and station."""
+    sky = (
+        "sky={source: directions, directions: "
+        + str(
+            [{"azimuth_deg": a, "elevation_deg": e} for a, e in ((10, 30), (100, 50), (190, 20), (250, 70), (320, 40))]
+        ).replace("'", "")
+        + "}"
+    )
+    air = ("signals.troposphere={correction: none}", "signals.ionosphere={corrected: false}", "signals.ephemeris={}")
+    alone = case(sky, "pseudolites.count=1", *air).world.signals
+    corrected = case(sky, "pseudolites.count=1", *air, "pseudolites.differential={latency_s: 0}").world.signals
+    seen = alone.used & np.array([n.startswith("X") for n in alone.names])
+    assert alone.delay[seen].min() > 3.0
+    assert np.abs(corrected.delay[seen]).max() < 0.3
+    assert corrected.space is not None
+    assert not corrected.space.any()
+
+
 def test_time_scales() -> None:
     """An offset of GPS time is the clock unknown's business, unless the receiver takes both scales for one."""
     offset = "signals.gps_offset_ns=30"

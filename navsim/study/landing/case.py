@@ -21,19 +21,15 @@ from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing, Record
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.simulation.effects import Effects, Ionosphere, Reference, Space, Troposphere
 from navsim.simulation.landing import (
-    Environment,
-    ErrorLaw,
     FilterSettings,
-    Ground,
     InitialErrors,
-    Listed,
     Run,
-    Satellites,
     World,
     build_world,
     epochs,
     fly,
 )
+from navsim.simulation.signals import Environment, ErrorLaw, Ground, Listed, Satellites
 from navsim.study.landing.sky import read_satellites
 from navsim.study.statistics import gate_limits
 

@@ -16,7 +16,7 @@ from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps
 from navsim.scenario.landing import CLOCKS, Landing
 from navsim.scenario.source import Document, InputError, Place, Problem
-from navsim.simulation.landing import Satellites
+from navsim.simulation.signals import Satellites
 
 _LETTERS = {"R": "glonass"}
 """Systems by the first letter of a satellite's name; all others keep GPS time."""

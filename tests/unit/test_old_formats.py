@@ -1,0 +1,127 @@
+"""Older forms of the files: RINEX 2 messages, SP3 of versions a and d, twelve satellites a line, events."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.io import rinex_write
+from navsim.io.rinex_nav import read_nav
+from navsim.io.rinex_obs import read_obs
+from navsim.io.sp3 import read_sp3
+from navsim.io.text import FileError
+from navsim.models import glonass, glonass_broadcast, gps, timescales
+
+UTC = timescales.posix(2018, 9, 13, 12)
+
+
+def header(text: str, label: str) -> str:
+    return f"{text:60s}{label}"
+
+
+def as_version_2(lines: list[str], letter: str) -> str:
+    """Version 3 records of one system in the columns of version 2."""
+    kind = {"G": "N: GPS NAV DATA", "R": "G: GLONASS NAV DATA"}[letter]
+    out = [header(f"     2.11           {kind}", "RINEX VERSION / TYPE"), header("", "END OF HEADER")]
+    taken = False
+    for line in lines[lines.index(next(x for x in lines if "END OF HEADER" in x)) + 1 :]:
+        if line[0] != " ":
+            taken = line[0] == letter
+            if taken:
+                year, rest = line[6:8], line[8:20]
+                out.append(f"{int(line[1:3]):2d} {year}{rest} {int(line[21:23]):2d}.0"[:22] + line[23:])
+        elif taken:
+            out.append(line[1:])
+    return "\n".join(out) + "\n"
+
+
+def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
+    elements = gps.nominal(UTC).records.take(np.arange(4))
+    elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0)
+    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(4))
+    lines = rinex_write.navigation_lines(elements, vectors, [], "made")
+    (tmp_path / "three").write_text("\n".join(lines) + "\n")
+    new = read_nav(tmp_path / "three")
+    for letter in "GR":
+        (tmp_path / letter).write_text(as_version_2(lines, letter))
+    old_gps, old_glonass = read_nav(tmp_path / "G").gps, read_nav(tmp_path / "R").glonass
+    assert new.gps is not None
+    assert new.glonass is not None
+    assert old_gps is not None
+    assert old_glonass is not None
+    for field in ("prn", "toe", "toc", "sqrt_a", "m0", "omega0", "i0", "omega_dot", "healthy"):
+        np.testing.assert_array_equal(getattr(old_gps, field), getattr(new.gps, field))
+    for field in ("slot", "channel", "time", "position", "velocity", "acceleration", "healthy"):
+        np.testing.assert_array_equal(getattr(old_glonass, field), getattr(new.glonass, field))
+    np.testing.assert_allclose(new.glonass.position, vectors.position, atol=1e-6)
+    assert new.leap_seconds == 18
+
+
+def test_five_line_glonass_records(tmp_path: Path) -> None:
+    """Version 3.05 adds a line to each GLONASS record."""
+    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
+    lines = rinex_write.navigation_lines(None, vectors, [], "made")
+    body = lines.index(next(x for x in lines if "END OF HEADER" in x)) + 1
+    longer = lines[:body]
+    for k in range(body, len(lines), 4):
+        longer += [*lines[k : k + 4], "    " + 4 * f"{0.0:19.12E}"]
+    (tmp_path / "nav").write_text("\n".join(longer).replace("3.04", "3.05") + "\n")
+    found = read_nav(tmp_path / "nav").glonass
+    assert found is not None
+    np.testing.assert_array_equal(found.slot, vectors.slot)
+    np.testing.assert_allclose(found.position, vectors.position, atol=1e-6)
+
+
+def test_rinex_2_observations_of_many_satellites(tmp_path: Path) -> None:
+    """Fourteen satellites and six kinds: a second line of satellites, a second line of values, and an event between."""
+    names = [f"G{k:02d}" for k in range(1, 10)] + [f"R{k:02d}" for k in range(1, 6)]
+    text = [
+        header("     2.11           OBSERVATION DATA    M (MIXED)", "RINEX VERSION / TYPE"),
+        header("     6    C1    L1    D1    S1    P1    C2", "# / TYPES OF OBSERV"),
+        header("  2018     9    13    12     0    0.0000000     GPS", "TIME OF FIRST OBS"),
+        header("", "END OF HEADER"),
+    ]
+    for second in (0, 30):
+        text.append(f" 18  9 13 12  0 {second:2d}.0000000  0 14" + "".join(names[:12]))
+        text.append(" " * 32 + "".join(names[12:]))
+        for i, _ in enumerate(names):
+            values = [2e7 + i, 1e8 + i, 100.0 + i, 40.0, 2e7 + i, 0.0]
+            row = "".join(f"{v:14.3f} {7 if k == 1 else ' '}" for k, v in enumerate(values))
+            text += [row[:80].rstrip(), row[80:].rstrip()]
+        if not second:
+            text.append(" 18  9 13 12  0 10.0000000  4  1")
+            text.append(header("a remark", "COMMENT"))
+    (tmp_path / "obs").write_text("\n".join(text) + "\n")
+    found = read_obs(tmp_path / "obs")
+    assert found.satellites == tuple(sorted(names))
+    assert found.events == 1
+    np.testing.assert_allclose(np.diff(found.time), [30.0])
+    assert found.values["C1"][1, names.index("R03")] == pytest.approx(2e7 + names.index("R03"))
+    assert np.isnan(found.values["C2"]).all()  # zeros are missing values
+    assert found.lost_lock["L1"].any() == np.False_ or found.lost_lock["L1"].all()
+
+
+@pytest.mark.parametrize("version", "abcd")
+def test_versions_of_sp3(version: str, tmp_path: Path) -> None:
+    name = "  1" if version == "a" else "G01"
+    text = [f"#{version}P2018  9 13 12  0  0.00000000       1 TRACK IGb14 FIT TEST", "+    1   " + name + "  0" * 16,
+            "%c M  cc GPS ccc cccc", "*  2018  9 13 12  0  0.00000000",
+            f"P{name}  15000.000000  12000.000000  18000.000000     12.500000", "EOF"]  # fmt: skip
+    (tmp_path / "sp3").write_text("\n".join(text) + "\n")
+    found = read_sp3(tmp_path / "sp3")
+    assert found.names == ("G01",)
+    np.testing.assert_allclose(found.position[0, 0], [15e6, 12e6, 18e6])
+    assert found.offset[0, 0] == pytest.approx(12.5e-6)
+    assert found.time[0] == UTC - 18.0
+
+
+def test_versions_not_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "nav").write_text(header("     4.00           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
+    with pytest.raises(FileError, match="version 4 is not read"):
+        read_nav(tmp_path / "nav")
+    other = tmp_path / "other"
+    other.write_text(header("     3.04           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
+    with pytest.raises(FileError, match="not observations"):
+        read_obs(other)
