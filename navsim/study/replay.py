@@ -134,6 +134,8 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     if gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
     aligned = _align(scenario, samples, fixes, float(first), gyro, accel, settings[4])
+    if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
+        raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
     return Recording(
         scenario,
         samples,
@@ -171,7 +173,8 @@ def _align(
     limit = wanted.heading_sigma_deg * DEG
     begin = first
     while begin < min(samples.time[-1], fixes.time[-1]) - aligning.SHORTEST:
-        rest = aligning.standstill(samples, fixes, begin, begin + wanted.longest_s)
+        search = wanted.longest_s if wanted.heading_deg is None else aligning.LONGEST
+        rest = aligning.standstill(samples, fixes, begin, begin + search)
         if rest is not None:
             count = np.sum((samples.time >= rest.begin) & (samples.time <= rest.end))
             error = rest.rate_sigma.max() / np.sqrt(count)

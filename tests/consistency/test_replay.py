@@ -220,3 +220,30 @@ def test_comma_against_its_pose(shared: Path, tmp_path: Path) -> None:
     assert np.round(np.sqrt(np.mean(velocity[:2] ** 2)), 2) <= 0.04
     assert np.all(np.round(turn[:, :2].std(axis=0), 2) <= [0.13, 0.19])
     assert np.round(turn[:, 2].std(), 1) <= 1.0
+
+
+def test_levelling_at_rest_with_a_known_heading(tmp_path: Path) -> None:
+    """Standing still: roll and pitch from the accelerometers, gyro biases from the mean, the heading as given; without
+    a heading there is nothing to find it from, and that is said."""
+    rng = np.random.default_rng(2)
+    roll, pitch, heading = np.radians([3.0, -5.0, 40.0])
+    bias = np.array([0.002, -0.001, 0.003])
+    up = 9.815 * np.array([np.sin(pitch), -np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll)])
+    time = np.arange(0.0, 60.0, 0.02)
+    table = np.column_stack([time, bias + 1e-3 * rng.standard_normal((time.size, 3)),
+                             up + 0.02 * rng.standard_normal((time.size, 3))])  # fmt: skip
+    head = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
+    np.savetxt(tmp_path / "imu.csv", table, "%.9f", ",", header=head, comments="")
+    rows = [
+        f"{t:.1f},{56.0 + 2e-7 * rng.standard_normal():.9f},37.0,100.0,0.01,-0.02,0.0" for t in np.arange(0.2, 60.0)
+    ]
+    (tmp_path / "gnss.csv").write_text("\n".join(["t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s", *rows]) + "\n")
+    (tmp_path / "log.yaml").write_text("kind: replay\nversion: 1\nimu: {file: imu.csv}\ngnss: {file: gnss.csv}\n")
+    given = ("tuning=none", "alignment={heading_deg: 40, heading_sigma_deg: 2}")
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml", given))
+    np.testing.assert_allclose(recording.alignment.gyro_bias, bias, atol=1e-4)
+    result = replay.compute(recording)
+    first = np.degrees(result["/filter/attitude_rpy"][5])
+    assert np.all(np.abs(first - np.degrees([roll, pitch, heading])) < [0.1, 0.1, 1.0])
+    with pytest.raises(replay.ReplayError, match="heading"):
+        replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",)))
