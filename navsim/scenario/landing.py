@@ -181,6 +181,8 @@ class RecordedApproach(Section):
     profile: Literal["recorded"]
     file: str
     """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
+    file_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    """its checksum; when given, another file is refused"""
     start_s: float | None = None
     """time of the log that becomes time 0; default: the first there is"""
     touchdown_s: float | None = None

@@ -72,17 +72,26 @@ def test_a_replay_feeds_the_simulator(tmp_path: Path) -> None:
     run = flown.fly(1, 0)
     assert np.sqrt(np.mean(run.error[-40:, :2] ** 2)) < 5.0
     out = landing.result(flown, landing.fly_all(flown, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    assert "file_sha256: " in out.attributes["scenario"]
     assert out["/truth/time"][-1] == pytest.approx(60.0)
 
 
 @pytest.mark.parametrize(
     ("change", "fragment"),
-    [("start_s: 20", "lasts from"), ("duration_s: 60", "recording ends"), ("flight.h5", "missing.h5: ")],
+    [
+        ("start_s: 20", "lasts from"),
+        ("duration_s: 60", "recording ends"),
+        ("flight.h5", "missing.h5: "),
+        ("start_s: 20}", "has the checksum"),
+    ],
 )
 def test_recordings_that_cannot_be_flown(change: str, fragment: str, tmp_path: Path) -> None:
     write_flight(tmp_path, duration=40.0)
     write(tmp_path / "flight.h5", replay.compute(replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",)))))
-    other = {"start_s: 20": "start_s: 500", "duration_s: 60": "duration_s: 60", "flight.h5": "missing.h5"}[change]
+    other = {
+        "start_s: 20": "start_s: 500", "duration_s: 60": "duration_s: 60", "flight.h5": "missing.h5",
+        "start_s: 20}": f"start_s: 20, file_sha256: '{'0' * 64}'}}",
+    }[change]  # fmt: skip
     text = REPLAYED.format(file=tmp_path / "flight.h5").replace(change, other)
     (tmp_path / "again.yaml").write_text(text)
     with pytest.raises(InputError, match=fragment):

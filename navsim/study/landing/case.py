@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, field
 
@@ -64,11 +65,14 @@ class Case:
         return fly(self.world, self.initial, self.gyro, self.accel, self.settings, seed, run)
 
 
-def trajectory_of(scenario: Landing, document: Document) -> Moving:
-    """The motion to be flown. Raises InputError for a recording that cannot be used."""
+def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:
+    """The motion to be flown, and the scenario with the checksum of its recording written into it.
+
+    Raises InputError for a recording that cannot be used.
+    """
     approach = scenario.approach
     if not isinstance(approach, RecordedApproach):
-        return scenario.trajectory()
+        return scenario.trajectory(), scenario
     key = ("approach", "file")
     path = document.resolve(key, approach.file)
 
@@ -77,6 +81,9 @@ def trajectory_of(scenario: Landing, document: Document) -> Moving:
         return InputError([Problem(place, f"approach.{name}", f"{approach.file}: {message}")])
 
     try:
+        checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+        if approach.file_sha256 not in (None, checksum):
+            raise wrong(f"has the checksum {checksum}, not the one of approach.file_sha256", "file_sha256")
         result = read(path)
         if result.attributes["kind"] != "replay":
             raise wrong(f"is a result of kind {result.attributes['kind']}; a replay is needed")
@@ -100,9 +107,11 @@ def trajectory_of(scenario: Landing, document: Document) -> Moving:
     events = {} if approach.touchdown_s is None else {TOUCHDOWN: approach.touchdown_s - start}
     try:
         c_nb = dcm_from_rpy(attitude[keep])
-        return recorded_trajectory(time[keep] - start, llh[keep], c_nb, frame, events)
+        moving = recorded_trajectory(time[keep] - start, llh[keep], c_nb, frame, events)
     except ValueError as error:
         raise wrong(str(error)) from None
+    pinned = approach.model_copy(update={"file_sha256": checksum})
+    return moving, scenario.model_copy(update={"approach": pinned})
 
 
 def environment(
@@ -113,7 +122,9 @@ def environment(
     Raises InputError for a file of satellites that cannot be used.
     """
     warnings: list[str] = []
-    ground = _ground(scenario, trajectory or trajectory_of(scenario, document))
+    if trajectory is None:
+        trajectory, scenario = trajectory_of(scenario, document)
+    ground = _ground(scenario, trajectory)
     satellites: tuple[Satellites, ...] = ()
     listed = _listed(scenario) if scenario.sky.source == "directions" else None
     if listed is None:
@@ -173,7 +184,7 @@ def _effects(scenario: Landing, ground: Ground) -> Effects:
 
 def prepare(scenario: Landing, document: Document) -> Case:
     """Build everything the runs share. Raises InputError for a file of satellites that cannot be used."""
-    trajectory = trajectory_of(scenario, document)
+    trajectory, scenario = trajectory_of(scenario, document)
     sources, scenario, warnings = environment(scenario, document, trajectory)
     receiver = scenario.receiver
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
