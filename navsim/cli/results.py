@@ -63,7 +63,7 @@ def plot(
 
 
 def export(
-    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A landing result.", show_default=False)],
+    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A landing or a replay.", show_default=False)],
     rinex: Annotated[bool, typer.Option("--rinex", help="Observations, messages; pseudolites as CSV.")] = False,
     nmea: Annotated[bool, typer.Option("--nmea", help="GGA, RMC, VTG of the fixes.")] = False,
     kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses.")] = False,

@@ -36,13 +36,21 @@ TOE_SPACING = 7200.0
 
 
 def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
-    """Write a landing result as `target` with the endings of the formats ("rinex", "nmea", "csv", "kml", "geojson").
+    """Write a result as `target` with the formats' endings: of a landing "rinex", "nmea", "csv", "kml", "geojson",
+    of a replay "csv", "kml", "geojson".
 
     Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
     """
-    if result.attributes["kind"] != "landing":
-        raise ResultError(f"only results of kind landing are exported, this is one of kind {result.attributes['kind']}")
-    writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
+    kind = str(result.attributes["kind"])
+    if kind == "landing":
+        writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
+    elif kind == "replay":
+        writers = {"csv": _replay_csv, "kml": _kml, "geojson": _geojson}
+    else:
+        raise ResultError(f"only landings and replays are exported, this is a result of kind {kind}")
+    for name in formats:
+        if name not in writers:
+            raise ResultError(f"a result of kind {kind} has nothing for --{name}; there are --{', --'.join(writers)}")
     written = []
     for name in formats:
         for path, text in writers[name](result, target).items():
@@ -273,6 +281,25 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
     return files
 
 
+def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
+    """Two tables: the estimated motion with its sigmas, and the innovations."""
+    columns = (("position_llh", "lat_rad lon_rad h_m"), ("velocity_ned", "vn_m_s ve_m_s vd_m_s"),
+               ("attitude_rpy", "roll_rad pitch_rad yaw_rad"), ("sigma", ""))  # fmt: skip
+    states = " ".join(f"sigma_{name}" for name in result["/filter/state"])
+    head = ["t_s", *(name for _, names in columns for name in (names or states).split())]
+    table = np.column_stack([result["/filter/time"], *(result[f"/filter/{name}"] for name, _ in columns)])
+    flight = _table(head, [[f"{row[0]:.4f}", *(f"{x:.12g}" for x in row[1:])] for row in table])
+    seen = np.column_stack(
+        [result[f"/innovations/{name}"] for name in ("time", "position_ned", "velocity_ned", "normalized_squared")]
+    )
+    rows = [[f"{row[0]:.4f}", *(_cell(x, 5) for x in row[1:])] for row in seen]
+    names = ["t_s", "pn_m", "pe_m", "pd_m", "vn_m_s", "ve_m_s", "vd_m_s", "normalized_squared"]
+    return {
+        target.with_name(f"{target.stem}_flight.csv"): flight,
+        target.with_name(f"{target.stem}_innovations.csv"): _table(names, rows),
+    }
+
+
 # --- NMEA
 
 
@@ -325,6 +352,11 @@ def _sentence(body: str) -> str:
 
 def _map_features(result: Result) -> list[dict[str, Any]]:
     """Track, error ellipses of fixes, pseudolites, runway: type, name, coordinates (lon, lat, h), properties."""
+    if result.attributes["kind"] == "replay":
+        path = [(name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "gnss"))]
+        return [
+            {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
+        ]
     llh = result["/truth/position_llh"]
     step = max(1, llh.shape[0] // 2000)
     track = np.concatenate([llh[::step], llh[-1:]])

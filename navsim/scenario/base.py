@@ -25,6 +25,10 @@ def _as_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
+Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+"""SHA-256 of a file."""
+
+
 def one_or_more(value: Any) -> Any:
     """One value or a list of them, as a tuple."""
     return tuple(value) if isinstance(value, (list, tuple)) else (value,)
@@ -202,7 +206,7 @@ def _models_in(annotation: Any) -> list[Any]:
 
 
 __all__ = [
-    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Elevation", "Latitude", "Longitude", "NonNegative",
-    "Pair", "Positive", "Section", "Triple", "Utc", "hint", "list_of",
-    "one_or_list", "one_or_more", "reject", "validated",
+    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "Elevation", "Latitude", "Longitude",
+    "NonNegative", "Pair", "Positive", "Section", "Triple", "Utc", "hint", "list_of", "one_or_list", "one_or_more",
+    "reject", "validated",
 ]  # fmt: skip

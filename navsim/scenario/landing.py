@@ -19,6 +19,7 @@ from navsim.scenario.base import (
     KMH,
     MG,
     Azimuth,
+    Checksum,
     Elevation,
     Latitude,
     Longitude,
@@ -181,7 +182,7 @@ class RecordedApproach(Section):
     profile: Literal["recorded"]
     file: str
     """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
-    file_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     start_s: float | None = None
     """time of the log that becomes time 0; default: the first there is"""
@@ -368,7 +369,6 @@ class Interference(Section):
 Four = Annotated[tuple[float, float, float, float], BeforeValidator(one_or_more)]
 Files = Annotated[tuple[str, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
 """A file name or a list of them."""
-Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Checksums = Annotated[tuple[Checksum, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from navsim.scenario.base import (
+    Checksum,
     NonNegative,
     Pair,
     Positive,
@@ -34,6 +35,8 @@ class Sensors(Section):
 
     file: str
     """table with t_s, gx_rad_s, gy_rad_s, gz_rad_s, ax_m_s2, ay_m_s2, az_m_s2, body axes forward-right-down; .gz too"""
+    file_sha256: Checksum | None = None
+    """its checksum; when given, another file is refused"""
     sensor_class: Literal["consumer", "industrial", "tactical"] = "consumer"
     """turn-on and in-run biases, and where the tuning of the noise starts"""
     gyro: Gyro = Gyro()
@@ -66,6 +69,8 @@ class Gnss(Section):
 
     file: str
     """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty), or NMEA sentences"""
+    file_sha256: Checksum | None = None
+    """its checksum; when given, another file is refused"""
     latency_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
     """from the time a fix is valid to its time in the file; untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)

@@ -13,10 +13,11 @@ Forecasting, structural time series models and the Kalman filter (1989), section
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -103,10 +104,9 @@ class Recording:
 def prepare(scenario: Replay, document: Document) -> Recording:
     """Read and align. Raises InputError for files that cannot be used, ReplayError where no alignment is found."""
     warnings: list[str] = []
-    samples, lost_samples = _read(document, ("imu", "file"), scenario.imu.file, read_imu)
-    fixes, lost_fixes = _read(
-        document, ("gnss", "file"), scenario.gnss.file, lambda p: read_fixes(p, scenario.gnss.min_satellites)
-    )
+    samples, lost_samples = _read(document, scenario, "imu", read_imu)
+    fixes, lost_fixes = _read(document, scenario, "gnss", lambda p: read_fixes(p, scenario.gnss.min_satellites))
+    scenario = _pinned(scenario, document)
     for lost in (lost_samples, lost_fixes):
         warnings += [f"{count} {reason}" for reason, count in lost.counts.items()]
     first = max(samples.time[0], fixes.time[0], -np.inf if scenario.start_s is None else scenario.start_s)
@@ -151,17 +151,33 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     )
 
 
-def _read(document: Document, key: tuple[str, ...], name: str, reader: Callable[[Path], Any]) -> Any:
-    path = document.resolve(key, name)
-    where = document.place(key)
+def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
+    name = getattr(scenario, section).file
+    path = document.resolve((section, "file"), name)
+    where = document.place((section, "file"))
+    key = f"{section}.file"
     try:
         return reader(path)
     except FileError as error:
         place = Place(str(path), error.line, 1) if error.line else where
-        raise InputError([Problem(place, ".".join(key), f"{error.message} (named at {where})")]) from None
+        raise InputError([Problem(place, key, f"{error.message} (named at {where})")]) from None
     except OSError as error:
         message = f"{name}: cannot be read: {error.strerror or error} ({path})"
-        raise InputError([Problem(where, ".".join(key), message)]) from None
+        raise InputError([Problem(where, key, message)]) from None
+
+
+def _pinned(scenario: Replay, document: Document) -> Replay:
+    """The log with its files' checksums, which must be those given. Raises InputError."""
+    update = {}
+    for name in ("imu", "gnss"):
+        section = getattr(scenario, name)
+        checksum = hashlib.sha256(document.resolve((name, "file"), section.file).read_bytes()).hexdigest()
+        if section.file_sha256 not in (None, checksum):
+            place = document.place((name, "file_sha256"))
+            message = f"{section.file} has the checksum {checksum}, not this one"
+            raise InputError([Problem(place, f"{name}.file_sha256", message)])
+        update[name] = section.model_copy(update={"file_sha256": checksum})
+    return scenario.model_copy(update=update)
 
 
 def _align(

@@ -13,6 +13,7 @@ import pytest
 from navsim.core.wgs84 import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.io.results import Result
 from navsim.scenario.load import read_replay
+from navsim.scenario.source import InputError
 from navsim.study import replay
 from tests.recordings import LATENCY, write_flight
 
@@ -61,6 +62,16 @@ def test_what_is_wrong_with_a_recording_is_counted(tmp_path: Path) -> None:
     for fragment in ("samples out of order", "samples with the time of another", "fixes out of order",
                      "3 placeholders before the first fix", "fixes with the time of another"):  # fmt: skip
         assert any(fragment in warning for warning in found), (fragment, found)
+
+
+def test_the_files_are_pinned(tmp_path: Path) -> None:
+    write_flight(tmp_path, duration=30.0)
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",)))
+    sums = recording.scenario.imu.file_sha256, recording.scenario.gnss.file_sha256
+    assert None not in sums
+    replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", f"imu.file_sha256={sums[0]}")))
+    with pytest.raises(InputError, match="not this one"):
+        replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", f"gnss.file_sha256={sums[0]}")))
 
 
 def test_a_gap_is_bridged_with_a_covariance_that_knows_it(tmp_path: Path) -> None:

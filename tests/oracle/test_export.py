@@ -203,3 +203,20 @@ def test_what_cannot_be_exported_is_said(noisy: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="cannot be written"):
         export(noisy, tmp_path / "missing" / "r.h5", ["csv"])
     assert not list(tmp_path.iterdir())
+
+
+def test_a_replay_as_map_and_table(tmp_path: Path) -> None:
+    from navsim.scenario.load import read_replay
+    from navsim.study import replay
+    from tests.recordings import write_flight
+
+    write_flight(tmp_path, duration=30.0)
+    result = replay.compute(replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",))))
+    export(result, tmp_path / "f.h5", ["csv", "kml", "geojson"])
+    rows = list(csv.DictReader((tmp_path / "f_flight.csv").open()))
+    assert float(rows[-1]["lat_rad"]) == pytest.approx(result["/filter/position_llh"][-1, 0], rel=1e-11)
+    assert float(rows[-1]["sigma_attitude_down"]) == pytest.approx(result["/filter/sigma"][-1, 8], rel=1e-9)
+    assert len(json.loads((tmp_path / "f.geojson").read_text())["features"]) == 2
+    ElementTree.parse(tmp_path / "f.kml")
+    with pytest.raises(ResultError, match="nothing for --rinex"):
+        export(result, tmp_path / "f.h5", ["rinex"])
