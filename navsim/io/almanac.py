@@ -275,7 +275,7 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
             text = text.rstrip()
             if not text.startswith(due + " ") or len(text) != 69:
                 raise FileError(line, f"expected line {due} of two-line elements, 69 characters", path)
-            digits = sum(int(c) if c.isdigit() else c == "-" for c in text[:68])
+            digits = sum(int(c) if c.isdecimal() else c == "-" for c in text[:68])
             if text[68] != str(digits % 10):
                 raise FileError(line, f"the checksum is {text[68]}, computed {digits % 10}", path)
         names.append(tle.short_name(title, pair[0][1]))

@@ -161,7 +161,7 @@ class _Reader:
                     text = lines[row]
                     name = text[:3].replace(" ", "0")
                     codes = self.header.codes.get(name[:1])
-                    if codes is None or not name[1:].isdigit():
+                    if codes is None or not name[1:].isdecimal():
                         raise FileError(row + 1, f"expected one of the header's satellites, found '{text[:3]}'", path)
                     self._row(row, name, codes, text[3:])
             else:
@@ -192,7 +192,7 @@ class _Reader:
             for index in range(count):
                 name = names[3 * index : 3 * index + 3]
                 name = (name[0] if name[0] != " " else self.header.system) + name[1:].replace(" ", "0")
-                if name[0] not in _SYSTEMS or not name[1:].isdigit():
+                if name[0] not in _SYSTEMS or not name[1:].isdecimal():
                     raise FileError(at, f"expected a satellite, found '{names[3 * index : 3 * index + 3]}'", path)
                 text = "".join(part.ljust(80)[:80] for part in lines[at : at + per_satellite])
                 self._row(at, name, codes, text)
@@ -214,7 +214,7 @@ class _Reader:
             for code, value, flag in zip(h.codes.get(name[0], h.codes.get("", [])), numbers, flags, strict=False):
                 values[code][epoch, i] = value
                 if flag and code in lost:
-                    lost[code][epoch, i] = flag.isdigit() and int(flag) & 1
+                    lost[code][epoch, i] = flag.isdecimal() and int(flag) & 1
         time = np.array(self.time)
         if h.scale != "utc":
             offset = 14.0 if h.scale == "bdt" else 0.0

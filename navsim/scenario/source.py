@@ -233,7 +233,7 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
     for depth, part in enumerate(parts):
         step: str | int = part
         if isinstance(target, list):
-            if not part.isdigit() or int(part) >= len(target):
+            if not part.isdecimal() or int(part) >= len(target):
                 raise fail(f"'{dotted(path)}' is a list of {len(target)}: '{part}' is not one of its indices from 0")
             step = int(part)
         elif not isinstance(target, dict):

@@ -285,3 +285,14 @@ def test_real_files_cut_and_garbled(name: str, shared: Path, tmp_path: Path) -> 
         garbled[at : at + 6] = bytes(rng.integers(32, 127, 6, dtype=np.uint8))
         path.write_bytes(bytes(garbled))
         attempt(reader, path)
+
+
+def test_digits_of_other_alphabets_are_no_digits(tmp_path: Path) -> None:
+    """A superscript one counts as a digit for Python, and is none; hypothesis found it in a checksum."""
+    path = tmp_path / "file"
+    path.write_bytes(TLE.replace("00179.784", "0017\xb9.784").encode("latin-1"))
+    with pytest.raises(FileError, match="checksum"):
+        almanac(path)
+    path.write_bytes(obs_text().replace("G02", "G\xb92", 1).encode("latin-1"))
+    with pytest.raises(FileError, match="expected one of the header's satellites"):
+        read_obs(path)
