@@ -20,8 +20,9 @@ from navsim.scenario.base import (
     one_or_more,
     reject,
 )  # fmt: skip
-from navsim.scenario.landing import Accelerometer, Gate, Gyro
+from navsim.scenario.filter import Gate
 from navsim.scenario.presets import SENSOR_CLASSES
+from navsim.scenario.sensors import Accelerometer, Gyro
 
 Times = Annotated[
     tuple[NonNegative, ...],

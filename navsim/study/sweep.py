@@ -22,8 +22,9 @@ from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
 from navsim.scenario.base import DEG, validated
-from navsim.scenario.landing import Landing, Pseudolites
+from navsim.scenario.landing import Landing
 from navsim.scenario.load import resolved_yaml
+from navsim.scenario.signals import Pseudolites
 from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry

@@ -17,8 +17,11 @@ from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded import recorded_trajectory
 from navsim.models.tracking import CodeLoop, GroundReflection
+from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG
-from navsim.scenario.landing import CLOCKS, Accelerometer, Gyro, Landing, RecordedApproach
+from navsim.scenario.landing import Landing
+from navsim.scenario.sensors import Accelerometer, Gyro
+from navsim.scenario.sky import CLOCKS
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.simulation.effects import Effects, Ionosphere, Reference, Space, Troposphere
 from navsim.simulation.landing import (

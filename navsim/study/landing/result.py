@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.io.results import Result, Stream, Variable
-from navsim.scenario.landing import CLOCKS
+from navsim.scenario.sky import CLOCKS
 from navsim.simulation.landing import (
     World,
 )

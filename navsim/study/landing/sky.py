@@ -14,7 +14,8 @@ from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps
-from navsim.scenario.landing import CLOCKS, Landing
+from navsim.scenario.landing import Landing
+from navsim.scenario.sky import CLOCKS
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation.signals import Satellites
 

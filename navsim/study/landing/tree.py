@@ -11,7 +11,7 @@ from navsim.core import states
 from navsim.io.results import Result, Variable
 from navsim.models import glonass, glonass_broadcast, gps
 from navsim.models.approach import GLIDE_START
-from navsim.scenario.landing import CLOCKS
+from navsim.scenario.sky import CLOCKS
 from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, touchdown_time
 from navsim.study.root import root_attributes
 

@@ -1,0 +1,175 @@
+"""The runway and the ways to it: sections `runway`, `approach`, `wind`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from navsim.scenario.base import (
+    DEG,
+    KMH,
+    Azimuth,
+    Checksum,
+    Latitude,
+    Longitude,
+    Positive,
+    Section,
+)
+
+if TYPE_CHECKING:
+    from navsim.models.path import Path
+
+
+class Point(Section):
+    """A place on the ellipsoid."""
+
+    lat_deg: Latitude
+    """geodetic latitude"""
+    lon_deg: Longitude
+    """longitude, east positive"""
+
+    @property
+    def radians(self) -> tuple[float, float]:
+        """Latitude and longitude, rad."""
+        return self.lat_deg * DEG, self.lon_deg * DEG
+
+
+class Runway(Section):
+    """The runway and where on it the aircraft touches down."""
+
+    heading_deg: Azimuth = 0.0
+    """direction of landing, clockwise from true north"""
+    height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
+    """height above the WGS-84 ellipsoid"""
+    length_m: Positive = 1000.0
+    """for drawings only"""
+    width_m: Positive = 30.0
+    """for drawings only"""
+    aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
+    """touchdown point beyond the threshold"""
+    threshold: Point | None = None
+    """where the runway begins; leave out to derive it from approach.start"""
+
+
+class _Approach(Section):
+    start: Point | None = None
+    """where the simulation begins; leave out to derive it from runway.threshold"""
+    start_height_m: Annotated[float, Field(gt=0.0, le=5000.0)] = 153.0
+    """height above the runway at the start"""
+    glide_slope_deg: Annotated[float, Field(ge=1.0, le=15.0)] = 5.0
+    speed_start_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 130.0
+    """along the path, over ground"""
+    speed_touchdown_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 80.0
+    """along the path, over ground"""
+    angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 3.0
+    """constant; pitch = path angle relative to the air + angle of attack"""
+    pitch: Literal["path", "level"] = "path"
+    """path: the nose follows the path; level: it keeps angle_of_attack_deg above the horizon"""
+
+
+class STurn(_Approach):
+    """Level flight turning right and left, not a landing: for filters to prove themselves in."""
+
+    profile: Literal["s-turn"]
+    turn_rate_deg_s: Annotated[float, Field(gt=0.0, le=45.0)] = 6.0
+    period_s: Positive = 30.0
+    """one turn to the right and one to the left"""
+    roll_s: Positive = 2.0
+    """time to roll from one side to the other"""
+
+    def path(self) -> Path:
+        """The path in the tangent plane of its first point, an hour long. Raises ValueError where there is none."""
+        from navsim.models.approach import s_turn
+
+        return s_turn(
+            self.speed_start_kmh * KMH,
+            self.start_height_m,
+            self.turn_rate_deg_s * DEG,
+            self.period_s,
+            self.roll_s,
+            3600.0,
+        )
+
+
+class PaperApproach(_Approach):
+    """The paper's profile: uniformly decelerated glide from time 0, then level at the touchdown speed."""
+
+    profile: Literal["paper"]
+    corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
+    """time within which the glide turns into level flight (instantaneous in the paper)"""
+
+    def path(self) -> Path:
+        """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
+        from navsim.models.approach import paper_profile
+
+        return paper_profile(
+            self.speed_start_kmh * KMH,
+            self.speed_touchdown_kmh * KMH,
+            self.start_height_m,
+            self.glide_slope_deg * DEG,
+            self.corner_s,
+        )
+
+
+class SmoothApproach(_Approach):
+    """A profile an aircraft can fly: level lead-in, capture, decelerated glide, exponential flare, roll-out."""
+
+    profile: Literal["smooth"]
+    lead_in_s: Positive = 35.0
+    """level flight before the capture of the glide slope"""
+    capture_s: Positive = 6.0
+    """duration of the transition onto the slope"""
+    flare_height_m: Positive = 6.0
+    flare_blend_s: Positive = 1.0
+    """transition from the slope into the exponential flare"""
+    touchdown_sink_m_s: Positive = 0.5
+    """rate of descent at touchdown"""
+    settle_s: Positive = 1.0
+    """time in which the landing gear takes up the sink rate and the brakes come on"""
+    rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
+
+    def path(self) -> Path:
+        """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
+        from navsim.models.approach import smooth_profile
+
+        return smooth_profile(
+            self.speed_start_kmh * KMH,
+            self.speed_touchdown_kmh * KMH,
+            self.start_height_m,
+            self.glide_slope_deg * DEG,
+            lead_in=self.lead_in_s,
+            capture=self.capture_s,
+            flare_height=self.flare_height_m,
+            flare_blend=self.flare_blend_s,
+            sink_touchdown=self.touchdown_sink_m_s,
+            settle=self.settle_s,
+            rollout_deceleration=self.rollout_deceleration_m_s2,
+        )
+
+
+class RecordedApproach(Section):
+    """A real flight, as `navsim replay` found it, with simulated sensors, satellites and pseudolites."""
+
+    profile: Literal["recorded"]
+    file: str
+    """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
+    file_sha256: Checksum | None = None
+    """its checksum; when given, another file is refused"""
+    start_s: float | None = None
+    """time of the log that becomes time 0; default: the first there is"""
+    touchdown_s: float | None = None
+    """time of the log at touchdown, for the figures there"""
+
+    @property
+    def start(self) -> Point | None:
+        """Nothing: the recording says where it starts."""
+        return None
+
+
+class WindSection(Section):
+    """Steady wind. It changes the attitude (crab), not the path, which is given over ground."""
+
+    speed_m_s: Annotated[float, Field(ge=0.0, le=50.0)] = 0.0
+    from_deg: Azimuth = 0.0
+    """direction the wind comes from, clockwise from true north"""

@@ -1,0 +1,57 @@
+"""What a filter does and believes: section `filter`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from navsim.scenario.base import (
+    Positive,
+    Section,
+    Triple,
+)
+from navsim.scenario.sensors import Accelerometer, Gyro
+
+
+class FilterInitial(Section):
+    """1 sigma the filter starts from; what is left out is that of initial_errors."""
+
+    attitude_deg: Positive | None = None
+    position_m: Positive | None = None
+    velocity_m_s: Positive | None = None
+
+
+class FilterSensors(Section):
+    """Sensor errors the filter believes in; a sensor left out is as `imu` says."""
+
+    gyro: Gyro | None = None
+    accelerometer: Accelerometer | None = None
+
+
+class Gate(Section):
+    """Rejection of fixes that cannot be true."""
+
+    probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
+    """chance of rejecting a good fix; 0: no gate"""
+    max_rejected: Annotated[int, Field(ge=0)] = 10
+    """rejections in a row after which a fix is taken nevertheless"""
+
+
+class Filter(Section):
+    """What the filter does and believes; what is left out follows from the truth."""
+
+    kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"
+    """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map:
+    smoothers, each output from all fixes: one backward pass, or iterated to the maximum a posteriori"""
+    velocity: bool = True
+    """use the velocity of the fixes beside their position"""
+    latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
+    """default: receiver.latency_s"""
+    lever_arm_m: Triple | None = None
+    """default: receiver.lever_arm_m"""
+    fix_sigma_scale: Positive = 1.0
+    """factor on the receiver's own 1 sigma"""
+    initial: FilterInitial = FilterInitial()
+    imu: FilterSensors = FilterSensors()
+    gate: Gate = Gate()

@@ -1,0 +1,159 @@
+"""Inertial sensors and where the navigation starts: sections `imu` and `initial_errors`, sensors of others."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from navsim.scenario.base import (
+    DEG_H,
+    DEG_SQRT_H,
+    MG,
+    NonNegative,
+    Positive,
+    Section,
+    Triple,
+    reject,
+)
+from navsim.scenario.presets import IMU_PRESETS
+
+if TYPE_CHECKING:
+    from navsim.models.imu import Triad
+
+
+class Gyro(Section):
+    """Errors of three like gyros; what is left out comes from the preset."""
+
+    drift_deg_h: NonNegative | None = None
+    """1 sigma of the constant drift, drawn per run and axis"""
+    drift_fixed_deg_h: Triple | None = None
+    """the drift itself, instead of drawing it"""
+    noise_deg_h: NonNegative | None = None
+    """1 sigma of white noise per sample; or give arw_deg_sqrt_h"""
+    arw_deg_sqrt_h: NonNegative | None = None
+    """angle random walk: the density of the same white noise"""
+    markov_deg_h: NonNegative | None = None
+    """1 sigma of the exponentially correlated drift"""
+    markov_time_s: Positive | None = None
+    """its correlation time"""
+
+    @model_validator(mode="after")
+    def _one_spelling(self) -> Self:
+        if self.noise_deg_h is not None and self.arw_deg_sqrt_h is not None:
+            raise reject("noise_deg_h and arw_deg_sqrt_h are two spellings of one noise; give one", "arw_deg_sqrt_h")
+        return self
+
+    def triad(self, rate: float) -> Triad:
+        """The error model in SI units at a sample rate (Hz)."""
+        from navsim.models.imu import Triad, density_from_sample_sigma
+
+        density = (self.arw_deg_sqrt_h or 0.0) * DEG_SQRT_H
+        if self.noise_deg_h is not None:
+            density = density_from_sample_sigma(self.noise_deg_h * DEG_H, rate)
+        return Triad(
+            bias=(self.drift_deg_h or 0.0) * DEG_H,
+            noise_density=density,
+            markov=(self.markov_deg_h or 0.0) * DEG_H,
+            markov_time=self.markov_time_s or math.inf,
+            fixed_bias=_scaled(self.drift_fixed_deg_h, DEG_H),
+        )
+
+
+class Accelerometer(Section):
+    """Errors of three like accelerometers; what is left out comes from the preset."""
+
+    bias_mg: NonNegative | None = None
+    """1 sigma of the constant bias, drawn per run and axis"""
+    bias_fixed_mg: Triple | None = None
+    """the bias itself, instead of drawing it"""
+    noise_mg: NonNegative | None = None
+    """1 sigma of white noise per sample; or give vrw_m_s_sqrt_h"""
+    vrw_m_s_sqrt_h: NonNegative | None = None
+    """velocity random walk: the density of the same white noise"""
+    markov_mg: NonNegative | None = None
+    """1 sigma of the exponentially correlated bias"""
+    markov_time_s: Positive | None = None
+    """its correlation time"""
+
+    @model_validator(mode="after")
+    def _one_spelling(self) -> Self:
+        if self.noise_mg is not None and self.vrw_m_s_sqrt_h is not None:
+            raise reject("noise_mg and vrw_m_s_sqrt_h are two spellings of one noise; give one", "vrw_m_s_sqrt_h")
+        return self
+
+    def triad(self, rate: float) -> Triad:
+        """The error model in SI units at a sample rate (Hz)."""
+        from navsim.models.imu import Triad, density_from_sample_sigma
+
+        density = (self.vrw_m_s_sqrt_h or 0.0) / 60.0
+        if self.noise_mg is not None:
+            density = density_from_sample_sigma(self.noise_mg * MG, rate)
+        return Triad(
+            bias=(self.bias_mg or 0.0) * MG,
+            noise_density=density,
+            markov=(self.markov_mg or 0.0) * MG,
+            markov_time=self.markov_time_s or math.inf,
+            fixed_bias=_scaled(self.bias_fixed_mg, MG),
+        )
+
+
+def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[float, float, float] | None:
+    return None if values is None else (values[0] * unit, values[1] * unit, values[2] * unit)
+
+
+class _Sensors(Section):
+    preset: Literal["paper", "perfect"] = "paper"
+    """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors"""
+    gyro: Gyro = Gyro()
+    accelerometer: Accelerometer = Accelerometer()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, data: Any) -> Any:
+        """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
+        if not isinstance(data, dict):
+            return data
+        preset = IMU_PRESETS.get(data.get("preset", "paper"))
+        if preset is None:
+            return data
+        filled = dict(data)
+        for sensor, values in preset.items():
+            given = data.get(sensor, {})
+            if isinstance(given, dict):
+                white = {"noise_deg_h", "arw_deg_sqrt_h", "noise_mg", "vrw_m_s_sqrt_h"}
+                spoken_for = white if white & given.keys() else set()
+                filled[sensor] = {k: v for k, v in values.items() if k not in spoken_for} | given
+        return filled
+
+    @model_validator(mode="after")
+    def _whole_markov(self) -> Self:
+        for name, size in (("gyro", self.gyro.markov_deg_h), ("accelerometer", self.accelerometer.markov_mg)):
+            if size and getattr(self, name).markov_time_s is None:
+                raise reject("an exponentially correlated error needs its correlation time", name, "markov_time_s")
+        return self
+
+
+class Imu(_Sensors):
+    """The inertial sensors as they really are."""
+
+    rate_hz: Annotated[float, Field(ge=10.0, le=2000.0)] = 100.0
+
+
+class Vectors(Section):
+    """One value for each of north, east, down."""
+
+    attitude_deg: Triple = (0.0, 0.0, 0.0)
+    position_m: Triple = (0.0, 0.0, 0.0)
+    velocity_m_s: Triple = (0.0, 0.0, 0.0)
+
+
+class InitialErrors(Section):
+    """Errors (truth - estimate) the navigation starts with: 1 sigma per axis, drawn per run."""
+
+    attitude_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 5.0
+    position_m: NonNegative = 10.0
+    velocity_m_s: NonNegative = 1.0
+    fixed: Vectors | None = None
+    """the errors themselves, instead of drawing them; the filter still starts from the sigmas"""

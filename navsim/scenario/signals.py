@@ -1,0 +1,215 @@
+"""Signals, their errors, pseudolites, the receiver: sections `signals`, `pseudolites`, `receiver`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from navsim.scenario.base import (
+    Latitude,
+    Longitude,
+    NonNegative,
+    Positive,
+    Section,
+    Triple,
+    list_of,
+    one_or_more,
+    reject,
+)
+from navsim.scenario.sky import Clock
+
+Four = Annotated[tuple[float, float, float, float], BeforeValidator(one_or_more)]
+
+
+class Site(Section):
+    """One pseudolite, by s_m and l1_m or by coordinates."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
+    s_m: float | None = None
+    """distance from the runway axis, positive to the right in the runway frame"""
+    l1_m: float | None = None
+    """distance before the threshold"""
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    height_m: float | None = None
+    """above the runway; default pseudolites.height_m"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        by_runway = (self.s_m is not None, self.l1_m is not None)
+        by_point = (self.lat_deg is not None, self.lon_deg is not None)
+        if not ((all(by_runway) and not any(by_point)) or (all(by_point) and not any(by_runway))):
+            raise reject("give either s_m and l1_m, or lat_deg and lon_deg")
+        return self
+
+
+class Ionosphere(Section):
+    """The ionosphere by the model GPS broadcasts, for satellites; off the L1 of GPS with the square of frequency."""
+
+    alpha: Four = (1.1176e-8, 1.4901e-8, -5.9605e-8, -5.9605e-8)
+    """coefficients of the message, s, s/semicircle, ...; default: a day of moderate activity"""
+    beta: Four = (9.0112e4, 1.6384e4, -1.9661e5, -6.5536e4)
+    truth_scale: NonNegative = 1.5
+    """the real delay is this many times the model's: the model takes off half to two thirds"""
+    corrected: bool = True
+    """the receiver takes the model off"""
+
+
+class Troposphere(Section):
+    """The troposphere by the seasonal climatology of DO-229 with Niell's mapping, for satellites."""
+
+    truth_scale: NonNegative = 1.02
+    """the real delay is this many times the climatology's"""
+    correction: Literal["none", "saastamoinen", "mops"] = "saastamoinen"
+    """what the receiver takes off: nothing, Saastamoinen's standard atmosphere, or the climatology itself"""
+
+
+class Ephemeris(Section):
+    """Errors of the satellites' messages: drawn per run and satellite, constant over a run."""
+
+    orbit_sigma_m: Triple = (0.3, 1.0, 0.7)
+    """radial, along, across the track"""
+    clock_sigma_m: NonNegative = 1.0
+
+
+class Tracking(Section):
+    """The code loop; with `range_law: cn0` it makes the noise of satellite ranges, and of multipath the error."""
+
+    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    """early to late"""
+    bandwidth_hz: Positive = 1.0
+    """one-sided"""
+    integration_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
+    gain_horizon_db: Annotated[float, Field(ge=-40.0, le=0.0)] = -10.0
+    """gain of the receiving antenna at its horizon relative to the zenith, where cn0_dbhz is meant"""
+
+
+class GroundMultipath(Section):
+    """Reflection of the pseudolites' signals by flat ground: two rays, Fresnel's coefficients, antenna gain."""
+
+    permittivity: Annotated[float, Field(ge=1.0, le=100.0)] = 15.0
+    """of the ground, relative; ITU-R P.527: 3 dry sand, 15 medium soil, 30 wet soil, 80 water"""
+    conductivity_s_m: NonNegative = 0.035
+    """1e-3 dry, 0.035 medium, 0.1 wet"""
+
+
+class Differential(Section):
+    """Corrections from a station at the pseudolite's site: what it sees wrong of each satellite."""
+
+    latency_s: Annotated[float, Field(ge=0.0, le=60.0)] = 1.0
+    """age of the corrections"""
+    sigma_m: NonNegative = 0.3
+    """1 sigma of the station's own noise in them"""
+    site: str | None = None
+    """name of the pseudolite whose site has the station; default: the first"""
+
+
+class Pseudolites(Section):
+    """Ground transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
+
+    count: Literal[0, 1, 2] = 0
+    """one stands at +s_m, two stand at +s_m and -s_m, l1_m before the threshold"""
+    s_m: float | None = None
+    """distance from the runway axis"""
+    l1_m: float | None = None
+    """distance from the threshold"""
+    sites: list_of(Site) = ()  # type: ignore[valid-type]
+    """instead of count, s_m and l1_m: each pseudolite by itself"""
+    frame: Literal["table1", "runway"] = "runway"
+    """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
+    height_m: float = 0.0
+    """above the runway"""
+    clock: Clock = "glonass"
+    """time scale the pseudolites keep; own: one unknown more"""
+    clock_offset_ns: float = 0.0
+    """of the transmitters against that scale, unknown to the receiver"""
+    survey_error_m: Triple = (0.0, 0.0, 0.0)
+    """north, east, down: true minus surveyed position"""
+    range_sigma_m: Positive = 2.23606797749979
+    range_rate_sigma_m_s: Positive = 0.1
+    cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
+    """carrier to noise density ratio, reported with the measurements"""
+    cn0_reference_m: Positive | None = None
+    """distance at which cn0_dbhz is meant; it then falls with distance. Left out: the same everywhere"""
+    multipath: GroundMultipath | None = None
+    """reflection by the ground; left out: none"""
+    differential: Differential | None = None
+    """corrections for satellites; left out: none"""
+
+    @model_validator(mode="after")
+    def _station(self) -> Self:
+        if self.differential is not None:
+            if not self.placed():
+                raise reject("corrections come from a pseudolite's site, and there is none", "differential")
+            site = self.differential.site
+            if site is not None and site not in self.names():
+                raise reject(f"no pseudolite is named '{site}'; there are {', '.join(self.names())}", "differential",
+                             "site")  # fmt: skip
+        return self
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.sites:
+            for key in ("count", "s_m", "l1_m"):
+                if getattr(self, key):
+                    raise reject("not together with sites", key)
+            names = self.names()
+            for i, name in enumerate(names):
+                if name in names[:i]:
+                    raise reject(f"two pseudolites are named '{name}'", "sites", i)
+        elif self.count:
+            for key in ("s_m", "l1_m"):
+                if getattr(self, key) is None:
+                    raise reject(f"{self.count} pseudolites need both s_m and l1_m", key)
+        return self
+
+    def placed(self) -> tuple[Site, ...]:
+        """Every pseudolite as a site of its own."""
+        if self.sites:
+            return self.sites
+        return tuple(Site(s_m=sign * (self.s_m or 0.0), l1_m=self.l1_m) for sign in (1.0, -1.0)[: self.count])
+
+    def names(self) -> tuple[str, ...]:
+        """PL1, PL2, ... or the names given."""
+        return tuple(site.name or f"PL{i}" for i, site in enumerate(self.placed(), 1))
+
+
+class Signals(Section):
+    """Errors of the ranging signals of satellites."""
+
+    range_sigma_m: Positive = 2.23606797749979
+    """1 sigma at the zenith (the paper's variance of 5 m2)"""
+    range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"
+    """growth towards the horizon; cn0: thermal noise of the code loop, from cn0_dbhz and the antenna's gain"""
+    range_scale_deg: Positive = 10.0
+    """scale of the exponential law"""
+    range_rate_sigma_m_s: Positive = 0.1
+    cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
+    """carrier to noise density ratio, reported with the measurements; with `range_law: cn0` at the zenith"""
+    tracking: Tracking = Tracking()
+    ionosphere: Ionosphere | None = None
+    """left out: none"""
+    troposphere: Troposphere | None = None
+    """left out: none"""
+    ephemeris: Ephemeris | None = None
+    """errors of orbits and clocks; left out: none"""
+    gps_offset_ns: float = 0.0
+    """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
+
+
+class Receiver(Section):
+    """The satellite receiver: epochs, antenna, clock."""
+
+    rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = 10.0
+    """fixes a second"""
+    latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
+    """from the time a fix is valid to the time the filter gets it"""
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    """IMU to antenna: forward, right, down"""
+    clock_offset_us: float = 100.0
+    clock_drift_ppb: float = 50.0
+    smoothing_s: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    """memory of the carrier-smoothed code; 0: bare code"""
+    one_clock: bool = False
+    """take all time scales for one: one unknown less, and gps_offset_ns is felt"""

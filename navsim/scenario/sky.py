@@ -1,0 +1,128 @@
+"""Where satellites are and which are received: section `sky`."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+from pydantic import BeforeValidator, PlainSerializer, model_validator
+
+from navsim.scenario.base import (
+    DEG,
+    Azimuth,
+    Checksum,
+    Elevation,
+    Pair,
+    Positive,
+    Section,
+    list_of,
+    one_or_list,
+    one_or_more,
+    reject,
+)
+
+if TYPE_CHECKING:
+    from navsim.models.sky import Mask
+
+
+Clock = Literal["glonass", "gps", "own"]
+CLOCKS: tuple[Clock, ...] = ("glonass", "gps", "own")
+"""Time scales a source may keep; each used one costs a fix one unknown. Their order numbers them."""
+
+
+class Direction(Section):
+    """A source in a fixed direction."""
+
+    azimuth_deg: Azimuth
+    elevation_deg: Elevation
+    clock: Clock = "glonass"
+
+
+class Interference(Section):
+    """A jammed part of the sky: sources inside are lost."""
+
+    azimuth_deg: Pair = (0.0, 360.0)
+    """from, to, clockwise; 350 to 10 goes through north"""
+    elevation_deg: Pair = (-90.0, 90.0)
+    """from, to"""
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Self:
+        for key, low, high in (("azimuth_deg", 0.0, 360.0), ("elevation_deg", -90.0, 90.0)):
+            pair = getattr(self, key)
+            if not all(low <= v <= high for v in pair):
+                raise reject(f"both ends must lie within {low:g} to {high:g}", key)
+        if self.elevation_deg[0] >= self.elevation_deg[1]:
+            raise reject("the lower end comes first", "elevation_deg")
+        return self
+
+
+Files = Annotated[tuple[str, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
+"""A file name or a list of them."""
+Checksums = Annotated[tuple[Checksum, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
+
+
+class Sky(Section):
+    """Where the satellites are, and which of them are received."""
+
+    source: Literal["nominal-glonass", "nominal-gps", "nominal", "almanac", "navigation", "orbits", "directions"] = (
+        "nominal-glonass"
+    )
+    """nominal: design constellations, GPS and GLONASS; almanac, navigation, orbits: real satellites from files"""
+    almanac: Files | None = None
+    """for `source: almanac`: .agl, .agp, YUMA, SEM, two-line elements; one file or a list"""
+    almanac_sha256: Checksums | None = None
+    """checksum of the file, or a list in their order; when given, another file is refused"""
+    navigation: Files | None = None
+    """for `source: navigation`: RINEX 2 or 3 broadcast messages, one file or a list; .gz too"""
+    navigation_sha256: Checksums | None = None
+    """as almanac_sha256"""
+    orbits: Files | None = None
+    """for `source: orbits`: SP3 precise orbits, one file or a list; .gz too"""
+    orbits_sha256: Checksums | None = None
+    """as almanac_sha256"""
+    systems: list_of(Literal["glonass", "gps"]) = ()  # type: ignore[valid-type]
+    """use these alone; left out: all there are"""
+    broadcast: bool = False
+    """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
+    do; so that files exported from the run are exact"""
+    directions: list_of(Direction) = ()  # type: ignore[valid-type]
+    """sources X01, X02, ... in fixed directions from the receiver, for `source: directions`"""
+    mask_deg: Elevation = 5.0
+    """lowest usable elevation"""
+    mask_upper_deg: Elevation = 90.0
+    """highest usable elevation"""
+    interference: list_of(Interference) = ()  # type: ignore[valid-type]
+    exclude: list_of(str) = ()  # type: ignore[valid-type]
+    """names of satellites not to use, such as R05"""
+    use_unhealthy: bool = False
+    """use satellites that the almanac marks as unhealthy"""
+    almanac_warning_days: Positive = 14.0
+    """age of an almanac from which on a warning is given"""
+
+    @model_validator(mode="after")
+    def _what_the_source_needs(self) -> Self:
+        for source in ("almanac", "navigation", "orbits"):
+            if self.source == source and not getattr(self, source):
+                raise reject(f"`source: {source}` needs the file name here", source)
+        if self.source == "directions" and not self.directions:
+            raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
+        if self.mask_deg >= self.mask_upper_deg:
+            raise reject("must lie below mask_upper_deg", "mask_deg")
+        for index, name in enumerate(self.exclude):
+            if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|R\d{3}|G\d{2}|T\d{5}|X\d{2})", name):
+                raise reject(f"'{name}' names no source; GLONASS slots are R01 to R24, GPS G01 on", "exclude", index)
+        return self
+
+    def mask(self) -> Mask:
+        """The mask in radians."""
+        from navsim.models.sky import Mask, Sector
+
+        sectors = tuple(
+            Sector(
+                (s.azimuth_deg[0] * DEG, s.azimuth_deg[1] * DEG),
+                (s.elevation_deg[0] * DEG, s.elevation_deg[1] * DEG),
+            )
+            for s in self.interference
+        )
+        return Mask(self.mask_deg * DEG, self.mask_upper_deg * DEG, sectors)
