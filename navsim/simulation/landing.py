@@ -193,6 +193,41 @@ def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErr
     return nav
 
 
+def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
+    signals = world.signals
+    e, s = signals.range.shape
+    ranges, rates = np.empty((e, s)), np.empty((e, s))
+    delay = signals.delay
+    if signals.space is not None:
+        delay = delay + np.einsum("esk,sk->es", signals.space, generator(seed, run, "space").standard_normal((s, 4)))
+    noise.measure(
+        generator(seed, run, "measurements"),
+        signals.range, delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
+        ranges, rates,
+    )  # fmt: skip
+    if signals.smoothing is None:
+        return ranges, rates
+    # the ionosphere delays the code as much as it advances the carrier
+    phase = signals.range + delay - 2.0 * signals.ionosphere + world.clock[:, :1]
+    phase = phase + _CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
+    return tracking.smooth(ranges, phase, signals.smoothing), rates
+
+
+def fixed(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The receiver's fixes from measurements (e, s): llh, velocity NED (e, 3), clocks (e, MAX_CLOCKS), covariance of
+    position and velocity (e, 6, 6); see `estimation.receiver`."""
+    signals = world.signals
+    e = ranges.shape[0]
+    llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
+    cov = np.empty((e, 6, 6))
+    receiver.fixes(
+        world.start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
+        ranges, rates, llh, velocity, clocks, cov,
+    )  # fmt: skip
+    return llh, velocity, clocks, cov
+
+
 def fly(
     world: World,
     initial: InitialErrors,
@@ -204,35 +239,15 @@ def fly(
 ) -> Run:
     """One landing, numbered `run`, of the ensemble of `seed`."""
     signals = world.signals
-    e, s = signals.range.shape
+    e = signals.time.size
 
     nav = initial_estimate(generator(seed, run, "initial"), world.at_filter, initial)
 
     dt = world.imu_time[1] - world.imu_time[0]
     dtheta, dv, bias = imu.simulate(generator(seed, run, "imu"), world.dtheta, world.dv, dt, gyro, accel)
 
-    ranges, rates = np.empty((e, s)), np.empty((e, s))
-    delay = signals.delay
-    if signals.space is not None:
-        delay = delay + np.einsum("esk,sk->es", signals.space, generator(seed, run, "space").standard_normal((s, 4)))
-    noise.measure(
-        generator(seed, run, "measurements"),
-        signals.range, delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
-        ranges, rates,
-    )  # fmt: skip
-    if signals.smoothing is not None:
-        # the ionosphere delays the code as much as it advances the carrier
-        phase = signals.range + delay - 2.0 * signals.ionosphere + world.clock[:, :1]
-        phase = phase + _CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
-        ranges = tracking.smooth(ranges, phase, signals.smoothing)
-
-    llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
-    cov = np.empty((e, 6, 6))
-    receiver.fixes(
-        world.start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
-        ranges, rates, llh, velocity, clocks, cov,
-    )  # fmt: skip
-
+    ranges, rates = measured(world, seed, run)
+    llh, velocity, clocks, cov = fixed(world, ranges, rates)
     out = loosely_coupled.Flown.of(e)
     truth = world.at_filter
     scale = settings.sigma_scale**2

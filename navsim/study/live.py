@@ -14,15 +14,13 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core import noise, states
-from navsim.core.dop import MAX_CLOCKS
-from navsim.estimation import receiver
+from navsim.core import states
 from navsim.io.nmea import Assembler
 from navsim.io.recording import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.io.results import Result, Variable
 from navsim.io.stream import Lines
 from navsim.models import imu, timescales
-from navsim.simulation.landing import initial_estimate
+from navsim.simulation.landing import fixed, initial_estimate, measured
 from navsim.simulation.live import Increments, LiveFilter
 from navsim.simulation.streams import generator
 from navsim.study.landing.case import Case
@@ -221,18 +219,6 @@ def _row(line: str, width: int, block: Block) -> np.ndarray | None:
 
 def _fixes(case: Case, seed: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Covariances of the fixes (e, 6, 6) NED, and the simulated fixes themselves: llh, velocity (e, 3)."""
-    world, s = case.world, case.world.signals
-    e, n = s.range.shape
-    ranges, rates = np.empty((e, n)), np.empty((e, n))
-    noise.measure(
-        generator(seed, 0, "measurements"), s.range, s.delay, s.sigma, s.range_rate, s.rate_sigma, s.used, world.clock,
-        ranges, rates,
-    )  # fmt: skip
-    llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
-    cov = np.empty((e, 6, 6))
-    receiver.fixes(
-        world.start, s.position, s.velocity, s.fix_sigma, s.rate_sigma, s.clock, ranges, rates, llh, velocity, clocks,
-        cov,
-    )  # fmt: skip
+    llh, velocity, _, cov = fixed(case.world, *measured(case.world, seed, 0))
     usual = np.diag([25.0, 25.0, 100.0, 0.1, 0.1, 0.4])  # where the scenario's own receiver would have no fix
     return np.where(np.isnan(cov), usual, cov) * case.settings.sigma_scale**2, (llh, velocity)
