@@ -44,7 +44,7 @@ def read_almanac(path: Path, near: float) -> Any:
         return _sem(path, lines, near)
     if len(lines) > 1 and len(lines[1][1].split()) == _AGP_FIELDS["b"]:
         return _agp(path, lines, near)
-    return read_agl(path)
+    return _agl(path, lines)
 
 
 def read_agl(path: Path) -> glonass.Almanac:
@@ -53,7 +53,10 @@ def read_agl(path: Path) -> glonass.Almanac:
     Raises FileError, naming the line, for anything but whole and plausible records; OSError where the file cannot be
     read.
     """
-    lines = [(n, line) for n, line in enumerate(read_lines(path), 1) if line.strip()]
+    return _agl(path, [(n, line) for n, line in enumerate(read_lines(path), 1) if line.strip()])
+
+
+def _agl(path: Path, lines: list[tuple[int, str]]) -> glonass.Almanac:
     records = [_agl_record(path, block) for block in _threes(path, lines)]
     _once(path, [r[0] for r in records], [lines[3 * i + 1][0] for i in range(len(records))], "slot")
     slot, channel, health, day, time, lam, di, omega, ecc, dt, dt_rate = np.array(records, dtype=float).T

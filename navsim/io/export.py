@@ -13,7 +13,6 @@ import datetime
 import io
 import itertools
 import json
-import os
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ import numpy as np
 
 from navsim.core import wgs84
 from navsim.io import rinex_write
-from navsim.io.results import Result, ResultError
+from navsim.io.results import Result, ResultError, write_text
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.atmosphere import L1
 from navsim.models.glonass import FDMA_L1, FDMA_STEP
@@ -54,20 +53,9 @@ def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
     written = []
     for name in formats:
         for path, text in writers[name](result, target).items():
-            _write(path, text)
+            write_text(path, text)
             written.append(path)
     return written
-
-
-def _write(path: Path, text: str) -> None:
-    """Whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_text(text, encoding="utf-8", newline="")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _scenario(result: Result) -> Any:

@@ -80,6 +80,17 @@ def check_writable(path: Path) -> None:
         raise ResultError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all, line ends as they are. Raises ResultError."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="")
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
 IN_MEMORY = 64e6
 """Results up to this size, bytes, are built in memory and then written."""
 

@@ -48,6 +48,18 @@ class Triad:
         return math.hypot(constant, self.markov)
 
 
+def process_noise(gyro: Triad, accel: Triad) -> np.ndarray:
+    """What these sensors add to a filter's covariance (6,), see `core.covariance`."""
+    return np.array(
+        [
+            gyro.noise_density**2,
+            accel.noise_density**2,
+            *gyro.decay_and_drive(),
+            *accel.decay_and_drive(),
+        ]
+    )
+
+
 def density_from_sample_sigma(sigma: float, rate: float) -> float:
     """Noise density of a white sequence of `sigma` per sample at `rate` Hz: sigma / sqrt(rate) [2].
 

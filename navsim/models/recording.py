@@ -20,6 +20,14 @@ class Samples:
         keep = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]))
         return Samples(self.time[keep], self.rate[keep], self.force[keep])
 
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rate and specific force (m, 3) at times (m,), interpolated between samples."""
+        rate, force = (
+            np.stack([np.interp(time, self.time, values[:, i]) for i in range(3)], axis=1)
+            for values in (self.rate, self.force)
+        )
+        return rate, force
+
 
 @dataclass(frozen=True)
 class Fixes:

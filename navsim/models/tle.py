@@ -56,10 +56,6 @@ class Constellation:
         epochs = np.array([(s.jdsatepoch - _JULIAN_1970 + s.jdsatepochF) * timescales.DAY for s in satellites])
         return cls(tuple(names), np.ones(len(names), dtype=bool), epochs, SatrecArray(satellites))
 
-    def of_letter(self, letter: str) -> list[int]:
-        """Which satellites' names begin with a letter."""
-        return [i for i, name in enumerate(self.names) if name.startswith(letter)]
-
     def age(self, utc: float) -> float:
         """Largest distance, s, of the elements' epochs from a UTC time."""
         return float(np.max(np.abs(utc - self.epochs)))

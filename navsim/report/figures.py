@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
-from navsim.io.results import Result, ResultError
+from navsim.io.results import Result, ResultError, write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -333,13 +333,10 @@ def save_figures(draw: Callable[[], dict[str, Figure]], folder: Path, stem: str)
 
 
 def save_text(path: Path, text: str) -> Path:
-    """Write a text file whole or not at all. Raises ResultError."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    """Write a text file whole or not at all, with its folder. Raises ResultError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_text(path, text)
     return path

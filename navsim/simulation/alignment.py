@@ -162,8 +162,8 @@ def _felt(samples: Samples, begin: float, time: np.ndarray, bias: np.ndarray) ->
     from scipy.spatial.transform import Rotation
 
     grid = np.unique(np.concatenate([samples.time[samples.time > begin], [begin], time]))
-    rate = np.stack([np.interp(grid, samples.time, samples.rate[:, i]) for i in range(3)], axis=1) - bias
-    force = np.stack([np.interp(grid, samples.time, samples.force[:, i]) for i in range(3)], axis=1)
+    rate, force = samples.at(grid)
+    rate = rate - bias
     step = np.diff(grid)[:, None]
     turns = Rotation.from_rotvec(0.5 * (rate[1:] + rate[:-1]) * step)
     attitude = [Rotation.identity()]

@@ -72,14 +72,7 @@ class FilterSettings:
 
     def noise(self) -> np.ndarray:
         """Process noise (6,), see `core.covariance`."""
-        return np.array(
-            [
-                self.gyro.noise_density**2,
-                self.accel.noise_density**2,
-                *self.gyro.decay_and_drive(),
-                *self.accel.decay_and_drive(),
-            ]
-        )
+        return imu.process_noise(self.gyro, self.accel)
 
 
 _SIGMA_FLOOR = {states.POS: 1e-4, states.VEL: 1e-6, states.ATT: 1e-8, states.GYRO: 1e-12, states.ACCEL: 1e-9}

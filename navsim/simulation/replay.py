@@ -8,14 +8,14 @@ and a covariance that knows it.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from navsim.core import covariance, states, wgs84
 from navsim.core.rotation import dcm_from_quaternion, roll_pitch_yaw
 from navsim.estimation import error_state, loosely_coupled, smoother
-from navsim.models.imu import Triad
+from navsim.models.imu import Triad, process_noise
 from navsim.models.recording import Fixes, Samples
 from navsim.simulation.alignment import Alignment
 
@@ -40,17 +40,26 @@ class Beliefs:
 
 
 @dataclass(frozen=True)
-class Flight:
-    """A recording ready for the filter, from the alignment on.
-
-    imu_time (n + 1,) s; dtheta, dv (n, 3) increments; arrival (m,) times of the fixes as they came, s; llh, velocity
-    (m, 3); start_llh, start_velocity: of the fix nearest to the alignment, carried on to it over start_age seconds;
-    gaps: (first sample, length s) of missing samples; rate_scatter, force_scatter: (3,) 1 sigma of the samples.
-    """
+class Felt:
+    """What sensors felt: imu_time (n + 1,) s; dtheta, dv (n, 3) increments; gaps: (first sample, length s) of missing
+    samples; rate_scatter, force_scatter: (3,) 1 sigma of the samples."""
 
     imu_time: np.ndarray
     dtheta: np.ndarray
     dv: np.ndarray
+    gaps: tuple[tuple[int, float], ...]
+    rate_scatter: np.ndarray
+    force_scatter: np.ndarray
+
+
+@dataclass(frozen=True)
+class Flight(Felt):
+    """A recording ready for the filter, from the alignment on.
+
+    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3); start_llh, start_velocity: of the fix nearest
+    to the alignment, carried on to it over start_age seconds.
+    """
+
     arrival: np.ndarray
     llh: np.ndarray
     velocity: np.ndarray
@@ -58,9 +67,6 @@ class Flight:
     start_llh: np.ndarray
     start_velocity: np.ndarray
     start_age: float
-    gaps: tuple[tuple[int, float], ...] = ()
-    rate_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    force_scatter: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -96,15 +102,12 @@ class Replay:
         return float(0.5 * np.nansum(self.squared[counted]) + np.sum(np.log(sigma[np.isfinite(sigma)])))
 
 
-def prepare(
-    samples: Samples, fixes: Fixes, alignment: Alignment, latency: float, longest_gap: float, averaged: bool
-) -> Flight:
-    """The part of a recording after the alignment, as increments.
+def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Felt:
+    """What the sensors felt from `begin` (s) on.
 
-    fixes: by the time they came. longest_gap: s between samples from which on they count as missing. averaged: a sample
-    is the mean since the one before; otherwise increments are the trapezoid of the samples at both ends.
+    longest_gap: s between samples from which on they count as missing. averaged: a sample is the mean since the one
+    before; otherwise increments are the trapezoid of the samples at both ends.
     """
-    begin = alignment.time
     keep = samples.time >= begin
     imu_time = np.concatenate([[begin], samples.time[keep]])
     imu_time = imu_time[np.concatenate([[True], np.diff(imu_time) > 1e-6])]
@@ -113,17 +116,24 @@ def prepare(
         sample = np.searchsorted(samples.time, imu_time[1:])
         rate, force = samples.rate[sample], samples.force[sample]
     else:
-        rate, force = (
-            0.5 * (ends[1:] + ends[:-1])
-            for ends in (
-                np.stack([np.interp(imu_time, samples.time, values[:, i]) for i in range(3)], axis=1)
-                for values in (samples.rate, samples.force)
-            )
-        )
+        rate, force = (0.5 * (ends[1:] + ends[:-1]) for ends in samples.at(imu_time))
     lost = np.flatnonzero(step[:, 0] > longest_gap)
+    return Felt(
+        imu_time=imu_time,
+        dtheta=rate * step,
+        dv=force * step,
+        gaps=tuple((int(k), float(step[k, 0])) for k in lost),
+        rate_scatter=samples.rate[keep].std(axis=0),
+        force_scatter=samples.force[keep].std(axis=0),
+    )
+
+
+def prepare(felt: Felt, fixes: Fixes, alignment: Alignment, latency: float) -> Flight:
+    """The flight after an alignment, its fixes `latency` seconds old when they came; felt: from the alignment on."""
+    begin = alignment.time
     late = fixes.time
     valid = late - latency
-    inside = (valid > begin) & (late <= imu_time[-1])
+    inside = (valid > begin) & (late <= felt.imu_time[-1])
     before = np.flatnonzero(valid <= begin + 1e-9)
     at = int(before[-1]) if before.size else int(np.flatnonzero(inside)[0])
     velocity = np.nan_to_num(fixes.velocity[at])
@@ -132,9 +142,7 @@ def prepare(
         wgs84.ecef_from_llh(fixes.llh[at]) + ahead * wgs84.ned_matrix(fixes.llh[at]).T @ velocity
     )
     return Flight(
-        imu_time=imu_time,
-        dtheta=rate * step,
-        dv=force * step,
+        **vars(felt),
         arrival=late[inside],
         llh=fixes.llh[inside],
         velocity=fixes.velocity[inside],
@@ -142,9 +150,6 @@ def prepare(
         start_llh=start,
         start_velocity=velocity,
         start_age=abs(ahead),
-        gaps=tuple((int(k), float(step[k, 0])) for k in lost),
-        rate_scatter=samples.rate[keep].std(axis=0),
-        force_scatter=samples.force[keep].std(axis=0),
     )
 
 
@@ -162,14 +167,7 @@ def fly(
     filter is not given (their misfit is nan).
     """
     nav, p = _start(flight, beliefs)
-    noise = np.array(
-        [
-            beliefs.gyro.noise_density**2,
-            beliefs.accel.noise_density**2,
-            *beliefs.gyro.decay_and_drive(),
-            *beliefs.accel.decay_and_drive(),
-        ]
-    )
+    noise = process_noise(beliefs.gyro, beliefs.accel)
     until = min(until, float(flight.imu_time[-1]))
     given = flight.arrival <= until + 1e-9
     wanted = np.unique(times[(times > flight.imu_time[0] + beliefs.latency) & (times <= until + 1e-9)])

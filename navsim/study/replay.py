@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -97,8 +98,13 @@ class Recording:
 
     def flight(self, latency: float) -> replay.Flight:
         """The increments and fixes after the alignment."""
+        return replay.prepare(self._felt, self.fixes, self.alignment, latency)
+
+    @cached_property
+    def _felt(self) -> replay.Felt:
+        """The increments, which no setting changes: a tuning flies them hundreds of times."""
         averaged = self.scenario.imu.samples == "averaged"
-        return replay.prepare(self.samples, self.fixes, self.alignment, latency, self.longest_gap, averaged)
+        return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
 
 def prepare(scenario: Replay, document: Document) -> Recording:
