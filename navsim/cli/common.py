@@ -184,3 +184,23 @@ def print_console(table: Any, width: int) -> None:
     from rich.console import Console
 
     Console(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
+
+
+def print_result(
+    result: Any, target: Path, written: list[Path], quiet: bool, as_json: bool, prefixes: tuple[str, ...]
+) -> None:
+    """The tables of a result's kind and where its files are, or as JSON what lies below the prefixes."""
+    if as_json:
+        import json
+
+        from navsim.report.tables import plain_tree
+
+        print(json.dumps(plain_tree(result, prefixes), indent=1, allow_nan=False))
+    elif not quiet:
+        from navsim.report.views import VIEWS
+
+        view = VIEWS[str(result.attributes["kind"])]
+        print_console(view.console(result), view.width)
+        print(f"result   {target}")
+        if written:
+            print(f"figures  {', '.join(map(str, written))}")

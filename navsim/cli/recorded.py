@@ -20,7 +20,7 @@ from navsim.cli.common import (
     draw,
     figure_folder,
     leave,
-    print_console,
+    print_result,
     progress,
     say,
     target_of,
@@ -47,7 +47,6 @@ def replay(
         target = target_of(log, output, "replay")
         from navsim.core import jit
         from navsim.io.results import ResultError, write
-        from navsim.report import replay as report
         from navsim.study import replay as flying
 
         recording = flying.prepare(section, document)
@@ -74,17 +73,7 @@ def replay(
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
-    if json_:
-        import json
-
-        from navsim.report.tables import plain_tree
-
-        print(json.dumps(plain_tree(result, ("/summary", "/tuning", "/outages")), indent=1, allow_nan=False))
-    elif not quiet:
-        print_console(report.console(result), 110)
-        print(f"result   {target}")
-        if written:
-            print(f"figures  {', '.join(map(str, written))}")
+    print_result(result, target, written, quiet, json_, ("/summary", "/tuning", "/outages"))
     for warning in flying.findings(recording, result):
         say(f"warning: {warning}")
 
@@ -128,7 +117,6 @@ def live(
         from navsim.core import jit
         from navsim.io.results import ResultError, write
         from navsim.io.stream import StreamError, opened
-        from navsim.report import live as report
         from navsim.study import landing
         from navsim.study.live import Session
 
@@ -152,15 +140,7 @@ def live(
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
-    if json_:
-        import json
-
-        from navsim.report.tables import plain_tree
-
-        print(json.dumps(plain_tree(result, ("/summary", "/stream")), indent=1, allow_nan=False))
-    elif not quiet:
-        print_console(report.console(result), 100)
-        print(f"result   {target}")
+    print_result(result, target, [], quiet, json_, ("/summary", "/stream"))
     say(f"ended: {why}")
     if not result["/filter/time"].size:
         leave(RUN_FAILED, "not one message could be used")

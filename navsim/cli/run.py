@@ -22,7 +22,7 @@ from navsim.cli.common import (
     draw,
     figure_folder,
     leave,
-    print_console,
+    print_result,
     print_summary,
     progress,
     read,
@@ -196,7 +196,6 @@ def _run_companion(
     """One of the companion papers' systems: computed, written, shown."""
     from navsim.core import jit
     from navsim.io.results import ResultError, write
-    from navsim.report.views import VIEWS
     from navsim.study.companions import COMPANIONS
 
     drawing = figure_folder(figures, target, 1, quiet)
@@ -213,14 +212,4 @@ def _run_companion(
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
-    if as_json:
-        import json
-
-        from navsim.report.tables import plain_tree
-
-        print(json.dumps(plain_tree(result, companion.summary), indent=1, allow_nan=False))
-    elif not quiet:
-        print_console(VIEWS[checked.kind].console(result), VIEWS[checked.kind].width)
-        print(f"result   {target}")
-        if written:
-            print(f"figures  {', '.join(map(str, written))}")
+    print_result(result, target, written, quiet, as_json, companion.summary)
