@@ -57,6 +57,9 @@ class Interference(Section):
         return self
 
 
+SOURCES_FROM_FILES = ("almanac", "navigation", "orbits")
+"""Values of `sky.source` that name files by the key of the same name."""
+
 Files = Annotated[tuple[str, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
 """A file name or a list of them."""
 Checksums = Annotated[tuple[Checksum, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
@@ -102,7 +105,7 @@ class Sky(Section):
 
     @model_validator(mode="after")
     def _what_the_source_needs(self) -> Self:
-        for source in ("almanac", "navigation", "orbits"):
+        for source in SOURCES_FROM_FILES:
             if self.source == source and not getattr(self, source):
                 raise reject(f"`source: {source}` needs the file name here", source)
         if self.source == "directions" and not self.directions:

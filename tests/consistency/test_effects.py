@@ -167,8 +167,8 @@ def test_smoothed_code() -> None:
     [
         (("pseudolites.count=0", "pseudolites.differential={}"), "there is none"),
         (("pseudolites.differential={site: PL7}",), "no pseudolite is named 'PL7'"),
-        (("method=covariance", "signals.ephemeris={}"), "correlated in time"),
-        (("method=covariance", "receiver.smoothing_s=10"), "correlated in time"),
+        (("method=covariance", "filter.kind=rts"), "rts is a smoother"),
+        (("signals.troposphere={}", "sky.mask_deg=-1"), "above the horizon"),
         (("signals.ionosphere={alpha: [1, 2, 3]}",), "too short"),
     ],
 )

@@ -15,7 +15,7 @@ from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps
 from navsim.scenario.landing import Landing
-from navsim.scenario.sky import CLOCKS
+from navsim.scenario.sky import CLOCKS, SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation.signals import Satellites
 
@@ -38,7 +38,7 @@ def read_satellites(
         constellations.append(glonass.Nominal())
     if key in ("nominal-gps", "nominal"):
         constellations.append(gps.nominal(utc))
-    if key in ("almanac", "navigation", "orbits"):
+    if key in SOURCES_FROM_FILES:
         files = _Files(scenario, document, key)
         for name in getattr(sky, key):
             constellations += files.read(name, _READERS[key], utc)
