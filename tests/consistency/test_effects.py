@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from navsim.models import atmosphere
 from navsim.scenario.source import InputError
+from navsim.simulation.signals import build_signals
 from navsim.study import landing
 from tests.helpers import case, scenario
 
@@ -96,6 +99,20 @@ def test_differential_corrections_remove_what_is_common() -> None:
     sky = np.array([not n.startswith("PL") for n in plain.names])
     np.testing.assert_allclose(noisy.sigma[:, sky] ** 2, plain.sigma[:, sky] ** 2 + 1.0)
     np.testing.assert_array_equal(noisy.sigma[:, ~sky], plain.sigma[:, ~sky])
+
+
+def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:
+    """It has no correction: it is left out, rather than used without one; all numbers of those used are finite."""
+    c = case(*BASE, "signals.troposphere={}", "pseudolites.differential={latency_s: 1}")
+    effects = c.environment.effects
+    assert effects.reference is not None
+    far = replace(effects.reference, llh=effects.reference.llh + [0.0, np.radians(60.0), 0.0])
+    motion, utc = c.trajectory.motion(c.world.signals.time), c.scenario.epoch.timestamp()
+    s = build_signals(motion, utc, replace(c.environment, effects=replace(effects, reference=far)))
+    lost = c.world.signals.used & ~s.used
+    assert 0.1 < lost.sum() / c.world.signals.used.sum() < 0.9
+    assert np.all(np.isnan(s.los[lost]))
+    assert not s.unfinished()
 
 
 def test_corrections_of_listed_directions() -> None:
