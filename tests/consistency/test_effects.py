@@ -106,7 +106,7 @@ def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:
     c = case(*BASE, "signals.troposphere={}", "pseudolites.differential={latency_s: 1}")
     effects = c.environment.effects
     assert effects.reference is not None
-    far = replace(effects.reference, llh=effects.reference.llh + [0.0, np.radians(60.0), 0.0])
+    far = replace(effects.reference, llh=effects.reference.llh + np.radians([0.0, 120.0, 0.0]))
     motion, utc = c.trajectory.motion(c.world.signals.time), c.scenario.epoch.timestamp()
     s = build_signals(motion, utc, replace(c.environment, effects=replace(effects, reference=far)))
     lost = c.world.signals.used & ~s.used
