@@ -118,8 +118,8 @@ def test_versions_of_sp3(version: str, tmp_path: Path) -> None:
 
 
 def test_versions_not_read_are_named(tmp_path: Path) -> None:
-    (tmp_path / "nav").write_text(header("     4.00           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
-    with pytest.raises(FileError, match="version 4 is not read"):
+    (tmp_path / "nav").write_text(header("     5.00           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
+    with pytest.raises(FileError, match="version 5 is not read"):
         read_nav(tmp_path / "nav")
     other = tmp_path / "other"
     other.write_text(header("     3.04           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
