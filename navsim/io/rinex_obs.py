@@ -27,9 +27,9 @@ _PER_LINE_2 = 5
 """Values a line of version 2; later versions have all of a satellite's in one."""
 _CYCLE_SLIPS = 6
 """Event flag of records like observations, with slips in place of values."""
-_EPOCH_2 = re.compile(r" [ \d]\d(?: [ \d]\d){4} [ \d]\d\.\d{7}  [ \d][ \d]{2}\d")
-_CUT_EPOCH_2 = " dd dd dd dd dd dd.ddddddd  dddd"
-"""Where digits (or blanks for them) stand in such a line."""
+_EPOCH_2 = re.compile(r" [ \d]\d(?: [ \d]\d){4}[ \d.]{11}  [ \d][ \d]{2}\d")
+"""What no line of values looks like: those have no blanks between digits of one value."""
+_CUT_EPOCH_2 = " dd dd dd dd dd" + 11 * "d" + "  dddd"
 _EVENT_2 = re.compile(r" {28}[2-6][ \d]{2}\d")
 _MORE_SATELLITES_2 = re.compile(r" {32}(?:[A-Z ][ \d]\d)+\s*$")
 
@@ -496,4 +496,4 @@ class _Reader:
 
 def _begins_epoch_2(line: str) -> bool:
     """Whether a line may be the beginning of one that begins an epoch of version 2."""
-    return all(c in (" 0123456789" if due == "d" else due) for c, due in zip(line, _CUT_EPOCH_2, strict=False))
+    return all(c in (" .0123456789" if due == "d" else due) for c, due in zip(line, _CUT_EPOCH_2, strict=False))

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import bz2
 import io
+import lzma
 import math
+import struct
 import warnings
 import zipfile
 import zlib
@@ -152,8 +154,12 @@ def _unzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
                 raise FileError(0, f"the zip archive holds {said}; allowed is exactly one", path)
             with archive.open(members[0]) as file:
                 out = file.read(MOST_BYTES + 1)
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
-        # RuntimeError: encrypted members, and NotImplementedError: methods that Python does not know
+    except FileError:
+        raise
+    except (
+        zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError, RuntimeError, ValueError
+    ) as error:  # fmt: skip
+        # damaged lists of members make zipfile raise nearly anything; RuntimeError: encrypted, or unknown methods
         raise FileError(0, f"cannot be unpacked: {error}", path) from None
     if len(out) > MOST_BYTES:
         raise _too_large(path)

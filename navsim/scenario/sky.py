@@ -30,6 +30,10 @@ CLOCKS: tuple[Clock, ...] = ("glonass", "gps", "own")
 """Time scales a source may keep; each used one costs a fix one unknown. Their order numbers them."""
 
 
+LENIENT = ("navigation", "orbits")
+"""Sources whose files can be read in part."""
+
+
 class Direction(Section):
     """A source in a fixed direction."""
 
@@ -107,10 +111,8 @@ class Sky(Section):
         for source in ("almanac", "navigation", "orbits"):
             if self.source == source and not getattr(self, source):
                 raise reject(f"`source: {source}` needs the file name here", source)
-        if self.lenient and self.source not in ("navigation", "orbits"):
-            raise reject(
-                f"is for `source: navigation` and `orbits`; `source: {self.source}` has no such files", "lenient"
-            )
+        if self.lenient and self.source not in LENIENT:
+            raise reject(f"is for `source: {'` and `'.join(LENIENT)}`, not for `{self.source}`", "lenient")
         if self.source == "directions" and not self.directions:
             raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
         if self.mask_deg >= self.mask_upper_deg:

@@ -15,7 +15,7 @@ from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps
 from navsim.scenario.landing import Landing
-from navsim.scenario.sky import CLOCKS
+from navsim.scenario.sky import CLOCKS, LENIENT
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation.signals import Satellites
 
@@ -109,7 +109,8 @@ class _Files:
             checksum = hashlib.sha256(path.read_bytes()).hexdigest()
             constellations, remarks = reader(path, utc, self.scenario.sky.lenient)
         except FileError as error:
-            cure = "; `sky.lenient: true` takes what is whole" if error.salvageable else ""
+            curable = error.salvageable and self.key in LENIENT
+            cure = "; `sky.lenient: true` takes what is whole" if curable else ""
             message = f"not a usable file of satellites: {error.message}{cure}"
             raise self._wrong(name, path, message, error.line) from None
         except OSError as error:
