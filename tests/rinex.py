@@ -82,10 +82,16 @@ def navigation_3(utc: float) -> str:
 _MESSAGES = {"G": "LNAV", "R": "FDMA", "E": "INAV", "C": "D1", "J": "LNAV", "S": "SBAS", "I": "LNAV"}
 
 
-def in_version_4(text: str, version: str, more: Sequence[str], flags: str | None = None) -> str:
+STATUS = f"{179.0:19.12E}"
+"""Status flags of a GLONASS-M satellite."""
+
+
+def in_version_4(
+    text: str, version: str, more: Sequence[str], flags: str = f"{3.0:19.12E}", status: str = STATUS
+) -> str:
     """Messages of version 3 in the frames of version 4, after the lines `more`; GLONASS with a fifth line.
 
-    flags: the field of health flags; given, every GLONASS record gets a new fifth line.
+    flags, status: the fields of health and status flags in it.
     """
     lines = text.rstrip("\n").split("\n")
     body = next(k for k, line in enumerate(lines) if "END OF HEADER" in line) + 1
@@ -96,6 +102,5 @@ def in_version_4(text: str, version: str, more: Sequence[str], flags: str | None
         name = lines[start][:3]
         out += [f"> EPH {name} {_MESSAGES[name[0]]}", *lines[start:stop]]
         if name[0] == "R" and stop - start == 4:
-            field = f"{3.0:19.12E}" if flags is None else flags
-            out.append(("    " + 3 * f"{1.0:19.12E}" + field).rstrip())
+            out.append(f"    {status:19s}{2 * f'{1.0:19.12E}'}{flags}".rstrip())
     return "\n".join(out) + "\n"

@@ -325,24 +325,29 @@ def _glonass(path: Path, record: _Record, version: float) -> tuple[float, ...]:
 
 
 def _flags_healthy(path: Path, block: list[tuple[int, str]], version: float) -> bool:
-    """Whether the health flags of the fifth line allow a GLONASS satellite; without them it is up to B_n alone.
+    """Whether the flags of the fifth line allow a GLONASS satellite; without them it is up to B_n alone.
 
-    Three bits [2, table A10]: l(3), unhealthy by string 3; A_C, whether the almanac's health is reported; C, healthy
-    by the almanac.
+    Health flags are three bits [2, table A10]: l(3), unhealthy by string 3, which satellites before GLONASS-M do not
+    send; A_C, whether the almanac's health is reported; C, healthy by the almanac. Bits 7 and 8 of the status flags
+    are the kind of satellite, 0 before GLONASS-M.
     """
     if len(block) < 5:
         return True
-    line, text = block[4]
-    start = _margin(version) + 3 * 19
-    if not text[start : start + 19].strip():
+    health = _flags(path, block[4], _margin(version) + 3 * 19, 7, "the health flags")
+    if health is None:
         return True
-    flags = number(path, line, text[start : start + 19], "the health flags")
-    if flags == _UNKNOWN:
-        return True
-    bits = int(
-        within(path, line, whole(path, line, text[start : start + 19], "the health flags"), 0, 7, "health flags")
-    )
-    return not bits & 4 and (not bits & 2 or bool(bits & 1))
+    status = _flags(path, block[4], _margin(version), 511, "the status flags")
+    sends_l = status is None or status >> 7 > 0
+    return not (health & 4 and sends_l) and (not health & 2 or bool(health & 1))
+
+
+def _flags(path: Path, numbered: tuple[int, str], start: int, most: int, name: str) -> int | None:
+    """Bits written as a number; None where they are blank or not known."""
+    line, text = numbered
+    piece = text[start : start + 19]
+    if not piece.strip() or number(path, line, piece, name) == _UNKNOWN:
+        return None
+    return int(within(path, line, whole(path, line, piece, name), 0, most, name))
 
 
 _UNKNOWN = 0.999999999999e9

@@ -248,12 +248,20 @@ def test_messages_of_version_4(version: str, tmp_path: Path) -> None:
     assert new.left_out == ()
 
 
+OLD, M = f"{1.0:19.12E}", f"{179.0:19.12E}"
+
+
 @pytest.mark.parametrize(
-    ("flags", "healthy"), [(0, 1), (1, 1), (2, 0), (3, 1), (4, 0), (7, 0), ("", 1), (0.999999999999e9, 1)]
-)
-def test_health_flags_of_the_fifth_line_count(flags: float | str, healthy: int, tmp_path: Path) -> None:
+    ("flags", "status", "healthy"),
+    [(0, M, 1), (1, M, 1), (2, M, 0), (3, M, 1), (4, M, 0), (7, M, 0), ("", M, 1), (0.999999999999e9, M, 1),
+     (4, "", 0), (4, OLD, 1), (2, OLD, 0)],
+)  # fmt: skip
+def test_health_flags_of_the_fifth_line_count(
+    flags: float | str, status: str, healthy: int, tmp_path: Path
+) -> None:  # fmt: skip
+    """String 3 says nothing of satellites before GLONASS-M, the almanac of all."""
     field = f"{flags:19.12E}" if flags != "" else ""
-    (tmp_path / "nav").write_text(in_version_4(navigation_3(UTC), "4.00", [], flags=field))
+    (tmp_path / "nav").write_text(in_version_4(navigation_3(UTC), "4.00", [], flags=field, status=status))
     found = read_nav(tmp_path / "nav").glonass
     assert found is not None
     assert np.all(found.healthy == bool(healthy))
