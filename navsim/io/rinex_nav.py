@@ -65,14 +65,15 @@ def read_nav(path: Path, lenient: bool = False) -> Navigation:
     version, system, klobuchar, leap, first = _header(path, lines)
     records: dict[str, list[tuple[float, ...]]] = {"G": [], "R": []}
     skipped: dict[str, int] = {}
-    newest = -np.inf
+    newest, usual = -np.inf, 0
     for record in (_framed if version >= 4.0 else _blocks)(path, lines, first, version, system, dropped):
         kind, letter, message = record.kind, record.letter, record.message
         try:
             if (kind, letter, message) == ("EPH", "G", "LNAV"):
                 records["G"].append(_gps(path, record, version))
             elif (kind, letter, message) == ("EPH", "R", "FDMA"):
-                records["R"].append(_glonass(path, record, version))
+                records["R"].append(_glonass(path, record, version, usual))
+                usual = len(record.lines)
             elif (kind, letter) == ("ION", "G") and message in _KLOBUCHAR:
                 time, coefficients = _ionosphere(path, record, version)
                 if time >= newest:
@@ -305,10 +306,10 @@ _GLONASS_LIMITS = {
 _GLONASS_RADIUS = (24.0e3, 27.0e3)
 
 
-def _glonass(path: Path, record: _Record, version: float) -> tuple[float, ...]:
+def _glonass(path: Path, record: _Record, version: float, usual: int) -> tuple[float, ...]:
+    """The fields of a GLONASS record; usual: lines of the one before, 0 for none."""
     block = record.lines
-    # the fifth line came with version 3.05; some programs write it into files of 3.04 too
-    _check_length(path, record, (4,) if version < 3.0 else (4, 5) if version < 3.05 else (5,), _margin(version))
+    _check_length(path, record, _glonass_lines(record, version, usual), _margin(version))
     slot, time = _satellite(path, block, version, 32), _time(path, block, version)
     v = _values(path, block, version, _GLONASS_FIELDS)
     if v["channel"] > 128.0:  # an unsigned octet that meant to be signed
@@ -322,6 +323,17 @@ def _glonass(path: Path, record: _Record, version: float) -> tuple[float, ...]:
         slot, v["channel"], float(healthy), time, v["x"], v["y"], v["z"], v["vx"], v["vy"], v["vz"],
         v["ax"], v["ay"], v["az"], v["tau"], v["gamma"], v["age"],
     )  # fmt: skip
+
+
+def _glonass_lines(record: _Record, version: float, usual: int) -> tuple[int, ...]:
+    """How many lines a GLONASS record may have: the fifth came with version 3.05, but programs differ from that."""
+    if version < 3.0:
+        return (4,)
+    if version >= 4.0:
+        return (5,)
+    if usual:
+        return (usual,)
+    return (5,) if version >= 3.05 and record.ends_file else (4, 5)
 
 
 def _flags_healthy(path: Path, block: list[tuple[int, str]], version: float) -> bool:

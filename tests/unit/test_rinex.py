@@ -481,3 +481,21 @@ def test_version_3_of_our_own_still_reads(tmp_path: Path) -> None:
         assert found.gps is not None
         assert found.glonass is not None
         assert (found.gps.prn.size, found.glonass.slot.size) == (3, 3)
+
+
+@pytest.mark.parametrize("version", ["3.04", "3.05"])
+@pytest.mark.parametrize("lines_each", [4, 5])
+def test_glonass_records_of_a_file_are_of_one_length(version: str, lines_each: int, tmp_path: Path) -> None:
+    """Programs write the fifth line into files of 3.04, and leave it out of those of 3.05."""
+    text = navigation_3(UTC).replace("3.04", version)
+    if lines_each == 5:
+        text = in_version_4(text, version, [])
+        text = "\n".join(line for line in text.split("\n") if not line.startswith(">"))
+    (tmp_path / "nav").write_text(text)
+    found = read_nav(tmp_path / "nav")
+    assert found.glonass is not None
+    assert found.glonass.slot.tolist() == [1, 2, 3]
+    lines = text.rstrip("\n").split("\n")
+    (tmp_path / "nav").write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(FileError, match=f"breaks off: {lines_each} lines are due, here are {lines_each - 1}"):
+        read_nav(tmp_path / "nav")
