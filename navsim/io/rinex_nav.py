@@ -132,9 +132,8 @@ def rinex_version(path: Path, lines: list[str]) -> tuple[float, str]:
     return version, lines[0][40:41].strip() or "G"
 
 
-def _end(lines: list[str], first: int) -> int:
-    """Index after the last line that is not blank."""
-    end = len(lines)
+def _end(lines: list[str], first: int, end: int) -> int:
+    """Index after the last line from `first` up to `end` that is not blank."""
     while end > first and not lines[end - 1].strip():
         end -= 1
     return end
@@ -144,7 +143,7 @@ def _blocks(
     path: Path, lines: list[str], first: int, version: float, system: str, dropped: Dropped
 ) -> Iterator[_Record]:
     """Records of versions 2 and 3: one begins where the satellite's columns are filled."""
-    end = _end(lines, first)
+    end = _end(lines, first, len(lines))
     starts = [index for index in range(first, end) if lines[index][:3].strip()]
     if end > first and (not starts or starts[0] > first):
         error = FileError(first + 1, "expected a record that begins with a satellite", path)
@@ -164,7 +163,7 @@ def _framed(
     path: Path, lines: list[str], first: int, version: float, system: str, dropped: Dropped
 ) -> Iterator[_Record]:
     """Records of version 4: one begins with a line such as `> EPH G01 LNAV`, or `> STO R   FDMA` of a whole system."""
-    end = _end(lines, first)
+    end = _end(lines, first, len(lines))
     starts = [index for index in range(first, end) if lines[index].startswith(">")]
     if end > first and (not starts or starts[0] > first):
         error = FileError(first + 1, "expected a record, a line such as > EPH G01 LNAV", path)
@@ -190,7 +189,7 @@ def _framed(
 
 def _numbered(lines: list[str], start: int, stop: int) -> list[tuple[int, str]]:
     """Lines with their numbers, less blank ones at the end."""
-    return list(enumerate(lines[start : _end(lines[:stop], start)], start + 1))
+    return list(enumerate(lines[start : _end(lines, start, stop)], start + 1))
 
 
 def _check_length(path: Path, record: _Record, due: tuple[int, ...], margin: int) -> None:
