@@ -35,6 +35,7 @@ COUNTS = {
     "lost": "messages missing in between, by the scenario's rate",
     "early": "messages for a time beyond the data or the scenario",
     "empty": "messages without a fix",
+    "no_height": "fixes without a height: none in GGA, or RMC without GGA",
 }
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
 
@@ -100,13 +101,8 @@ class Session:
         if not line.strip() or line.startswith(("#", "t_s")):
             return
         self.counts["received"] += 1
-        if line.startswith("$") or (self.block == "receiver" and "$" in line[:2]):
-            corrupt, empty = self.assembler.corrupt, self.assembler.no_fix
-            row = self.assembler.feed(line) if self.block == "receiver" else None
-            self.counts["corrupt"] += self.assembler.corrupt - corrupt + (self.block == "imu")
-            self.counts["empty"] += self.assembler.no_fix - empty
-            if row is not None:
-                self._use(row[:7])
+        if self.block == "receiver" and "$" in line:
+            self._hear(lambda: self.assembler.feed(line))
             return
         row = _row(line, len(GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS), self.block)
         if row is None:
@@ -116,8 +112,17 @@ class Session:
 
     def finish(self) -> None:
         """The last epoch of NMEA sentences has no successor that would complete it."""
-        row = self.assembler.flush() if self.block == "receiver" else None
-        if row is not None:
+        if self.block == "receiver":
+            self._hear(lambda: [row for row in (self.assembler.flush(),) if row is not None])
+
+    def _hear(self, rows_of: Callable[[], list[np.ndarray]]) -> None:
+        """Use the rows that the assembler gives, and count what it counts meanwhile."""
+        names = {"corrupt": "corrupt", "empty": "no_fix", "no_height": "no_height"}
+        before = {name: getattr(self.assembler, counted) for name, counted in names.items()}
+        rows = rows_of()
+        for name, counted in names.items():
+            self.counts[name] += getattr(self.assembler, counted) - before[name]
+        for row in rows:
             self._use(row[:7])
 
     def _use(self, row: np.ndarray) -> None:
