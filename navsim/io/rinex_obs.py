@@ -25,7 +25,7 @@ _MOST_SATELLITES = 999
 class Observations:
     """What a receiver recorded.
 
-    time: (e,) by the receiver's clock, UTC (POSIX s). satellites: (s,) names. values: by code (such as C1C), (e, s) in
+    time: (e,) by the receiver's clock, GPS s. satellites: (s,) names. values: by code (such as C1C), (e, s) in
     m, cycles, Hz, dB-Hz as RINEX has them; nan where there is none. lost_lock: by phase code, (e, s) bool. position:
     (3,) ECEF approximate position of the marker, m, or None; antenna: (3,) up, east, north of the antenna, m.
     channels: GLONASS frequency channels by satellite. events: epochs skipped because they are no observations.
@@ -216,9 +216,10 @@ class _Reader:
                 if flag and code in lost:
                     lost[code][epoch, i] = flag.isdecimal() and int(flag) & 1
         time = np.array(self.time)
-        if h.scale != "utc":
-            offset = 14.0 if h.scale == "bdt" else 0.0
-            time = timescales.utc_from_gps(time - timescales.GPS_EPOCH + offset)
+        if h.scale == "utc":
+            time = timescales.gps_from_utc(time)
+        else:
+            time = time - timescales.GPS_EPOCH + (14.0 if h.scale == "bdt" else 0.0)
         return Observations(time, satellites, values, lost, h.position, h.antenna, h.channels, self.events)
 
     def _satellites(self, at: int, text: str) -> int:
