@@ -32,6 +32,7 @@ class Assembler:
         self.corrupt = 0
         self.other = 0
         self.no_fix = 0
+        self.untimed = 0
         self._time: datetime.time | None = None
         self._fields: dict[str, Any] = {}
         self._date: datetime.date | None = None
@@ -51,6 +52,11 @@ class Assembler:
             return None
         done = None
         time = getattr(parsed, "time", None)
+        if parsed.msgID != "VTG" and not isinstance(time, datetime.time):
+            # of no epoch, least of all of the one before: a receiver that does not know the time yet, or a leap second,
+            # 23:59:60, which UTC as a count of seconds cannot tell from the second after it
+            self.untimed += 1
+            return None
         if isinstance(time, datetime.time):
             if self._time is not None and time != self._time:
                 done = self.flush()
@@ -127,4 +133,5 @@ def read_nmea(path: Path, lines: list[str]) -> tuple[np.ndarray, Any]:
     dropped = Dropped()
     dropped.add("corrupt NMEA lines", assembler.corrupt)
     dropped.add("NMEA epochs without a fix", assembler.no_fix)
+    dropped.add("NMEA sentences without a time of day (a leap second has none)", assembler.untimed)
     return np.array(rows), dropped

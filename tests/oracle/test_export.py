@@ -134,6 +134,18 @@ def test_nmea_has_the_leap_second(leaping: Result, tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_our_reader_gives_no_fix_of_a_leap_second_another_time(leaping: Result, tmp_path: Path) -> None:
+    export(leaping, tmp_path / "r.h5", ["nmea"])
+    fixes, dropped = read_fixes(tmp_path / "r.nmea")
+    ours = ecef_from_llh(leaping["/receiver/position_llh"][0])
+    since = leaping["/geometry/time"] + 0.25  # of 23:59:30
+    inside = (since >= 30.0) & (since < 31.0)
+    np.testing.assert_allclose(ecef_from_llh(fixes.llh), ours[~inside], atol=2e-3)
+    posix = since[~inside] - (since[~inside] >= 31.0)
+    np.testing.assert_allclose(fixes.time - fixes.time[0], posix - posix[0], atol=1e-6)
+    assert dropped.counts == {"NMEA sentences without a time of day (a leap second has none)": 4}
+
+
 def test_fractions_of_the_epoch_are_kept(leaping: Result, tmp_path: Path) -> None:
     assert leaping.attributes["epoch"] == "2016-12-31T23:59:30.25Z"
     export(leaping, tmp_path / "r.h5", ["rinex"])
