@@ -215,12 +215,9 @@ class _Reader:
                 values[code][epoch, i] = value
                 if flag and code in lost:
                     lost[code][epoch, i] = flag.isdecimal() and int(flag) & 1
-        time = np.array(self.time)
-        if h.scale == "utc":
-            time = timescales.gps_from_utc(time)
-        else:
-            time = time - timescales.GPS_EPOCH + (14.0 if h.scale == "bdt" else 0.0)
-        return Observations(time, satellites, values, lost, h.position, h.antenna, h.channels, self.events)
+        return Observations(
+            np.array(self.time), satellites, values, lost, h.position, h.antenna, h.channels, self.events
+        )
 
     def _satellites(self, at: int, text: str) -> int:
         count = whole(self.path, at + 1, text, "the number of satellites")
@@ -228,6 +225,12 @@ class _Reader:
 
     def _epoch(self, at: int, parts: list[str]) -> None:
         time = date_and_time(self.path, at + 1, parts)
+        if self.header.scale == "utc":
+            # seconds from 60 on may be those of a leap second
+            over = float(number(self.path, at + 1, parts[5], "the epoch") >= 60.0)
+            time = float(timescales.gps_from_utc(time - over)) + over
+        else:
+            time += (14.0 if self.header.scale == "bdt" else 0.0) - timescales.GPS_EPOCH
         if self.time and time <= self.time[-1]:
             raise FileError(at + 1, "the epoch is not later than the one before", self.path)
         self.time.append(time)

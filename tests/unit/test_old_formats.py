@@ -103,6 +103,23 @@ def test_rinex_2_observations_of_many_satellites(tmp_path: Path) -> None:
     assert found.lost_lock["L1"].any() == np.False_ or found.lost_lock["L1"].all()
 
 
+def test_observations_in_glonass_time_have_the_leap_second(tmp_path: Path) -> None:
+    """23:59:60 is a second of its own where a file counts UTC."""
+    text = [
+        f"{'     3.04           OBSERVATION DATA    R: GLONASS':60s}RINEX VERSION / TYPE",
+        f"{'R    1 C1C':60s}SYS / # / OBS TYPES",
+        f"{'  2016    12    31    23    59   59.0000000     GLO':60s}TIME OF FIRST OBS",
+        f"{'':60s}END OF HEADER",
+    ]
+    for date in ("2016 12 31 23 59 59.0000000", "2016 12 31 23 59 60.0000000", "2016 12 31 23 59 60.5000000",
+                 "2017 01 01 00 00  0.0000000"):  # fmt: skip
+        text += [f"> {date}  0  1", f"R01{2.2e7:14.3f}"]
+    (tmp_path / "obs").write_text("\n".join(text) + "\n")
+    time = read_obs(tmp_path / "obs").time
+    np.testing.assert_array_equal(np.diff(time), [1.0, 0.5, 0.5])
+    assert time[0] == timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 59.0))
+
+
 @pytest.mark.parametrize("version", "abcd")
 def test_versions_of_sp3(version: str, tmp_path: Path) -> None:
     name = "  1" if version == "a" else "G01"
