@@ -42,6 +42,7 @@ class Assembler:
         self.no_fix = 0
         self.no_height = 0
         self.no_separation = 0
+        self.untimed = 0
         self._time: datetime.time | None = None
         self._fields: dict[str, Any] = {}
         self._date: datetime.date | None = None
@@ -70,6 +71,11 @@ class Assembler:
             return None
         done = None
         time = getattr(parsed, "time", None)
+        if parsed.msgID != "VTG" and not isinstance(time, datetime.time):
+            # of no epoch, least of all of the one before: a receiver that does not know the time yet, or a leap second,
+            # 23:59:60, which UTC as a count of seconds cannot tell from the second after it
+            self.untimed += 1
+            return None
         if isinstance(time, datetime.time):
             if self._time is not None and time != self._time:
                 done = self.flush()
@@ -170,4 +176,5 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped) -> np.ndarray:
         raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {said}", path)
     reason = "NMEA fixes without a geoid separation; their heights, over the geoid, pass for heights over the ellipsoid"
     dropped.add(reason, assembler.no_separation)
+    dropped.add("NMEA sentences without a time of day (a leap second has none)", assembler.untimed)
     return np.array(rows)

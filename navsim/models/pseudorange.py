@@ -68,17 +68,17 @@ class Signals:
         return out
 
 
-def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-untyped-def]
+def satellites_at_reception(constellation, gpst, antenna):  # type: ignore[no-untyped-def]
     """Satellites as a receiver sees them: at transmission time, in the ECEF axes of reception [1].
 
-    constellation: has `state(time (m, n)) -> position, velocity (m, n, 3)`. time: (m,) UTC s.
+    constellation: has `state(gpst (m, n)) -> position, velocity (m, n, 3)`. gpst: (m,) GPS s.
     antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
     """
-    position, velocity = constellation.state(time - _TRAVEL_TIME)
+    position, velocity = constellation.state(gpst - _TRAVEL_TIME)
     travel = np.full(position.shape[:2], _TRAVEL_TIME)
     # the first round leaves an error of microseconds, the second of picoseconds
     for _ in range(2):
-        position, velocity = constellation.state(time[:, None] - travel)
+        position, velocity = constellation.state(gpst[:, None] - travel)
         position, velocity = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
         travel = np.linalg.norm(position - antenna[:, None], axis=2) / wgs84.SPEED_OF_LIGHT
     return position, velocity
