@@ -56,9 +56,9 @@ def optimize(
 def test_time_limit_keeps_the_best(
     study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "60", "--json")
+    code, out, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "420", "--json")
     assert code == 0
-    assert "stopped early (time limit of 60 s)" in err
+    assert "stopped early (time limit of 420 s)" in err
     assert "undone: the search for 1, 2 pseudolite(s); the neighbourhood for 1, 2 pseudolite(s)" in err
     assert "at most" in err
     assert "by covariance analysis" in err
@@ -106,10 +106,9 @@ def test_interrupt_keeps_the_best(
     def ctrl_c() -> None:
         raise KeyboardInterrupt
 
-    code, out, err = optimize(monkeypatch, capsys, Clock(ctrl_c, 60), study)
+    code, out, err = optimize(monkeypatch, capsys, Clock(ctrl_c, 420), study)
     assert code == 130
     assert "stopped early (interrupted)" in err
-    assert err.rstrip().endswith("interrupted")
     assert "(stopped)" in out
     assert "not computed" in out
     result = read(study.with_suffix(".h5"))
@@ -125,7 +124,7 @@ def test_interrupt_before_anything_is_found(
 
     code, _, err = optimize(monkeypatch, capsys, Clock(ctrl_c, 3), study)
     assert code == 130
-    assert err.rstrip().endswith("interrupted")
+    assert "stopped early" not in err
     assert not study.with_suffix(".h5").exists()
 
 
