@@ -410,14 +410,14 @@ class _Learner:
             self.places.append(one)
             self.values.append(float(self._trials.coarse(one[None])[0]))
 
-    def surrogate(self, hope: float, local: bool = False) -> Judge:
-        """The judge made of the better half of what solved and kept the rules; local: of the nearest to the best."""
+    def surrogate(self, hope: float, around: np.ndarray | None = None) -> Judge:
+        """The judge made of the better half of what solved and kept the rules, or of what is nearest to a placement."""
         features, values = self._here.features, np.array(self.values)
         assert features is not None
         order = np.argsort(values, kind="stable")
         order = order[values[order] < UNSOLVED]
-        if local:
-            gaps = [apart(self.places[i], self.places[order[0]]) for i in order]
+        if around is not None:
+            gaps = [apart(self.places[i], around) for i in order]
             order = order[np.argsort(gaps, kind="stable")]
         known = order[: max(_TEACHERS, order.size // 2)]
         fitted = Surrogate(features(np.array(self.places)[known]), values[known])
@@ -431,6 +431,16 @@ class _Learner:
     def ranked(self) -> list[np.ndarray]:
         """Placements, the best first."""
         return [self.places[i] for i in np.argsort(self.values, kind="stable")]
+
+    def apart(self, number: int, gap: float) -> list[np.ndarray]:
+        """The best placement and the next best ones more than `gap` metres away from the better, up to a number."""
+        out: list[np.ndarray] = []
+        for places in self.ranked():
+            if all(apart(places, other) > gap for other in out):
+                out.append(places)
+                if len(out) == number:
+                    break
+        return out
 
     def new(self, candidates: Iterable[np.ndarray], number: int, gap: float) -> list[np.ndarray]:
         """The first `number` of the candidates that are `gap` metres away from each other and from all analysed."""
@@ -493,9 +503,10 @@ def _place_flown(
             if not learner.solved:
                 break
             best = np.array(learner.ranked()[: size // 3])
-            near = np.clip(best[0] + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
-            if i % 2:  # around the best
-                judge = trials.by(learner.surrogate(0.0, local=True))
+            if i % 2:  # around the best, and by turns around the best elsewhere
+                around = learner.apart(2, _REGION * gaps[0])[i // 2 % 2 - 1]
+                near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
+                judge = trials.by(learner.surrogate(0.0, around))
                 evolved = near[np.argsort(judge(near), kind="stable")][:size]
                 learner.analyse(learner.new(evolved, _LEARNING, 0.2 * gap))
                 continue
@@ -519,12 +530,7 @@ def _decided(
 ) -> tuple[np.ndarray, float]:
     """The best by the full analysis of the best by the coarse one, 10 m apart."""
     with watch.step(_deciding(count)):
-        best: list[np.ndarray] = []
-        for places in learner.ranked():
-            if all(apart(places, other) > 10.0 for other in best):
-                best.append(places)
-                if len(best) == here.study.effort + 1:
-                    break
+        best = learner.apart(here.study.effort + 1, 10.0)
         watch.judge_anew()
         values = trials.full(np.array(best))
     i = int(np.argmin(values))
