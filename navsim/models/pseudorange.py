@@ -9,7 +9,7 @@ the receiver's corrections leave of the atmosphere, multipath. Sources: [1] Grov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,24 @@ class Signals:
                 finite = np.isfinite(values).reshape(*self.used.shape, -1).all(axis=2)
                 out += [(self.names[i], field) for i in np.flatnonzero((self.used & ~finite).any(axis=0))]
         return out
+
+    def select(self, kept: np.ndarray) -> Signals:
+        """Of the sources, those marked in `kept` (s,) bool."""
+        each = {
+            name: getattr(self, name)[:, kept]
+            for name in (
+                "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
+                "elevation", "cn0", "ionosphere", "fix_sigma",
+            )
+        }  # fmt: skip
+        return replace(
+            self,
+            names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
+            clock=self.clock[kept],
+            space=None if self.space is None else self.space[:, kept],
+            smoothing=None if self.smoothing is None else self.smoothing[:, kept],
+            **each,
+        )
 
 
 def satellites_at_reception(constellation, gpst, antenna):  # type: ignore[no-untyped-def]

@@ -111,13 +111,13 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
 
 def test_satellites_of_other_systems_are_named_and_left_out(tmp_path: Path) -> None:
     case = prepared(tmp_path, BEIDOU + GPS + STRANGER + QZSS)
-    assert [w for w in case.warnings if "not used" in w] == [
+    assert [w.partition(": ")[2] for w in case.warnings if "not used" in w] == [
         "not used, of BeiDou, which navsim does not model: BEIDOU-3 M1 (C19), BEIDOU-3 M2 (C20)",
         "not used, of no known system: VANGUARD 1",
         "not used, of QZSS, which navsim does not model: QZS-1 (QZSS/PRN 183)",
     ]
     assert not [w for w in prepared(tmp_path, GPS + GLONASS).warnings if "not used" in w]
-    with pytest.raises(InputError, match=r"sky\.almanac: no satellite of glonass or gps; not used, of BeiDou"):
+    with pytest.raises(InputError, match=r"sky\.almanac: no satellite of glonass or gps; .*not used, of BeiDou"):
         prepared(tmp_path, BEIDOU)
 
 
