@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.io import rinex_write
-from navsim.models import glonass, glonass_broadcast, gps
+from navsim.models import glonass, glonass_broadcast, gps, timescales
 
 SATELLITES = ("G05", "G12", "R02")
 CODES_3 = ("C1C", "L1C", "D1C", "S1C")
@@ -76,7 +76,8 @@ def navigation_3(utc: float) -> str:
     """Messages of three GPS and three GLONASS satellites in version 3.04."""
     elements = gps.nominal(utc).records.take(np.arange(3))
     vectors = glonass_broadcast.messages(glonass.Nominal(), utc, utc).take(np.arange(3))
-    return "\n".join(rinex_write.navigation_lines(elements, vectors, ["made"], "made")) + "\n"
+    at = float(timescales.gps_from_utc(utc))
+    return "\n".join(rinex_write.navigation_lines(elements, vectors, ["made"], "made", at=at)) + "\n"
 
 
 _MESSAGES = {"G": "LNAV", "R": "FDMA", "E": "INAV", "C": "D1", "J": "LNAV", "S": "SBAS", "I": "LNAV"}

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.io import rinex_write
 from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import Observations, read_obs
 from navsim.io.text import FileError
-from navsim.models import glonass, glonass_broadcast, gps, timescales
+from navsim.models import timescales
 from tests.rinex import epoch_2, header, in_version_4, labelled, navigation_3, observations_2, observations_3, row
 
 UTC = timescales.posix(2018, 9, 13, 12)
@@ -472,9 +471,7 @@ def test_one_bad_message_costs_one_message(version: str, tmp_path: Path) -> None
 
 def test_version_3_of_our_own_still_reads(tmp_path: Path) -> None:
     """The files that navsim writes, as they are and with blank lines after them."""
-    elements = gps.nominal(UTC).records.take(np.arange(3))
-    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
-    text = "\n".join(rinex_write.navigation_lines(elements, vectors, [], "made"))
+    text = navigation_3(UTC).rstrip("\n")
     for ending in ("", "\n", "\n\n  \n"):
         (tmp_path / "nav").write_text(text + ending)
         found = read_nav(tmp_path / "nav")
