@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -142,6 +144,8 @@ def live(
         start = None if start_time is None else source_clock.start_time(start_time)
         announce_compiling()
         case = landing.prepare(section, document)
+        if not case.world.signals.time.size:
+            leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
         session = flying.Session(case, "receiver" if receiver is not None else "imu", seed, realtime, start)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
@@ -160,15 +164,13 @@ def live(
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
-    # a terminal that hung up takes no more words; the result is written
-    with suppress(OSError) if signal.SIGHUP in came else nullcontext():
-        print_result(result, target, [], quiet, json_, ("/summary", "/stream", "/clock"))
-        say(f"ended: {why}")
-        for warning in flying.warnings(session, result, lines):
-            say(f"warning: {warning}")
-        wrong = flying.failures(result)
-        for failure in wrong:
-            say(f"error: {failure}")
+    print_result(result, target, [], quiet, json_, ("/summary", "/stream", "/clock"))
+    say(f"ended: {why}")
+    for warning in flying.warnings(session, result, lines):
+        say(f"warning: {warning}")
+    wrong = flying.failures(result)
+    for failure in wrong:
+        say(f"error: {failure}")
     if came:
         raise typer.Exit(128 + came[0])
     if wrong:
@@ -178,14 +180,18 @@ def live(
 @contextmanager
 def _ended_by_signals(session: Session) -> Iterator[list[int]]:
     """While it lasts, the first interrupt, termination or hangup ends the session with what has come; a second one ends
-    the program. Gives the signals that came."""
+    the program. Signals that are ignored, as by nohup, stay so. Gives the signals that came."""
     came: list[int] = []
     names = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before: dict[int, Any] = {}
+    terminals = [stream.fileno() for stream in (sys.stdout, sys.stderr) if stream.isatty()]
 
     def end(number: int, _: object) -> None:
         came.append(number)
         session.stopped = f"{_WORDS[number]}; what came so far is kept"
+        if number == signal.SIGHUP:  # a terminal that hung up takes no more words, and fails at each
+            for descriptor in terminals:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
         restore()
 
     def restore() -> None:
@@ -193,7 +199,8 @@ def _ended_by_signals(session: Session) -> Iterator[list[int]]:
             signal.signal(number, handler)
 
     for number in names:
-        before[number] = signal.signal(number, end)
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            before[number] = signal.signal(number, end)
     try:
         yield came
     finally:

@@ -53,6 +53,12 @@ _SAME_TIME = 1e-6
 _SLICE = 0.2
 """Longest wait without a look at whether to stop, s."""
 
+_BEST_FIX = 1.0
+"""No receiver is asked for fixes better than this, m, also where the scenario has signals without errors."""
+FEWEST_USED = 0.1
+"""Share of what came that must be of use; lines without a fix and corrupt ones count too."""
+MANY_CORRUPT = 0.05
+"""Share of corrupt lines from which the user is warned."""
 MOST_MISPLACED = 0.25
 """Share of messages out of order or contradicting others beyond which a stream is not one receiver's."""
 MOST_REJECTED = 1.0 / 3.0
@@ -233,9 +239,9 @@ class Session:
         return np.einsum("nij,nj->ni", wgs84.ned_matrix(motion.llh), off)
 
     def _sigma(self, time: np.ndarray) -> np.ndarray:
-        """1 sigma of the scenario's fixes in space nearest to times (n,), m."""
+        """1 sigma of the scenario's fixes in space nearest to times (n,), m, as what real ones are measured by."""
         nearest = np.array([np.argmin(np.abs(self.case.world.signals.time - t)) for t in time], dtype=np.int64)
-        return np.sqrt(np.trace(self.noise[nearest, :3, :3], axis1=1, axis2=2))
+        return np.maximum(np.sqrt(np.trace(self.noise[nearest, :3, :3], axis1=1, axis2=2)), _BEST_FIX)
 
     def _place(self, row: np.ndarray) -> None:
         """A message at its time in the flight."""
@@ -376,6 +382,9 @@ def failures(result: Result) -> list[str]:
             f"{misplaced} of {whole} messages are out of order or contradict others of their time: two senders at "
             "once, or several recordings in one?"
         )
+    came = whole + sum(count[name] for name in ("corrupt", "empty", "early"))
+    if count["used"] < FEWEST_USED * came:
+        out.append(f"of {came} messages and corrupt lines only {count['used']} could be used")
     if count["early"] > count["used"]:
         out.append(f"{count['early']} messages lie beyond the end of the flight, {count['used']} in it: another clock?")
     distance = np.linalg.norm(result["/innovations/off_flight_ned"], axis=1)
@@ -404,6 +413,8 @@ def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
         out.append(f"datagrams of other senders than the first were left out: {others}")
+    if session.counts["corrupt"] > MANY_CORRUPT * session.counts["received"]:
+        out.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are no message")
     for name in ("dropped", "contradicting"):
         if session.counts[name]:
             out.append(f"{session.counts[name]} {COUNTS[name]}")

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
+import pty
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+import tty
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from navsim.cli.recorded import _ended_by_signals
 from navsim.io.export import export
 from navsim.io.results import read
 from navsim.io.stream import Lines, StreamError, opened
@@ -180,10 +184,6 @@ def test_over_the_network(kind: str) -> None:
 
 def test_a_serial_device(tmp_path: Path) -> None:
     """A pseudo terminal stands for the device."""
-    import os
-    import pty
-    import tty
-
     master, slave = pty.openpty()
     tty.setraw(slave)
     with opened(f"serial://{os.ttyname(slave)}?baud=115200") as lines:
@@ -383,6 +383,17 @@ def test_two_senders_at_once_are_no_result(flown) -> None:  # type: ignore[no-un
     assert any("two senders at once" in line for line in flying.failures(result))
 
 
+def test_a_few_good_lines_among_many_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    """As through a serial line of the wrong rate."""
+    c, _, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    _, result, warned = flew(c, [row if k % 15 in (0, 1) else row[::-1] + "?" for k, row in enumerate(rows)])
+    assert not flying.failures(result)  # one line of seven: poor, and of this landing
+    assert any("lines are no message" in line for line in warned)
+    _, result, _ = flew(c, [row if k % 30 in (0, 1) else row[::-1] + "?" for k, row in enumerate(rows)])
+    assert any("only 8 could be used" in line for line in flying.failures(result))
+
+
 def test_every_line_twice_is_a_result(flown) -> None:  # type: ignore[no-untyped-def]
     c, expected, table, _ = flown
     rows = table.read_text().splitlines()[1:]
@@ -455,7 +466,7 @@ def test_standard_input_may_stay_open(flown, tmp_path: Path) -> None:  # type: i
         assert "the scenario's time is over" in process.stderr.read()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     _, _, table, _ = flown
     with started("-o", "a.h5", cwd=tmp_path) as process:
@@ -472,6 +483,44 @@ def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -
     kept = read(tmp_path / "a.h5")
     assert kept.attributes["verdict"] == "flown"
     assert kept["/innovations/time"].size > 0
+
+
+def test_a_terminal_that_hangs_up(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """The result is written though every word, and the progress bar, would fail."""
+    _, _, table, _ = flown
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", "-o", "a.h5"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": theirs, "stderr": theirs}
+    with subprocess.Popen(command, cwd=tmp_path, start_new_session=True, **pipes) as process:
+        assert process.stdin is not None
+        os.close(theirs)
+        process.stdin.write("\n".join(table.read_text().splitlines()[:31]).encode() + b"\n")
+        process.stdin.flush()
+        said = b""
+        while b"time 0 of the flight" not in said:
+            said += os.read(ours, 1000)
+        os.close(ours)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(60.0) == 128 + signal.SIGHUP
+    assert read(tmp_path / "a.h5").attributes["verdict"] == "flown"
+
+
+def test_ignored_signals_stay_ignored(flown) -> None:  # type: ignore[no-untyped-def]
+    """Under nohup a hangup is no reason to end; what was set before is set again after."""
+    session = Session(flown[0], "receiver", 1)
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with _ended_by_signals(session) as came:
+            signal.raise_signal(signal.SIGHUP)
+            assert session.stopped is None
+            signal.raise_signal(signal.SIGTERM)
+            assert came == [signal.SIGTERM]
+            assert session.stopped == "terminated; what came so far is kept"
+            assert signal.getsignal(signal.SIGTERM) is before[signal.SIGTERM]  # a second one ends the program
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before[signal.SIGHUP])
 
 
 def test_no_result_is_exit_3_and_kept(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
