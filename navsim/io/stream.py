@@ -140,7 +140,8 @@ def opened(source: str) -> Iterator[Lines]:
     try:
         link = _open(source, urlsplit(source))
     except (OSError, ValueError) as error:
-        raise StreamError(f"{source}: cannot be opened: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise StreamError(f"{source}: cannot be opened: {reason}") from None
     lines = Lines(link.lossy, link.place, link.note)
     lines.strangers = link.strangers
     stop = threading.Event()

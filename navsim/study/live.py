@@ -110,6 +110,8 @@ class Session:
         self.fixes: list[tuple[float, np.ndarray]] = []
         self.noise, self.simulated = _fixes(case, self.seed)
         self.next_fix = 0
+        self._columns = GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS
+        self._places = list(range(len(self._columns)))
         self._of_nmea = dict.fromkeys(("corrupt", "empty", "contradicting"), 0)
         self._held: tuple[np.ndarray, source_clock.Kind] | None = None
         self._latest: np.ndarray | None = None
@@ -160,7 +162,10 @@ class Session:
 
     def take(self, line: str) -> None:
         """One line as it came."""
-        if not line.strip() or line.startswith(("#", "t_s")):
+        if not line.strip() or line.startswith("#"):
+            return
+        if line.startswith("t_s"):
+            self._header(line)
             return
         self.counts["received"] += 1
         if line.startswith("$") or (self.block == "receiver" and "$" in line[:2]):
@@ -169,11 +174,21 @@ class Session:
             else:
                 self._from_nmea(self.assembler.feed(line))
             return
-        row = _row(line, len(GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS), self.block)
+        row = _row(line, self._places, self.block)
         if row is None:
             self.counts["corrupt"] += 1
         else:
             self._use(row, "count")
+
+    def _header(self, line: str) -> None:
+        """The places of the columns, where a table names them; without such a header they are the first ones."""
+        names = [name.strip() for name in line.split(",")]
+        lacking = [name for name in self._columns if name not in names]
+        if lacking:
+            order = ", ".join(self._columns)
+            self.tell(f"warning: the header lacks {', '.join(lacking)}; columns are taken in the order {order}")
+        else:
+            self._places = [names.index(name) for name in self._columns]
 
     def finish(self) -> None:
         """What waited for a successor has none: the last epoch of NMEA sentences, a single message."""
@@ -189,8 +204,11 @@ class Session:
         if nmea.moved != self._moved:
             # the date came after the first fixes: their times, and what was settled by them, are of that day
             ahead, self._moved = nmea.moved - self._moved, nmea.moved
+            later = ahead * np.eye(len(GNSS_COLUMNS))[0]
             if self._held is not None:
-                self._held = (self._held[0] + ahead * np.eye(7)[0], "dated")
+                self._held = (self._held[0] + later, "dated")
+            if self._latest is not None:
+                self._latest = self._latest + later
             if self.clock is not None:
                 self.clock = self.clock.dated(ahead, self.case.scenario.epoch.timestamp())
                 self._told()
@@ -210,7 +228,7 @@ class Session:
             self._settle(*held)
             self._place(row)
         else:  # one of the two is wrong, or of another sender: only the one that is followed counts
-            self.counts["doubled" if np.array_equal(row, held[0], equal_nan=True) else "late"] += 1
+            self.counts[self._passed(held[0], row)] += 1
 
     def _settle(self, row: np.ndarray, kind: source_clock.Kind) -> None:
         self._held = None
@@ -251,7 +269,8 @@ class Session:
             self.counts["before"] += 1
             return
         if self.last is not None and t <= self.last + _SAME_TIME:
-            self.counts[self._passed(t, row)] += 1
+            assert self._latest is not None
+            self.counts[self._passed(row, self._latest)] += 1
             return
         if t > self.case.scenario.duration_s + _SAME_TIME:
             self.counts["early"] += 1
@@ -268,18 +287,17 @@ class Session:
             self._use_sample(t, row)
         self.last, self._latest = t, row
 
-    def _passed(self, t: float, row: np.ndarray) -> str:
-        """What to count a message for that is not later than the latest."""
-        assert self.last is not None
-        assert self._latest is not None
-        if t < self.last - _SAME_TIME:
+    def _passed(self, row: np.ndarray, other: np.ndarray) -> str:
+        """What to count a message for that does not go with another one."""
+        if abs(row[0] - other[0]) > _SAME_TIME:
             return "late"
-        if np.array_equal(row[1:], self._latest[1:], equal_nan=True):
+        if np.array_equal(row[1:], other[1:], equal_nan=True):
             return "doubled"
-        if self.block == "receiver":
-            apart = np.linalg.norm(np.diff(wgs84.ecef_from_llh(_radians(np.array([row, self._latest]))), axis=0))
-            return "contradicting" if apart > source_clock.FITS * self._sigma(np.array([t]))[0] else "late"
-        return "contradicting"
+        if self.block == "imu":
+            return "contradicting"
+        apart = float(np.linalg.norm(np.diff(wgs84.ecef_from_llh(_radians(np.array([row, other]))), axis=0)))
+        now = np.array([0.0 if self.last is None else self.last])
+        return "contradicting" if apart > source_clock.FITS * self._sigma(now)[0] else "late"
 
     def _hold_back(self, t: float) -> None:
         """Wait until as much time has passed since the first message as in the flight, or the run is stopped."""
@@ -419,7 +437,11 @@ def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
         if session.counts[name]:
             out.append(f"{session.counts[name]} {COUNTS[name]}")
     shift, sigma = float(result["/clock/shift"]), float(result["/clock/shift_sigma"])
-    if session.clock is not None and abs(shift) > max(0.5 * session.period, _SURE * sigma):
+    if (
+        session.clock is not None
+        and abs(shift) > max(0.5 * session.period, _SURE * sigma)
+        and _explains(session, result, shift)
+    ):
         periods = round(shift / session.period) * session.period
         out.append(
             f"along the track the fixes lie {abs(shift):.3f} s {'ahead of' if shift > 0.0 else 'behind'} the flight "
@@ -430,6 +452,13 @@ def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
     if nis > DOUBTED_NIS:
         out.append(f"innovations are {np.sqrt(nis):.1f} times what the filter believes (NIS {nis:.3g}, 1 is due)")
     return out
+
+
+def _explains(session: Session, result: Result, shift: float) -> bool:
+    """Whether fixes that lie ahead by a time lie on the flight without it."""
+    velocity = session.case.trajectory.motion(result["/innovations/time"]).velocity_ned
+    left = np.linalg.norm(result["/innovations/off_flight_ned"] - shift * velocity, axis=1)
+    return float(np.median(left / result["/innovations/fix_sigma"])) <= MOST_OFF
 
 
 def _shift(time: np.ndarray, off: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
@@ -457,13 +486,13 @@ def _radians(row: np.ndarray) -> np.ndarray:
     return np.stack([np.radians(row[..., 1]), np.radians(row[..., 2]), row[..., 3]], axis=-1)
 
 
-def _row(line: str, width: int, block: Block) -> np.ndarray | None:
-    """The numbers of a row, None for anything that cannot be one."""
+def _row(line: str, places: list[int], block: Block) -> np.ndarray | None:
+    """The numbers at these places of a row, None for anything that cannot be one."""
     cells = line.split(",")
-    if len(cells) < width:
+    if len(cells) <= max(places):
         return None
     try:
-        row = np.array([float(c) if c.strip() else np.nan for c in cells[:width]])
+        row = np.array([float(cells[k]) if cells[k].strip() else np.nan for k in places])
     except ValueError:
         return None
     needed = row[:4] if block == "receiver" else row

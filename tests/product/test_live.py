@@ -24,6 +24,7 @@ from navsim.io.export import export
 from navsim.io.results import read
 from navsim.io.stream import Lines, StreamError, opened
 from navsim.models import imu
+from navsim.simulation.landing import fixed, measured
 from navsim.simulation.streams import generator
 from navsim.study import landing
 from navsim.study import live as flying
@@ -63,6 +64,23 @@ def test_the_simulators_own_fixes_give_the_simulated_run(flown) -> None:  # type
     assert not session.counts["corrupt"] + session.counts["late"] + session.counts["lost"]
     np.testing.assert_allclose(ours["error"][:, :9], theirs[:, :9], atol=2e-3)
     np.testing.assert_allclose(ours["sigma"], result["/filter/sigma"][0, 1:], rtol=1e-2)
+
+
+def test_a_header_names_the_columns(flown) -> None:  # type: ignore[no-untyped-def]
+    """A receiver's table has columns of its own in between; a header of other names is spoken of."""
+    c, result, table, _ = flown
+    head, *rows = table.read_text().splitlines()
+    more = [f"{row.split(',', 1)[0]},319569.2,{row.split(',', 1)[1]}" for row in rows]
+    session, ours, warned = flew(c, [head.replace("t_s,", "t_s,gps_tow_s,"), *more])
+    np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"], atol=1e-6)
+    assert not warned
+    said: list[str] = []
+    session = Session(c, "receiver", 1, tell=said.append)
+    session.take("t_s,latitude,longitude,h_m")
+    assert said == [
+        "warning: the header lacks lat_deg, lon_deg, vn_m_s, ve_m_s, vd_m_s; columns are taken in the order "
+        "t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s"
+    ]
 
 
 def test_nmea_in_place_of_the_receiver(flown) -> None:  # type: ignore[no-untyped-def]
@@ -287,6 +305,19 @@ def test_a_count_from_anywhere_begins_with_the_first_line(flown) -> None:  # typ
     assert warned
 
 
+def test_the_shift_is_as_sure_as_it_says() -> None:
+    """The spread over receivers' noise is the sigma that one stream gives, at ten fixes a second and at one."""
+    for rate in ("receiver.rate_hz=10", "receiver.rate_hz=1"):
+        c = case("duration_s=60", rate)
+        session = Session(c, "receiver", 1)
+        time = c.world.signals.time
+        velocity = c.trajectory.motion(time).velocity_ned
+        fixes = [fixed(c.world, *measured(c.world, seed, 0))[0] for seed in range(30)]
+        shift, sigma = np.array([flying._shift(time, session._off(time, llh), velocity) for llh in fixes]).T
+        assert abs(shift.mean()) < 4.0 * shift.std() / np.sqrt(shift.size)
+        assert 0.6 < np.sqrt(np.mean(sigma**2)) / shift.std() < 1.6
+
+
 def test_a_source_that_begins_before_the_flight_is_waited_for(flown) -> None:  # type: ignore[no-untyped-def]
     c, result, table, _ = flown
     rows = table.read_text().splitlines()[1:]
@@ -355,11 +386,26 @@ def test_a_stream_past_the_end_of_the_flight_ends_the_run(flown) -> None:  # typ
 
 def test_another_country_is_no_result(flown) -> None:  # type: ignore[no-untyped-def]
     c, _, table, _ = flown
-    _, result, _ = flew(c, of_another_place(table.read_text().splitlines()[1:]))
+    _, result, warned = flew(c, of_another_place(table.read_text().splitlines()[1:]))
+    assert not any("along the track" in line for line in warned)
     said = flying.failures(result)
     assert any("from where the flight is at their times" in line for line in said)
     assert any("the gate rejected" in line for line in said)
     assert str(result.attributes["verdict"]).startswith("no result: half of the fixes lie more than")
+
+
+def test_another_time_of_the_flight_is_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    """Ten seconds are named as such, and with them taken off it is one."""
+    c, _, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    _, result, warned = flew(c, rows, "-10")
+    assert any("another time of it" in line for line in flying.failures(result))
+    (said,) = [line for line in warned if line.startswith("along the track")]
+    assert "s behind the flight" in said
+    option = said.split("--start-time ")[1].split()[0]
+    assert abs(float(option)) <= 0.5
+    _, result, _ = flew(c, rows, option)
+    assert not flying.failures(result)
 
 
 def test_two_senders_at_once_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
@@ -381,6 +427,21 @@ def test_two_senders_at_once_are_no_result(flown) -> None:  # type: ignore[no-un
     session, result, _ = flew(c, mixed)
     assert session.counts["contradicting"] == len(sentences) // 3
     assert any("two senders at once" in line for line in flying.failures(result))
+
+
+def test_what_was_left_out_is_said(flown) -> None:  # type: ignore[no-untyped-def]
+    c, _, table, _ = flown
+    session = Session(c, "receiver", 1)
+    source = lines_of(table.read_text())
+    source.dropped = 7
+    source.strangers = {"udp://127.0.0.1:4001": 3, "others": 2}
+    session.pump(source, 1.0)
+    result = session.result()
+    assert result["/stream/strangers"] == 5
+    assert flying.warnings(session, result, source) == [
+        "datagrams of other senders than the first were left out: udp://127.0.0.1:4001 (3), others (2)",
+        "7 lines left out because they came faster than they were taken",
+    ]
 
 
 def test_a_few_good_lines_among_many_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
