@@ -23,6 +23,7 @@ calibrate: $(STAMP)      ## find the skies of Table 2 again: scenarios/table2*.y
 
 validate: $(STAMP)       ## the long statistical studies: tables in docs/
 	$(BIN)/python scripts/covariance_against_runs.py
+	$(BIN)/python scripts/covariance_matrix.py
 	$(BIN)/python scripts/filter_consistency.py
 	$(BIN)/python scripts/recorded_approach.py
 

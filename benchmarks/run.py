@@ -179,7 +179,7 @@ def placements(rows: list[tuple[str, str, str, bool]]) -> None:
     sources, scenario, _ = environment(scenario, document)
     trajectory = scenario.trajectory()
     epochs = np.linspace(0.0, 60.0, 121)
-    here = glide_geometry(trajectory, sources, np.array([scenario.epoch.timestamp()]), epochs)
+    here = glide_geometry(trajectory, sources, np.array([scenario.epoch.timestamp()]), epochs, np.ones(121, dtype=bool))
     ground = Ground(scenario.threshold(trajectory.frame), 0.0, 0.0)
     s, l1 = np.meshgrid(np.linspace(50.0, 2000.0, 200), np.linspace(0.0, 5000.0, 200), indexing="ij")
     pairs = np.stack([np.stack([s, l1], axis=-1), np.stack([-s, l1], axis=-1)], axis=-2).reshape(-1, 2, 2)

@@ -67,13 +67,15 @@ class Approach:
         scenario, document = read(ROOT / "scenarios" / "landing.yaml", base)
         self.sources, self.scenario, _ = environment(scenario, document)
         self.trajectory = self.scenario.trajectory()
-        self.time = glide_epochs(self.scenario, self.trajectory)
+        self.time, counted = glide_epochs(self.scenario, self.trajectory)
         self.sites = []
         for row in ROWS:
             placed, _ = read(ROOT / "scenarios" / "landing.yaml", [*base, *row.assignments()])
             self.sites.append(ecef_from_llh(placed.pseudolite_positions(self.trajectory.frame)))
-        full = glide_geometry(self.trajectory, self.sources, np.zeros(1), self.time)
-        self.coarse = Geometry(full.receiver[4::10], full.up[4::10], full.unit[4::10], full.weighted[4::10], 1.0)
+        full = glide_geometry(self.trajectory, self.sources, np.zeros(1), self.time, counted)
+        self.time = self.time[counted]
+        self.coarse = Geometry(full.receiver[4::10], full.up[4::10], full.unit[4::10], full.weighted[4::10],
+                               full.ground_weight[4::10])  # fmt: skip
         self.axes = enu_matrix(self.trajectory.motion(self.time[4::10]).llh)
 
     def dops(self, azimuth: np.ndarray, elevation: np.ndarray, weight: float) -> np.ndarray:
@@ -84,7 +86,7 @@ class Approach:
         rows[:, 6:12] = a[:, (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)]
         rows[:, 12:15] = u.sum(axis=1)
         rows[:, 15] = azimuth.size
-        here = Geometry(self.coarse.receiver, self.coarse.up, rows, rows, weight)
+        here = Geometry(self.coarse.receiver, self.coarse.up, rows, rows, np.full(len(rows), weight))
         out = np.empty((len(ROWS), 3))
         for count in (0, 1, 2):
             members = [i for i, row in enumerate(ROWS) if row.pseudolites == count]

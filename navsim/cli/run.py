@@ -152,7 +152,7 @@ def run(
             result = landing.result(case, ensemble, seed, keep=kept)
         write(target, result)
         written = draw(result, drawing, target.stem)
-    except (ResultError, PartialError) as error:
+    except (ResultError, PartialError, landing.AnalysisError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
         if store is not None:

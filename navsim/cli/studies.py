@@ -66,11 +66,13 @@ def sweep(
         from navsim.report import sweep as report
         from navsim.study import sweep as computing
         from navsim.study.ensemble import PartialError
-        from navsim.study.landing import default_workers
+        from navsim.study.landing import AnalysisError, default_workers
 
         planned = computing.plan(section, document, base, seed)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
+    for warning in planned.warnings:
+        say(f"warning: {warning}")
     extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in planned.axes)
     if dry_run:
         say(f"{study}: {planned.size} combinations ({extent}), method {section.method}; would write {target}")
@@ -87,7 +89,7 @@ def sweep(
         written = draw(result, drawing, target.stem)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    except (ResultError, PartialError) as error:
+    except (ResultError, PartialError, AnalysisError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
         say(f"finished combinations are kept in {target}.partial; the same command goes on from there")
@@ -135,6 +137,7 @@ def optimize(
         from navsim.io.results import ResultError, write
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
+        from navsim.study.landing import AnalysisError
 
         if not dry_run:
             announce_compiling()
@@ -151,7 +154,7 @@ def optimize(
         result = searching.optimize_result(problem, found, seed)
         write(target, result)
         written = draw(result, drawing, target.stem)
-    except (ResultError, searching.NoPlacement) as error:
+    except (ResultError, AnalysisError, searching.NoPlacement) as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
     if json_:

@@ -98,7 +98,7 @@ def placement_dops(receiver, up, satellites, sites, weight, first, last, out, lo
     """Statistics over the epochs of PDOP, HDOP, VDOP for the placements first ... last - 1.
 
     receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. satellites: (e, SAT_N), see SAT_FIXED, SAT_SHARED.
-    sites: (k, 3, p) ECEF of the k pseudolites of each placement, m. weight: of a pseudolite's range, 1 or 1/variance.
+    sites: (k, 3, p) ECEF of the k pseudolites of each placement, m. weight: (e,) of their ranges, 1 or 1/variance.
     out: (3, 3, p) written: PDOP, HDOP, VDOP by mean, smallest, largest over the epochs that have a solution, nan
     where none has. lost: (p,) int, written: epochs without a solution.
     """
@@ -118,7 +118,7 @@ def placement_dops(receiver, up, satellites, sites, weight, first, last, out, lo
             x, y, z = receiver[e, 0], receiver[e, 1], receiver[e, 2]
             for k in range(sites.shape[0]):
                 _add_site(
-                    x, y, z, sites[k, 0, start:end], sites[k, 1, start:end], sites[k, 2, start:end], weight, a, count
+                    x, y, z, sites[k, 0, start:end], sites[k, 1, start:end], sites[k, 2, start:end], weight[e], a, count
                 )
             _solve(satellites[e], up[e, 0], up[e, 1], up[e, 2], a, squares, count)
             for d in range(3):

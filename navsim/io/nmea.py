@@ -1,6 +1,8 @@
 """NMEA 0183 sentences: fixes from GGA, RMC and VTG, dates from RMC and ZDA.
 
-Parsing and checksums are those of the `pynmeagps` package; what belongs to one epoch, and what it means, is ours.
+Loggers put comments between sentences, and times or other text around them: a sentence is what stands from a `$` to its
+checksum, wherever in the line. Parsing and checksums are those of the `pynmeagps` package; what belongs to one epoch,
+and what it means, is ours.
 
 Source: [1] NMEA 0183 version 4.11: GGA (fix, height over the geoid, geoid separation), RMC (date, speed and course over
 ground), VTG (speed and course), ZDA (date).
@@ -9,12 +11,13 @@ ground), VTG (speed and course), ZDA (date).
 from __future__ import annotations
 
 import datetime
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from navsim.io.text import FileError
+from navsim.io.text import Dropped, FileError
 from navsim.models import timescales
 
 KNOT = 1852.0 / 3600.0
@@ -26,13 +29,18 @@ BACKWARDS = 60.0
 """Sentences of one receiver are not delayed by more than this, s: a file whose time goes back further is two."""
 LONGEST_PAUSE = timescales.DAY
 """A file whose fixes pause for longer than this, s, is two."""
+_BEGIN = re.compile(r"[$!][A-Z][A-Z0-9]{2,},")
+_WHOLE = re.compile(r"\$[A-Z][^$*]*\*[0-9A-Fa-f]{2}(?![0-9A-Za-z])")
 
 
 class Assembler:
     """Puts the sentences of each epoch together; for files and for live streams.
 
-    `feed` takes one line; an epoch is complete when a sentence of another time comes, or at `flush`. Corrupt lines are
-    counted, not raised.
+    `feed` takes one line; an epoch is complete when a sentence of another time comes, or at `flush`. Nothing is raised;
+    counted are corrupt sentences, lines without a sentence (comments that begin with # are none), epochs without a fix,
+    fixes without a height (none in GGA, or no GGA with an RMC), fixes that contradict another of their epoch, and fixes
+    used whose GGA has no geoid separation: their heights, which are over the geoid, pass for heights over the
+    ellipsoid.
 
     Times are UTC, POSIX s. Until a sentence has given the date (`dated`) they are seconds of the first day; `moved` is
     what such rows' times lack, s, once it is known. Dates of an RMC that is not valid are those of a receiver's reset.
@@ -41,8 +49,11 @@ class Assembler:
 
     def __init__(self) -> None:
         self.corrupt = 0
+        self.foreign = 0
         self.other = 0
         self.no_fix = 0
+        self.no_height = 0
+        self.no_separation = 0
         self.contradicting = 0
         self.dated = False
         self.moved = 0.0
@@ -50,11 +61,26 @@ class Assembler:
         self._fields: dict[str, Any] = {}
         self._at: tuple[int, float] | None = None
 
-    def feed(self, line: str) -> np.ndarray | None:
-        """A row (8,) as of `recording.GNSS_COLUMNS` and the number of satellites, when the line completes an epoch."""
-        parsed = parse(line)
+    def feed(self, line: str) -> list[np.ndarray]:
+        """Rows (8,) as of `recording.GNSS_COLUMNS` and the number of satellites, of the epochs a line completes."""
+        before, *pieces = line.split("$")
+        if not pieces and _BEGIN.search(before):
+            self.other += 1  # encapsulated messages, such as those of ships, begin with an exclamation mark
+        elif not pieces:
+            self.foreign += bool(before.strip()) and not before.lstrip().startswith("#")
+        rows: list[np.ndarray] = []
+        for piece in pieces:
+            moved = self.moved
+            row = self._take("$" + piece)
+            for earlier in rows:
+                earlier[0] += self.moved - moved
+            rows += [] if row is None else [row]
+        return rows
+
+    def _take(self, sentence: str) -> np.ndarray | None:
+        parsed = parse(sentence)
         if parsed is None:
-            self.corrupt += bool(line.strip())
+            self.corrupt += 1
             return None
         if parsed.msgID == "ZDA":
             self._zda(parsed)
@@ -81,7 +107,10 @@ class Assembler:
         if parsed.msgID == "GGA":
             self._gga(parsed)
         elif parsed.msgID == "RMC":
-            self._fields["motion"] = (parsed.spd, parsed.cog, KNOT) if parsed.status == "A" else None
+            valid = parsed.status == "A"
+            self._fields["motion"] = (parsed.spd, parsed.cog, KNOT) if valid else None
+            if valid and _are_numbers(parsed.lat, parsed.lon):
+                self._fields["rmc"] = parsed
         elif self._fields.get("motion") is None:
             self._fields["motion"] = (parsed.sogk, parsed.cogt, 1.0 / 3.6)
         return done
@@ -122,12 +151,17 @@ class Assembler:
         fields, self._fields = self._fields, {}
         gga = fields.get("gga")
         if gga is None or self._time is None:
+            self.no_height += "rmc" in fields
             return None
-        numbers = [gga.lat, gga.lon, gga.alt, gga.sep]
-        if not gga.quality or not all(isinstance(v, int | float) for v in numbers[:3]):
+        if not gga.quality or not _are_numbers(gga.lat, gga.lon):
             self.no_fix += 1
             return None
-        lat, lon, alt, sep = (float(v) if isinstance(v, int | float) else 0.0 for v in numbers)
+        if not _are_numbers(gga.alt):
+            self.no_height += 1
+            return None
+        lat, lon, alt = float(gga.lat), float(gga.lon), float(gga.alt)
+        known = _are_numbers(gga.sep)
+        sep = float(gga.sep) if known else 0.0
         if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0 and -1e4 <= alt + sep <= 1e5):
             self.corrupt += 1
             return None
@@ -141,6 +175,7 @@ class Assembler:
             course = np.radians(float(motion[1])) if isinstance(motion[1], int | float) else 0.0
             speed = float(motion[0]) * motion[2]
             north, east = speed * np.cos(course), speed * np.sin(course)
+        self.no_separation += not known
         count = float(gga.numSV) if isinstance(gga.numSV, int) else np.nan
         return np.array([seconds, lat, lon, alt + sep, north, east, np.nan, count])
 
@@ -155,51 +190,69 @@ def _seconds(time: datetime.time) -> float:
 def _one_place(a: Any, b: Any) -> bool:
     """Whether two GGA sentences give the same place, as far as they give one."""
     pairs = [(a.lat, b.lat), (a.lon, b.lon)]
-    return all(abs(x - y) <= _SAME_PLACE for x, y in pairs if isinstance(x, float) and isinstance(y, float))
+    return all(abs(x - y) <= _SAME_PLACE for x, y in pairs if _are_numbers(x, y))
 
 
-def parse(line: str) -> Any:
-    """The message of a line by `pynmeagps`, None for anything that is not one whole sentence with its checksum."""
+def _are_numbers(*values: Any) -> bool:
+    """Whether `pynmeagps` found numbers; empty fields are empty strings to it."""
+    return all(isinstance(value, int | float) for value in values)
+
+
+def has_sentences(lines: list[str]) -> bool:
+    """Whether any of the lines holds the beginning of a sentence."""
+    return any(_BEGIN.search(line) for line in lines)
+
+
+def parse(text: str) -> Any:
+    """The message by `pynmeagps` of what begins with a `$`, None for anything but a whole sentence with its checksum.
+
+    What follows the checksum is not looked at.
+    """
     from pynmeagps import NMEAReader
     from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEATypeError
 
-    text = line.strip()
-    if not text.startswith("$") or "*" not in text or not text.isascii() or len(text) > 120:
+    whole = _WHOLE.match(text)
+    if whole is None or not whole.group().isascii() or len(whole.group()) > 120:
         return None
     try:
-        return NMEAReader.parse((text + "\r\n").encode(), validate=1)
+        return NMEAReader.parse((whole.group() + "\r\n").encode(), validate=1)
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, IndexError, KeyError, TypeError):
         return None
 
 
-def read_nmea(path: Path, lines: list[str]) -> tuple[np.ndarray, Any]:
-    """Rows of fixes (m, 8) of a file's lines, and what was left out.
+def read_nmea(path: Path, lines: list[str], dropped: Dropped) -> np.ndarray:
+    """Rows of fixes (m, 8) of a file's lines; what was left out is counted.
 
     Fixes before the first date are given it. Raises FileError where there is no fix, and at the line where the times
     show that another recording begins.
     """
-    from navsim.io.recording import Dropped
-
     assembler = Assembler()
     rows: list[np.ndarray] = []
     after: list[int] = []
     undated = 0
-    for number, line in enumerate([*lines, None], 1):
-        row = assembler.flush() if line is None else assembler.feed(line)
-        if row is not None:
+    for number, line in enumerate(lines, 1):
+        for row in assembler.feed(line):
             undated += not assembler.dated
             rows.append(row)
             after.append(number)
+    last = assembler.flush()
+    if last is not None:
+        undated += not assembler.dated
+        rows.append(last)
+    dropped.add("corrupt NMEA sentences", assembler.corrupt)
+    dropped.add("lines without an NMEA sentence", assembler.foreign)
+    dropped.add("NMEA epochs without a fix", assembler.no_fix)
+    dropped.add("NMEA fixes without a height (no GGA, or none in it)", assembler.no_height)
+    dropped.add("NMEA fixes that contradict another of their epoch", assembler.contradicting)
     if not rows:
-        raise FileError(0, f"no NMEA fix among {len(lines)} lines ({assembler.corrupt} of them corrupt)", path)
+        said = "; ".join(dropped.said()) or "no GGA, RMC or VTG"
+        raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {said}", path)
+    reason = "NMEA fixes without a geoid separation; their heights, over the geoid, pass for heights over the ellipsoid"
+    dropped.add(reason, assembler.no_separation)
     table = np.array(rows)
     table[:undated, 0] += assembler.moved
     _one_recording(path, table[:, 0], after, assembler.dated)
-    dropped = Dropped()
-    dropped.add("corrupt NMEA lines", assembler.corrupt)
-    dropped.add("NMEA epochs without a fix", assembler.no_fix)
-    dropped.add("NMEA fixes that contradict another of their epoch", assembler.contradicting)
-    return table, dropped
+    return table
 
 
 def _one_recording(path: Path, time: np.ndarray, after: list[int], dated: bool) -> None:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from navsim.core import wgs84
-from navsim.io.text import FileError, number, read_lines, within
+from navsim.io.nmea import has_sentences, read_nmea
+from navsim.io.text import Dropped, FileError, number, read_lines, within
 from navsim.models.recording import Fixes, Samples
 
 IMU_COLUMNS = ("t_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
@@ -24,26 +24,14 @@ _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3
 _GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000))
 
 
-@dataclass(frozen=True)
-class Dropped:
-    """How many rows were left out or moved, by reason."""
-
-    counts: dict[str, int] = field(default_factory=dict)
-
-    def add(self, reason: str, count: int) -> None:
-        """Count some more."""
-        if count:
-            self.counts[reason] = self.counts.get(reason, 0) + int(count)
-
-
-def read_imu(path: Path) -> tuple[Samples, Dropped]:
+def read_imu(path: Path, lenient: bool = False) -> tuple[Samples, Dropped]:
     """Inertial samples of a table, in order of time, and what was left out.
 
-    Raises FileError, naming the line; OSError where the file cannot be read.
+    lenient: leave out rows that cannot be read or lie outside of physical limits. Raises FileError, naming the line;
+    OSError where the file cannot be read.
     """
-    table, lines = _table(path, IMU_COLUMNS, ())
-    _check(path, table, lines, IMU_COLUMNS, _IMU_LIMITS)
-    dropped = Dropped()
+    dropped = Dropped(lenient)
+    table = _table(path, read_lines(path, dropped), IMU_COLUMNS, (), _IMU_LIMITS, dropped)
     silent = np.all(table[:, 1:] == 0.0, axis=1)
     dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
@@ -52,21 +40,19 @@ def read_imu(path: Path) -> tuple[Samples, Dropped]:
     return Samples(table[:, 0], table[:, 1:4].copy(), table[:, 4:7].copy()), dropped
 
 
-def read_fixes(path: Path, min_satellites: int = 4) -> tuple[Fixes, Dropped]:
+def read_fixes(path: Path, min_satellites: int = 4, lenient: bool = False) -> tuple[Fixes, Dropped]:
     """Fixes of a table or of NMEA sentences, in order of time, and what was left out.
 
-    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. Raises FileError,
-    naming the line; OSError where the file cannot be read.
+    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. lenient: leave out
+    rows that cannot be read or lie outside of physical limits (of NMEA, corrupt sentences always are). Raises
+    FileError, naming the line; OSError where the file cannot be read.
     """
-    lines = read_lines(path)
-    if any(line.startswith(("$", "!")) for line in lines[:5]):
-        from navsim.io.nmea import read_nmea
-
-        table, dropped = read_nmea(path, lines)
+    dropped = Dropped(lenient)
+    lines = read_lines(path, dropped)
+    if has_sentences(lines):
+        table = read_nmea(path, lines, dropped)
     else:
-        table, numbers = _table(path, GNSS_COLUMNS, ("nsat",), lines)
-        _check(path, table, numbers, (*GNSS_COLUMNS, "nsat"), _GNSS_LIMITS)
-        dropped = Dropped()
+        table = _table(path, lines, GNSS_COLUMNS, ("nsat",), _GNSS_LIMITS, dropped)
     few = table[:, 7] < min_satellites
     dropped.add(f"fixes with fewer than {min_satellites} satellites", few.sum())
     table = _in_order(table[~few], dropped, "fixes")
@@ -93,26 +79,46 @@ def _far(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def _table(
-    path: Path, wanted: tuple[str, ...], optional: tuple[str, ...], lines: list[str] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Columns `wanted` and `optional` (nan where absent) of a comma-separated table, and each row's line number."""
-    lines = read_lines(path) if lines is None else lines
+    path: Path,
+    lines: list[str],
+    wanted: tuple[str, ...],
+    optional: tuple[str, ...],
+    limits: tuple[tuple[float, float], ...],
+    dropped: Dropped,
+) -> np.ndarray:
+    """Columns `wanted` and `optional` (nan where absent) of a comma-separated table, within their limits."""
     header = [name.strip() for name in lines[0].lstrip("\ufeff").split(",")]
     missing = [name for name in wanted if name not in header]
     if missing:
         raise FileError(1, f"the header lacks {', '.join(missing)}; needed are {', '.join(wanted)}", path)
-    place = [header.index(name) for name in wanted] + [header.index(n) for n in optional if n in header]
-    numbers = np.array([n for n, line in enumerate(lines[1:], 2) if line.strip()])
-    if not numbers.size:
+    names = (*wanted, *(name for name in optional if name in header))
+    place = [header.index(name) for name in names]
+    numbers = [n for n, line in enumerate(lines[1:], 2) if line.strip()]
+    if not numbers:
         raise FileError(1, "the table has no rows", path)
     try:  # the fast way; it cannot tell where it fails, nor read empty cells
         table = np.loadtxt(io.StringIO("\n".join(lines[1:])), delimiter=",", usecols=place, ndmin=2, comments=None)
     except ValueError:
-        names = (*wanted, *(n for n in optional if n in header))
-        table = np.array([_row(path, n, lines[n - 1], place, names, len(header)) for n in numbers])
-    if len(place) < len(wanted) + len(optional):
+        rows, read = [], []
+        for line in numbers:
+            try:
+                rows.append(_row(path, line, lines[line - 1], place, names, len(header)))
+                read.append(line)
+            except FileError as error:
+                dropped.damaged("rows left out", error)
+        if not rows:
+            raise FileError(0, "the table has no row that can be read", path) from None
+        table, numbers = np.array(rows), read
+    if table.shape[1] < len(wanted) + len(optional):
         table = np.column_stack([table, np.full(table.shape[0], np.nan)])
-    return table, numbers
+    good = _within(table, (*wanted, *optional), limits)
+    for row in np.flatnonzero(~np.all(good, axis=1)):
+        first = int(np.argmin(good[row]))
+        try:
+            within(path, numbers[row], float(table[row, first]), *limits[first], (*wanted, *optional)[first])
+        except FileError as error:
+            dropped.damaged("rows left out", error)
+    return table[np.all(good, axis=1)]
 
 
 def _row(path: Path, line: int, text: str, place: list[int], names: tuple[str, ...], width: int) -> list[float]:
@@ -126,16 +132,10 @@ def _row(path: Path, line: int, text: str, place: list[int], names: tuple[str, .
     return out
 
 
-def _check(path: Path, table: np.ndarray, lines: np.ndarray, names: tuple[str, ...], limits: tuple) -> None:
-    """Refuse values outside of physical limits, and nan where none may be."""
-    for column, (name, (low, high)) in enumerate(zip(names, limits, strict=True)):
-        values = table[:, column]
-        bad = ~((values >= low) & (values <= high))
-        if name in _MAY_BE_EMPTY:
-            bad &= ~np.isnan(values)
-        if np.any(bad):
-            row = int(np.flatnonzero(bad)[0])
-            within(path, int(lines[row]), float(values[row]), low, high, name)
+def _within(table: np.ndarray, names: tuple[str, ...], limits: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Which values (m, n) lie within physical limits, or are nan where they may."""
+    low, high = np.array(limits).T
+    return ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))
 
 
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:

@@ -1,10 +1,12 @@
-"""RINEX navigation files, versions 2 and 3: GPS and GLONASS broadcast messages.
+"""RINEX navigation files, versions 2, 3 and 4: GPS and GLONASS broadcast messages.
 
-Ours because georinex, the known reader, needs half a minute for a day of mixed messages and stumbles over the
-five-line GLONASS records of version 3.05. Messages of other systems are counted and skipped.
+Ours because georinex, the known reader, needs half a minute for a day of mixed messages, stumbles over the five-line
+GLONASS records of version 3.05 and does not read version 4. Messages of other systems and kinds are counted and
+skipped.
 
 Sources: [1] RINEX 2.11 (2007), tables A3-A5, A10, A11. [2] RINEX 3.05 (2020), section 8 and tables A5, A6, A10.
-[3] IS-GPS-200, section 20.3.3.3.1.3 (URA index).
+[3] RINEX 4.02 (2024), section 5.4 and the tables of navigation records (they begin with `> EPH`, `> STO`, `> EOP`,
+`> ION`).
 """
 
 from __future__ import annotations
@@ -15,55 +17,82 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.io.text import FileError, date_and_time, number, read_lines, whole, within
+from navsim.io.text import Dropped, FileError, date_and_time, number, read_lines, whole, within
 from navsim.models import gps, timescales
 from navsim.models.glonass_broadcast import StateVectors
 
-_LINES = {"G": 8, "R": 4}
-_LATEST = 4.0
-_URA = (2.4, 3.4, 4.85, 6.85, 9.65, 13.65, 24.0, 48.0, 96.0, 192.0, 384.0, 768.0, 1536.0, 3072.0, 6144.0)
+_LATEST = 5.0
+_KINDS = ("EPH", "STO", "EOP", "ION")
+"""Kinds of records of version 4: ephemerides, offsets of time systems, Earth orientation, ionosphere."""
+_KLOBUCHAR = ("LNAV", "CNVX")
+"""Messages of GPS that send Klobuchar's coefficients; they are the same ones."""
 
 
 @dataclass(frozen=True)
 class Navigation:
     """Messages of a navigation file: gps, glonass (None where the file has none), Klobuchar coefficients alpha, beta
-    (4,) or None, GPS - UTC in s or None, how many records of other systems were skipped, by letter."""
+    (4,) or None (of several the newest), GPS - UTC in s or None, how many records were skipped since they are not
+    modelled: by letter of the system, in version 4 by system and message (`G CNAV`, `STO G LNAV`). left_out: what of a
+    damaged file was left out, in words."""
 
     gps: gps.Elements | None
     glonass: StateVectors | None
     klobuchar: tuple[np.ndarray, np.ndarray] | None
     leap_seconds: int | None
     skipped: dict[str, int] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
 
 
-def read_nav(path: Path) -> Navigation:
-    """Read a RINEX 2 or 3 navigation file, packed or not.
+@dataclass(frozen=True)
+class _Record:
+    """A record's kind, system, message, and its numbered lines; ends_file: whether its last line is the file's."""
 
-    Raises FileError, naming the line, for anything but whole and plausible records; OSError where the file cannot be
-    read.
+    kind: str
+    letter: str
+    message: str
+    lines: list[tuple[int, str]]
+    ends_file: bool
+
+
+def read_nav(path: Path, lenient: bool = False) -> Navigation:
+    """Read a RINEX 2, 3 or 4 navigation file, packed or not.
+
+    lenient: leave out records that are not whole or not plausible, and say so in `left_out`. Raises FileError, naming
+    the line, for such records otherwise, and for a damaged header in any case; OSError where the file cannot be read.
     """
-    lines = read_lines(path)
+    dropped = Dropped(lenient)
+    lines = read_lines(path, dropped)
     version, system, klobuchar, leap, first = _header(path, lines)
     records: dict[str, list[tuple[float, ...]]] = {"G": [], "R": []}
     skipped: dict[str, int] = {}
-    for letter, block in _blocks(path, lines, first, version, system):
-        if letter not in records:
-            skipped[letter] = skipped.get(letter, 0) + 1
-        elif len(block) < _LINES[letter]:
-            raise FileError(
-                block[-1][0], f"the record breaks off: {_LINES[letter]} lines are due, here are {len(block)}", path
-            )
-        else:
-            parse = _gps if letter == "G" else _glonass
-            records[letter].append(parse(path, block, version))
+    newest, usual = -np.inf, 0
+    for record in (_framed if version >= 4.0 else _blocks)(path, lines, first, version, system, dropped):
+        kind, letter, message = record.kind, record.letter, record.message
+        try:
+            if (kind, letter, message) == ("EPH", "G", "LNAV"):
+                records["G"].append(_gps(path, record, version))
+            elif (kind, letter, message) == ("EPH", "R", "FDMA"):
+                records["R"].append(_glonass(path, record, version, usual))
+                usual = len(record.lines)
+            elif (kind, letter) == ("ION", "G") and message in _KLOBUCHAR:
+                time, coefficients = _ionosphere(path, record, version)
+                if time >= newest:
+                    newest, klobuchar = time, coefficients
+            else:
+                name = " ".join(part for part in (kind if kind != "EPH" else "", letter, message) if part)
+                skipped[name] = skipped.get(name, 0) + 1
+        except FileError as error:
+            dropped.damaged("messages left out", error)
     if not records["G"] and not records["R"]:
-        raise FileError(0, "holds no GPS and no GLONASS message", path)
+        others = f"; skipped were {', '.join(skipped)}" if skipped else ""
+        raise FileError(0, f"holds no GPS and no GLONASS message (LNAV, FDMA){others}", path)
     return Navigation(
         _elements(records["G"]) if records["G"] else None,
         _state_vectors(records["R"]) if records["R"] else None,
         klobuchar,
         leap,
         skipped,
+        dropped.said(),
     )
 
 
@@ -94,57 +123,114 @@ def _header(path: Path, lines: list[str]) -> tuple[float, str, tuple[np.ndarray,
 
 
 def rinex_version(path: Path, lines: list[str]) -> tuple[float, str]:
-    """Version and satellite system of the first line. Raises FileError for anything but RINEX 2 and 3."""
+    """Version and satellite system of the first line. Raises FileError for anything but RINEX 2, 3 and 4."""
     if lines[0][60:80].strip() != "RINEX VERSION / TYPE":
         raise FileError(1, "not a RINEX file: the first line is no RINEX VERSION / TYPE", path)
     version = number(path, 1, lines[0][:9], "the RINEX version")
     if not 2.0 <= version < _LATEST:
-        raise FileError(1, f"RINEX version {version:g} is not read; 2 and 3 are", path)
+        raise FileError(1, f"RINEX version {version:g} is not read; 2, 3 and 4 are", path)
     return version, lines[0][40:41].strip() or "G"
 
 
-def _blocks(
-    path: Path, lines: list[str], first: int, version: float, system: str
-) -> Iterator[tuple[str, list[tuple[int, str]]]]:
-    """Records as a system letter and their numbered lines: a record begins where the satellite's columns are filled."""
-    old = version < 3.0
-    start = 0
-    letter = ""
-    end = len(lines)
+def _end(lines: list[str], first: int, end: int) -> int:
+    """Index after the last line from `first` up to `end` that is not blank."""
     while end > first and not lines[end - 1].strip():
         end -= 1
-    for index in range(first, end):
-        line = lines[index]
-        # a continuation line has its first columns blank
-        if not line[:3].strip():
-            if not letter:
-                raise FileError(index + 1, "expected a record that begins with a satellite", path)
+    return end
+
+
+def _blocks(
+    path: Path, lines: list[str], first: int, version: float, system: str, dropped: Dropped
+) -> Iterator[_Record]:
+    """Records of versions 2 and 3: one begins where the satellite's columns are filled."""
+    end = _end(lines, first, len(lines))
+    starts = [index for index in range(first, end) if lines[index][:3].strip()]
+    if end > first and (not starts or starts[0] > first):
+        error = FileError(first + 1, "expected a record that begins with a satellite", path)
+        dropped.damaged("messages left out", error)
+    for start, stop in zip(starts, [*starts[1:], end], strict=True):
+        letter = system if version < 3.0 else lines[start][0]
+        if letter.isalpha():
+            message = {"G": "LNAV", "R": "FDMA"}.get(letter, "")
+            yield _Record("EPH", letter, message, _numbered(lines, start, stop), stop == end)
+        else:
+            found = lines[start][:3]
+            error = FileError(start + 1, f"expected a satellite such as G01, found '{found}'", path)
+            dropped.damaged("messages left out", error)
+
+
+def _framed(
+    path: Path, lines: list[str], first: int, version: float, system: str, dropped: Dropped
+) -> Iterator[_Record]:
+    """Records of version 4: one begins with a line such as `> EPH G01 LNAV`, or `> STO R   FDMA` of a whole system."""
+    end = _end(lines, first, len(lines))
+    starts = [index for index in range(first, end) if lines[index].startswith(">")]
+    if end > first and (not starts or starts[0] > first):
+        error = FileError(first + 1, "expected a record, a line such as > EPH G01 LNAV", path)
+        dropped.damaged("messages left out", error)
+    for start, stop in zip(starts, [*starts[1:], end], strict=True):
+        try:
+            words = lines[start][1:].split()
+            if len(words) < 3 or words[0] not in _KINDS or not words[1][0].isalpha():
+                kinds = ", ".join(_KINDS)
+                message = f"expected > and one of {kinds}, a satellite, a message; found '{lines[start][:30]}'"
+                raise FileError(start + 1, message, path)
+            block = _numbered(lines, start + 1, stop)
+            if not block:
+                raise FileError(start + 1, "the record breaks off: it has no lines", path)
+            satellite = block[0][1][:3].replace(" ", "0")
+            if words[0] == "EPH" and satellite != words[1]:
+                raise FileError(start + 2, f"{words[1]} is announced, '{satellite}' follows", path)
+        except FileError as error:
+            dropped.damaged("messages left out", error)
             continue
-        if letter:
-            yield letter, list(enumerate(lines[start:index], start + 1))
-        start = index
-        letter = system if old else line[0]
-        if not letter.isalpha():
-            raise FileError(index + 1, f"expected a satellite such as G01, found '{line[:3]}'", path)
-    if letter:
-        yield letter, list(enumerate(lines[start:end], start + 1))
+        yield _Record(words[0], words[1][0], words[2], block, stop == end)
 
 
-def _satellite_and_time(path: Path, block: list[tuple[int, str]], version: float, most: int) -> tuple[int, float]:
-    """Number of the satellite and the record's epoch as if it were UTC (POSIX s)."""
+def _numbered(lines: list[str], start: int, stop: int) -> list[tuple[int, str]]:
+    """Lines with their numbers, less blank ones at the end."""
+    return list(enumerate(lines[start : _end(lines, start, stop)], start + 1))
+
+
+def _check_length(path: Path, record: _Record, due: tuple[int, ...], margin: int) -> None:
+    """Whether a record has as many lines as are due, and none breaks off. Raises FileError."""
+    there = len(record.lines)
+    last, text = record.lines[-1]
+    lines_due = " or ".join(str(number_of) for number_of in due)
+    if there < min(due):
+        raise FileError(last, f"the record breaks off: {lines_due} lines are due, here are {there}", path)
+    if there not in due:
+        line = record.lines[max(due)][0]
+        raise FileError(line, f"the record is too long: {lines_due} lines are due, here are {there}", path)
+    if record.ends_file and (len(text.rstrip()) - margin) % 19:
+        raise FileError(last, "the file ends within a value", path)
+
+
+def _margin(version: float) -> int:
+    """Columns before the first of four values of a line."""
+    return 3 if version < 3.0 else 4
+
+
+def _satellite(path: Path, block: list[tuple[int, str]], version: float, most: int) -> int:
     line, text = block[0]
     satellite = whole(path, line, text[:2] if version < 3.0 else text[1:3], "the satellite")
     within(path, line, satellite, 1, most, "the satellite's number")
+    return satellite
+
+
+def _time(path: Path, block: list[tuple[int, str]], version: float) -> float:
+    """A record's epoch as if it were UTC (POSIX s)."""
+    line, text = block[0]
     if version < 3.0:
         parts = [text[3:5], text[6:8], text[9:11], text[12:14], text[15:17], text[17:22]]
     else:
         parts = [text[4:8], text[9:11], text[12:14], text[15:17], text[18:20], text[21:23]]
-    return satellite, date_and_time(path, line, parts)
+    return date_and_time(path, line, parts)
 
 
 def _values(path: Path, block: list[tuple[int, str]], version: float, wanted: tuple[str, ...]) -> dict[str, float]:
     """The named fields, four a line (three in the first), `-` for those not looked at. Blank fields are errors."""
-    margin = 3 if version < 3.0 else 4
+    margin = _margin(version)
     out = {}
     for place, name in enumerate(wanted, 1):
         if name == "-":
@@ -178,8 +264,10 @@ _GPS_ORDER = (
 )  # fmt: skip
 
 
-def _gps(path: Path, block: list[tuple[int, str]], version: float) -> tuple[float, ...]:
-    prn, toc = _satellite_and_time(path, block, version, 63)
+def _gps(path: Path, record: _Record, version: float) -> tuple[float, ...]:
+    block = record.lines
+    _check_length(path, record, (8,), _margin(version))
+    prn, toc = _satellite(path, block, version, 63), _time(path, block, version)
     v = _values(path, block, version, _GPS_FIELDS)
     for name, (low, high) in _GPS_LIMITS.items():
         within(path, block[(_GPS_FIELDS.index(name) + 1) // 4][0], v[name], low, high, name)
@@ -189,6 +277,16 @@ def _gps(path: Path, block: list[tuple[int, str]], version: float) -> tuple[floa
     toe = v["toe"] + timescales.WEEK * round((toc - v["toe"]) / timescales.WEEK)
     v |= {"prn": prn, "healthy": float(v["health"] == 0.0), "toe": toe, "toc": toc}
     return tuple(v[name] for name in _GPS_ORDER)
+
+
+_ION_FIELDS = ("alpha0", "alpha1", "alpha2", "alpha3", "beta0", "beta1", "beta2", "beta3")
+
+
+def _ionosphere(path: Path, record: _Record, version: float) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
+    """Time of transmission (POSIX s of GPS time) and Klobuchar's coefficients of an ION record of GPS [3]."""
+    _check_length(path, record, (3,), _margin(version))
+    v = list(_values(path, record.lines, version, _ION_FIELDS).values())
+    return _time(path, record.lines, version), (np.array(v[:4]), np.array(v[4:]))
 
 
 def _elements(records: list[tuple[float, ...]]) -> gps.Elements:
@@ -207,8 +305,11 @@ _GLONASS_LIMITS = {
 _GLONASS_RADIUS = (24.0e3, 27.0e3)
 
 
-def _glonass(path: Path, block: list[tuple[int, str]], version: float) -> tuple[float, ...]:
-    slot, time = _satellite_and_time(path, block, version, 32)
+def _glonass(path: Path, record: _Record, version: float, usual: int) -> tuple[float, ...]:
+    """The fields of a GLONASS record; usual: lines of the one before, 0 for none."""
+    block = record.lines
+    _check_length(path, record, _glonass_lines(record, version, usual), _margin(version))
+    slot, time = _satellite(path, block, version, 32), _time(path, block, version)
     v = _values(path, block, version, _GLONASS_FIELDS)
     if v["channel"] > 128.0:  # an unsigned octet that meant to be signed
         v["channel"] -= 256.0
@@ -216,10 +317,52 @@ def _glonass(path: Path, block: list[tuple[int, str]], version: float) -> tuple[
         within(path, block[(_GLONASS_FIELDS.index(name) + 1) // 4][0], v[name], low, high, name)
     radius = float(np.sqrt(v["x"] ** 2 + v["y"] ** 2 + v["z"] ** 2))
     within(path, block[1][0], radius, *_GLONASS_RADIUS, "distance of the satellite from the centre of the Earth in km")
+    healthy = v["health"] == 0.0 and _flags_healthy(path, block, version)
     return (
-        slot, v["channel"], float(v["health"] == 0.0), time, v["x"], v["y"], v["z"], v["vx"], v["vy"], v["vz"],
+        slot, v["channel"], float(healthy), time, v["x"], v["y"], v["z"], v["vx"], v["vy"], v["vz"],
         v["ax"], v["ay"], v["az"], v["tau"], v["gamma"], v["age"],
     )  # fmt: skip
+
+
+def _glonass_lines(record: _Record, version: float, usual: int) -> tuple[int, ...]:
+    """How many lines a GLONASS record may have: the fifth came with version 3.05, but programs differ from that."""
+    if version < 3.0:
+        return (4,)
+    if version >= 4.0:
+        return (5,)
+    if usual:
+        return (usual,)
+    return (5,) if version >= 3.05 and record.ends_file else (4, 5)
+
+
+def _flags_healthy(path: Path, block: list[tuple[int, str]], version: float) -> bool:
+    """Whether the flags of the fifth line allow a GLONASS satellite; without them it is up to B_n alone.
+
+    Health flags are three bits [2, table A10]: l(3), unhealthy by string 3, which satellites before GLONASS-M do not
+    send; A_C, whether the almanac's health is reported; C, healthy by the almanac. Bits 7 and 8 of the status flags
+    are the kind of satellite, 0 before GLONASS-M.
+    """
+    if len(block) < 5:
+        return True
+    health = _flags(path, block[4], _margin(version) + 3 * 19, 7, "the health flags")
+    if health is None:
+        return True
+    status = _flags(path, block[4], _margin(version), 511, "the status flags")
+    sends_l = status is None or status >> 7 > 0
+    return not (health & 4 and sends_l) and (not health & 2 or bool(health & 1))
+
+
+def _flags(path: Path, numbered: tuple[int, str], start: int, most: int, name: str) -> int | None:
+    """Bits written as a number; None where they are blank or not known."""
+    line, text = numbered
+    piece = text[start : start + 19]
+    if not piece.strip() or number(path, line, piece, name) == _UNKNOWN:
+        return None
+    return int(within(path, line, whole(path, line, piece, name), 0, most, name))
+
+
+_UNKNOWN = 0.999999999999e9
+"""What stands for a value that is not known [2]."""
 
 
 def _state_vectors(records: list[tuple[float, ...]]) -> StateVectors:

@@ -9,37 +9,43 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.io.text import FileError, date_and_time, number, read_lines, whole, within
+from navsim.io.text import Dropped, FileError, column, date_and_time, read_lines, whole, within
 from navsim.models import timescales
 from navsim.models.precise import Orbits
 
 _SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI", "ccc"}
 _NO_CLOCK = 999999.0
+_PAD = "G00"
+"""What fills the list of satellites, as a name."""
 
 
-def read_sp3(path: Path) -> Orbits:
+def read_sp3(path: Path, lenient: bool = False) -> Orbits:
     """Read an SP3 file, packed or not.
 
-    Raises FileError, naming the line, for anything but whole records; OSError where the file cannot be read.
+    lenient: take what is whole of a file with wrong counts, broken lines or no end, and say in `left_out` what was
+    not. Raises FileError, naming the line, for anything but whole records, and for a damaged header in any case;
+    OSError where the file cannot be read.
     """
-    lines = read_lines(path)
+    dropped = Dropped(lenient)
+    lines = read_lines(path, dropped)
     head = lines[0]
     if len(head) < 60 or head[0] != "#" or head[1] not in "abcd":
         raise FileError(1, "not an SP3 file: it begins with #a, #b, #c or #d", path)
     epochs = whole(path, 1, head[32:39], "the number of epochs")
-    names: list[str] = []
+    listed: list[str] = []
     satellites = 0
     scale = "GPS"
     time: list[float] = []
     records: list[dict[str, tuple[float, ...]]] = []
     scales_seen = 0
     ended = False
+    usable = False  # whether the epoch that positions belong to is known
     for index, line in enumerate(lines[1:], 2):
         if line.startswith("+ "):
             if not satellites:
                 satellites = whole(path, index, line[3:6], "the number of satellites")
                 within(path, index, satellites, 1, 999, "the number of satellites")
-            names += [_name(line[9 + 3 * i : 12 + 3 * i]) for i in range(17) if line[9 + 3 * i : 12 + 3 * i].strip()]
+            listed += [_name(line[9 + 3 * i : 12 + 3 * i]) for i in range(17) if line[9 + 3 * i : 12 + 3 * i].strip()]
         elif line.startswith("%c"):
             scales_seen += 1
             if scales_seen == 1:
@@ -47,37 +53,45 @@ def read_sp3(path: Path) -> Orbits:
                 if scale not in _SCALES:
                     raise FileError(index, f"time system {scale} is not known", path)
         elif line.startswith("*"):
-            parts = [line[3:7], line[8:10], line[11:13], line[14:16], line[17:19], line[20:31]]
-            now = date_and_time(path, index, parts)
-            if time and now <= time[-1]:
-                raise FileError(index, "the epoch is not later than the one before", path)
+            usable = False
+            try:
+                parts = [line[3:7], line[8:10], line[11:13], line[14:16], line[17:19], line[20:31]]
+                now = date_and_time(path, index, parts)
+                if time and now <= time[-1]:
+                    raise FileError(index, "the epoch is not later than the one before", path)
+            except FileError as error:
+                dropped.damaged("epochs left out", error)
+                continue
             time.append(now)
             records.append({})
-        elif line.startswith("P"):
-            if not records:
-                raise FileError(index, "a position before the first epoch", path)
-            values = [number(path, index, line[4 + 14 * i : 18 + 14 * i], "position") for i in range(3)]
-            clock = line[46:60].strip()
-            offset = number(path, index, clock, "clock") if clock else _NO_CLOCK
-            name = _name(line[1:4])
-            if name in records[-1]:
-                raise FileError(index, f"{name} stands twice in this epoch", path)
-            if name not in names[:satellites]:
-                raise FileError(index, f"{name} is not in the header's list", path)
-            radius = float(np.sqrt(sum(v * v for v in values)))
-            if radius > 0.0:
-                within(path, index, radius, 6.4e3, 5e5, "distance from the centre of the Earth in km")
-            records[-1][name] = (*values, offset)
+            usable = True
+        elif line.startswith("P") and (usable or not records):
+            try:
+                name, values = _position(path, index, line)
+                if not records:
+                    raise FileError(index, "a position before the first epoch", path)
+                if name in records[-1]:
+                    raise FileError(index, f"{name} stands twice in this epoch", path)
+                if name not in listed[:satellites]:
+                    raise FileError(index, f"{name} is not in the header's list", path)
+            except FileError as error:
+                dropped.damaged("positions left out", error)
+                continue
+            records[-1][name] = values
         elif line.startswith("EOF"):
             ended = True
             break
+    names = [name for name in listed[:satellites] if name != _PAD]
+    if len(names) != satellites:
+        wrong = FileError(0, f"{satellites} satellites are announced, {len(names)} are listed", path)
+        dropped.damaged("wrong numbers of satellites", wrong)
     if not ended:
-        raise FileError(len(lines), "the file breaks off: no EOF line", path)
+        dropped.damaged("end of the file missing", FileError(len(lines), "the file breaks off: no EOF line", path))
     if len(time) != epochs:
-        raise FileError(len(lines), f"{epochs} epochs are announced, {len(time)} are there", path)
+        wrong = FileError(len(lines), f"{epochs} epochs are announced, {len(time)} are there", path)
+        dropped.damaged("wrong number of epochs", wrong)
     if not time:
         raise FileError(len(lines), "the file has no epoch", path)
-    names = names[:satellites]
     table = np.full((len(time), len(names), 4), np.nan)
     for epoch, record in enumerate(records):
         for i, name in enumerate(names):
@@ -87,7 +101,17 @@ def read_sp3(path: Path) -> Orbits:
     position[np.all(position == 0.0, axis=2)] = np.nan
     # a missing clock is all nines
     clocks = np.where(clock_us >= _NO_CLOCK, np.nan, 1e-6 * clock_us)
-    return Orbits(tuple(names), _utc(np.array(time), scale), position, clocks)
+    return Orbits(tuple(names), _utc(np.array(time), scale), position, clocks, left_out=dropped.said())
+
+
+def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]:
+    """Name, position in km and clock in microseconds of a P line. Raises FileError."""
+    values = [column(path, line, text, 4 + 14 * i, 14, "position") for i in range(3)]
+    clock = column(path, line, text, 46, 14, "clock") if text[46:60].strip() else _NO_CLOCK
+    radius = float(np.sqrt(sum(v * v for v in values)))
+    if radius > 0.0:
+        within(path, line, radius, 6.4e3, 5e5, "distance from the centre of the Earth in km")
+    return _name(text[1:4]), (*values, clock)
 
 
 def _name(text: str) -> str:

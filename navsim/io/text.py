@@ -1,29 +1,46 @@
 """Text files of others: opened whatever their packing, and refused with a line.
 
-Hatanaka-compressed RINEX (`.crx`, `.??d`) and Unix `.Z` are unpacked by the `hatanaka` package, gzip by Python.
+Hatanaka-compressed RINEX (`.crx`, `.??d`) and Unix `.Z` are unpacked by the `hatanaka` package; gzip, bzip2 and zip
+archives of one file by Python. Packing is told by the content, not by the name.
 """
 
 from __future__ import annotations
 
-import gzip
+import bz2
+import io
+import lzma
 import math
+import struct
+import warnings
+import zipfile
 import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from navsim.models import timescales
 
 MOST_BYTES = 2_000_000_000
 """Larger texts are refused: a damaged header of a packed file may promise anything."""
+_MOST_LAYERS = 4
+"""Packings one in another that are undone; an archive can be made that holds itself."""
+_MOST_EPOCH_LINES = 100
+"""Lines of a Hatanaka-compressed epoch, at most, in search of the last whole one."""
 
 
 class FileError(ValueError):
-    """A file that cannot be used; `line` counts from 1, 0 for the file as a whole."""
+    """A file that cannot be used; `line` counts from 1, 0 for the file as a whole.
+
+    salvageable: whether a lenient reader would have left the damaged part out and read the rest.
+    """
 
     def __init__(self, line: int, message: str, path: Path | None = None) -> None:
         super().__init__(message)
         self.message = message
         self.line = line
         self.path = path
+        self.salvageable = False
 
     def __str__(self) -> str:
         if self.path is None:
@@ -31,16 +48,46 @@ class FileError(ValueError):
         return f"{self.path}:{self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
 
 
-def read_lines(path: Path) -> list[str]:
-    """The lines of a text file, without their ends; gzip, Unix compress and Hatanaka are unpacked.
+@dataclass(frozen=True)
+class Dropped:
+    """What a reader left out or moved: how often, by reason. Damaged parts are left out only by a `lenient` reader."""
 
-    Raises FileError where the file is no text or cannot be unpacked, OSError where it cannot be read.
+    lenient: bool = False
+    counts: dict[str, int] = field(default_factory=dict)
+    _reasons: dict[str, str] = field(default_factory=dict)
+
+    def add(self, reason: str, count: int) -> None:
+        """Count some more."""
+        if count:
+            self.counts[reason] = self.counts.get(reason, 0) + int(count)
+
+    def damaged(self, what: str, error: FileError) -> None:
+        """Leave one of `what` out for an error, the first of which is quoted. Raises the error if not lenient."""
+        if not self.lenient:
+            error.salvageable = True
+            raise error
+        self.add(self._reasons.setdefault(what, f"{what}; the first: {error}"), 1)
+
+    def said(self) -> tuple[str, ...]:
+        """A line for each reason."""
+        return tuple(f"{count} {reason}" for reason, count in self.counts.items())
+
+
+def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:
+    """The lines of a text file, without their ends; gzip, bzip2, zip, Unix compress and Hatanaka are unpacked.
+
+    dropped: a lenient one takes what a packed file holds that is cut at its end, up to the last whole line. Raises
+    FileError where the file is no text or cannot be unpacked, OSError where it cannot be read.
     """
+    dropped = Dropped() if dropped is None else dropped
     data = path.read_bytes()
-    if data[:2] == b"\x1f\x8b":
-        data = _gunzip(path, data)
-    if data[:2] == b"\x1f\x9d" or b"CRINEX VERS" in data[:80]:
-        data = _unpack(path, data)
+    for _ in range(_MOST_LAYERS):
+        unpack = _unpacker(data)
+        if unpack is None:
+            break
+        data = unpack(path, data, dropped)
+    else:
+        raise FileError(0, f"packed more than {_MOST_LAYERS - 1} times", path)
     try:
         text = data.decode("ascii")
     except UnicodeDecodeError as error:
@@ -54,23 +101,98 @@ def read_lines(path: Path) -> list[str]:
     return text.split("\n") if "\r" not in text else text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
-def _gunzip(path: Path, data: bytes) -> bytes:
-    unpacker = zlib.decompressobj(wbits=31)
+def _unpacker(data: bytes) -> Callable[[Path, bytes, Dropped], bytes] | None:
+    """What undoes the outermost packing; None for data that are not packed."""
+    if data[:2] == b"\x1f\x8b":
+        return _gunzip
+    if data[:3] == b"BZh" and data[3:4].isdigit():
+        return _bunzip
+    if data[:4] in (b"PK\x03\x04", b"PK\x05\x06", b"PK\x07\x08"):
+        return _unzip
+    if data[:2] == b"\x1f\x9d" or b"CRINEX VERS" in data[:80]:
+        return _by_hatanaka
+    return None
+
+
+def _gunzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
+    return _inflated(path, data, dropped, "gzip", b"\x1f\x8b", lambda: zlib.decompressobj(wbits=31))
+
+
+def _bunzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
+    return _inflated(path, data, dropped, "bzip2", b"BZh", bz2.BZ2Decompressor)
+
+
+def _inflated(path: Path, data: bytes, dropped: Dropped, kind: str, magic: bytes, unpacker: Callable[[], Any]) -> bytes:
+    """All members of a packed file: several one after another are rare, and legal."""
+    out, size = [], 0
+    while data:
+        if not data.startswith(magic):
+            raise FileError(0, f"cannot be unpacked: {len(data)} bytes after the end of the {kind} data", path)
+        member = unpacker()
+        try:
+            out.append(member.decompress(data, MOST_BYTES + 1 - size))
+        except (zlib.error, OSError, EOFError) as error:
+            raise FileError(0, f"cannot be unpacked: {error}", path) from None
+        size += len(out[-1])
+        if size > MOST_BYTES:
+            raise _too_large(path)
+        if not member.eof:
+            dropped.damaged("end of a packed file", FileError(0, f"the {kind} file ends too early", path))
+            whole = b"".join(out)
+            return whole[: whole.rfind(b"\n") + 1]
+        data = member.unused_data.lstrip(b"\x00")  # tapes and disks pad with zeros
+    return b"".join(out)
+
+
+def _unzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
     try:
-        out = unpacker.decompress(data, MOST_BYTES)
-        if unpacker.unconsumed_tail:
-            raise FileError(0, f"unpacks to more than {MOST_BYTES // 10**9} GB", path)
-        if not unpacker.eof:
-            raise FileError(0, "the gzip file ends too early", path)
-        # several members in one file are rare, and legal
-        return out if not unpacker.unused_data else gzip.decompress(data)
-    except (zlib.error, OSError, EOFError) as error:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = [member for member in archive.infolist() if not member.is_dir()]
+            if len(members) != 1:
+                some = ", ".join(member.filename for member in members[:3]) + (", ..." if len(members) > 3 else "")
+                said = f"{len(members)} files ({some})" if members else "no file"
+                raise FileError(0, f"the zip archive holds {said}; allowed is exactly one", path)
+            with archive.open(members[0]) as file:
+                out = file.read(MOST_BYTES + 1)
+    except FileError:
+        raise
+    except (
+        zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError, RuntimeError, ValueError
+    ) as error:  # fmt: skip
+        # damaged lists of members make zipfile raise nearly anything; RuntimeError: encrypted, or unknown methods
         raise FileError(0, f"cannot be unpacked: {error}", path) from None
+    if len(out) > MOST_BYTES:
+        raise _too_large(path)
+    return out
 
 
-def _unpack(path: Path, data: bytes) -> bytes:
-    import warnings
+def _too_large(path: Path) -> FileError:
+    return FileError(0, f"unpacks to more than {MOST_BYTES:,} bytes", path)
 
+
+def _by_hatanaka(path: Path, data: bytes, dropped: Dropped) -> bytes:
+    try:
+        return _hatanaka(data)
+    except _Refused as refused:
+        error = FileError(0, f"cannot be unpacked: {refused}", path)
+        if "truncated" not in str(refused):
+            raise error from None
+    dropped.damaged("end of a Hatanaka-compressed file", error)
+    # differences build on one another from the beginning, so a cut file is whole up to its last whole epoch
+    lines = data.split(b"\n")
+    for last in range(len(lines) - 1, max(len(lines) - 1 - _MOST_EPOCH_LINES, 0), -1):
+        try:
+            return _hatanaka(b"\n".join(lines[:last]) + b"\n")
+        except _Refused:
+            continue
+    raise error
+
+
+class _Refused(Exception):
+    """What the programs for Hatanaka's compression said."""
+
+
+def _hatanaka(data: bytes) -> bytes:
     import hatanaka
 
     try:
@@ -78,8 +200,21 @@ def _unpack(path: Path, data: bytes) -> bytes:
             warnings.simplefilter("error")  # a repaired file would be wrong numbers without a word
             return hatanaka.decompress(data)
     except (hatanaka.HatanakaException, UserWarning, ValueError, OSError) as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
-        raise FileError(0, f"cannot be unpacked: {reason[:200]}", path) from None
+        said = str(error).strip().splitlines()
+        raise _Refused(said[-1][:200] if said else type(error).__name__) from None
+
+
+def column(path: Path, line: int, text: str, start: int, width: int, name: str) -> float:
+    """The finite number in fixed columns of a line, which must not end within it. Raises FileError."""
+    piece = text[start : start + width]
+    if len(piece) < width and piece.strip():
+        raise ends_within(path, line, piece, name)
+    return number(path, line, piece, name)
+
+
+def ends_within(path: Path, line: int, piece: str, name: str) -> FileError:
+    """The error for a line that is cut off within a value: the rest of its digits would be a wrong number."""
+    return FileError(line, f"the line ends within {name}: '{piece.strip()}'", path)
 
 
 def number(path: Path, line: int, text: str, name: str) -> float:

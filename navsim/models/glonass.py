@@ -174,7 +174,11 @@ class Nominal:
         u = np.radians(_PHASE_LATITUDE_ARGUMENT + 15.0 * plane - 45.0 * place) + n * since
         node = np.radians(_PHASE_NODE_LONGITUDE + 120.0 * plane) + (node_rate - EARTH_RATE) * since
         zero = np.zeros_like(u)
-        return _to_ecef(zero + _NOMINAL_RADIUS, zero, zero + _NOMINAL_INCLINATION, node, zero, u)
+        position, velocity = _to_ecef(zero + _NOMINAL_RADIUS, zero, zero + _NOMINAL_INCLINATION, node, zero, u)
+        # the planes turn with the secular regression: 0.15 m/s
+        velocity[..., 0] -= node_rate * position[..., 1]
+        velocity[..., 1] += node_rate * position[..., 0]
+        return position, velocity
 
 
 def _semi_major_axis(draconic: np.ndarray, sin2_i: np.ndarray, e: np.ndarray, perigee: np.ndarray) -> np.ndarray:

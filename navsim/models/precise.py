@@ -19,7 +19,8 @@ _POINTS = 10
 @dataclass(frozen=True)
 class Orbits:
     """Positions of n satellites at t times: names (n,), time (t,) UTC (POSIX s), position (t, n, 3) ECEF m, nan where
-    missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in them."""
+    missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in them.
+    left_out: what of a damaged file was left out, in words."""
 
     names: tuple[str, ...]
     time: np.ndarray
@@ -27,6 +28,7 @@ class Orbits:
     offset: np.ndarray
     system: str = "gps"
     healthy: np.ndarray = field(default_factory=lambda: np.ones(0, dtype=bool))
+    left_out: tuple[str, ...] = ()
 
     def of(self, letter: str, system: str) -> Orbits:
         """The satellites whose names begin with a letter, as a constellation of a system."""

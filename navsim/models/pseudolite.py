@@ -10,6 +10,9 @@ import numpy as np
 from navsim.core import wgs84
 from navsim.models.kinematics import tangent_frame
 
+NEAREST = 10.0
+"""Distance a pseudolite keeps from the aircraft at all times, m."""
+
 TABLE1_SPHERE = 6371.0e3
 """Radius of the sphere behind the coordinates of Table 1, m."""
 
@@ -42,3 +45,13 @@ def runway_positions(threshold: np.ndarray, heading: float, places: np.ndarray, 
     llh = wgs84.llh_from_ecef(frame.origin + plane @ frame.axes.T)
     llh[..., 2] = threshold[2] + height
     return llh
+
+
+def clearance(track: np.ndarray, sites: np.ndarray) -> np.ndarray:
+    """Least distance (...) of sites (..., 3) from the points of a track (n, 3), all ECEF, m."""
+    few = 16
+    if sites[..., 0].size <= few:  # spares a check of one scenario the import
+        return np.linalg.norm(sites[..., None, :] - track, axis=-1).min(axis=-1)
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(track).query(sites)[0])

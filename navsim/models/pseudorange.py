@@ -20,11 +20,13 @@ _TRAVEL_TIME = 0.07
 
 @dataclass(frozen=True)
 class Signals:
-    """All sources over all fix epochs; a source that is not received has `used` false there.
+    """All sources over all fix epochs; a source that is not received has `used` false there, and may have nan
+    in every other field; where it is used, all are finite.
 
     time: (e,) s. antenna: (e, 3) ECEF, m. names: (s,). clock: (s,) number of the clock unknown. used: (e, s) bool.
     position, velocity: (e, s, 3) where the receiver believes the sources (satellites at the time of
-    transmission, in ECEF axes at reception), m, m/s. range, range_rate: (e, s) true, m, m/s.
+    transmission, in ECEF axes at reception), m, and how that place moves with the time of reception, m/s, see
+    `apparent_velocity`. range, range_rate: (e, s) true, m, m/s.
     delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
     los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
     rad, also of unused sources. cn0: (e, s) dB-Hz. ionosphere: (e, s) the ionosphere's part of the delay, m. space:
@@ -54,6 +56,17 @@ class Signals:
     fix_sigma: np.ndarray
     smoothing: np.ndarray | None
 
+    def unfinished(self) -> list[tuple[str, str]]:
+        """What breaks the promise of finite numbers: names of source and field."""
+        out = []
+        for field in ("position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "cn0",
+                      "ionosphere", "space", "fix_sigma"):  # fmt: skip
+            values = getattr(self, field)
+            if values is not None:
+                finite = np.isfinite(values).reshape(*self.used.shape, -1).all(axis=2)
+                out += [(self.names[i], field) for i in np.flatnonzero((self.used & ~finite).any(axis=0))]
+        return out
+
 
 def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-untyped-def]
     """Satellites as a receiver sees them: at transmission time, in the ECEF axes of reception [1].
@@ -69,6 +82,24 @@ def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-un
         position, velocity = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
         travel = np.linalg.norm(position - antenna[:, None], axis=2) / wgs84.SPEED_OF_LIGHT
     return position, velocity
+
+
+def apparent_velocity(
+    position: np.ndarray, velocity: np.ndarray, antenna: np.ndarray, antenna_velocity: np.ndarray
+) -> np.ndarray:
+    """Change of the place that `satellites_at_reception` gives, for each second of reception (m, n, 3), m/s.
+
+    position, velocity: (m, n, 3) as it gives them. antenna, antenna_velocity: (m, 3) ECEF, m, m/s. While the range
+    grows by r' m/s, a second of reception sees only 1 - r'/c seconds of the satellite's motion, and the axes turn on by
+    the Earth's rate times r'/c; the range's rate is then exactly u (this velocity - the antenna's). Up to 3 mm/s.
+    The time derivative of the range of [1], section 8.5.
+    """
+    away = position - antenna[:, None]
+    unit = away / np.linalg.norm(away, axis=2, keepdims=True)
+    inertial = velocity + np.cross([0.0, 0.0, wgs84.RATE], position)
+    closing = np.sum(unit * (velocity - antenna_velocity[:, None]), axis=2)
+    rate = closing / (1.0 + np.sum(unit * inertial, axis=2) / wgs84.SPEED_OF_LIGHT)
+    return velocity - inertial * (rate / wgs84.SPEED_OF_LIGHT)[..., None]
 
 
 def turned_with_earth(v: np.ndarray, duration: np.ndarray) -> np.ndarray:

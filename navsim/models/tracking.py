@@ -107,8 +107,9 @@ def _triangle(x: np.ndarray) -> np.ndarray:
 def smoothed_variance(variance: np.ndarray, used: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Variance (e, s) of carrier-smoothed pseudoranges, m2, and the weight count (e, s) of each epoch's own code.
 
-    variance: (e, s) of a single pseudorange. used: (e, s) bool; smoothing starts anew after a break. most: longest
-    memory, epochs. Hatch's filter y = P / n + (1 - 1 / n) (y before + change of the carrier).
+    variance: (e, s) of a single pseudorange. used: (e, s) bool; smoothing starts anew after a break, and where it is
+    false the variance is nan, the count 0. most: longest memory, epochs. Hatch's filter
+    y = P / n + (1 - 1 / n) (y before + change of the carrier).
     """
     count = np.zeros(used.shape, dtype=int)
     out = np.zeros(used.shape)
@@ -117,7 +118,8 @@ def smoothed_variance(variance: np.ndarray, used: np.ndarray, most: int) -> tupl
     for e in range(used.shape[0]):
         running = np.where(used[e], np.minimum(running + 1, most), 0)
         n = np.maximum(running, 1)
-        previous = variance[e] / n**2 + (1.0 - 1.0 / n) ** 2 * previous
+        before = np.where(running > 1, previous, 0.0)
+        previous = np.where(used[e], variance[e] / n**2 + (1.0 - 1.0 / n) ** 2 * before, np.nan)
         count[e], out[e] = running, previous
     return out, count
 

@@ -38,6 +38,10 @@ class Gate(Section):
     """rejections in a row after which a fix is taken nevertheless"""
 
 
+SMOOTHERS = ("rts", "map")
+"""Kinds whose outputs know the fixes that come after them."""
+
+
 class Filter(Section):
     """What the filter does and believes; what is left out follows from the truth."""
 

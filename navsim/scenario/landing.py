@@ -18,15 +18,15 @@ from navsim.scenario.base import (
     Utc,
     reject,
 )
-from navsim.scenario.filter import Filter
-from navsim.scenario.sensors import Imu, InitialErrors
+from navsim.scenario.filter import SMOOTHERS, Filter
+from navsim.scenario.sensors import Imu, InitialErrors, believed
 from navsim.scenario.signals import Pseudolites, Receiver, Signals
 from navsim.scenario.sky import Sky
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.models.kinematics import Frame, Trajectory
+    from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import Path
 
 
@@ -62,11 +62,14 @@ class Landing(Section):
             )
         if self.receiver.rate_hz > self.imu.rate_hz:
             raise reject("fixes cannot come faster than the IMU's samples (imu.rate_hz)", "receiver", "rate_hz")
+        for sensor in ("gyro", "accelerometer"):
+            given = getattr(self.filter.imu, sensor)
+            if given is not None:
+                believed(getattr(self.imu, sensor), given).check_markov("filter", "imu", sensor)
+        if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
+            raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
         if self.method == "covariance":
-            for what, on in (("ephemeris", self.signals.ephemeris), ("smoothing_s", self.receiver.smoothing_s)):
-                if on:
-                    section = "signals" if what == "ephemeris" else "receiver"
-                    raise reject("the covariance analysis knows no errors correlated in time; fly runs", section, what)
+            self.check_analysable()
         if self.duration_s * self.imu.rate_hz < 2.0:
             raise reject("shorter than two samples of the IMU", "duration_s")
         if isinstance(self.approach, RecordedApproach):
@@ -83,6 +86,15 @@ class Landing(Section):
         self._checked_pseudolites()
         return self
 
+    def check_analysable(self) -> None:
+        """Raise for what the covariance analysis cannot tell."""
+        if self.filter.kind in SMOOTHERS:
+            raise reject(
+                f"the covariance analysis is that of a filter, {self.filter.kind} is a smoother; fly runs",
+                "filter",
+                "kind",
+            )
+
     def _checked_speed(self, path: Path) -> None:
         import numpy as np
 
@@ -98,25 +110,34 @@ class Landing(Section):
             )
 
     def _checked_pseudolites(self) -> None:
-        import numpy as np
+        from navsim.core.wgs84 import ecef_from_llh
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
             raise reject("the paper's frame is counted from approach.start, which is not given", "pseudolites", "frame")
         trajectory = self.trajectory()
-        times = np.arange(0.0, self.duration_s, 0.1)
-        track = trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
-        from navsim.core.wgs84 import ecef_from_llh
+        sites = ecef_from_llh(self.pseudolite_positions(trajectory.frame))
+        self.check_clearance(self.track(trajectory), sites)
 
-        for index, llh in enumerate(self.pseudolite_positions(trajectory.frame)):
-            distance = float(np.min(np.linalg.norm(track - ecef_from_llh(llh), axis=1)))
-            if distance < 10.0:
+    def check_clearance(self, track: np.ndarray, sites: np.ndarray) -> None:
+        """Raise where a pseudolite, sites (p, 3), comes too near to the track (n, 3), both ECEF, m."""
+        from navsim.models.pseudolite import NEAREST, clearance
+
+        for index, distance in enumerate(clearance(track, sites)):
+            if distance < NEAREST:
                 path = ("sites", index) if self.pseudolites.sites else ("s_m",)
                 raise reject(
                     f"pseudolite {self.pseudolites.names()[index]} comes within {distance:.1f} m of the aircraft; "
-                    "it must stay 10 m away",
+                    f"it must stay {NEAREST:g} m away",
                     "pseudolites",
                     *path,
                 )
+
+    def track(self, trajectory: Moving) -> np.ndarray:
+        """Where the aircraft is every tenth of a second of the simulation (n, 3), ECEF, m."""
+        import numpy as np
+
+        times = np.arange(0.0, self.duration_s, 0.1)
+        return trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
 
     # --- the models the sections stand for
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import NonNegative, Pair, Positive, Section, list_of, reject
+from navsim.scenario.base import Checksum, NonNegative, Pair, Positive, Section, list_of, reject
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Dotted
 
 DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
@@ -64,6 +64,8 @@ class Constraints(Section):
     surfaces: Surfaces | None = None
     keep_out: str | None = None
     """GeoJSON file with polygons (longitude, latitude) to keep out of, relative to this file"""
+    keep_out_sha256: Checksum | None = None
+    """checksum of that file; when given, another file is refused"""
     spacing_m: NonNegative = 0.0
     """least distance between pseudolites"""
     distance_m: Pair | None = None
@@ -73,6 +75,8 @@ class Constraints(Section):
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
+        if self.keep_out_sha256 is not None and self.keep_out is None:
+            raise reject("there is no keep_out it could be of", "keep_out_sha256")
         if self.distance_m is not None and not 0.0 <= self.distance_m[0] < self.distance_m[1]:
             raise reject("expected a least distance, then a larger one", "distance_m")
         return self

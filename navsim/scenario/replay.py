@@ -35,7 +35,8 @@ class Sensors(Section):
     """The inertial samples, and what kind of sensors made them."""
 
     file: str
-    """table with t_s, gx_rad_s, gy_rad_s, gz_rad_s, ax_m_s2, ay_m_s2, az_m_s2, body axes forward-right-down; .gz too"""
+    """table with t_s, gx_rad_s, gy_rad_s, gz_rad_s, ax_m_s2, ay_m_s2, az_m_s2, body axes forward-right-down;
+    .gz, .bz2, .zip too"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     sensor_class: Literal["consumer", "industrial", "tactical"] = "consumer"
@@ -69,7 +70,8 @@ class Gnss(Section):
     """The fixes. What is left out is tuned (`tuning: likelihood`), or as written below without tuning."""
 
     file: str
-    """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty), or NMEA sentences"""
+    """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty), or NMEA sentences,
+    also with a logger's text around them"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     latency_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
@@ -133,6 +135,8 @@ class Replay(Section):
     """UTC of t_s = 0"""
     imu: Sensors
     gnss: Gnss
+    lenient: bool = False
+    """take what is whole of damaged files, and warn of what was left out"""
     start_s: float | None = None
     """look for the alignment from here on; default: the first fix"""
     end_s: float | None = None

@@ -45,18 +45,22 @@ class Gyro(Section):
             raise reject("noise_deg_h and arw_deg_sqrt_h are two spellings of one noise; give one", "arw_deg_sqrt_h")
         return self
 
+    def check_markov(self, *path: str) -> None:
+        """Raise, about the section at `path`, for a correlated drift without its correlation time."""
+        _check_markov(self.markov_deg_h, self.markov_time_s, *path)
+
     def triad(self, rate: float) -> Triad:
         """The error model in SI units at a sample rate (Hz)."""
         from navsim.models.imu import Triad, density_from_sample_sigma
 
-        density = (self.arw_deg_sqrt_h or 0.0) * DEG_SQRT_H
+        density = _si(self.arw_deg_sqrt_h, DEG_SQRT_H)
         if self.noise_deg_h is not None:
             density = density_from_sample_sigma(self.noise_deg_h * DEG_H, rate)
         return Triad(
-            bias=(self.drift_deg_h or 0.0) * DEG_H,
+            bias=_si(self.drift_deg_h, DEG_H),
             noise_density=density,
-            markov=(self.markov_deg_h or 0.0) * DEG_H,
-            markov_time=self.markov_time_s or math.inf,
+            markov=_si(self.markov_deg_h, DEG_H),
+            markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
             fixed_bias=_scaled(self.drift_fixed_deg_h, DEG_H),
         )
 
@@ -83,24 +87,47 @@ class Accelerometer(Section):
             raise reject("noise_mg and vrw_m_s_sqrt_h are two spellings of one noise; give one", "vrw_m_s_sqrt_h")
         return self
 
+    def check_markov(self, *path: str) -> None:
+        """Raise, about the section at `path`, for a correlated bias without its correlation time."""
+        _check_markov(self.markov_mg, self.markov_time_s, *path)
+
     def triad(self, rate: float) -> Triad:
         """The error model in SI units at a sample rate (Hz)."""
         from navsim.models.imu import Triad, density_from_sample_sigma
 
-        density = (self.vrw_m_s_sqrt_h or 0.0) / 60.0
+        density = _si(self.vrw_m_s_sqrt_h, 1.0) / 60.0
         if self.noise_mg is not None:
             density = density_from_sample_sigma(self.noise_mg * MG, rate)
         return Triad(
-            bias=(self.bias_mg or 0.0) * MG,
+            bias=_si(self.bias_mg, MG),
             noise_density=density,
-            markov=(self.markov_mg or 0.0) * MG,
-            markov_time=self.markov_time_s or math.inf,
+            markov=_si(self.markov_mg, MG),
+            markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
             fixed_bias=_scaled(self.bias_fixed_mg, MG),
         )
 
 
+def _check_markov(size: float | None, time: float | None, *path: str) -> None:
+    if size and time is None:
+        raise reject("an exponentially correlated error needs its correlation time", *path, "markov_time_s")
+
+
+def _si(value: float | None, unit: float) -> float:
+    """A size of errors in SI units; an error that neither scenario nor preset names is none."""
+    return 0.0 if value is None else value * unit
+
+
 def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[float, float, float] | None:
     return None if values is None else (values[0] * unit, values[1] * unit, values[2] * unit)
+
+
+def believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro | Accelerometer:
+    """The true sensor with the filter's own values put in; one spelling of the noise displaces the other."""
+    values = given.model_dump(exclude_none=True)
+    for pair in (("noise_deg_h", "arw_deg_sqrt_h"), ("noise_mg", "vrw_m_s_sqrt_h")):
+        if values.keys() & set(pair):
+            values = {p: None for p in pair if hasattr(truth, p)} | values
+    return truth.model_copy(update=values)
 
 
 class _Sensors(Section):
@@ -129,9 +156,8 @@ class _Sensors(Section):
 
     @model_validator(mode="after")
     def _whole_markov(self) -> Self:
-        for name, size in (("gyro", self.gyro.markov_deg_h), ("accelerometer", self.accelerometer.markov_mg)):
-            if size and getattr(self, name).markov_time_s is None:
-                raise reject("an exponentially correlated error needs its correlation time", name, "markov_time_s")
+        for name in ("gyro", "accelerometer"):
+            getattr(self, name).check_markov(name)
         return self
 
 

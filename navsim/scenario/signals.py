@@ -168,7 +168,10 @@ class Pseudolites(Section):
         """Every pseudolite as a site of its own."""
         if self.sites:
             return self.sites
-        return tuple(Site(s_m=sign * (self.s_m or 0.0), l1_m=self.l1_m) for sign in (1.0, -1.0)[: self.count])
+        if not self.count:
+            return ()
+        assert self.s_m is not None  # checked with count
+        return tuple(Site(s_m=sign * self.s_m, l1_m=self.l1_m) for sign in (1.0, -1.0)[: self.count])
 
     def names(self) -> tuple[str, ...]:
         """PL1, PL2, ... or the names given."""

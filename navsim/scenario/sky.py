@@ -30,6 +30,10 @@ CLOCKS: tuple[Clock, ...] = ("glonass", "gps", "own")
 """Time scales a source may keep; each used one costs a fix one unknown. Their order numbers them."""
 
 
+LENIENT = ("navigation", "orbits")
+"""Sources whose files can be read in part."""
+
+
 class Direction(Section):
     """A source in a fixed direction."""
 
@@ -57,6 +61,9 @@ class Interference(Section):
         return self
 
 
+SOURCES_FROM_FILES = ("almanac", "navigation", "orbits")
+"""Values of `sky.source` that name files by the key of the same name."""
+
 Files = Annotated[tuple[str, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
 """A file name or a list of them."""
 Checksums = Annotated[tuple[Checksum, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
@@ -74,13 +81,15 @@ class Sky(Section):
     almanac_sha256: Checksums | None = None
     """checksum of the file, or a list in their order; when given, another file is refused"""
     navigation: Files | None = None
-    """for `source: navigation`: RINEX 2 or 3 broadcast messages, one file or a list; .gz too"""
+    """for `source: navigation`: RINEX 2, 3 or 4 broadcast messages, one file or a list; .gz, .bz2, .zip, .Z too"""
     navigation_sha256: Checksums | None = None
     """as almanac_sha256"""
     orbits: Files | None = None
-    """for `source: orbits`: SP3 precise orbits, one file or a list; .gz too"""
+    """for `source: orbits`: SP3 precise orbits, one file or a list; packed as messages may be"""
     orbits_sha256: Checksums | None = None
     """as almanac_sha256"""
+    lenient: bool = False
+    """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
     systems: list_of(Literal["glonass", "gps"]) = ()  # type: ignore[valid-type]
     """use these alone; left out: all there are"""
     broadcast: bool = False
@@ -102,9 +111,11 @@ class Sky(Section):
 
     @model_validator(mode="after")
     def _what_the_source_needs(self) -> Self:
-        for source in ("almanac", "navigation", "orbits"):
+        for source in SOURCES_FROM_FILES:
             if self.source == source and not getattr(self, source):
                 raise reject(f"`source: {source}` needs the file name here", source)
+        if self.lenient and self.source not in LENIENT:
+            raise reject(f"is for `source: {'` and `'.join(LENIENT)}`, not for `{self.source}`", "lenient")
         if self.source == "directions" and not self.directions:
             raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
         if self.mask_deg >= self.mask_upper_deg:

@@ -93,7 +93,8 @@ def propagation(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What ionosphere and troposphere leave in the pseudoranges, and the ionosphere's part of it, (e, s) m.
 
-    utc: (e,) POSIX s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2.
+    utc: (e,) POSIX s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. nan for satellites
+    without a direction, and for those at or below the horizon where there is a troposphere.
     """
     ionosphere, troposphere = np.zeros_like(elevation), np.zeros_like(elevation)
     if effects.ionosphere is not None:
@@ -108,7 +109,7 @@ def propagation(
             troposphere = troposphere - seasonal
         elif air.correction == "saastamoinen":
             troposphere = troposphere - atmosphere.saastamoinen(llh[:, None], elevation)
-    return np.nan_to_num(ionosphere + troposphere), np.nan_to_num(ionosphere)
+    return ionosphere + troposphere, ionosphere
 
 
 def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:

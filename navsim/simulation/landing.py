@@ -22,7 +22,7 @@ from navsim.models.kinematics import Motion, Moving
 from navsim.simulation.signals import Environment, build_signals
 from navsim.simulation.streams import generator
 
-_CARRIER_SIGMA = 3e-3
+CARRIER_SIGMA = 3e-3
 """1 sigma of a carrier phase measurement, m."""
 
 
@@ -113,6 +113,13 @@ def epochs(duration: float, rate: float) -> np.ndarray:
     return np.arange(1, int(np.floor(duration * rate + 1e-9)) + 1) / rate
 
 
+def fix_epochs(duration: float, imu_rate: float, fix_rate: float, latency: float) -> np.ndarray:
+    """Times of the fixes that reach the filter before its last sample of the IMU, s (e,). Rates in Hz, others s."""
+    last = np.floor(duration * imu_rate + 1e-9) / imu_rate
+    time = epochs(duration, fix_rate)
+    return time[time + latency <= last + 1e-9]
+
+
 def build_world(
     trajectory: Moving,
     environment: Environment,
@@ -132,8 +139,7 @@ def build_world(
     """
     imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
     dtheta, dv = trajectory.increments(imu_time)
-    fix_time = epochs(duration, fix_rate)
-    fix_time = fix_time[fix_time + latency <= imu_time[-1] + 1e-9]
+    fix_time = fix_epochs(duration, imu_rate, fix_rate, latency)
     at_fix = trajectory.motion(fix_time)
     signals = build_signals(at_fix, utc, environment)
     cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.fix_sigma**2)
@@ -201,10 +207,24 @@ def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]
     )  # fmt: skip
     if signals.smoothing is None:
         return ranges, rates
-    # the ionosphere delays the code as much as it advances the carrier
-    phase = signals.range + delay - 2.0 * signals.ionosphere + world.clock[:, :1]
-    phase = phase + _CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
+    phase = carrier(world, delay) + CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
     return tracking.smooth(ranges, phase, signals.smoothing), rates
+
+
+def carrier(world: World, delay: np.ndarray) -> np.ndarray:
+    """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
+    # the ionosphere delays the code as much as it advances the carrier
+    return world.signals.range + delay - 2.0 * world.signals.ionosphere + world.clock[:, :1]
+
+
+def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
+    """What `measured` gives where nothing is drawn: systematic errors only."""
+    signals = world.signals
+    ranges = np.where(signals.used, signals.range + signals.delay + world.clock[:, :1], np.nan)
+    rates = np.where(signals.used, signals.range_rate + world.clock[:, 1:], np.nan)
+    if signals.smoothing is not None:
+        ranges = tracking.smooth(ranges, carrier(world, signals.delay), signals.smoothing)
+    return ranges, rates
 
 
 def fixed(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

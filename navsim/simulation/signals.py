@@ -115,6 +115,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
 
     for group in environment.satellites:
         p, v = pseudorange.satellites_at_reception(group.constellation, utc + motion.time, antenna)
+        v = pseudorange.apparent_velocity(p, v, antenna, antenna_velocity)
         for i, name in enumerate(group.names):
             add(name, int(group.clock[i]), p[:, i], v[:, i], p[:, i], group.chosen[i], False)
     if listed is not None:
@@ -167,7 +168,15 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         fix_sigma=np.empty((e, s)),
         smoothing=None,
     )
-    return _affected(built, utc, motion.llh, environment, on_ground)
+    finished = _affected(built, utc, motion.llh, environment, on_ground)
+    unfinished = finished.unfinished()
+    if unfinished:
+        raise UndefinedSignal("; ".join(f"the {field} of {name}" for name, field in unfinished))
+    return finished
+
+
+class UndefinedSignal(Exception):
+    """A model gives no number for a signal that is received; the message names signals and quantities."""
 
 
 def _affected(
@@ -178,6 +187,7 @@ def _affected(
     e, s = signals.range.shape
     sky = ~on_ground
     when = utc + signals.time
+    used, los = signals.used.copy(), signals.los.copy()
     delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
     chip, ratio2 = _carriers(environment, s)
     air, ionosphere = propagation(effects, when, llh, signals.azimuth, signals.elevation, ratio2)
@@ -199,6 +209,7 @@ def _affected(
             first = here.stop
             unit, azimuth, elevation = seen_from(group.constellation, earlier, effects.reference.llh)
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
+            used[:, here] &= np.isfinite(there)  # the station does not see it: no correction, no use
             delay[:, here] -= there
             ionosphere[:, here] -= part
             if space is not None and effects.space is not None:
@@ -209,17 +220,19 @@ def _affected(
             here = slice(first, first + len(environment.listed.names))
             azimuth, elevation = signals.azimuth[:, here], signals.elevation[:, here]
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
+            used[:, here] &= np.isfinite(there)
             delay[:, here] -= there
             ionosphere[:, here] -= part
             if space is not None:
                 space[:, here] = 0.0
         sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
+    los[~used], cn0[~used] = np.nan, np.nan
     if effects.thermal:
         cn0 += np.where(sky, tracking.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
     if effects.cn0_reference is not None:
         cn0 += np.where(on_ground, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
     if effects.thermal:
-        thermal = effects.loop.sigma(np.nan_to_num(cn0, nan=environment.law.cn0), chip)
+        thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
     if effects.ground is not None:
         for i in np.flatnonzero(on_ground):
@@ -228,14 +241,12 @@ def _affected(
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
             ray = tracking.reflection(effects.ground, atmosphere.L1, above, float(own), across)
             delay[:, i] += tracking.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
-    fix_sigma, smoothing = sigma, None
-    if effects.smoothing > 0.0 and e > 1:
-        memory = max(1, round(effects.smoothing / float(np.median(np.diff(signals.time)))))
-        variance, smoothing = tracking.smoothed_variance(sigma**2, signals.used, memory)
-        fix_sigma = np.sqrt(np.where(signals.used, variance, 1.0))
+    fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     return replace(
         signals,
-        clock=np.zeros_like(signals.clock) if effects.one_clock else signals.clock,
+        clock=clock_unknowns(effects, signals.clock),
+        used=used,
+        los=los,
         delay=delay,
         cn0=cn0,
         sigma=sigma,
@@ -244,6 +255,25 @@ def _affected(
         fix_sigma=fix_sigma,
         smoothing=smoothing,
     )
+
+
+def fixed_with(
+    effects: Effects, time: np.ndarray, sigma: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """1 sigma of the pseudoranges (e, s), m, that fixes are made from, and the counts of their smoothing, if any.
+
+    time: (e,) s. sigma: (e, s) m, of the bare code. used: (e, s) bool.
+    """
+    if effects.smoothing <= 0.0 or time.size < 2:
+        return sigma, None
+    memory = max(1, round(effects.smoothing / float(np.median(np.diff(time)))))
+    variance, counts = tracking.smoothed_variance(sigma**2, used, memory)
+    return np.sqrt(variance), counts
+
+
+def clock_unknowns(effects: Effects, clock: np.ndarray) -> np.ndarray:
+    """The clock unknowns (s,) the receiver gives to sources by their time scales (s,)."""
+    return np.zeros_like(clock) if effects.one_clock else clock
 
 
 def _carriers(environment: Environment, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -44,7 +44,10 @@ COUNTS = {
     "empty": "messages without a fix",
     "dropped": "lines left out because they came faster than they were taken",
     "strangers": "datagrams of other senders, left out",
+    "no_height": "fixes without a height: none in GGA, or RMC without GGA",
 }
+_OF_NMEA = {"corrupt": "corrupt", "empty": "no_fix", "no_height": "no_height", "contradicting": "contradicting"}
+"""What the assembler of sentences counts, by the name it has here."""
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
 _OVER = 10
 """Messages in a row from beyond the end of the flight after which it is over."""
@@ -112,7 +115,7 @@ class Session:
         self.next_fix = 0
         self._columns = GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS
         self._places = list(range(len(self._columns)))
-        self._of_nmea = dict.fromkeys(("corrupt", "empty", "contradicting"), 0)
+        self._of_nmea = dict.fromkeys(_OF_NMEA, 0)
         self._held: tuple[np.ndarray, source_clock.Kind] | None = None
         self._latest: np.ndarray | None = None
         self._beyond = 0
@@ -168,11 +171,8 @@ class Session:
             self._header(line)
             return
         self.counts["received"] += 1
-        if line.startswith("$") or (self.block == "receiver" and "$" in line[:2]):
-            if self.block == "imu":
-                self.counts["corrupt"] += 1
-            else:
-                self._from_nmea(self.assembler.feed(line))
+        if self.block == "receiver" and "$" in line:
+            self._from_nmea(self.assembler.feed(line))
             return
         row = _row(line, self._places, self.block)
         if row is None:
@@ -192,13 +192,16 @@ class Session:
 
     def finish(self) -> None:
         """What waited for a successor has none: the last epoch of NMEA sentences, a single message."""
-        self._from_nmea(self.assembler.flush())
+        last = self.assembler.flush()
+        self._from_nmea([] if last is None else [last])
         if self._held is not None:
             self._settle(*self._held)
 
-    def _from_nmea(self, row: np.ndarray | None) -> None:
+    def _from_nmea(self, rows: list[np.ndarray]) -> None:
+        """Use rows that the assembler gave, and count what it counted meanwhile."""
         nmea = self.assembler
-        for name, now in (("corrupt", nmea.corrupt), ("empty", nmea.no_fix), ("contradicting", nmea.contradicting)):
+        for name, counted in _OF_NMEA.items():
+            now = getattr(nmea, counted)
             self.counts[name] += now - self._of_nmea[name]
             self._of_nmea[name] = now
         if nmea.moved != self._moved:
@@ -212,7 +215,7 @@ class Session:
             if self.clock is not None:
                 self.clock = self.clock.dated(ahead, self.case.scenario.epoch.timestamp())
                 self._told()
-        if row is not None:
+        for row in rows:
             self._use(row[:7], "dated" if nmea.dated else "undated")
 
     def _use(self, row: np.ndarray, kind: source_clock.Kind) -> None:
@@ -389,7 +392,7 @@ def failures(result: Result) -> list[str]:
     count = {name: int(result[f"/stream/{name}"]) for name in COUNTS}
     used = result["/innovations/time"].size
     if not used:
-        causes = ("corrupt", "empty", "before", "early", "late")
+        causes = ("corrupt", "empty", "no_height", "before", "early", "late")
         why = [f"{count[name]} {COUNTS[name]}" for name in causes if count[name]]
         return [f"not one message could be used: {', '.join(why) or 'none came'}"]
     out = []
@@ -400,7 +403,7 @@ def failures(result: Result) -> list[str]:
             f"{misplaced} of {whole} messages are out of order or contradict others of their time: two senders at "
             "once, or several recordings in one?"
         )
-    came = whole + sum(count[name] for name in ("corrupt", "empty", "early"))
+    came = whole + sum(count[name] for name in ("corrupt", "empty", "no_height", "early"))
     if count["used"] < FEWEST_USED * came:
         out.append(f"of {came} messages and corrupt lines only {count['used']} could be used")
     if count["early"] > count["used"]:

@@ -88,20 +88,23 @@ def problem(study: Optimize, document: Document, base: Document) -> Problem:
         if isinstance(bare.data.get("pseudolites"), dict):
             bare.data["pseudolites"].pop(key, None)
     set_value(bare, "pseudolites.count", 0, document.place(("base",)), document.folder)
+    if study.objective not in DOP_OBJECTIVES:
+        set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
     scenario = validated(Landing, bare)
     sources, scenario, _ = environment(scenario, bare)
     trajectory = scenario.trajectory()
     starts = np.array([scenario.epoch.timestamp()])
     if study.period is not None:
         starts = starts + np.arange(study.period.count) * study.period.hours * 3600.0 / study.period.count
-    epochs = glide_epochs(scenario, trajectory)
-    geometry = glide_geometry(trajectory, sources, starts, epochs)
-    kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
+    epochs, counted = glide_epochs(scenario, trajectory)
+    geometry = glide_geometry(trajectory, sources, starts, epochs, counted)
+    kept = rules(study, document, scenario, geometry.receiver[: counted.sum()])
     flown = study.objective not in DOP_OBJECTIVES
     if flown:
         objective = _flown_objective(study.objective, prepare(scenario, bare), kept)
     else:
         objective = _geometry_objective(study.objective, geometry, kept)
+    study = study.model_copy(update={"constraints": kept.given})
     return Problem(study, scenario, kept, objective, geometry, flown)
 
 

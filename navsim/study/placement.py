@@ -5,15 +5,15 @@ Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach an
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
-from navsim.models.pseudolite import runway_positions
+from navsim.models.pseudolite import NEAREST, clearance, runway_positions
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Constraints, Optimize, Strip, Surfaces
@@ -42,13 +42,15 @@ class Ground:
 class Rules:
     """The constraints of a study over one approach.
 
-    receiver: (e, 3) the aircraft during the glide, ECEF m. keep_out: a shapely geometry in (s, l1), or None.
+    receiver: (e, 3) the antenna during the glide, track: (n, 3) the aircraft during the whole simulation, ECEF m.
+    keep_out: a shapely geometry in (s, l1), or None.
     """
 
     given: Constraints
     ground: Ground
     runway_length: float
     receiver: np.ndarray
+    track: np.ndarray
     keep_out: Any
 
     def violation(self, places: np.ndarray) -> np.ndarray:
@@ -73,6 +75,8 @@ class Rules:
             depth = shapely.distance(points, self.keep_out.boundary)
             keep(np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
         count = places.shape[1]
+        if count:
+            keep(NEAREST - clearance(self.track, self.ground.ecef(places)))
         for i in range(count):
             for j in range(i):
                 keep(self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))
@@ -108,30 +112,38 @@ def surface_height(surfaces: Surfaces, length: float, s: np.ndarray, l1: np.ndar
 
 
 def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.ndarray) -> Rules:
-    """The constraints ready to be asked. Raises InputError for a keep-out file that cannot be used."""
-    frame = scenario.trajectory().frame
-    ground = Ground(scenario.threshold(frame), scenario.runway.heading_deg * DEG, study.height_m)
-    keep_out = None
-    if study.constraints.keep_out is not None:
+    """The constraints ready to be asked, with the checksum of their file. Raises InputError for a keep-out file that
+    cannot be used."""
+    trajectory = scenario.trajectory()
+    ground = Ground(scenario.threshold(trajectory.frame), scenario.runway.heading_deg * DEG, study.height_m)
+    given, keep_out = study.constraints, None
+    if given.keep_out is not None:
         key = ("constraints", "keep_out")
-        path = document.resolve(key, study.constraints.keep_out)
+        path = document.resolve(key, given.keep_out)
         try:
-            keep_out = _polygons(path, ground, scenario.runway.height_m)
+            content = path.read_bytes()
+            checksum = hashlib.sha256(content).hexdigest()
+            if given.keep_out_sha256 not in (None, checksum):
+                key = ("constraints", "keep_out_sha256")
+                message = f"{given.keep_out} has the checksum {checksum}, not this one"
+                raise InputError([Problem(document.place(key), "constraints.keep_out_sha256", message)])
+            given = given.model_copy(update={"keep_out_sha256": checksum})
+            keep_out = _polygons(content, ground, scenario.runway.height_m)
         except ValueError as error:
             raise InputError([Problem(Place(str(path)), "", f"{error} (named at {document.place(key)})")]) from None
         except OSError as error:
             message = f"{path}: cannot be read: {error.strerror or error}"
             raise InputError([Problem(document.place(key), "constraints.keep_out", message)]) from None
-    return Rules(study.constraints, ground, scenario.runway.length_m, receiver, keep_out)
+    return Rules(given, ground, scenario.runway.length_m, receiver, scenario.track(trajectory), keep_out)
 
 
-def _polygons(path: Path, ground: Ground, height: float) -> Any:
-    """The polygons of a GeoJSON file, in (s, l1), as one geometry. Raises ValueError for anything else in it."""
+def _polygons(content: bytes, ground: Ground, height: float) -> Any:
+    """The polygons of a GeoJSON file's content, in (s, l1), as one geometry. Raises ValueError for all else in it."""
     import shapely
     from shapely.geometry import shape
 
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(content.decode("utf-8"))
     except ValueError as error:
         raise ValueError(f"not a GeoJSON file: {error}") from None
     if not isinstance(data, dict):

@@ -110,11 +110,13 @@ class Recording:
 def prepare(scenario: Replay, document: Document) -> Recording:
     """Read and align. Raises InputError for files that cannot be used, ReplayError where no alignment is found."""
     warnings: list[str] = []
-    samples, lost_samples = _read(document, scenario, "imu", read_imu)
-    fixes, lost_fixes = _read(document, scenario, "gnss", lambda p: read_fixes(p, scenario.gnss.min_satellites))
+    samples, lost_samples = _read(document, scenario, "imu", lambda p: read_imu(p, scenario.lenient))
+    fixes, lost_fixes = _read(
+        document, scenario, "gnss", lambda p: read_fixes(p, scenario.gnss.min_satellites, scenario.lenient)
+    )
     scenario = _pinned(scenario, document)
     for lost in (lost_samples, lost_fixes):
-        warnings += [f"{count} {reason}" for reason, count in lost.counts.items()]
+        warnings += lost.said()
     first = max(samples.time[0], fixes.time[0], -np.inf if scenario.start_s is None else scenario.start_s)
     last = min(samples.time[-1], np.inf if scenario.end_s is None else scenario.end_s)
     samples, fixes = (
@@ -166,7 +168,8 @@ def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"],
         return reader(path)
     except FileError as error:
         place = Place(str(path), error.line, 1) if error.line else where
-        raise InputError([Problem(place, key, f"{error.message} (named at {where})")]) from None
+        cure = "; `lenient: true` takes what is whole" if error.salvageable else ""
+        raise InputError([Problem(place, key, f"{error.message} (named at {where}){cure}")]) from None
     except OSError as error:
         message = f"{name}: cannot be read: {error.strerror or error} ({path})"
         raise InputError([Problem(where, key, message)]) from None

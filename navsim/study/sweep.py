@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import itertools
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,16 +30,17 @@ from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.simulation.signals import Environment
-from navsim.study.ensemble import Arrays, Ensemble, Store, fly_all
+from navsim.study.ensemble import Arrays, Ensemble, PartialError, Store, fly_all
 from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare, result
 from navsim.study.landing import fly_all as fly_landing
-from navsim.study.landing.case import environment, glide_epochs
+from navsim.study.landing.case import environment, files_of, glide_epochs
 from navsim.study.root import root_attributes
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""
-NEAREST = 10.0
-"""Distance a pseudolite must keep from the aircraft, m, as in scenarios."""
+NAME_FILES = ("sky", "sky.source", "sky.almanac", "sky.navigation", "sky.orbits")
+"""Keys that say which files of satellites are read."""
+UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
 
 
@@ -136,13 +138,21 @@ class Plan:
     def _axis_of(self, key: str) -> int:
         return next(i for i, vary in enumerate(self.study.vary) if key in vary.names())
 
-    @cached_property
+    @property
     def first(self) -> tuple[Landing, Document]:
         """The first valid combination; raises the InputError of the first one where none is valid at once."""
+        return self._first[1]
+
+    @property
+    def _first_index(self) -> int:
+        return self._first[0]
+
+    @cached_property
+    def _first(self) -> tuple[int, tuple[Landing, Document]]:
         error: InputError | None = None
         for index in range(min(self.size, 1000)):
             try:
-                return self.scenario(self.settings(index))
+                return index, self.scenario(self.settings(index))
             except InputError as problem:
                 error = error or problem
         assert error is not None
@@ -152,6 +162,11 @@ class Plan:
     def frame(self) -> Frame:
         """The frame of the first combination's touchdown point."""
         return self.first[0].trajectory().frame
+
+    @cached_property
+    def track(self) -> np.ndarray:
+        """The aircraft during the first combination's simulation, see `Landing.track`."""
+        return self.first[0].track(self.first[0].trajectory())
 
     def plane(self, ecef: np.ndarray) -> np.ndarray:
         """Positions (..., 3) ECEF in the plane of the runway: along it from the threshold, right of it (..., 2), m."""
@@ -172,19 +187,54 @@ class Plan:
         keys = [key for axis in self.axes for key in axis.keys]
         if self.study.method != "dop" or not all(key in MOVES for key in keys):
             return None
-        sources, scenario, _ = environment(*self.first)
+        sources, scenario, _ = self._environment
         return _geometry(scenario, scenario.trajectory(), sources)
+
+    @cached_property
+    def _environment(self) -> tuple[Environment, Landing, list[str]]:
+        return environment(*self.first)
+
+    @property
+    def pinned(self) -> Landing:
+        """The scenario of the first combination with the checksums of its files. Raises InputError."""
+        return self._environment[1]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about the sky of the first combination."""
+        return self._environment[2]
+
+    @cached_property
+    def files(self) -> dict[str, str]:
+        """Checksums of the satellite files that combinations read, by the names the scenarios give them; UNUSABLE for
+        those that cannot be used."""
+        found = files_of(self.pinned)
+        varied = [i for i, axis in enumerate(self.axes) if any(key in NAME_FILES for key in axis.keys)]
+        place = list(np.unravel_index(self._first_index, self.shape))
+        for points in itertools.product(*(range(len(self.axes[i].points)) for i in varied)):
+            for i, point in zip(varied, points, strict=True):
+                place[i] = np.intp(point)
+            settings = self.settings(int(np.ravel_multi_index(tuple(place), self.shape)))
+            try:
+                found |= files_of(environment(*self.scenario(settings))[1])
+            except InputError:
+                named = [settings[key] for key in NAME_FILES if key in settings]
+                found |= {json.dumps(name): UNUSABLE for name in named}
+        return found
 
 
 def _geometry(scenario: Landing, trajectory: Moving, sources: Environment) -> Geometry:
     utc = np.array([scenario.epoch.timestamp()])
-    return glide_geometry(trajectory, sources, utc, glide_epochs(scenario, trajectory))
+    return glide_geometry(trajectory, sources, utc, *glide_epochs(scenario, trajectory))
 
 
 def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
-    """Check that the keys can be varied at all. Raises InputError."""
+    """Check that the keys can be varied at all, and read the files. Raises InputError."""
+    if study.method != "dop":
+        base = base.copy()
+        set_value(base, "method", study.method, document.place(("method",)), document.folder)
     out = Plan(study, document, base, seed, axes(study, seed))
-    _ = out.first
+    _ = out.files
     return out
 
 
@@ -223,9 +273,8 @@ class SweepStudy:
                 section = Pseudolites.model_validate(base | settings)
                 moved = scenario.model_copy(update={"pseudolites": section})
                 site = ecef_from_llh(moved.pseudolite_positions(self.plan.frame))
+                moved.check_clearance(self.plan.track, site)
             except ValueError:
-                continue
-            if _too_near(site, geometry):
                 continue
             rows["site"][i] = self.plan.in_plan(site)
             members, sites = groups.setdefault(len(site), ([], []))
@@ -241,6 +290,9 @@ class SweepStudy:
         scenario, document = self.plan.scenario(self.plan.settings(index))
         method = self.plan.study.method
         case = prepare(scenario, document)
+        for name, checksum in files_of(case.scenario).items():
+            if checksum != self.plan.files[name]:
+                raise PartialError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.ground.llh)
         geometry = _geometry(case.scenario, case.trajectory, case.environment)
         out = {k: float(v[0]) for k, v in dop_outputs(geometry, site[None]).items()}
@@ -253,11 +305,6 @@ class SweepStudy:
 
 def _flown(case: Case, seed: int, runs: int) -> Result:
     return result(case, fly_landing(case, seed, 0, runs, 1, keep="none"), seed, keep="none")
-
-
-def _too_near(site: np.ndarray, geometry: Geometry) -> bool:
-    gap = np.linalg.norm(site[:, None] - geometry.receiver[None], axis=2)
-    return bool(gap.size) and float(gap.min()) < NEAREST
 
 
 def dop_outputs(geometry: Geometry, sites: np.ndarray, workers: int = 1) -> dict[str, np.ndarray]:
@@ -300,9 +347,10 @@ def compute(
 
 def partial_key(planned: Plan) -> dict[str, object]:
     """What partial work must agree in to be resumed."""
-    text = resolved_yaml(planned.study) + resolved_yaml(planned.first[0])
+    text = resolved_yaml(planned.study) + resolved_yaml(planned.pinned)
     return {
         "study_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "files": planned.files,
         "seed": planned.seed,
         "navsim_version": navsim.__version__,
         "kernels": kernel_digest(),
@@ -353,8 +401,9 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
     attributes = root_attributes(
         "sweep",
         planned.seed,
-        planned.first[0],
+        planned.pinned,
         study=study,
+        files=json.dumps(planned.files, sort_keys=True),
         method=study.method,
         runs=study.runs if study.method == "monte-carlo" else 0,
         combinations=planned.size,

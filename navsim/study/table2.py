@@ -113,7 +113,7 @@ def geometry(calibration: Calibration) -> tuple[Geometry, list[np.ndarray], floa
     sources, scenario, _ = environment(scenario, document)
     trajectory = scenario.trajectory()
     utc = np.array([scenario.epoch.timestamp()])
-    here = glide_geometry(trajectory, sources, utc, glide_epochs(scenario, trajectory))
+    here = glide_geometry(trajectory, sources, utc, *glide_epochs(scenario, trajectory))
     sites = []
     for row in ROWS:
         placed, _ = read(path(calibration.name), row.assignments())

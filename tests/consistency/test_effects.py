@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from navsim.models import atmosphere
 from navsim.scenario.source import InputError
+from navsim.simulation.signals import build_signals
 from navsim.study import landing
 from tests.helpers import case, scenario
 
@@ -98,6 +101,20 @@ def test_differential_corrections_remove_what_is_common() -> None:
     np.testing.assert_array_equal(noisy.sigma[:, ~sky], plain.sigma[:, ~sky])
 
 
+def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:
+    """It has no correction: it is left out, rather than used without one; all numbers of those used are finite."""
+    c = case(*BASE, "signals.troposphere={}", "pseudolites.differential={latency_s: 1}")
+    effects = c.environment.effects
+    assert effects.reference is not None
+    far = replace(effects.reference, llh=effects.reference.llh + np.radians([0.0, 120.0, 0.0]))
+    motion, utc = c.trajectory.motion(c.world.signals.time), c.scenario.epoch.timestamp()
+    s = build_signals(motion, utc, replace(c.environment, effects=replace(effects, reference=far)))
+    lost = c.world.signals.used & ~s.used
+    assert 0.1 < lost.sum() / c.world.signals.used.sum() < 0.9
+    assert np.all(np.isnan(s.los[lost]))
+    assert not s.unfinished()
+
+
 def test_corrections_of_listed_directions() -> None:
     """Sources in fixed directions are corrected too; what stays is the height between aircraft and station."""
     sky = (
@@ -167,8 +184,8 @@ def test_smoothed_code() -> None:
     [
         (("pseudolites.count=0", "pseudolites.differential={}"), "there is none"),
         (("pseudolites.differential={site: PL7}",), "no pseudolite is named 'PL7'"),
-        (("method=covariance", "signals.ephemeris={}"), "correlated in time"),
-        (("method=covariance", "receiver.smoothing_s=10"), "correlated in time"),
+        (("method=covariance", "filter.kind=rts"), "rts is a smoother"),
+        (("signals.troposphere={}", "sky.mask_deg=-1"), "above the horizon"),
         (("signals.ionosphere={alpha: [1, 2, 3]}",), "too short"),
     ],
 )

@@ -174,6 +174,10 @@ def test_values_that_do_not_fit_together(
 SETTINGS: list[tuple[str, list[str]]] = [
     ("sky.msak_deg=3", ["--set sky.msak_deg=3", "did you mean 'mask_deg'"]),
     ("sky.mask_deg", ["--set sky.mask_deg", "dotted.key=value"]),
+    (
+        "filter.imu={gyro: {markov_deg_h: 100}}",
+        ["filter.imu.gyro.markov_time_s", "an exponentially correlated error needs its correlation time"],
+    ),
     ("sky.mask_deg=[1", ["--set sky.mask_deg=[1", "not YAML"]),
     ("duration_s.x=1", ["--set duration_s.x=1", "single value"]),
     ("receiver.lever_arm_m.7=1", ["list of 3"]),

@@ -6,7 +6,11 @@ read must be finite or nan where nothing stood, and within the physical limits t
 
 from __future__ import annotations
 
+import bz2
+import functools
 import gzip
+import io
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +28,7 @@ from navsim.io.rinex_obs import read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps, timescales
+from tests.rinex import in_version_4, labelled, navigation_3, observations_2, observations_3
 
 UTC = timescales.posix(2018, 9, 13, 12)
 NAMES = ("G01", "G02", "G03", "R01", "R02")
@@ -127,14 +132,36 @@ NMEA = "".join(
 )
 
 
+def zipped(data: bytes) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("file", data)
+    return out.getvalue()
+
+
 def almanac(path: Path) -> Any:
     return read_almanac(path, UTC)
 
 
+ION = """> ION G25 LNAV
+    2018 09 13 11 33 54 2.514570951462e-08 1.490116119385e-08-1.192092895508e-07
+    -5.960464477539e-08 1.331200000000e+05-1.638400000000e+04-2.621440000000e+05
+     1.966080000000e+05"""
+STO = """> STO R   FDMA
+    2018 09 13 00 00 00 GLGP
+     2.809660000000e+05-4.470348358154e-08 0.000000000000e+00 0.000000000000e+00"""
+LOGGED = "# a logger\n# and its remarks\n" + "".join(
+    f"12:35:1{k % 10} {line}\n" for k, line in enumerate(NMEA.split("\r\n"))
+)
+
+
 READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "nav": (read_nav, nav_text()),
+    "nav4": (read_nav, in_version_4(navigation_3(UTC), "4.02", [*ION.split("\n"), *STO.split("\n")])),
     "obs": (read_obs, obs_text()),
+    "scaled": (read_obs, observations_3(extra=[labelled("G   10   1 C1C", "SYS / SCALE FACTOR")])),
     "obs2": (read_obs, obs2_text()),
+    "blank": (read_obs, observations_2(2.11, types=7, blank_from=0)),
     "sp3": (read_sp3, sp3_text()),
     "yuma": (almanac, YUMA),
     "sem": (almanac, SEM),
@@ -143,7 +170,10 @@ READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "imu": (read_imu, IMU),
     "gnss": (read_fixes, GNSS),
     "nmea": (read_fixes, NMEA),
+    "logged": (read_fixes, LOGGED),
 }
+LENIENT = {name for name, (reader, _) in READERS.items() if reader is not almanac}
+"""Readers that can leave damaged parts out."""
 
 
 def sane(found: Any) -> None:
@@ -162,7 +192,8 @@ def sane(found: Any) -> None:
         assert np.all(np.isnan(radius) | ((radius > 1.2e7) & (radius < 8e7)))
 
 
-def attempt(reader: Callable[[Path], Any], path: Path) -> None:
+def attempt(reader: Callable[[Path], Any], path: Path) -> bool:
+    """Whether the file was read; if not, the refusal names it."""
     refusal = None
     try:
         sane(reader(path))
@@ -172,14 +203,31 @@ def attempt(reader: Callable[[Path], Any], path: Path) -> None:
         assert str(path) in str(refusal)
         assert refusal.message
         assert refusal.line >= 0
+    return refusal is None
+
+
+def attempt_both(name: str, path: Path) -> None:
+    """As `attempt`; a lenient reader leaves out nothing of what a strict one takes."""
+    reader = READERS[name][0]
+    read = attempt(reader, path)
+    if name in LENIENT:
+        leniently = functools.partial(reader, lenient=True)
+        if not read:
+            attempt(leniently, path)
+        else:
+            strict, lenient = reader(path), leniently(path)
+            if isinstance(strict, tuple):
+                assert strict[1].counts == lenient[1].counts
+            else:
+                assert strict.left_out == lenient.left_out
 
 
 @pytest.mark.parametrize("name", READERS)
 def test_the_whole_file_is_read(name: str, tmp_path: Path) -> None:
-    reader, text = READERS[name]
     path = tmp_path / "file"
-    path.write_text(text)
-    sane(reader(path))
+    path.write_text(READERS[name][1])
+    assert attempt(READERS[name][0], path)
+    attempt_both(name, path)
 
 
 @st.composite
@@ -214,13 +262,12 @@ def damage(draw: st.DrawFn) -> Callable[[bytes], bytes]:
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(harm=st.lists(damage(), min_size=1, max_size=3))
 def test_a_damaged_file_is_read_or_refused(name: str, harm: list[Callable[[bytes], bytes]], tmp_path: Path) -> None:
-    reader, text = READERS[name]
-    data = text.encode()
+    data = READERS[name][1].encode()
     for one in harm:
         data = one(data)
     path = tmp_path / "file"
     path.write_bytes(data)
-    attempt(reader, path)
+    attempt_both(name, path)
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -229,7 +276,7 @@ def test_a_damaged_file_is_read_or_refused(name: str, harm: list[Callable[[bytes
 def test_rubbish_is_refused(name: str, data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(data)
-    attempt(READERS[name][0], path)
+    attempt_both(name, path)
 
 
 @pytest.mark.parametrize("cut", [1, 37, 500, 5000])
@@ -238,6 +285,21 @@ def test_packed_files_cut_short_are_refused(cut: int, tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(nav_text().encode())[:-cut] if cut < 1000 else gzip.compress(b"x" * cut)[:20])
     with pytest.raises(FileError):
         read_nav(path)
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, zipped])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(harm=st.lists(damage(), min_size=1, max_size=2))
+def test_a_damaged_packed_file_is_read_or_refused(
+    pack: Callable[[bytes], bytes], harm: list[Callable[[bytes], bytes]], tmp_path: Path
+) -> None:
+    data = pack(obs_text().encode())
+    for one in harm:
+        data = one(data)
+    path = tmp_path / "file"
+    path.write_bytes(data)
+    attempt(read_obs, path)
+    attempt(functools.partial(read_obs, lenient=True), path)
 
 
 def test_hatanaka_is_undone(tmp_path: Path) -> None:

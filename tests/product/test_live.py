@@ -90,6 +90,20 @@ def test_nmea_in_place_of_the_receiver(flown) -> None:  # type: ignore[no-untype
     assert session.counts["used"] == result["/geometry/time"].size
     late = session.filter.estimates()["error"][-40:, :2]
     assert np.sqrt(np.mean(late**2)) < 5.0
+    # a logger's lines: comments, times before the sentences, a fix without a height
+    logged = [f"12:00:{k % 60:02d}.5 {line}" for k, line in enumerate(nmea.read_text().strip().split("\n"))]
+    body = logged[9].split("$")[1].split("*")[0].split(",")
+    body[9] = ""
+    check = 0
+    for character in ",".join(body):
+        check ^= ord(character)
+    logged[9] = f"rx1 ${','.join(body)}*{check:02X} end"
+    wrapped = Session(c, "receiver", 1)
+    wrapped.pump(lines_of("# logged\n" + "\n".join(logged) + "\n"), 1.0)
+    assert body[0].endswith("GGA")
+    assert wrapped.counts["no_height"] == 1
+    assert wrapped.counts["used"] == session.counts["used"] - 1
+    assert not wrapped.counts["corrupt"] + wrapped.counts["late"]
     # a line is lost in the air, one is garbled, one comes twice, one comes late
     broken = nmea.read_text().split("\n")
     broken[30] = broken[30].replace("3", "4", 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.io.nmea import Assembler, read_nmea
-from navsim.io.text import FileError
+from navsim.io.text import Dropped, FileError
 from navsim.models import timescales
 from tests.product.test_fuzz_readers import sentence
 
@@ -24,7 +24,7 @@ def rmc(clock: str, date: str, status: str = "A") -> str:
 
 
 def times(*lines: str) -> np.ndarray:
-    return read_nmea(Path("log.nmea"), list(lines))[0][:, 0]
+    return read_nmea(Path("log.nmea"), list(lines), Dropped())[:, 0]
 
 
 def test_fixes_before_the_first_date_are_given_it() -> None:
@@ -88,22 +88,26 @@ def test_a_pause_is_one_recording() -> None:
 def test_a_stream_learns_the_date_once() -> None:
     assembler = Assembler()
     rows = [assembler.feed(line) for line in (gga("120001.00"), gga("120002.00"))]
-    assert rows[0] is None
-    assert rows[1] is not None
+    assert rows[0] == []
     assert not assembler.dated
-    assert rows[1][0] == 43201.0
-    row = assembler.feed(rmc("120003.00", "130918"))
-    assert row is not None  # the epoch just complete is of the date that came with its successor
-    assert row[0] == DAY + 43202.0
+    ((first, *_),) = rows[1]
+    assert first == 43201.0
+    ((second, *_),) = assembler.feed(rmc("120003.00", "130918"))
+    assert second == DAY + 43202.0  # the epoch just complete is of the date that came with its successor
     assert assembler.dated
-    assert rows[1][0] + assembler.moved == DAY + 43201.0
+    assert first + assembler.moved == DAY + 43201.0
+    # both in one line
+    one = Assembler()
+    one.feed(gga("120001.00"))
+    ((only, *_),) = one.feed(gga("120002.00").strip() + sentence("GPZDA,120002.00,13,09,2018,00,00"))
+    assert only == DAY + 43201.0
 
 
 def test_one_epoch_is_of_one_receiver() -> None:
     """The first fix of an epoch counts; one close by is another system's of the same receiver, one far off is not."""
     assembler = Assembler()
     for line in (gga("120001.00"), gga("120001.00", "4807.0301000"), gga("120001.00", "4907.0300000")):
-        assert assembler.feed(line) is None
+        assert assembler.feed(line) == []
     row = assembler.flush()
     assert row is not None
     assert row[1] == pytest.approx(48.0 + 7.03 / 60.0)

@@ -118,10 +118,56 @@ def test_versions_of_sp3(version: str, tmp_path: Path) -> None:
 
 
 def test_versions_not_read_are_named(tmp_path: Path) -> None:
-    (tmp_path / "nav").write_text(header("     4.00           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
-    with pytest.raises(FileError, match="version 4 is not read"):
+    (tmp_path / "nav").write_text(header("     5.00           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
+    with pytest.raises(FileError, match="version 5 is not read"):
         read_nav(tmp_path / "nav")
     other = tmp_path / "other"
     other.write_text(header("     3.04           NAVIGATION DATA     M", "RINEX VERSION / TYPE") + "\n")
     with pytest.raises(FileError, match="not observations"):
         read_obs(other)
+
+
+SP3 = ["#cP2018  9 13 12  0  0.00000000       3 TRACK IGb14 FIT TEST", "+    2   G01R02" + "  0" * 15,
+       "%c M  cc GPS ccc cccc"]  # fmt: skip
+
+
+def sp3_epoch(k: int) -> list[str]:
+    places = (("G01", 15e3 + k, 12e3, 18e3, 12.5), ("R02", -9e3 - k, 20e3, 12e3, 13.5))
+    rows = [f"P{name}" + "".join(f"{x:14.6f}" for x in numbers) for name, *numbers in places]
+    return [f"*  2018  9 13 12 {15 * k:2d}  0.00000000", *rows]
+
+
+def test_damaged_sp3_files(tmp_path: Path) -> None:
+    """Refused with the line; a lenient reader takes the whole records."""
+    lines = [*SP3, *(line for k in range(3) for line in sp3_epoch(k)), "EOF"]
+    path = tmp_path / "sp3"
+
+    def leniently(text: str, said: str, line: int) -> np.ndarray:
+        path.write_text(text)
+        with pytest.raises(FileError, match=said) as caught:
+            read_sp3(path)
+        assert caught.value.line == line
+        assert caught.value.salvageable
+        found = read_sp3(path, lenient=True)
+        assert any(said in remark for remark in found.left_out)
+        return found.position
+
+    path.write_text("\n".join(lines) + "\n")
+    whole = read_sp3(path)
+    assert whole.left_out == ()
+    position = leniently("\n".join(lines[:-1]) + "\n", "no EOF line", 13)
+    np.testing.assert_array_equal(position, whole.position)
+    position = leniently("\n".join(lines[:-1])[:-30], "the line ends within position", 12)
+    np.testing.assert_array_equal(position[:, 0], whole.position[:, 0])
+    assert np.isnan(position[2, 1]).all()
+    assert np.isfinite(position[:2]).all()
+    position = leniently(
+        "\n".join([lines[0].replace("       3 ", "       4 "), *lines[1:]]), "4 epochs are announced", 13
+    )
+    np.testing.assert_array_equal(position, whole.position)
+    position = leniently("\n".join(lines).replace("9 13 12 15", "9 33 12 15"), "no such time", 7)
+    np.testing.assert_array_equal(position, whole.position[[0, 2]])
+    position = leniently("\n".join(lines).replace("+    2", "+    3"), "3 satellites are announced, 2 are listed", 0)
+    np.testing.assert_array_equal(position, whole.position)
+    position = leniently("\n".join(lines).replace("PR02", "PR03", 1), "R03 is not in the header's list", 6)
+    assert np.isnan(position[0, 1]).all()

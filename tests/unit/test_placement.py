@@ -28,7 +28,8 @@ def here(*settings: str) -> tuple[Geometry, np.ndarray, np.ndarray]:
     line = signals.position - signals.antenna[:, None]
     line /= np.linalg.norm(line, axis=2)[:, :, None]
     line[~signals.used] = np.nan
-    return glide_geometry(trajectory, sources, np.array([utc]), EPOCHS), line, signals.clock
+    every = np.ones(EPOCHS.size, dtype=bool)
+    return glide_geometry(trajectory, sources, np.array([utc]), EPOCHS, every), line, signals.clock
 
 
 def dense(geometry: Geometry, line: np.ndarray, clock: np.ndarray, sites: np.ndarray, own: int) -> np.ndarray:

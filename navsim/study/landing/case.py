@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from navsim.core.rotation import dcm_from_rpy
-from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.estimation.loosely_coupled import KINDS
 from navsim.io.results import ResultError, read
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
@@ -18,11 +18,11 @@ from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded import recorded_trajectory
 from navsim.models.tracking import CodeLoop, GroundReflection
 from navsim.scenario.approach import RecordedApproach
-from navsim.scenario.base import DEG
+from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.landing import Landing
-from navsim.scenario.sensors import Accelerometer, Gyro
-from navsim.scenario.sky import CLOCKS
-from navsim.scenario.source import Document, InputError, Problem
+from navsim.scenario.sensors import believed
+from navsim.scenario.sky import CLOCKS, SOURCES_FROM_FILES
+from navsim.scenario.source import Document, InputError, Problem, dotted
 from navsim.simulation.effects import Effects, Ionosphere, Reference, Space, Troposphere
 from navsim.simulation.landing import (
     FilterSettings,
@@ -30,7 +30,7 @@ from navsim.simulation.landing import (
     Run,
     World,
     build_world,
-    epochs,
+    fix_epochs,
     fly,
 )
 from navsim.simulation.signals import Environment, ErrorLaw, Ground, Listed, Satellites
@@ -117,6 +117,13 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
     return moving, scenario.model_copy(update={"approach": pinned})
 
 
+def files_of(scenario: Landing) -> dict[str, str]:
+    """Checksums of the files of satellites by the names a scenario gives them, once they are written into it."""
+    sky = scenario.sky
+    names, checksums = getattr(sky, sky.source, ()), getattr(sky, f"{sky.source}_sha256", ())
+    return dict(zip(names, checksums, strict=True)) if sky.source in SOURCES_FROM_FILES else {}
+
+
 def environment(
     scenario: Landing, document: Document, trajectory: Moving | None = None
 ) -> tuple[Environment, Landing, list[str]]:
@@ -188,6 +195,13 @@ def _effects(scenario: Landing, ground: Ground) -> Effects:
 def prepare(scenario: Landing, document: Document) -> Case:
     """Build everything the runs share. Raises InputError for a file of satellites that cannot be used."""
     trajectory, scenario = trajectory_of(scenario, document)
+    if isinstance(scenario.approach, RecordedApproach):  # of others the scenario itself knows the track
+        try:
+            scenario.check_clearance(
+                scenario.track(trajectory), ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
+            )
+        except KeyedError as error:
+            raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     sources, scenario, warnings = environment(scenario, document, trajectory)
     receiver = scenario.receiver
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
@@ -270,9 +284,9 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
         truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
     )
     if section.imu.gyro is not None:
-        gyro = _believed(scenario.imu.gyro, section.imu.gyro).triad(rate)
+        gyro = believed(scenario.imu.gyro, section.imu.gyro).triad(rate)
     if section.imu.accelerometer is not None:
-        accel = _believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
+        accel = believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     return FilterSettings(
         kind=KINDS[section.kind],
@@ -286,15 +300,6 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
         gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
     )
-
-
-def _believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro | Accelerometer:
-    """The true sensor with the filter's own values put in; one spelling of the noise displaces the other."""
-    values = given.model_dump(exclude_none=True)
-    for pair in (("noise_deg_h", "arw_deg_sqrt_h"), ("noise_mg", "vrw_m_s_sqrt_h")):
-        if values.keys() & set(pair):
-            values = {p: None for p in pair if hasattr(truth, p)} | values
-    return truth.model_copy(update=values)
 
 
 def fix_findings(case: Case) -> list[str]:
@@ -314,23 +319,28 @@ def fix_findings(case: Case) -> list[str]:
     return out
 
 
-def glide_epochs(scenario: Landing, trajectory: Moving) -> np.ndarray:
-    """Fix epochs from the start of the glide to touchdown, s."""
-    events = trajectory.path.events
-    first = events.get(GLIDE_START, 0.0)
-    last = min(events.get(TOUCHDOWN, math.inf), scenario.duration_s)
-    time = epochs(scenario.duration_s, scenario.receiver.rate_hz)
-    return time[(time >= first - 1e-9) & (time <= last + 1e-9)]
+def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndarray:
+    """Which times (e,), s, lie between the start of the glide and touchdown (e,) bool."""
+    first = trajectory.path.events.get(GLIDE_START, 0.0)
+    return (time >= first - 1e-9) & (time <= touchdown_time(scenario, trajectory) + 1e-9)
 
 
-def touchdown_time(case: Case) -> float:
+def glide_epochs(scenario: Landing, trajectory: Moving) -> tuple[np.ndarray, np.ndarray]:
+    """Fix epochs up to touchdown (e,), s, and which of them are on the glide (e,) bool; see `glide_geometry`."""
+    receiver = scenario.receiver
+    time = fix_epochs(scenario.duration_s, scenario.imu.rate_hz, receiver.rate_hz, receiver.latency_s)
+    time = time[time <= touchdown_time(scenario, trajectory) + 1e-9]
+    return time, on_glide(scenario, trajectory, time)
+
+
+def touchdown_time(scenario: Landing, trajectory: Moving) -> float:
     """Time of touchdown, or the end of a flight without one, s."""
-    return min(case.trajectory.path.events.get(TOUCHDOWN, math.inf), case.scenario.duration_s)
+    return float(min(trajectory.path.events.get(TOUCHDOWN, math.inf), scenario.duration_s))
 
 
 def rms_window(case: Case) -> np.ndarray:
     """Which filter outputs lie in the last seconds before touchdown (t,)."""
-    t, end = case.world.filter_time, touchdown_time(case)
+    t, end = case.world.filter_time, touchdown_time(case.scenario, case.trajectory)
     return (t >= end - RMS_WINDOW - 1e-9) & (t <= end + 1e-9)
 
 

@@ -19,7 +19,8 @@ a wrong lever arm or latency in the filter."""
 
 
 def covariance_analysis(case: Case) -> Analysis:
-    """The analysis of a case."""
+    """The analysis of a case. Raises ValueError for a smoother, AnalysisError for a defect of the analysis."""
+    case.scenario.check_analysable()
     ground = np.isin(case.world.signals.names, case.ground.names)
     return analyse(case.world, case.initial, case.gyro, case.accel, case.settings, ground)
 

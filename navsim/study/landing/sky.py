@@ -15,7 +15,7 @@ from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps
 from navsim.scenario.landing import Landing
-from navsim.scenario.sky import CLOCKS
+from navsim.scenario.sky import CLOCKS, LENIENT, SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation.signals import Satellites
 
@@ -38,10 +38,10 @@ def read_satellites(
         constellations.append(glonass.Nominal())
     if key in ("nominal-gps", "nominal"):
         constellations.append(gps.nominal(utc))
-    if key in ("almanac", "navigation", "orbits"):
+    if key in SOURCES_FROM_FILES:
         files = _Files(scenario, document, key)
         for name in getattr(sky, key):
-            constellations += files.read(name, _READERS[key], utc)
+            constellations += files.read(name, _READERS[key], utc, warnings)
         scenario = files.with_checksums()
     if sky.systems:
         constellations = [c for c in constellations if c.system in sky.systems]
@@ -62,23 +62,31 @@ def read_satellites(
     return groups, scenario
 
 
-def _read_navigation(path: Path, utc: float) -> list[Any]:
-    found = read_nav(path)
+_Read = tuple[list[Any], tuple[str, ...]]
+"""Constellations of a file, and what the user should hear of it."""
+
+
+def _read_almanac(path: Path, utc: float, lenient: bool) -> _Read:
+    return [read_almanac(path, utc)], ()
+
+
+def _read_navigation(path: Path, utc: float, lenient: bool) -> _Read:
+    found = read_nav(path, lenient)
     out: list[Any] = []
     if found.glonass is not None:
         out.append(glonass_broadcast.Constellation(found.glonass))
     if found.gps is not None:
         out.append(gps.Constellation(found.gps))
-    return out
+    return out, found.left_out
 
 
-def _read_orbits(path: Path, utc: float) -> list[Any]:
-    table = read_sp3(path)
-    return [o for o in (table.of("R", "glonass"), table.of("G", "gps")) if o.names]
+def _read_orbits(path: Path, utc: float, lenient: bool) -> _Read:
+    table = read_sp3(path, lenient)
+    return [o for o in (table.of("R", "glonass"), table.of("G", "gps")) if o.names], table.left_out
 
 
-_READERS: dict[str, Callable[[Path, float], list[Any]]] = {
-    "almanac": lambda path, utc: [read_almanac(path, utc)],
+_READERS: dict[str, Callable[[Path, float, bool], _Read]] = {
+    "almanac": _read_almanac,
     "navigation": _read_navigation,
     "orbits": _read_orbits,
 }
@@ -92,20 +100,26 @@ class _Files:
         self.wanted = getattr(scenario.sky, f"{key}_sha256")
         self.found: list[str] = []
 
-    def read(self, name: str, reader: Callable[[Path, float], list[Any]], utc: float) -> list[Any]:
+    def read(
+        self, name: str, reader: Callable[[Path, float, bool], _Read], utc: float, warnings: list[str]
+    ) -> list[Any]:
         place = ("sky", self.key)
         path = self.document.resolve(place, name)
         try:
             checksum = hashlib.sha256(path.read_bytes()).hexdigest()
-            constellations = reader(path, utc)
+            constellations, remarks = reader(path, utc, self.scenario.sky.lenient)
         except FileError as error:
-            raise self._wrong(name, path, f"not a usable file of satellites: {error.message}", error.line) from None
+            curable = error.salvageable and self.key in LENIENT
+            cure = "; `sky.lenient: true` takes what is whole" if curable else ""
+            message = f"not a usable file of satellites: {error.message}{cure}"
+            raise self._wrong(name, path, message, error.line) from None
         except OSError as error:
             raise self._wrong(name, path, f"cannot be read: {error.strerror or error} ({path})") from None
         number = len(self.found)
         if self.wanted is not None and (number >= len(self.wanted) or checksum != self.wanted[number]):
             raise self._wrong(name, path, f"has the checksum {checksum}, not the one of sky.{self.key}_sha256")
         self.found.append(checksum)
+        warnings += [f"{name}: {remark}" for remark in remarks]
         return constellations
 
     def with_checksums(self) -> Landing:

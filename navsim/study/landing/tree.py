@@ -10,9 +10,8 @@ import numpy as np
 from navsim.core import states
 from navsim.io.results import Result, Variable
 from navsim.models import glonass, glonass_broadcast, gps
-from navsim.models.approach import GLIDE_START
 from navsim.scenario.sky import CLOCKS
-from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, touchdown_time
+from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, on_glide
 from navsim.study.root import root_attributes
 
 AXES = ("north", "east", "down")
@@ -131,10 +130,7 @@ _MESSAGE_UNITS = {
 
 def _geometry_summary(v: dict[str, Variable], case: Case) -> None:
     world = case.world
-    events = case.trajectory.path.events
-    touchdown = touchdown_time(case)
-    fix_time = world.signals.time
-    glide = (fix_time >= events.get(GLIDE_START, 0.0) - 1e-9) & (fix_time <= touchdown + 1e-9)
+    glide = on_glide(case.scenario, case.trajectory, world.signals.time)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         values = world.dop[glide, i]
         values = values[np.isfinite(values)]

@@ -1,0 +1,60 @@
+"""The covariance analysis against runs where settings meet: every level of every factor once; all pairs of levels are
+flown by `make validate` (scripts/covariance_matrix.py, docs/covariance-matrix.md)."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from tests.conftest import ROOT, SHARED
+from tests.helpers import case
+
+SHORT = ("duration_s=62", "imu.rate_hz=25")
+"""Up to touchdown, with fewer samples: the errors of integration are in both."""
+
+
+def _matrix() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("covariance_matrix", ROOT / "scripts" / "covariance_matrix.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+matrix = _matrix()
+
+
+def each_level_once() -> list[tuple[str, ...]]:
+    """Combinations in which every level of every factor stands, the factors out of step."""
+    names = [list(levels) for levels in matrix.FACTORS.values()]
+    return [
+        tuple(levels[(i + place) % len(levels)] for place, levels in enumerate(names))
+        for i in range(max(map(len, names)))
+    ]
+
+
+def test_every_level_is_flown_and_all_pairs_by_the_script() -> None:
+    cells = each_level_once()
+    for place, levels in enumerate(matrix.FACTORS.values()):
+        assert {cell[place] for cell in cells} == set(levels)
+    every = matrix.covering()
+    for a, first in enumerate(matrix.FACTORS.values()):
+        for b, second in enumerate(matrix.FACTORS.values()):
+            if a < b:
+                assert len({(cell[a], cell[b]) for cell in every}) == len(first) * len(second)
+
+
+@pytest.mark.parametrize("cell", each_level_once(), ids=", ".join)
+def test_two_thousand_runs_agree(cell: tuple[str, ...]) -> None:
+    """Every component of position and velocity every 10 s within 1 +- 0.08."""
+    settings = matrix.settings(cell)
+    if str(SHARED) in " ".join(settings) and not Path(SHARED).is_dir():
+        pytest.skip("needs the files of satellites in ../shared, which is not here")
+    ratio = matrix.ratios(case(*matrix.GENTLE, *SHORT, *settings), matrix.RUNS)
+    assert ratio.shape == (6, 6)
+    assert np.all(np.abs(ratio - 1.0) < matrix.WITHIN), ratio
