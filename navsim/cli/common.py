@@ -79,6 +79,50 @@ def progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[
         yield lambda done: bar.update(task, completed=done)
 
 
+SAY_EVERY_S = 10.0
+"""How often a search says where it stands when nobody looks at a terminal."""
+
+
+@contextmanager
+def search_progress(shown: bool, unit: str) -> Iterator[Callable[[Any], None]]:
+    """Where a search stands (`study.watch.Progress`) on standard error: a live line, or a line now and then where it
+    is no terminal; nothing where it is not to be shown. unit: of the objective."""
+    if not shown:
+        yield lambda _: None
+        return
+    if sys.stderr.isatty():
+        from rich.console import Console
+
+        with Console(stderr=True).status("") as line:
+            yield lambda progress: line.update(search_line(progress, unit))
+        return
+    said = 0.0
+
+    def tell(progress: Any) -> None:
+        nonlocal said
+        if progress.used - said >= SAY_EVERY_S:
+            said = progress.used
+            say(search_line(progress, unit))
+
+    yield tell
+
+
+def search_line(progress: Any, unit: str) -> str:
+    """A `study.watch.Progress` in words."""
+    from navsim.study.search import COARSE, FULL
+
+    analysed = sum(progress.tried.get(way, 0) for way in (COARSE, FULL))
+    tried = f"{sum(progress.tried.values())} placements tried"
+    if analysed:
+        tried += f", {analysed} by covariance analysis"
+    best = "none found yet"
+    if progress.best is not None:
+        at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
+        best = f"best {progress.best:.4g}{'' if unit == '1' else f' {unit}'} at s, l1 {at} m"
+    left = "time left not known yet" if progress.left is None else f"at most {progress.left:.0f} s left"
+    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {left}"
+
+
 def read(scenario: Path, assignments: list[str] | None) -> Any:
     from navsim.scenario.load import read_runnable
     from navsim.scenario.source import InputError

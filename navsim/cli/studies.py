@@ -25,6 +25,7 @@ from navsim.cli.common import (
     print_console,
     progress,
     say,
+    search_progress,
     store_beside,
     target_of,
 )
@@ -119,6 +120,12 @@ def optimize(
     seed: SeedOption = 1,
     set_: SetOption = None,
     figures: FiguresOption = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, metavar="SECONDS", help="Stop then, with the best found so far. Default: none.", show_default=False
+        ),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
     quiet: QuietOption = False,
     json_: Annotated[
@@ -138,23 +145,30 @@ def optimize(
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
         from navsim.study.landing import AnalysisError
+        from navsim.study.objective import problem as pose
+        from navsim.study.search import NoPlacement
+        from navsim.study.sweep import describe
+        from navsim.study.watch import Watch
 
         if not dry_run:
             announce_compiling()
-        problem = searching.problem(section, document, base)
+        with search_progress(not quiet and not dry_run, describe(section.objective)[0]) as tell:
+            watch = Watch(tell, time_limit)
+            problem = pose(section, document, base)
+            for warning in problem.warnings:
+                say(f"warning: {warning}")
+            if dry_run:
+                say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
+                return
+            drawing = figure_folder(figures, target, 1, quiet)
+            outcome = searching.solve(problem, seed, watch)
+        result = searching.optimize_result(problem, outcome, seed)
+        write(target, result)
+        interrupted = outcome.stopped == searching.INTERRUPTED
+        written = [] if interrupted else draw(result, drawing, target.stem)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    if dry_run:
-        say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
-        return
-    drawing = figure_folder(figures, target, 1, quiet)
-    try:
-        with progress(len(section.pseudolites), not quiet, "numbers of pseudolites") as done:
-            found = searching.search(problem, seed, done)
-        result = searching.optimize_result(problem, found, seed)
-        write(target, result)
-        written = draw(result, drawing, target.stem)
-    except (ResultError, AnalysisError, searching.NoPlacement) as error:
+    except (ResultError, AnalysisError, NoPlacement) as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
     if json_:
@@ -166,6 +180,11 @@ def optimize(
         print(f"result   {target}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
+    if outcome.stopped:
+        why = "interrupted" if interrupted else f"time limit of {time_limit:g} s"
+        say(f"warning: stopped early ({why}); {target} holds the best found; undone: {result.attributes['undone']}")
+    if interrupted:
+        raise KeyboardInterrupt
 
 
 def table2(

@@ -34,8 +34,8 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
     start: (3,) ECEF point to begin the iteration at. position, velocity: (e, s, 3) of the sources, ECEF.
     sigma, rate_sigma, pseudorange, range_rate: (e, s); a nan measurement is not used. clock: (s,) int.
     Out: llh (e, 3) rad, rad, m; v_ned (e, 3) m/s; clocks (e, MAX_CLOCKS) m by clock number; cov (e, 6, 6)
-    covariance of position and velocity, NED, with
-    what errors of position do to velocity. All nan where there are too few sources or the geometry is singular.
+    covariance of position and velocity, NED, with what errors of position do to velocity. All nan where there are too
+    few sources or the geometry is singular; velocity alone where that is so of the range rates.
     """
     epochs, sources = pseudorange.shape
     used = np.empty(sources, np.bool_)
@@ -69,6 +69,8 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
         for c in range(MAX_CLOCKS):
             if column[c] >= 0:
                 clocks[e, c] = x[column[c]]
+        for s in range(sources):
+            used[s] = used[s] and not math.isnan(range_rate[e, s])
         if solve_velocity(
             position[e], los, velocity[e], range_rate[e], rate_sigma[e], used, x, v, normal, cofactor, slope
         ):

@@ -38,8 +38,9 @@ def read_almanac(path: Path, near: float) -> Any:
     first = lines[0][1]
     if re.match(r"\s*\**\s*Week\s+\d+\s+almanac", first, re.IGNORECASE):
         return _yuma(path, lines, near)
-    if any(re.match(r"1 [ 0-9A-Z]\d{4}[A-Z ]", line) and len(line) >= 68 for _, line in lines[:2]):
-        return _tle(path, lines)
+    plain = [(n, line) for n, line in lines if not line.startswith("#")]
+    if any(re.match(r"1 [ 0-9A-Z]\d{4}[A-Z ]", line) and len(line) >= 68 for _, line in plain[:2]):
+        return _tle(path, plain)
     if re.match(r"\s*\d+\s+\S*[A-Za-z]", first):
         return _sem(path, lines, near)
     if len(lines) > 1 and len(lines[1][1].split()) == _AGP_FIELDS["b"]:
@@ -261,10 +262,10 @@ def _gps(path: Path, rows: list[tuple[Any, ...]], near: float) -> gps.Constellat
 
 
 def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
-    """[4]: two lines of elements a satellite, after a line with its name where there is one."""
+    """[4]: two lines of elements a satellite, after a line with its name where there is one; lines without comments."""
     from navsim.models import tle
 
-    names, firsts, seconds = [], [], []
+    names, titles, firsts, seconds = [], [], [], []
     at = 0
     while at < len(lines):
         title = ""
@@ -282,12 +283,13 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
             if text[68] != str(digits % 10):
                 raise FileError(line, f"the checksum is {text[68]}, computed {digits % 10}", path)
         names.append(tle.short_name(title, pair[0][1]))
+        titles.append(title)
         firsts.append(pair[0][1].rstrip())
         seconds.append(pair[1][1].rstrip())
         if names[-1] in names[:-1]:
             raise FileError(pair[0][0], f"{names[-1]} stands twice in the file", path)
         at += 2
     try:
-        return tle.Constellation.of(names, firsts, seconds)
+        return tle.Constellation.of_lines(titles, firsts, seconds)
     except ValueError as error:
         raise FileError(0, str(error), path) from None

@@ -64,10 +64,10 @@ def _scenario(result: Result) -> Any:
     return yaml.safe_load(str(result.attributes["scenario"]))
 
 
-def _utc(result: Result) -> float:
-    """UTC of time 0, POSIX s."""
-    text = str(result.attributes["epoch"]).replace("Z", "+00:00")
-    return datetime.datetime.fromisoformat(text).timestamp()
+def _start(result: Result) -> float:
+    """GPS time of time 0, s; the scenario's text has the fractions that older files' `epoch` lacks."""
+    utc = datetime.datetime.fromisoformat(_scenario(result)["epoch"]).timestamp()
+    return float(timescales.gps_from_utc(utc))
 
 
 def _origin(result: Result) -> str:
@@ -81,13 +81,16 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     """Observations, messages, and the pseudolites' own table."""
     if "/measurements/pseudorange" not in result:
         raise ResultError("the result has no measurements; fly it with --keep all (one run keeps them by itself)")
-    constellations, approximate = _constellations(result)
     time = result["/geometry/time"]
-    receiver = _scenario(result)["receiver"]
+    if not time.size:
+        raise ResultError("the result has no epoch of measurements: the simulation is shorter than one fix interval")
+    constellations, approximate = _constellations(result)
+    scenario = _scenario(result)
+    receiver = scenario["receiver"]
     clock = 1e-6 * receiver["clock_offset_us"] + 1e-9 * receiver["clock_drift_ppb"] * time
-    utc = _utc(result) + time
+    gpst = _start(result) + time
     # a receiver marks epochs by its own clock
-    start, part = divmod(float(timescales.gps_from_utc(_utc(result))), 1.0)
+    start, part = divmod(_start(result), 1.0)
     tag = part + time + clock
     names = [str(name) for name in result["/geometry/source"]]
     ranges, rates = result["/measurements/pseudorange"][0], result["/measurements/range_rate"][0]
@@ -95,8 +98,8 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     columns, values = [], []
     channels: dict[str, int] = {}
     for constellation in constellations:
-        sent = utc[:, None] - (ranges[:, _places(names, constellation.names)] / wgs84.SPEED_OF_LIGHT - clock[:, None])
-        sent = np.where(np.isfinite(sent), sent, utc[:, None] - 0.075)
+        sent = gpst[:, None] - (ranges[:, _places(names, constellation.names)] / wgs84.SPEED_OF_LIGHT - clock[:, None])
+        sent = np.where(np.isfinite(sent), sent, gpst[:, None] - 0.075)
         offset, drift = constellation.clock(sent)
         frequency = getattr(constellation, "frequency", np.full(len(constellation.names), L1))
         for k, name in enumerate(constellation.names):
@@ -127,17 +130,72 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     )
     stamp = str(result.attributes["created"]).replace("-", "").replace("T", " ").replace(":", "")[:15]
     made = f"{'navsim ' + str(result.attributes['navsim_version']):20s}{'':20s}{stamp} UTC "
-    comments = [_origin(result), "simulated: satellite clocks as in the messages,", "no ionosphere, no troposphere"]
+    comments = [_origin(result), "simulated: satellite clocks as in the messages", *_contents(scenario)]
     if approximate:
         comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
     elements = next((c.records for c in constellations if c.system == "gps"), None)
     vectors = next((c.records for c in constellations if c.system == "glonass"), None)
     title = str(result.attributes.get("title") or target.stem)
+    messages = rinex_write.navigation_lines(
+        elements, vectors, comments, made, at=start, klobuchar=_klobuchar(scenario),
+        gps_offset=1e-9 * scenario["signals"]["gps_offset_ns"],
+    )  # fmt: skip
     return {
         target.with_suffix(".obs"): "\n".join(rinex_write.observation_lines(epochs, title, comments, made)) + "\n",
-        target.with_suffix(".nav"): "\n".join(rinex_write.navigation_lines(elements, vectors, comments, made)) + "\n",
+        target.with_suffix(".nav"): "\n".join(messages) + "\n",
         **_pseudolites(result, target, start, tag, names),
     }
+
+
+def _klobuchar(scenario: Any) -> tuple[list[float], list[float]] | None:
+    """Alpha and beta of the ionosphere, where the pseudoranges have all of it: what is left after a correction must not
+    be corrected again by those who read the file."""
+    ionosphere = scenario["signals"].get("ionosphere")
+    if ionosphere is None or ionosphere["corrected"] or "differential" in scenario["pseudolites"]:
+        return None
+    return ionosphere["alpha"], ionosphere["beta"]
+
+
+_TAKEN_OFF = {"saastamoinen": "Saastamoinen's model", "mops": "that climatology"}
+
+
+def _contents(scenario: Any) -> list[str]:
+    """What is in the pseudoranges besides geometry, clocks and noise."""
+    signals, station = scenario["signals"], scenario["pseudolites"].get("differential")
+    ionosphere, troposphere, space = (signals.get(name) for name in ("ionosphere", "troposphere", "ephemeris"))
+    lines = []
+    if ionosphere is None:
+        lines.append("no ionosphere")
+    else:
+        times = f"ionosphere: {ionosphere['truth_scale']:g} times Klobuchar's delay"
+        coefficients = (f"{name} {' '.join(f'{x:g}' for x in ionosphere[name])}" for name in ("alpha", "beta"))
+        if ionosphere["corrected"]:
+            lines += [f"{times} less the model: only a residual is in, correct no more", *coefficients]
+        else:
+            lines += [times, *coefficients]
+    if troposphere is None:
+        lines.append("no troposphere")
+    else:
+        times = f"troposphere: {troposphere['truth_scale']:g} times the climatology of DO-229 with Niell's mapping"
+        off = troposphere["correction"]
+        less = f" less {_TAKEN_OFF[off]}: only a residual is in, correct no more" if off != "none" else ""
+        lines.append(times + less)
+    if space is not None:
+        orbit = ", ".join(f"{x:g}" for x in space["orbit_sigma_m"])
+        lines.append(
+            f"errors of the messages: orbits {orbit} m (radial, along, across), clocks {space['clock_sigma_m']:g} m, "
+            "1 sigma"
+        )
+    if station is not None:
+        lines.append(
+            f"differential corrections, {station['latency_s']:g} s old, are applied: of all these only a residual is "
+            "in, correct no more"
+        )
+    if signals["gps_offset_ns"]:
+        lines.append(f"GPS time less GLONASS time: {signals['gps_offset_ns']:g} ns")
+    if scenario["receiver"]["smoothing_s"]:
+        lines.append(f"code smoothed by the carrier, memory {scenario['receiver']['smoothing_s']:g} s")
+    return lines
 
 
 def approximate_systems(result: Result) -> list[str]:
@@ -174,7 +232,7 @@ def _stored(result: Result, system: str, name: str) -> np.ndarray:
 
 def _near(elements: gps.Elements, result: Result) -> gps.Elements:
     """Messages as satellites would send them during the flight; those of a real navigation file stay as they are."""
-    time = timescales.gps_from_utc(_utc(result) + result["/geometry/time"][[0, -1]])
+    time = _start(result) + result["/geometry/time"][[0, -1]]
     if np.all(np.abs(elements.toe[:, None] - time) < gps.HALF_FIT):
         return elements
     toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
@@ -293,21 +351,22 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
 
 def _nmea(result: Result, target: Path) -> dict[Path, str]:
     """GGA, RMC and VTG of each fix of the first run, with as many digits as the format lets [2]. Heights are given over
-    the ellipsoid with a geoid separation of zero, which is what the simulation knows."""
+    the ellipsoid with a geoid separation of zero, which is what the simulation knows. A leap second is 23:59:60."""
     if "/receiver/position_llh" not in result:
         raise ResultError("the result has no fixes; fly it with --keep errors or all")
-    utc = _utc(result)
+    start = _start(result)
     used = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).sum(axis=1)
     lines = []
     for t, p, v, n, hdop in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
                                 result["/receiver/velocity_ned"][0], used, result["/geometry/hdop"],
                                 strict=True):  # fmt: skip
-        when = datetime.datetime.fromtimestamp(utc + float(t), datetime.UTC)
-        clock = f"{when:%H%M%S}.{when.microsecond // 10000:02d}"
+        date, hour, minute, second = timescales.utc_calendar(start + float(t))
+        hundredths = round(1e6 * second) // 10_000
+        clock = f"{hour:02d}{minute:02d}{hundredths // 100:02d}.{hundredths % 100:02d}"
         if not np.isfinite(p[0]):
             lines += [
                 _sentence(f"GPGGA,{clock},,,,,0,00,,,M,,M,,"),
-                _sentence(f"GPRMC,{clock},V,,,,,,,{when:%d%m%y},,,N"),
+                _sentence(f"GPRMC,{clock},V,,,,,,,{date:%d%m%y},,,N"),
             ]
             continue
         where = _angle(np.degrees(p[0]), 2, "NS") + "," + _angle(np.degrees(p[1]), 3, "EW")
@@ -315,7 +374,7 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
         knots = speed * 3600.0 / 1852.0
         lines += [
             _sentence(f"GPGGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2]:.3f},M,0.000,M,,"),
-            _sentence(f"GPRMC,{clock},A,{where},{knots:.3f},{course:.2f},{when:%d%m%y},,,A"),
+            _sentence(f"GPRMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
             _sentence(f"GPVTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
         ]
     return {target.with_suffix(".nmea"): "".join(f"{line}\r\n" for line in lines)}

@@ -54,6 +54,7 @@ class Assembler:
         self.no_fix = 0
         self.no_height = 0
         self.no_separation = 0
+        self.untimed = 0
         self.contradicting = 0
         self.dated = False
         self.moved = 0.0
@@ -91,8 +92,10 @@ class Assembler:
         done = None
         if parsed.msgID != "VTG":
             time = parsed.time
-            if not isinstance(time, datetime.time):  # a receiver that does not know the time has no fix
-                self.no_fix += parsed.msgID == "GGA"
+            if not isinstance(time, datetime.time):
+                # of no epoch, least of all of the one before: a receiver that does not know the time yet, or a leap
+                # second, 23:59:60, which UTC as a count of seconds cannot tell from the second after it
+                self.untimed += 1
                 return None
             date = parsed.date if parsed.msgID == "RMC" and parsed.status == "A" else None
             if isinstance(date, datetime.date) and not self.dated:  # also the epoch before is of this date then
@@ -249,6 +252,7 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped) -> np.ndarray:
         raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {said}", path)
     reason = "NMEA fixes without a geoid separation; their heights, over the geoid, pass for heights over the ellipsoid"
     dropped.add(reason, assembler.no_separation)
+    dropped.add("NMEA sentences without a time of day (a leap second has none)", assembler.untimed)
     table = np.array(rows)
     table[:undated, 0] += assembler.moved
     _one_recording(path, table[:, 0], after, assembler.dated)

@@ -38,7 +38,7 @@ _MORE_SATELLITES_2 = re.compile(r" {32}(?:[A-Z ][ \d]\d)+\s*$")
 class Observations:
     """What a receiver recorded.
 
-    time: (e,) by the receiver's clock, UTC (POSIX s). satellites: (s,) names. values: by code (such as C1C), (e, s) in
+    time: (e,) by the receiver's clock, GPS s. satellites: (s,) names. values: by code (such as C1C), (e, s) in
     m, cycles, Hz, dB-Hz, scale factors undone; nan where there is none. lost_lock: by phase code, (e, s) bool.
     position: (3,) ECEF approximate position of the marker, m, or None; antenna: (3,) up, east, north of the antenna, m.
     channels: GLONASS frequency channels by satellite. events: epochs skipped because they are no observations.
@@ -430,12 +430,9 @@ class _Reader:
                 values[code][row.epoch, i] = value
                 if code in lost and flag.isdecimal():
                     lost[code][row.epoch, i] = int(flag) & 1
-        time = np.array(self.time)
-        if h.scale != "utc":
-            offset = 14.0 if h.scale == "bdt" else 0.0
-            time = timescales.utc_from_gps(time - timescales.GPS_EPOCH + offset)
         return Observations(
-            time, satellites, values, lost, h.position, h.antenna, h.channels, self.events, self.dropped.said()
+            np.array(self.time), satellites, values, lost, h.position, h.antenna, h.channels, self.events,
+            self.dropped.said(),
         )
 
     def _head(self, at: int, flag: str, count: str, parts: list[str]) -> _Epoch:
@@ -464,6 +461,12 @@ class _Reader:
 
     def _begin(self, epoch: _Epoch) -> None:
         time = date_and_time(self.path, epoch.at + 1, epoch.parts)
+        if self.header.scale == "utc":
+            # seconds from 60 on may be those of a leap second
+            over = float(number(self.path, epoch.at + 1, epoch.parts[5], "the epoch") >= 60.0)
+            time = float(timescales.gps_from_utc(time - over)) + over
+        else:
+            time += (14.0 if self.header.scale == "bdt" else 0.0) - timescales.GPS_EPOCH
         if self.time and time <= self.time[-1]:
             raise FileError(epoch.at + 1, "the epoch is not later than the one before", self.path)
         self.time.append(time)

@@ -7,7 +7,8 @@ and tables A2, A3 (observations), A5, A6, A10 (navigation).
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,7 @@ class Epochs:
 
 
 def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made: str) -> list[str]:
-    """The lines of an observation file [1]; marker: its name, comments: lines of up to 60 characters, made: by whom."""
+    """The lines of an observation file [1]; marker: its name, comments: sentences, broken to lines, made: by whom."""
     first = _calendar(epochs.start, epochs.tag[0], 7)
     last = _calendar(epochs.start, epochs.tag[-1], 7)
     systems = [letter for letter in "GR" if any(name[0] == letter for name in epochs.satellites)]
@@ -47,7 +48,7 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
     lines = [
         _label(f"{VERSION:9.2f}           OBSERVATION DATA    {kind}", "RINEX VERSION / TYPE"),
         _label(made, "PGM / RUN BY / DATE"),
-        *(_label(text[:60], "COMMENT") for text in comments),
+        *_comment_lines(comments),
         _label(marker[:60], "MARKER NAME"),
         _label("GEODETIC" if epochs.tag.size == 0 else "AIRBORNE", "MARKER TYPE"),
         _label("navsim", "OBSERVER / AGENCY"),
@@ -67,8 +68,7 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
     ]
     if "R" in systems:
         lines.append(_label("", "GLONASS COD/PHS/BIS"))
-    leap = int(timescales.leap_seconds(timescales.utc_from_gps(epochs.start)))
-    lines += [_label(f"{leap:6d}", "LEAP SECONDS"), _label("", "END OF HEADER")]
+    lines += [_leap_seconds(epochs.start), _label("", "END OF HEADER")]
     for e, tag in enumerate(epochs.tag):
         seen = np.flatnonzero(np.isfinite(epochs.values[0, e]))
         year, month, day, hour, minute, second = _calendar(epochs.start, tag, 7)
@@ -80,9 +80,20 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
 
 
 def navigation_lines(
-    elements: gps.Elements | None, vectors: StateVectors | None, comments: Iterable[str], made: str
+    elements: gps.Elements | None,
+    vectors: StateVectors | None,
+    comments: Iterable[str],
+    made: str,
+    *,
+    at: float,
+    klobuchar: tuple[Sequence[float], Sequence[float]] | None = None,
+    gps_offset: float = 0.0,
 ) -> list[str]:
-    """The lines of a navigation file [1] with GPS elements, GLONASS state vectors, or both."""
+    """The lines of a navigation file [1] with GPS elements, GLONASS state vectors, or both.
+
+    comments, made: as of `observation_lines`. at: GPS s from 1980-01-06 of which leap seconds are told. klobuchar:
+    alpha and beta (4,) of the ionosphere, s and s per semicircle powers. gps_offset: GPS time less GLONASS time, s.
+    """
     if elements is not None and vectors is not None:
         kind = "M: MIXED"
     else:
@@ -90,12 +101,16 @@ def navigation_lines(
     lines = [
         _label(f"{VERSION:9.2f}           NAVIGATION DATA     {kind}", "RINEX VERSION / TYPE"),
         _label(made, "PGM / RUN BY / DATE"),
-        *(_label(text[:60], "COMMENT") for text in comments),
+        *_comment_lines(comments),
     ]
-    first = float(timescales.utc_from_gps(elements.toe[0])) if elements is not None else 0.0
-    if vectors is not None:
-        first = float(vectors.time[0])
-    lines += [_label(f"{int(timescales.leap_seconds(first)):6d}", "LEAP SECONDS"), _label("", "END OF HEADER")]
+    if klobuchar is not None:
+        for name, four in zip(("GPSA", "GPSB"), klobuchar, strict=True):
+            lines.append(_label(f"{name} " + "".join(_exponent(x, 12, 4) for x in four), "IONOSPHERIC CORR"))
+    if elements is not None and vectors is not None:
+        week, second = divmod(int(at), int(timescales.WEEK))
+        offset = f"GLGP {_exponent(gps_offset, 17, 10)}{_exponent(0.0, 16, 9)}{second:7d}{week:5d}"
+        lines.append(_label(offset, "TIME SYSTEM CORR"))
+    lines += [_leap_seconds(at), _label("", "END OF HEADER")]
     if elements is not None:
         for i in np.lexsort((elements.toe, elements.prn)):
             lines += _gps_record(elements, int(i))
@@ -122,11 +137,12 @@ def _gps_record(x: gps.Elements, i: int) -> list[str]:
 def _glonass_record(x: StateVectors, i: int) -> list[str]:
     when = datetime.datetime.fromtimestamp(float(x.time[i]), datetime.UTC)
     head = f"R{x.slot[i]:02d} {when:%Y %m %d %H %M %S}"
-    gps_week_second = float(timescales.gps_from_utc(x.time[i])) % timescales.WEEK
+    # the time of the message's frame is told in the week of UTC, not of GPS [1], table A10
+    week_second = (float(x.time[i]) - timescales.GPS_EPOCH) % timescales.WEEK
     p, v, a = 1e-3 * x.position[i], 1e-3 * x.velocity[i], 1e-3 * x.acceleration[i]
     numbers = [p[0], v[0], a[0], 0.0 if x.healthy[i] else 1.0, p[1], v[1], a[1], float(x.channel[i]),
                p[2], v[2], a[2], x.age[i]]  # fmt: skip
-    return _record(head, [-x.tau[i], x.gamma[i], gps_week_second], numbers)
+    return _record(head, [-x.tau[i], x.gamma[i], week_second], numbers)
 
 
 def _record(head: str, first: list[float], rest: list[float]) -> list[str]:
@@ -135,9 +151,20 @@ def _record(head: str, first: list[float], rest: list[float]) -> list[str]:
     return lines + ["    " + "".join(_exponent(x) for x in rest[k : k + 4]) for k in range(0, len(rest), 4)]
 
 
-def _exponent(x: float) -> str:
+def _exponent(x: float, width: int = 19, digits: int = 12) -> str:
     """D19.12 as other programs write it."""
-    return f"{float(x):19.12E}".replace("E", "D")
+    return f"{float(x):{width}.{digits}E}".replace("E", "D")
+
+
+def _comment_lines(comments: Iterable[str]) -> list[str]:
+    return [_label(line, "COMMENT") for text in comments for line in textwrap.wrap(text, 60)]
+
+
+def _leap_seconds(gpst: float) -> str:
+    """GPS time less UTC at a GPS time; then the leap second that GPS messages announce: the number after it, and the
+    week and the day of the week (1 is Sunday) at whose end it comes [1]."""
+    now, (after, week, day) = timescales.announced_leap_second(gpst)
+    return _label(f"{now:6d}{after:6d}{week:6d}{day:6d}", "LEAP SECONDS")
 
 
 def _label(text: str, label: str) -> str:

@@ -101,7 +101,7 @@ def read_sp3(path: Path, lenient: bool = False) -> Orbits:
     position[np.all(position == 0.0, axis=2)] = np.nan
     # a missing clock is all nines
     clocks = np.where(clock_us >= _NO_CLOCK, np.nan, 1e-6 * clock_us)
-    return Orbits(tuple(names), _utc(np.array(time), scale), position, clocks, left_out=dropped.said())
+    return Orbits(tuple(names), _gpst(np.array(time), scale), position, clocks, left_out=dropped.said())
 
 
 def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]:
@@ -120,8 +120,7 @@ def _name(text: str) -> str:
     return "G" + text[1:] if text[0] == "0" else text
 
 
-def _utc(time: np.ndarray, scale: str) -> np.ndarray:
+def _gpst(time: np.ndarray, scale: str) -> np.ndarray:
     if scale in ("UTC", "GLO"):
-        return time
-    offset = {"BDT": 14.0, "TAI": -19.0}.get(scale, 0.0)
-    return timescales.utc_from_gps(time - timescales.GPS_EPOCH + offset)
+        return timescales.gps_from_utc(time)
+    return time - timescales.GPS_EPOCH + {"BDT": 14.0, "TAI": -19.0}.get(scale, 0.0)

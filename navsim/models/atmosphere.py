@@ -9,8 +9,6 @@ radio interferometry, Radio Science 20 (1985), appendix A.
 
 from __future__ import annotations
 
-import datetime
-
 import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
@@ -24,14 +22,14 @@ _DEG = np.pi / 180.0
 def klobuchar(
     alpha: np.ndarray,
     beta: np.ndarray,
-    utc: np.ndarray,
+    gpst: np.ndarray,
     llh: np.ndarray,
     azimuth: np.ndarray,
     elevation: np.ndarray,
 ) -> np.ndarray:
     """Ionospheric delay of code on GPS L1, m, positive [1]; on another frequency f it is (L1 / f)^2 times that.
 
-    alpha, beta: (4,) of the message, s and s per semicircle powers. utc: POSIX s. llh: (..., 3) rad, rad, m. azimuth,
+    alpha, beta: (4,) of the message, s and s per semicircle powers. gpst: GPS s. llh: (..., 3) rad, rad, m. azimuth,
     elevation: rad. All but alpha and beta broadcast against each other.
     """
     el = np.maximum(elevation, 0.0) / np.pi
@@ -39,7 +37,7 @@ def klobuchar(
     phi = np.clip(llh[..., 0] / np.pi + psi * np.cos(azimuth), -0.416, 0.416)
     lam = llh[..., 1] / np.pi + psi * np.sin(azimuth) / np.cos(phi * np.pi)
     magnetic = phi + 0.064 * np.cos((lam - 1.617) * np.pi)
-    local = (43200.0 * lam + timescales.gps_from_utc(utc)) % timescales.DAY
+    local = (43200.0 * lam + gpst) % timescales.DAY
     slant = 1.0 + 16.0 * (0.53 - el) ** 3
     power = magnetic[..., None] ** np.arange(4)
     amplitude = np.maximum(power @ alpha, 0.0)
@@ -173,9 +171,9 @@ def _fraction(sin, a, b, c):  # type: ignore[no-untyped-def]
     return top / (sin + a / (sin + b / (sin + c)))
 
 
-def mops_niell(utc: float, llh: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+def mops_niell(gpst: float, llh: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     """Tropospheric delay, m: the climatology of DO-229 mapped with Niell's functions; arguments as there."""
-    day = datetime.datetime.fromtimestamp(utc, datetime.UTC).timetuple().tm_yday
+    day = timescales.utc_calendar(gpst)[0].timetuple().tm_yday
     hydrostatic, wet = mops_zenith(llh, day)
     dry_map, wet_map = niell_mapping(llh, elevation, day)
     return hydrostatic * dry_map + wet * wet_map

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from navsim.models import timescales
+
 GM = 398600.4418e9
 """Gravitational constant of the Earth, m3/s2 [1]."""
 A_E = 6378136.0
@@ -32,7 +34,7 @@ CDMA_MEAN_PERIOD, CDMA_MEAN_INCLINATION = 40544.0, np.radians(64.8)
 SLOTS = 24
 _NOMINAL_RADIUS = 25_508_000.0
 _NOMINAL_INCLINATION = np.radians(64.8)
-_PHASE_TIME = 17787 * DAY
+_PHASE_TIME = float(timescales.gps_from_utc(17787 * DAY))
 _PHASE_LATITUDE_ARGUMENT, _PHASE_NODE_LONGITUDE = 5.4, 177.2
 """Argument of latitude of slot 1 and longitude of the node of plane 1, degrees, at `_PHASE_TIME`."""
 
@@ -88,25 +90,28 @@ class Almanac:
         """Carrier frequencies in L1, Hz (n,); that of channel 0 where the channel is not known."""
         return _frequency(self.channel if self.channel.size else np.zeros(self.slot.size))
 
-    def age(self, time: float) -> float:
-        """Largest distance in s of the almanac's own times from a UTC time (s from 1970-01-01)."""
-        own = self.day * DAY + self.node_time - MOSCOW_MINUS_UTC
-        return float(np.max(np.abs(time - own)))
+    def age(self, gpst: float) -> float:
+        """Largest distance in s of the almanac's own times from a GPS time."""
+        return float(np.max(np.abs(gpst - self._node_gpst)))
 
-    def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF positions and velocities at UTC times.
+    @property
+    def _node_gpst(self) -> np.ndarray:
+        """Times of the ascending nodes, GPS s."""
+        return timescales.gps_from_utc(self.day * DAY + self.node_time - MOSCOW_MINUS_UTC)
 
-        time: (m,) or (m, n) s from 1970-01-01 (UTC, leap seconds left out as POSIX does). Returns (m, n, 3)
-        in m and m/s, rotating axes. Follows the ICD algorithm, short-period J2 terms included.
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities (m, n, 3), m and m/s, rotating axes, at GPS times (m,) or (m, n).
+
+        Follows the ICD algorithm, short-period J2 terms included.
         """
-        time = np.asarray(time, dtype=float)
-        if time.ndim == 1:
-            time = time[:, None]
+        gpst = np.asarray(gpst, dtype=float)
+        if gpst.ndim == 1:
+            gpst = gpst[:, None]
         e, i, perigee = self.eccentricity, self.inclination, self.perigee
         sin_i, cos_i = np.sin(i), np.cos(i)
 
         # whole orbits since the node of the almanac, and the time of the present orbit's node [1]
-        elapsed = time + MOSCOW_MINUS_UTC - self.day * DAY - self.node_time
+        elapsed = gpst - self._node_gpst
         orbit = np.floor(elapsed / self.period)
         since_node = elapsed - self.period * orbit - self.period_rate * orbit**2
         draconic = self.period + (2.0 * orbit + 1.0) * self.period_rate
@@ -162,13 +167,13 @@ class Nominal:
         """Carrier frequencies in L1, Hz (n,)."""
         return _frequency(self.channel)
 
-    def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF positions and velocities, (m, 24, 3), at UTC times (m,) or (m, 24); see `Almanac.state`."""
-        time = np.asarray(time, dtype=float)
-        if time.ndim == 1:
-            time = time[:, None]
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities, (m, 24, 3), at GPS times (m,) or (m, 24); see `Almanac.state`."""
+        gpst = np.asarray(gpst, dtype=float)
+        if gpst.ndim == 1:
+            gpst = gpst[:, None]
         plane, place = np.divmod(np.arange(SLOTS), SLOTS // 3)
-        since = time - _PHASE_TIME
+        since = gpst - _PHASE_TIME
         n = np.sqrt(GM / _NOMINAL_RADIUS**3)
         node_rate = -1.5 * J20 * n * (A_E / _NOMINAL_RADIUS) ** 2 * np.cos(_NOMINAL_INCLINATION)
         u = np.radians(_PHASE_LATITUDE_ARGUMENT + 15.0 * plane - 45.0 * place) + n * since

@@ -19,8 +19,9 @@ from navsim.models.messages import for_each, nearest
 
 STEP = 60.0
 """Length of an integration step, s: a state 15 minutes away is then good to 1e-3 m."""
-HALF_INTERVAL = 900.0 + 1e-3
-"""State vectors hold for 15 minutes on both sides of their time [1], s."""
+HALF_INTERVAL = 900.5 + 1e-3
+"""State vectors hold for 15 minutes on both sides of their time [1], s; across a leap second two are half a second
+farther from their middle."""
 
 _MAS = np.pi / (180.0 * 3600.0 * 1000.0)
 _TO_ITRF_SHIFT = np.array([-0.003, -0.001, 0.000])
@@ -86,52 +87,62 @@ class Constellation:
     @property
     def frequency(self) -> np.ndarray:
         """Carrier frequencies in L1, Hz (n,), of `slot`."""
-        first = [np.flatnonzero(self.records.slot == s)[0] for s in self.slot]
-        return FDMA_L1 + FDMA_STEP * self.records.channel[first]
+        return FDMA_L1 + FDMA_STEP * np.array([self.channels[name] for name in self.names])
 
-    def chosen(self, utc: np.ndarray) -> np.ndarray:
-        """Index of the record that each satellite uses at UTC times (m, n), -1 without one."""
+    @property
+    def channels(self) -> dict[str, int]:
+        """Frequency channels by name."""
+        _, first = np.unique(self.records.slot, return_index=True)
+        return dict(zip(self.names, self.records.channel[first].tolist(), strict=True))
+
+    def chosen(self, gpst: np.ndarray) -> np.ndarray:
+        """Index of the record that each satellite uses at GPS times (m, n), -1 without one."""
         usable = self.records.healthy | self.use_unhealthy
-        return nearest(self.records.slot, usable, self.records.time, self.slot, utc, self.reach)
+        return nearest(self.records.slot, usable, self._time, self.slot, gpst, self.reach)
 
-    def age(self, utc: float) -> float:
-        """Largest distance, s, of the records' times from a UTC time."""
-        return float(np.max(np.abs(utc - self.records.time)))
+    def age(self, gpst: float) -> float:
+        """Largest distance, s, of the records' times from a GPS time."""
+        return float(np.max(np.abs(gpst - self._time)))
 
-    def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF (ITRF) positions and velocities (m, n, 3), m, m/s, at UTC times (m,) or (m, n); nan without a record."""
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF (ITRF) positions and velocities (m, n, 3), m, m/s, at GPS times (m,) or (m, n); nan without a record."""
         from navsim.core.orbits import glonass_states  # compiled code only when something is really computed
 
-        utc, index = self._select(utc)
+        gpst, index = self._select(gpst)
         records = self.records.take(index.ravel())
-        interval = np.where(index < 0, np.nan, utc - self.records.time[index])
+        interval = np.where(index < 0, np.nan, gpst - self._time[index])
         start = np.concatenate([records.position, records.velocity], axis=1)
         out = np.empty_like(start)
         glonass_states(start, np.ascontiguousarray(records.acceleration), interval.ravel(), STEP, out)
-        return itrf_from_pz90(out[:, :3].reshape(*utc.shape, 3)), out[:, 3:].reshape(*utc.shape, 3)
+        return itrf_from_pz90(out[:, :3].reshape(*gpst.shape, 3)), out[:, 3:].reshape(*gpst.shape, 3)
 
-    def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Satellite clocks less GLONASS time, s, and their rates (m, n); nan without a record. Relativity is within the
         message's own gamma and tau [1]."""
-        utc, index = self._select(utc)
+        gpst, index = self._select(gpst)
         lost = index < 0
         tau, gamma = self.records.tau[index], self.records.gamma[index]
-        offset = -tau + gamma * (utc - self.records.time[index])
+        offset = -tau + gamma * (gpst - self._time[index])
         return np.where(lost, np.nan, offset), np.where(lost, np.nan, gamma)
 
-    def _select(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        utc = for_each(utc, self.slot.size)
-        return utc, self.chosen(utc)
+    @property
+    def _time(self) -> np.ndarray:
+        """Times of the records, GPS s."""
+        return timescales.gps_from_utc(self.records.time)
+
+    def _select(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        gpst = for_each(gpst, self.slot.size)
+        return gpst, self.chosen(gpst)
 
 
 def messages(constellation: Any, first: float, last: float, spacing: float = 1800.0) -> StateVectors:
     """What satellites would broadcast: their states at all multiples of `spacing` (s of the day, UTC) that the
     constellation needs from `first` to `last` (UTC, POSIX s), with lunisolar accelerations and perfect clocks.
 
-    constellation: `slot`, `healthy`, `channel` (n,) and `state(time)`, such as `glonass.Almanac`.
+    constellation: `slot`, `healthy`, `channel` (n,) and `state(gpst)`, such as `glonass.Almanac`.
     """
     times = np.arange(round(first / spacing), round(last / spacing) + 1) * spacing
-    position, velocity = constellation.state(times)
+    position, velocity = constellation.state(timescales.gps_from_utc(times))
     count, n = position.shape[:2]
     time = np.repeat(times, n)
     extra = lunisolar(time, position.reshape(-1, 3))

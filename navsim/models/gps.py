@@ -176,35 +176,34 @@ class Constellation:
         """G01, G02, ... of `prn`."""
         return tuple(f"G{p:02d}" for p in self.prn)
 
-    def chosen(self, utc: np.ndarray) -> np.ndarray:
-        """Index of the record that each satellite uses at UTC times (m, n), -1 without one."""
+    def chosen(self, gpst: np.ndarray) -> np.ndarray:
+        """Index of the record that each satellite uses at GPS times (m, n), -1 without one."""
         usable = self.records.healthy | self.use_unhealthy
-        gps = timescales.gps_from_utc(utc)
-        return messages.nearest(self.records.prn, usable, self.records.toe, self.prn, gps, self.reach)
+        return messages.nearest(self.records.prn, usable, self.records.toe, self.prn, gpst, self.reach)
 
-    def age(self, utc: float) -> float:
-        """Largest distance, s, of the records' reference times from a UTC time."""
-        return float(np.max(np.abs(timescales.gps_from_utc(utc) - self.records.toe)))
+    def age(self, gpst: float) -> float:
+        """Largest distance, s, of the records' reference times from a GPS time."""
+        return float(np.max(np.abs(gpst - self.records.toe)))
 
-    def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF positions and velocities (m, n, 3), m and m/s, at UTC times (m,) or (m, n); nan without a record."""
-        utc, index = self._select(utc)
-        position, velocity = self.records.take(index).state(timescales.gps_from_utc(utc))
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities (m, n, 3), m and m/s, at GPS times (m,) or (m, n); nan without a record."""
+        gpst, index = self._select(gpst)
+        position, velocity = self.records.take(index).state(gpst)
         lost = index < 0
         position[lost], velocity[lost] = np.nan, np.nan
         return position, velocity
 
-    def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Satellite clocks less GPS time for a user of L1 alone, s, and their rates (m, n); nan without a record."""
-        utc, index = self._select(utc)
+        gpst, index = self._select(gpst)
         records = self.records.take(index)
-        offset, rate = records.clock(timescales.gps_from_utc(utc))
+        offset, rate = records.clock(gpst)
         lost = index < 0
         return np.where(lost, np.nan, offset - records.tgd), np.where(lost, np.nan, rate)
 
-    def _select(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        utc = messages.for_each(utc, self.prn.size)
-        return utc, self.chosen(utc)
+    def _select(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        gpst = messages.for_each(gpst, self.prn.size)
+        return gpst, self.chosen(gpst)
 
 
 _SLOTS = {  # plane: longitude of the node, arguments of latitude of its four slots, degrees [3]

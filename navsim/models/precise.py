@@ -18,7 +18,7 @@ _POINTS = 10
 
 @dataclass(frozen=True)
 class Orbits:
-    """Positions of n satellites at t times: names (n,), time (t,) UTC (POSIX s), position (t, n, 3) ECEF m, nan where
+    """Positions of n satellites at t times: names (n,), time (t,) GPS s, position (t, n, 3) ECEF m, nan where
     missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in them.
     left_out: what of a damaged file was left out, in words."""
 
@@ -42,19 +42,19 @@ class Orbits:
             np.ones(len(keep), dtype=bool),
         )
 
-    def age(self, utc: float) -> float:
-        """How far a UTC time (POSIX s) lies outside the table, s."""
-        return float(max(self.time[0] - utc, utc - self.time[-1], 0.0))
+    def age(self, gpst: float) -> float:
+        """How far a GPS time lies outside the table, s."""
+        return float(max(self.time[0] - gpst, gpst - self.time[-1], 0.0))
 
-    def state(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF positions and velocities (m, n, 3), m, m/s, at UTC times (m,) or (m, n); nan outside the table and
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ECEF positions and velocities (m, n, 3), m, m/s, at GPS times (m,) or (m, n); nan outside the table and
         beside missing positions."""
         n = len(self.names)
-        utc = for_each(utc, n)
-        first = np.clip(np.searchsorted(self.time, utc) - _POINTS // 2, 0, max(self.time.size - _POINTS, 0))
+        gpst = for_each(gpst, n)
+        first = np.clip(np.searchsorted(self.time, gpst) - _POINTS // 2, 0, max(self.time.size - _POINTS, 0))
         window = first[..., None] + np.arange(min(_POINTS, self.time.size))
         step = float(np.median(np.diff(self.time))) if self.time.size > 1 else 1.0
-        x = (self.time[window] - utc[..., None]) / step
+        x = (self.time[window] - gpst[..., None]) / step
         value, slope = _lagrange_at_zero(x)
         satellite = np.arange(n)[None, :, None]
         points = self.position[window, satellite]
@@ -68,21 +68,21 @@ class Orbits:
         velocity = np.einsum("mnk,mnkj->mnj", slope / step, still)
         velocity[..., 0] += RATE * position[..., 1]
         velocity[..., 1] -= RATE * position[..., 0]
-        outside = (utc < self.time[0]) | (utc > self.time[-1])
+        outside = (gpst < self.time[0]) | (gpst > self.time[-1])
         position[outside], velocity[outside] = np.nan, np.nan
         return position, velocity
 
-    def clock(self, utc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Satellite clocks, s, and their rates (m, n), linear between the table's, with relativity -2 r.v / c2."""
-        utc = for_each(utc, len(self.names))
-        low = np.clip(np.searchsorted(self.time, utc, side="right") - 1, 0, self.time.size - 2)
+        gpst = for_each(gpst, len(self.names))
+        low = np.clip(np.searchsorted(self.time, gpst, side="right") - 1, 0, self.time.size - 2)
         column = np.arange(len(self.names))[None, :]
         width = self.time[low + 1] - self.time[low]
         rate = (self.offset[low + 1, column] - self.offset[low, column]) / width
-        position, velocity = self.state(utc)
+        position, velocity = self.state(gpst)
         relativity = -2.0 * np.sum(position * velocity, axis=2) / SPEED_OF_LIGHT**2
         # the velocity in rotating axes will do: the Earth's rate is across the position
-        return self.offset[low, column] + rate * (utc - self.time[low]) + relativity, rate
+        return self.offset[low, column] + rate * (gpst - self.time[low]) + relativity, rate
 
 
 def _lagrange_at_zero(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ the receiver's corrections leave of the atmosphere, multipath. Sources: [1] Grov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,18 +67,36 @@ class Signals:
                 out += [(self.names[i], field) for i in np.flatnonzero((self.used & ~finite).any(axis=0))]
         return out
 
+    def select(self, kept: np.ndarray) -> Signals:
+        """Of the sources, those marked in `kept` (s,) bool."""
+        each = {
+            name: getattr(self, name)[:, kept]
+            for name in (
+                "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
+                "elevation", "cn0", "ionosphere", "fix_sigma",
+            )
+        }  # fmt: skip
+        return replace(
+            self,
+            names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
+            clock=self.clock[kept],
+            space=None if self.space is None else self.space[:, kept],
+            smoothing=None if self.smoothing is None else self.smoothing[:, kept],
+            **each,
+        )
 
-def satellites_at_reception(constellation, time, antenna):  # type: ignore[no-untyped-def]
+
+def satellites_at_reception(constellation, gpst, antenna):  # type: ignore[no-untyped-def]
     """Satellites as a receiver sees them: at transmission time, in the ECEF axes of reception [1].
 
-    constellation: has `state(time (m, n)) -> position, velocity (m, n, 3)`. time: (m,) UTC s.
+    constellation: has `state(gpst (m, n)) -> position, velocity (m, n, 3)`. gpst: (m,) GPS s.
     antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
     """
-    position, velocity = constellation.state(time - _TRAVEL_TIME)
+    position, velocity = constellation.state(gpst - _TRAVEL_TIME)
     travel = np.full(position.shape[:2], _TRAVEL_TIME)
     # the first round leaves an error of microseconds, the second of picoseconds
     for _ in range(2):
-        position, velocity = constellation.state(time[:, None] - travel)
+        position, velocity = constellation.state(gpst[:, None] - travel)
         position, velocity = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
         travel = np.linalg.norm(position - antenna[:, None], axis=2) / wgs84.SPEED_OF_LIGHT
     return position, velocity

@@ -1,7 +1,10 @@
 """Time scales of satellite navigation.
 
-Inside navsim an instant is UTC in seconds from 1970-01-01 with leap seconds left out, as POSIX counts. GPS time
-is counted in seconds from 1980-01-06 and has no leap seconds; GLONASS time is UTC (plus three hours for display).
+Two counts are used, and names tell which. `gpst`: GPS time, seconds from 1980-01-06, which runs through leap seconds;
+all that moves, satellites, signals, recorded observations, is computed at such instants, so that durations are exact.
+`utc`: seconds from 1970-01-01 with leap seconds left out, as POSIX counts, for what has a date: epochs of scenarios,
+times of GLONASS messages (GLONASS time is UTC, plus three hours for display). It gives a leap second the numbers of the
+second after it, so nothing is computed in it.
 
 Sources: [1] IS-GPS-200, section 3.3.4 (GPS time and weeks). [2] IERS Bulletin C (leap seconds; none since 2017).
 [3] Aoki et al., The new definition of universal time, Astron. Astrophys. 105 (1982) (sidereal time).
@@ -55,8 +58,30 @@ def gps_from_utc(utc: np.ndarray | float) -> np.ndarray:
 
 
 def utc_from_gps(gps: np.ndarray | float) -> np.ndarray:
-    """UTC (POSIX s) of GPS times, s from 1980-01-06; a leap second itself is counted into the day before."""
+    """UTC (POSIX s) of GPS times, s from 1980-01-06; a leap second gets the numbers of the second after it."""
     return gps + GPS_EPOCH - np.searchsorted(_LEAPS_GPS, gps, side="right")
+
+
+def utc_calendar(gpst: float) -> tuple[datetime.date, int, int, float]:
+    """UTC date, hour, minute and second of a GPS time, to the microsecond; 60 and more within a leap second."""
+    whole, part = divmod(round(float(gpst), 6), 1.0)
+    leap = bool(np.any(whole == _LEAPS_GPS - 1.0))
+    t = datetime.datetime.fromtimestamp(float(utc_from_gps(whole)) - leap, datetime.UTC)
+    return t.date(), t.hour, t.minute, t.second + leap + round(part, 6)
+
+
+_ANNOUNCED = 182.0 * DAY
+"""How long before a leap second Bulletin C announces it, s [2]."""
+
+
+def announced_leap_second(gpst: float) -> tuple[int, tuple[int, int, int]]:
+    """GPS time minus UTC at a GPS time, s, and what GPS messages say of the next announced leap second, or else of the
+    last one: that difference after it, the GPS week and the day of the week (1 is Sunday) at whose end it comes [1]."""
+    now = int(np.searchsorted(_LEAPS_GPS, gpst, side="right"))
+    ahead = now < _LEAPS.size and _LEAPS_GPS[now] - gpst <= _ANNOUNCED
+    number = max(now + ahead, 1)
+    week, seconds = divmod(_LEAPS[number - 1] - DAY - GPS_EPOCH, WEEK)
+    return now, (number, int(week), int(seconds // DAY) + 1)
 
 
 def full_week(week: int, near: float, modulus: int = 1024) -> int:

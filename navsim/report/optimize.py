@@ -38,6 +38,7 @@ def console(result: Result) -> RenderableType:
         gain = f"{100 * (1 - value / none):.1f} %" if np.isfinite(none) else "-"
         dops = [f"{result[f'/optimum/{dop}'][i]:.3f}" for dop in ("pdop", "hdop", "vdop")]
         tried = f"{int(result['/front/evaluations'][i])}" + (" (all)" if result["/front/every_choice"][i] else "")
+        tried += "" if result["/front/finished"][i] else " (stopped)"
         margin = result["/optimum/violation"][i]
         room = "none given" if np.isneginf(margin) else f"{-margin:.2f} left"
         front.add_row(str(int(count)), f"{value:.4f}", gain, *dops, tried, room)
@@ -50,7 +51,9 @@ def console(result: Result) -> RenderableType:
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):
             angles = [f"{np.degrees(result[f'/optimum/{axis}'][i, k]):.7f}" for axis in ("latitude", "longitude")]
-            reach = [_reach(result["/optimum/neighbourhood"][i, k, j]) for j in range(result["/loss"].size)]
+            explored = result["/optimum/explored"][i]
+            around = result["/optimum/neighbourhood"][i, k]
+            reach = [_reach(row) if explored else "not computed" for row in around]
             where = [f"{result[f'/optimum/{axis}'][i, k]:.2f}" for axis in ("s", "l1")]
             places.add_row(str(int(count)), f"PL{k + 1}", *where, *angles, *reach)
     return Group(front, places)
@@ -61,10 +64,12 @@ def plain(result: Result) -> dict[str, Any]:
     none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
     out: dict[str, Any] = {"kind": "optimize", "objective": str(result.attributes["objective"])}
     out["without_pseudolites"] = none if np.isfinite(none) else None
+    out["stopped"] = str(result.attributes["stopped"])
     out["placements"] = [
         {
             "pseudolites": int(count),
             "value": float(result["/front/objective"][i]),
+            "finished": bool(result["/front/finished"][i]),
             "sites": [
                 {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
                 for k in range(int(count))
@@ -104,9 +109,13 @@ def plan(result: Result) -> Figure:
         ends = [0.0, scenario["runway"]["length_m"]]
         ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
         value = result["/front/objective"][i]
-        ax.set_title(f"{int(counts[i])} pseudolite(s): {value:.4g}; colours: PL1 moved, the others kept")
+        computed = bool(result["/map/computed"][i])
+        shows = "colours: PL1 moved, the others kept" if computed else "map not computed"
+        stopped = "" if result["/front/finished"][i] else " (search stopped)"
+        ax.set_title(f"{int(counts[i])} pseudolite(s): {value:.4g}{stopped}; {shows}")
         ax.set_ylabel("right of the axis, m")
-        ax.set_facecolor("#dddddd")
+        ax.update_datalim([(-l1[-1], s[0]), (-l1[0], s[-1])])
+        ax.set_facecolor("#dddddd" if computed else "white")
         ax.margins(0.03)
     axes[0].legend(loc="upper left", ncols=2, frameon=True, framealpha=0.8)
     axes[-1].set_xlabel("along the runway from the threshold, m; grey: not allowed")

@@ -56,11 +56,12 @@ def _utc(value: Any) -> Any:
     return value
 
 
-Utc = Annotated[
-    datetime.datetime,
-    BeforeValidator(_utc),
-    PlainSerializer(lambda t: t.strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".") + "Z", when_used="json"),
-]
+def utc_text(time: datetime.datetime) -> str:
+    """A UTC time such as 2018-09-13T12:00:00Z, with as many decimals as it has."""
+    return time.strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".") + "Z"
+
+
+Utc = Annotated[datetime.datetime, BeforeValidator(_utc), PlainSerializer(utc_text, when_used="json")]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(_as_tuple)]
 Pair = Annotated[tuple[float, float], BeforeValidator(_as_tuple)]
 

@@ -113,7 +113,7 @@ class Optimize(Section):
     constraints: Constraints = Constraints()
     period: Period | None = None
     effort: Annotated[int, Field(ge=1, le=100)] = 3
-    """searches from independent starts, of which the best is kept"""
+    """searches from independent starts, of which the best is kept; for an error of the filter, rounds of learning"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

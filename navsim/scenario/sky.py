@@ -33,6 +33,9 @@ CLOCKS: tuple[Clock, ...] = ("glonass", "gps", "own")
 LENIENT = ("navigation", "orbits")
 """Sources whose files can be read in part."""
 
+SYSTEMS = ("glonass", "gps")
+"""Satellite systems navsim models; each keeps the time scale of its name."""
+
 
 class Direction(Section):
     """A source in a fixed direction."""
@@ -80,6 +83,8 @@ class Sky(Section):
     """for `source: almanac`: .agl, .agp, YUMA, SEM, two-line elements; one file or a list"""
     almanac_sha256: Checksums | None = None
     """checksum of the file, or a list in their order; when given, another file is refused"""
+    almanac_system: Literal["glonass", "gps"] | None = None
+    """whose satellites two-line elements without names are; names tell it themselves"""
     navigation: Files | None = None
     """for `source: navigation`: RINEX 2, 3 or 4 broadcast messages, one file or a list; .gz, .bz2, .zip, .Z too"""
     navigation_sha256: Checksums | None = None
@@ -121,7 +126,7 @@ class Sky(Section):
         if self.mask_deg >= self.mask_upper_deg:
             raise reject("must lie below mask_upper_deg", "mask_deg")
         for index, name in enumerate(self.exclude):
-            if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|R\d{3}|G\d{2}|T\d{5}|X\d{2})", name):
+            if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|R\d{3}|G\d{2}|T[0-9A-Z]\d{4}|X\d{2})", name):
                 raise reject(f"'{name}' names no source; GLONASS slots are R01 to R24, GPS G01 on", "exclude", index)
         return self
 

@@ -89,21 +89,21 @@ NO_EFFECTS = Effects()
 
 
 def propagation(
-    effects: Effects, utc: np.ndarray, llh: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray, ratio2: np.ndarray
+    effects: Effects, gpst: np.ndarray, llh: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray, ratio2: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What ionosphere and troposphere leave in the pseudoranges, and the ionosphere's part of it, (e, s) m.
 
-    utc: (e,) POSIX s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. nan for satellites
+    gpst: (e,) GPS s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. nan for satellites
     without a direction, and for those at or below the horizon where there is a troposphere.
     """
     ionosphere, troposphere = np.zeros_like(elevation), np.zeros_like(elevation)
     if effects.ionosphere is not None:
         model = effects.ionosphere
-        delay = ratio2 * atmosphere.klobuchar(model.alpha, model.beta, utc[:, None], llh[:, None], azimuth, elevation)
+        delay = ratio2 * atmosphere.klobuchar(model.alpha, model.beta, gpst[:, None], llh[:, None], azimuth, elevation)
         ionosphere = (model.truth - float(model.corrected)) * delay
-    if effects.troposphere is not None and utc.size:
+    if effects.troposphere is not None and gpst.size:
         air = effects.troposphere
-        seasonal = atmosphere.mops_niell(float(utc[0]), llh[:, None], elevation)
+        seasonal = atmosphere.mops_niell(float(gpst[0]), llh[:, None], elevation)
         troposphere = air.truth * seasonal
         if air.correction == "mops":
             troposphere = troposphere - seasonal
@@ -126,10 +126,10 @@ def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velo
     return np.concatenate([orbit, np.full((*orbit.shape[:2], 1), space.clock)], axis=2)
 
 
-def seen_from(constellation: object, utc: np.ndarray, llh: np.ndarray):  # type: ignore[no-untyped-def]
+def seen_from(constellation: object, gpst: np.ndarray, llh: np.ndarray):  # type: ignore[no-untyped-def]
     """Unit vectors ECEF (e, n, 3), azimuth, elevation (e, n) of satellites at times (e,) from one place llh (3,)."""
-    here = np.broadcast_to(ecef_from_llh(llh), (utc.size, 3))
-    position, _ = satellites_at_reception(constellation, utc, here)
+    here = np.broadcast_to(ecef_from_llh(llh), (gpst.size, 3))
+    position, _ = satellites_at_reception(constellation, gpst, here)
     away = position - here[:, None]
     unit = away / np.linalg.norm(away, axis=2, keepdims=True)
     azimuth, elevation = azimuth_elevation(np.einsum("ij,enj->eni", enu_matrix(llh), unit))

@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
-from navsim.models import atmosphere, pseudorange, tracking
+from navsim.models import atmosphere, pseudorange, timescales, tracking
 from navsim.models.glonass import FDMA_L1
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
@@ -90,8 +90,10 @@ def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
 
 
 def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
-    """All sources at the times of `motion`, seen from the antenna; see `pseudorange.Signals`."""
+    """All sources at the times of `motion`, s after `utc` (POSIX s), seen from the antenna; see
+    `pseudorange.Signals`."""
     e = motion.time.size
+    when = timescales.gps_from_utc(utc) + motion.time
     listed, ground, law = environment.listed, environment.ground, environment.law
     c_ne = ned_matrix(motion.llh)
     antenna = antenna_ecef(motion, environment.lever_arm)
@@ -114,7 +116,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         ground_based.append(is_ground)
 
     for group in environment.satellites:
-        p, v = pseudorange.satellites_at_reception(group.constellation, utc + motion.time, antenna)
+        p, v = pseudorange.satellites_at_reception(group.constellation, when, antenna)
         v = pseudorange.apparent_velocity(p, v, antenna, antenna_velocity)
         for i, name in enumerate(group.names):
             add(name, int(group.clock[i]), p[:, i], v[:, i], p[:, i], group.chosen[i], False)
@@ -168,7 +170,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         fix_sigma=np.empty((e, s)),
         smoothing=None,
     )
-    finished = _affected(built, utc, motion.llh, environment, on_ground)
+    finished = _affected(built, when, motion.llh, environment, on_ground)
     unfinished = finished.unfinished()
     if unfinished:
         raise UndefinedSignal("; ".join(f"the {field} of {name}" for name, field in unfinished))
@@ -180,13 +182,13 @@ class UndefinedSignal(Exception):
 
 
 def _affected(
-    signals: pseudorange.Signals, utc: float, llh: np.ndarray, environment: Environment, on_ground: np.ndarray
+    signals: pseudorange.Signals, when: np.ndarray, llh: np.ndarray, environment: Environment, on_ground: np.ndarray
 ) -> pseudorange.Signals:
-    """The signals with all effects of the environment; llh: (e, 3) of the receiver, on_ground: (s,) pseudolites."""
+    """The signals with all effects of the environment; when: (e,) GPS s, llh: (e, 3) of the receiver, on_ground: (s,)
+    pseudolites."""
     effects, ground = environment.effects, environment.ground
     e, s = signals.range.shape
     sky = ~on_ground
-    when = utc + signals.time
     used, los = signals.used.copy(), signals.los.copy()
     delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
     chip, ratio2 = _carriers(environment, s)

@@ -44,9 +44,16 @@ COUNTS = {
     "empty": "messages without a fix",
     "dropped": "lines left out because they came faster than they were taken",
     "strangers": "datagrams of other senders, left out",
+    "untimed": "NMEA sentences without a time of day",
     "no_height": "fixes without a height: none in GGA, or RMC without GGA",
 }
-_OF_NMEA = {"corrupt": "corrupt", "empty": "no_fix", "no_height": "no_height", "contradicting": "contradicting"}
+_OF_NMEA = {
+    "corrupt": "corrupt",
+    "empty": "no_fix",
+    "untimed": "untimed",
+    "no_height": "no_height",
+    "contradicting": "contradicting",
+}
 """What the assembler of sentences counts, by the name it has here."""
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
 _OVER = 10

@@ -7,7 +7,7 @@ import hashlib
 from typing import Any
 
 import navsim
-from navsim.scenario.base import Section
+from navsim.scenario.base import Section, utc_text
 from navsim.scenario.load import resolved_yaml
 
 SCHEMA_VERSION = 1
@@ -32,7 +32,7 @@ def root_attributes(
         "scenario": text,
         **({"study": of_study} if study is not None else {}),
         "scenario_sha256": hashlib.sha256((of_study + text).encode()).hexdigest(),
-        "epoch": epoch.strftime(_UTC),
+        "epoch": utc_text(epoch),
         "created": datetime.datetime.now(datetime.UTC).strftime(_UTC),
         "title": (study or scenario).title,  # type: ignore[attr-defined]
         **more,

@@ -5,18 +5,19 @@ Source: [1] IS-GPS-200, sections 20.3.3.3.3, 20.3.3.4.3. [2] Kaplan & Hegarty (2
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from navsim.core.dop import MAX_CLOCKS, dops
-from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
+from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.estimation import receiver
 from navsim.io.rinex_obs import Observations
 from navsim.models import atmosphere
-from navsim.models.pseudorange import turned_with_earth
+from navsim.models.glonass import FDMA_L1, FDMA_STEP
+from navsim.models.pseudorange import apparent_velocity, turned_with_earth
 from navsim.models.sky import azimuth_elevation, enu_matrix
 
 CODES = {"G": ("C1C", "C1P", "C1W", "C1", "P1"), "R": ("C1C", "C1P", "C1", "P1")}
@@ -28,19 +29,21 @@ _PASSES = 4
 @dataclass(frozen=True)
 class Settings:
     """How to position: mask (rad), 1 sigma of a range overhead (m), it grows as 1 / sin(elevation); klobuchar: alpha
-    and beta (4,) or None for no ionosphere; troposphere: whether to take Saastamoinen's."""
+    and beta (4,) or None for no ionosphere; troposphere: whether to take Saastamoinen's; channels: frequency channels
+    of GLONASS satellites, by name, that neither the orbits nor the observation file tell."""
 
     mask: float = np.radians(10.0)
     sigma: float = 1.0
     klobuchar: tuple[np.ndarray, np.ndarray] | None = None
     troposphere: bool = True
+    channels: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Fixes at e epochs: time UTC (POSIX s), llh (e, 3) rad, rad, m, position (e, 3) ECEF m, velocity (e, 3) NED m/s
-    (nan without Dopplers), clocks (e, MAX_CLOCKS) m, covariance (e, 6, 6) of position and velocity NED, dop (e, 5),
-    satellites (e,) how many were used, residual (e, s) m; nan without a fix."""
+    """Fixes at e epochs: time GPS s, llh (e, 3) rad, rad, m, position (e, 3) ECEF m, velocity (e, 3) NED m/s
+    (nan with fewer than four Dopplers), clocks (e, MAX_CLOCKS) m, covariance (e, 6, 6) of position and velocity NED,
+    dop (e, 5), satellites (e,) how many were used, residual (e, s) m; nan without a fix."""
 
     time: np.ndarray
     llh: np.ndarray
@@ -57,9 +60,11 @@ def solve(observations: Observations, constellations: Sequence[Any], settings: S
     """A fix at every epoch from code on L1, one receiver clock a constellation.
 
     constellations: `gps.Constellation`, `glonass_broadcast.Constellation` or `precise.Orbits`; satellites of which
-    they know nothing at an epoch are left out, as those below the mask.
+    they know nothing at an epoch are left out, as those below the mask. Raises ValueError, naming them, for GLONASS
+    satellites whose frequency channel nothing tells: not the constellation (SP3 has none), not the observation file
+    (`GLONASS SLOT / FRQ #`), not the settings.
     """
-    columns, names, clock, ratio2 = _columns(observations, constellations)
+    columns, names, clock, ratio2 = _columns(observations, constellations, settings)
     satellites = [observations.satellites[i] for i in columns]
     code = np.stack([observations.of(*CODES[n[0]])[:, i] for i, n in zip(columns, satellites, strict=True)], axis=1)
     doppler = observations.of(*DOPPLERS)[:, columns]
@@ -76,13 +81,14 @@ def solve(observations: Observations, constellations: Sequence[Any], settings: S
     los = np.full((e, s, 3), np.nan)
     turned, believed = position, np.full((e, 3), np.nan)
     start = np.zeros(3)
-    for _ in range(_PASSES):
-        turned = turned_with_earth(position, travel)
-        usable = np.isfinite(ranges) & np.isfinite(turned[..., 0]) & visible
+    for round_ in range(_PASSES):
+        turned, moving = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
+        if round_:
+            moving = apparent_velocity(turned, moving, believed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
+        usable = np.isfinite(ranges - delay) & np.isfinite(turned[..., 0]) & visible
         receiver.fixes(
-            start, np.nan_to_num(turned), np.nan_to_num(turned_with_earth(velocity, travel)), sigma,
-            np.full((e, s), 0.1), clock, np.where(usable, ranges - delay, np.nan),
-            np.where(usable, np.nan_to_num(rates), np.nan), llh, speed, clocks, covariance,
+            start, turned, moving, sigma, np.full((e, s), 0.1), clock,
+            np.where(usable, ranges - delay, np.nan), rates, llh, speed, clocks, covariance,
         )  # fmt: skip
         believed = ecef_from_llh(llh)
         away = turned - believed[:, None]
@@ -91,12 +97,11 @@ def solve(observations: Observations, constellations: Sequence[Any], settings: S
         los = np.einsum("eij,esj->esi", enu_matrix(llh), away / distance[..., None])
         azimuth, elevation = azimuth_elevation(los)
         visible = elevation >= settings.mask
-        sigma = settings.sigma / np.sin(np.maximum(np.nan_to_num(elevation, nan=1.0), 0.03))
-        delay = np.nan_to_num(_delays(observations.time, llh, azimuth, elevation, ratio2, settings))
-    usable = np.isfinite(ranges) & visible & np.isfinite(believed[:, :1])
+        # both nan where the direction is, and the delay below the horizon: satellites that are not visible
+        sigma = settings.sigma / np.sin(np.maximum(elevation, 0.03))
+        delay = _delays(observations.time, llh, azimuth, elevation, ratio2, settings)
+    usable = np.isfinite(ranges - delay) & visible & np.isfinite(believed[:, :1])
     los[~usable] = np.nan
-    lost = ~np.any(np.isfinite(doppler) & usable, axis=1)
-    speed[lost], covariance[lost, 3:], covariance[lost, :, 3:] = np.nan, np.nan, np.nan
     residual = ranges - delay - np.linalg.norm(turned - believed[:, None], axis=2) - clocks[:, clock]
     return Solution(
         observations.time, llh, believed, speed, clocks, covariance, dops(los, clock), usable.sum(axis=1),
@@ -105,7 +110,7 @@ def solve(observations: Observations, constellations: Sequence[Any], settings: S
 
 
 def _columns(
-    observations: Observations, constellations: Sequence[Any]
+    observations: Observations, constellations: Sequence[Any], settings: Settings
 ) -> tuple[list[int], list[list[int]], np.ndarray, np.ndarray]:
     """Observed satellites that a constellation knows: their columns, for each constellation its members in that order,
     the clock of each, and (L1 / f)^2 of each."""
@@ -113,17 +118,28 @@ def _columns(
     members: list[list[int]] = []
     clock: list[int] = []
     ratio2: list[float] = []
+    unknown: list[str] = []
     for number, constellation in enumerate(constellations):
         known = {name: i for i, name in enumerate(constellation.names)}
         here = [(i, known[name]) for i, name in enumerate(observations.satellites) if name in known]
         columns += [i for i, _ in here]
         members.append([k for _, k in here])
         clock += [number] * len(here)
-        for i, k in here:
-            frequency = atmosphere.L1
-            if observations.satellites[i][0] == "R":
-                frequency = float(constellation.frequency[k])
+        # messages know the channels of their satellites, tables of orbits do not
+        told = {**settings.channels, **observations.channels, **getattr(constellation, "channels", {})}
+        for i, _ in here:
+            name, frequency = observations.satellites[i], atmosphere.L1
+            if name[0] == "R":
+                if name not in told:
+                    unknown.append(name)
+                    continue
+                frequency = FDMA_L1 + FDMA_STEP * told[name]
             ratio2.append((atmosphere.L1 / frequency) ** 2)
+    if unknown:
+        raise ValueError(
+            f"no frequency channel is known of {', '.join(unknown)}: the orbits have none and the observation file's "
+            "GLONASS SLOT / FRQ # neither; take those of messages (`glonass_broadcast.Constellation.channels`)"
+        )
     return columns, members, np.array(clock, dtype=np.int64), np.array(ratio2)
 
 
@@ -133,21 +149,28 @@ def _at_transmission(
     """Positions, velocities (e, s, 3) in the axes of transmission, clock offsets (s) and rates (e, s) of satellites.
 
     The time of reception by the receiver's clock less the pseudorange is the time of transmission by the satellite's.
+    All nan where the satellite was not received, or the constellation does not know its place or its clock.
     """
-    position, velocity, offsets, drifts = [], [], [], []
+    position: list[np.ndarray] = []
+    velocity: list[np.ndarray] = []
+    offsets: list[np.ndarray] = []
+    drifts: list[np.ndarray] = []
     first = 0
     for constellation, chosen in zip(constellations, members, strict=True):
-        sent = time[:, None] - code[:, first : first + len(chosen)] / SPEED_OF_LIGHT
+        mine = code[:, first : first + len(chosen)]
         first += len(chosen)
+        # constellations are asked for all their satellites at finite times; what was asked in vain is taken out again
         whole = np.full((time.size, len(constellation.names)), time[:, None] - 0.075)
-        whole[:, chosen] = np.where(np.isfinite(sent), sent, whole[:, chosen])
-        offset, drift = constellation.clock(whole)
-        p, v = constellation.state(whole - np.nan_to_num(offset))
-        offset, drift = constellation.clock(whole - np.nan_to_num(offset))
-        position.append(p[:, chosen])
-        velocity.append(v[:, chosen])
-        offsets.append(offset[:, chosen])
-        drifts.append(drift[:, chosen])
+        whole[:, chosen] = np.where(np.isfinite(mine), time[:, None] - mine / SPEED_OF_LIGHT, whole[:, chosen])
+        offset, _ = constellation.clock(whole)
+        sent = whole - np.where(np.isfinite(offset), offset, 0.0)
+        p, v = constellation.state(sent)
+        lost = ~np.isfinite(offset[:, chosen]) | ~np.isfinite(mine)
+        offset, drift = constellation.clock(sent)
+        for out, values in ((position, p), (velocity, v), (offsets, offset), (drifts, drift)):
+            taken = values[:, chosen]
+            taken[lost] = np.nan
+            out.append(taken)
     return (
         np.concatenate(position, axis=1),
         np.concatenate(velocity, axis=1),

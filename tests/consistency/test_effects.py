@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from navsim.models import atmosphere
+from navsim.models import atmosphere, timescales
 from navsim.scenario.source import InputError
 from navsim.simulation.signals import build_signals
 from navsim.study import landing
@@ -49,8 +49,9 @@ def test_ionosphere_leaves_its_share() -> None:
     first = np.flatnonzero(seen[0])[0]
     llh = case(*BASE).world.at_filter.llh[1]
     model = atmosphere.klobuchar(
-        np.array(section.alpha), np.array(section.beta), 1536840001.0, llh, s.azimuth[0, first], s.elevation[0, first]
-    )
+        np.array(section.alpha), np.array(section.beta), float(timescales.gps_from_utc(1536840001.0)), llh,
+        s.azimuth[0, first], s.elevation[0, first],
+    )  # fmt: skip
     ratio2 = (atmosphere.L1 / (1602e6 + 0.5625e6 * 1)) ** 2
     assert s.names[first] == "R01"
     assert s.delay[0, first] == pytest.approx(0.5 * model * ratio2, rel=1e-6)

@@ -16,7 +16,7 @@ from navsim.scenario.optimize import Optimize
 from navsim.scenario.signals import Receiver
 from navsim.scenario.sky import CLOCKS
 from navsim.scenario.sweep import DOP_OUTPUTS, Sweep
-from navsim.study import landing, optimize
+from navsim.study import landing, objective
 from navsim.study.sweep import SweepStudy, plan
 from tests.helpers import SCENARIOS, case
 
@@ -93,7 +93,7 @@ def test_placement_path_equals_the_landing(
     if count and not corrected:
         area = "area: {s_m: [-500, 500], l1_m: [0, 5000]}\npseudolites: [1]\nobjective: pdop\n"
         path = study_of(folder, "optimize", f"set:\n{base}{area}", name)
-        here = optimize.problem(*read_study(path, Optimize, []))
+        here = objective.problem(*read_study(path, Optimize, []))
         sites = ecef_from_llh(flown.ground.llh)[None]
         dops, lost = here.geometry.dops(sites)
         sigmas, _ = here.geometry.fix_sigmas(sites)
@@ -113,7 +113,7 @@ def test_a_pseudolite_beside_the_rollout_is_refused_by_all(tmp_path: Path) -> No
     assert np.isnan(rows["pdop"][0])
     assert np.isfinite(rows["pdop"][1])
     text = "area: {s_m: [-500, 500], l1_m: [-900, 5000]}\npseudolites: [1]\nobjective: pdop\n"
-    here = optimize.problem(*read_study(study_of(tmp_path, "optimize", text), Optimize, []))
+    here = objective.problem(*read_study(study_of(tmp_path, "optimize", text), Optimize, []))
     near, far = here.rules.violation(np.array([[[1.0, -600.0]], [[100.0, -600.0]]]))
     assert 0.0 < near <= NEAREST
     assert far <= 0.0

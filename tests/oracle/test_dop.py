@@ -11,6 +11,7 @@ import pytest
 
 from navsim.core.dop import dops, geometry_covariance
 from navsim.io.almanac import read_agl
+from navsim.models import timescales
 from navsim.models.glonass import Almanac, Nominal
 from navsim.models.sky import unit_vector
 from tests.helpers import case, scenario
@@ -86,7 +87,7 @@ def test_glonass_almanac_of_the_icd(oracles: dict[str, Any]) -> None:
         period_rate=one(o["delta_T_dot"]),
     )
     moscow = (day + 1) * 86400.0 + 51300.0
-    position, velocity = almanac.state(one(moscow - 3 * 3600.0))
+    position, velocity = almanac.state(timescales.gps_from_utc(one(moscow - 3 * 3600.0)))
     np.testing.assert_allclose(position[0, 0], o["expect_pos_m"], atol=1e-3)
     np.testing.assert_allclose(velocity[0, 0], o["expect_vel_mps"], atol=1e-6)
 
@@ -96,7 +97,7 @@ def test_velocity_is_the_derivative_of_position(real: bool, request: pytest.Fixt
     constellation: Any = Nominal()
     if real:
         constellation = read_agl(request.getfixturevalue("shared") / "data/almanacs/MCCJ_180913.agl")
-    t = np.array([1536840000.0, 1536843333.0])
+    t = timescales.gps_from_utc(np.array([1536840000.0, 1536843333.0]))
     _, velocity = constellation.state(t)
     ahead, behind = (constellation.state(t + d)[0] for d in (0.5, -0.5))
     # the ICD's velocity leaves out the secular and short-period rates, 2e-5 of the speed
@@ -106,7 +107,7 @@ def test_velocity_is_the_derivative_of_position(real: bool, request: pytest.Fixt
 @pytest.mark.validates("nominal GLONASS: radius, inclination, planes, places", "GLONASS ICD 3.3.2", "1e-6 deg")
 def test_nominal_constellation_is_that_of_the_icd() -> None:
     """Radius, inclination, three planes 120 degrees apart, eight places 45 degrees apart, shifted by 15."""
-    t = np.array([1536840000.0])
+    t = timescales.gps_from_utc(np.array([1536840000.0]))
     position, velocity = Nominal().state(t)
     p = position[0]
     v = velocity[0] + 7.292115e-5 * np.stack([-p[:, 1], p[:, 0], 0 * p[:, 0]], axis=1)
@@ -129,7 +130,7 @@ def test_nominal_constellation_is_that_of_the_icd() -> None:
 def test_nominal_is_near_the_real_constellation(shared: Path) -> None:
     """On the day its phase was taken from, each slot within 15 degrees as seen from the Earth's centre."""
     almanac = read_agl(shared / "data/almanacs/MCCJ_180913.agl")
-    t = np.array([1536840000.0])
+    t = timescales.gps_from_utc(np.array([1536840000.0]))
     real, nominal = almanac.state(t)[0][0], Nominal().state(t)[0][0]
     angle = np.degrees(np.arccos(np.sum(real * nominal, axis=1) / np.linalg.norm(real, axis=1) / 25_508_000.0))
     assert np.median(angle) < 4.0

@@ -47,12 +47,13 @@ def noisy() -> Result:
     return flown()
 
 
-def rnx2rtkp(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (s of the first epoch's minute), ECEF positions, numbers of satellites by RTKLIB."""
+def rnx2rtkp(folder: Path, **options: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (s of the first epoch's minute), ECEF positions, numbers of satellites by RTKLIB; options: of its pos1."""
     program = shutil.which("rnx2rtkp")
     if program is None:
         pytest.skip("needs RTKLIB's rnx2rtkp (Debian package rtklib), which is not installed")
-    (folder / "rtk.conf").write_text(RTKLIB)
+    conf = dict(line.split("=") for line in RTKLIB.split()) | {f"pos1-{k}": v for k, v in options.items()}
+    (folder / "rtk.conf").write_text("".join(f"{key}={value}\n" for key, value in conf.items()))
     command = [program, "-k", "rtk.conf", "-o", "out.pos", "r.obs", "r.nav"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     table = np.loadtxt(folder / "out.pos", comments="%", ndmin=2)
@@ -78,6 +79,171 @@ def test_rtklib_finds_the_true_path(sky: str, tmp_path: Path) -> None:
     assert position.shape == truth.shape
     assert np.linalg.norm(position - truth, axis=1).max() < 0.05
     assert satellites.min() >= 5
+
+
+def header(path: Path, label: str) -> list[str]:
+    """Contents of the header's lines of a label."""
+    head = path.read_text().split("END OF HEADER")[0].splitlines()
+    return [line[:60].rstrip() for line in head if line[60:].strip() == label]
+
+
+def comments(folder: Path) -> str:
+    """What the comments say, the same in both files."""
+    said = [" ".join(header(folder / name, "COMMENT")) for name in ("r.obs", "r.nav")]
+    assert said[0] == said[1]
+    return said[0]
+
+
+LEAP = ("epoch=2016-12-31T23:59:30.25Z", "duration_s=60")
+
+
+@pytest.fixture(scope="module")
+def leaping() -> Result:
+    return flown(*LEAP, *EXACT)
+
+
+@pytest.mark.validates(
+    "Exported RINEX of GPS and GLONASS through the leap second of 2016", "RTKLIB rnx2rtkp 2.4.3",
+    "0.05 m at every epoch, 23:59:60 too",
+)  # fmt: skip
+def test_rtklib_follows_through_a_leap_second(leaping: Result, tmp_path: Path) -> None:
+    export(leaping, tmp_path / "r.h5", ["rinex"])
+    _, position, satellites = rnx2rtkp(tmp_path)
+    truth = antenna(leaping)
+    assert position.shape == truth.shape
+    assert np.linalg.norm(position - truth, axis=1).max() < 0.05
+    assert satellites.min() >= 10
+    # 17 s now, 18 s after the seventh day of GPS week 1929
+    for name in ("r.obs", "r.nav"):
+        assert header(tmp_path / name, "LEAP SECONDS") == ["    17    18  1929     7"]
+    vectors = read_nav(tmp_path / "r.nav").glonass
+    assert vectors is not None
+    assert set(vectors.time % 1800.0) == {0.0}
+    # a message's frame is told in seconds of the week of UTC; 2017-01-01 was a Sunday
+    first = [line[61:80] for line in (tmp_path / "r.nav").read_text().splitlines() if line.startswith("R")]
+    assert {float(x.replace("D", "E")) % 1800.0 for x in first} == {0.0}
+    assert float(first[0].replace("D", "E")) in (0.0, 603000.0)
+
+
+def test_nmea_has_the_leap_second(leaping: Result, tmp_path: Path) -> None:
+    export(leaping, tmp_path / "r.h5", ["nmea"])
+    said = [line.split(",") for line in (tmp_path / "r.nmea").read_text().splitlines() if line.startswith("$GPRMC")]
+    assert [(x[1], x[9]) for x in said[57:64]] == [
+        ("235959.25", "311216"), ("235959.75", "311216"), ("235960.25", "311216"), ("235960.75", "311216"),
+        ("000000.25", "010117"), ("000000.75", "010117"), ("000001.25", "010117"),
+    ]  # fmt: skip
+
+
+def test_our_reader_gives_no_fix_of_a_leap_second_another_time(leaping: Result, tmp_path: Path) -> None:
+    export(leaping, tmp_path / "r.h5", ["nmea"])
+    fixes, dropped = read_fixes(tmp_path / "r.nmea")
+    ours = ecef_from_llh(leaping["/receiver/position_llh"][0])
+    since = leaping["/geometry/time"] + 0.25  # of 23:59:30
+    inside = (since >= 30.0) & (since < 31.0)
+    np.testing.assert_allclose(ecef_from_llh(fixes.llh), ours[~inside], atol=2e-3)
+    posix = since[~inside] - (since[~inside] >= 31.0)
+    np.testing.assert_allclose(fixes.time - fixes.time[0], posix - posix[0], atol=1e-6)
+    assert dropped.counts == {"NMEA sentences without a time of day (a leap second has none)": 4}
+
+
+def test_fractions_of_the_epoch_are_kept(leaping: Result, tmp_path: Path) -> None:
+    assert leaping.attributes["epoch"] == "2016-12-31T23:59:30.25Z"
+    export(leaping, tmp_path / "r.h5", ["rinex"])
+    first = header(tmp_path / "r.obs", "TIME OF FIRST OBS")[0].split()
+    # GPS time is 17 s ahead, the receiver's clock 100 us, the first fix after half a second
+    assert first == ["2016", "12", "31", "23", "59", "47.7501000", "GPS"]
+
+
+ALPHA = "alpha: [2.0e-8, 1.5e-8, -1.2e-7, -6.0e-8], beta: [1.2e5, 3.3e4, -2.6e5, -6.6e4]"
+
+
+@pytest.mark.validates(
+    "Exported RINEX with ionosphere and troposphere", "RTKLIB rnx2rtkp 2.4.3: broadcast ionosphere, MOPS troposphere",
+    "0.1 m at every epoch, either and both",
+)  # fmt: skip
+@pytest.mark.parametrize("air", ["ionosphere", "troposphere", "both"])
+def test_rtklib_takes_the_atmosphere_off(air: str, tmp_path: Path) -> None:
+    iono = f"signals.ionosphere={{{ALPHA}, truth_scale: 1.0, corrected: false}}"
+    tropo = "signals.troposphere={truth_scale: 1.0, correction: none}"
+    wanted = {"ionosphere": (iono,), "troposphere": (tropo,), "both": (iono, tropo)}[air]
+    result = flown(*EXACT, *wanted, "sky.mask_deg=15", "duration_s=30")
+    export(result, tmp_path / "r.h5", ["rinex"])
+    truth = antenna(result)
+    bare = np.linalg.norm(rnx2rtkp(tmp_path)[1] - truth, axis=1)
+    options = {"ionosphere": {"ionoopt": "brdc"}, "troposphere": {"tropopt": "sbas"}}
+    chosen = {k: v for name in options if air in (name, "both") for k, v in options[name].items()}
+    corrected = np.linalg.norm(rnx2rtkp(tmp_path, **chosen)[1] - truth, axis=1)
+    assert bare.min() > 2.0
+    assert corrected.size == truth.shape[0]
+    assert corrected.max() < 0.1
+    alpha_beta = read_nav(tmp_path / "r.nav").klobuchar
+    if air == "troposphere":
+        assert alpha_beta is None
+        assert not header(tmp_path / "r.nav", "IONOSPHERIC CORR")
+    else:
+        assert header(tmp_path / "r.nav", "IONOSPHERIC CORR") == [
+            "GPSA   2.0000D-08  1.5000D-08 -1.2000D-07 -6.0000D-08",
+            "GPSB   1.2000D+05  3.3000D+04 -2.6000D+05 -6.6000D+04",
+        ]
+        assert alpha_beta is not None
+        np.testing.assert_allclose(alpha_beta[1], [1.2e5, 3.3e4, -2.6e5, -6.6e4])
+
+
+@pytest.mark.parametrize(
+    ("keys", "said", "not_said"),
+    [
+        ((), ["no ionosphere", "no troposphere"], ["residual", "GLONASS time", "smoothed", "errors of the messages"]),
+        (
+            ("signals.ionosphere={truth_scale: 1.25, corrected: false}", "signals.troposphere={correction: none}"),
+            ["1.25 times Klobuchar's delay alpha 1.1176e-08",
+             "1.02 times the climatology of DO-229 with Niell's mapping"],
+            ["residual", "no ionosphere", "no troposphere"],
+        ),
+        (
+            ("signals.ionosphere={truth_scale: 1.5}", "signals.troposphere={}", "signals.ephemeris={}"),
+            ["1.5 times Klobuchar's delay less the model: only a residual is in, correct no more",
+             "Niell's mapping less Saastamoinen's model: only a residual is in, correct no more",
+             "orbits 0.3, 1, 0.7 m (radial, along, across), clocks 1 m, 1 sigma"],
+            ["no ionosphere", "no troposphere"],
+        ),
+        (
+            ("signals.ionosphere={corrected: false}", "pseudolites.differential={latency_s: 2}",
+             "receiver.smoothing_s=60", "signals.gps_offset_ns=-25"),
+            ["differential corrections, 2 s old, are applied: of all these only a residual is in, correct no more",
+             "code smoothed by the carrier, memory 60 s", "GPS time less GLONASS time: -25 ns"],
+            ["no ionosphere"],
+        ),
+    ],
+)  # fmt: skip
+def test_rinex_says_what_is_in_the_pseudoranges(
+    keys: tuple[str, ...], said: list[str], not_said: list[str], tmp_path: Path
+) -> None:
+    """And gives coefficients only to those who still have to correct."""
+    export(flown("duration_s=3", *keys), tmp_path / "r.h5", ["rinex"])
+    text = comments(tmp_path)
+    assert all(x in text for x in said), text
+    assert not any(x in text for x in not_said), text
+    whole = "residual" not in text and "no ionosphere" not in text
+    assert bool(header(tmp_path / "r.nav", "IONOSPHERIC CORR")) == whole
+    offset = "-2.5000000000D-08" if "signals.gps_offset_ns=-25" in keys else " 0.0000000000D+00"
+    # 2018-09-13 12:00 UTC is second 388818 of GPS week 2018
+    assert header(tmp_path / "r.nav", "TIME SYSTEM CORR") == [f"GLGP {offset} 0.000000000D+00 388818 2018"]
+
+
+def test_the_offset_between_systems_is_in_the_pseudoranges(tmp_path: Path) -> None:
+    export(flown(*EXACT, "duration_s=3", "signals.gps_offset_ns=100"), tmp_path / "r.h5", ["rinex"])
+    navigation = read_nav(tmp_path / "r.nav")
+    assert navigation.gps is not None
+    assert navigation.glonass is not None
+    known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
+    found = solve(read_obs(tmp_path / "r.obs"), known, Settings(mask=0.0, troposphere=False))
+    # a receiver's clock is by so much less ahead of the time scale that is ahead itself
+    np.testing.assert_allclose(found.clocks[:, 0] - found.clocks[:, 1], 299792458.0 * 100e-9, atol=0.05)
+
+
+def test_one_system_has_no_offset_between_systems(tmp_path: Path) -> None:
+    export(flown("duration_s=3", sky="nominal-gps"), tmp_path / "r.h5", ["rinex"])
+    assert not header(tmp_path / "r.nav", "TIME SYSTEM CORR")
 
 
 @pytest.mark.validates(
@@ -202,6 +368,9 @@ def test_what_cannot_be_exported_is_said(noisy: Result, tmp_path: Path) -> None:
         export(flat, tmp_path / "r.h5", ["rinex"])
     with pytest.raises(ResultError, match="cannot be written"):
         export(noisy, tmp_path / "missing" / "r.h5", ["csv"])
+    short = flown("duration_s=0.4", sky="nominal-gps")
+    with pytest.raises(ResultError, match="shorter than one fix interval"):
+        export(short, tmp_path / "r.h5", ["rinex"])
     assert not list(tmp_path.iterdir())
 
 

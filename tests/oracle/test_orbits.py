@@ -134,7 +134,7 @@ def test_velocity_is_the_rate_of_position(make: str, shared: Path) -> None:
         "glonass": lambda: Glonass(navigation.glonass),
         "precise": lambda: read_sp3(shared / PRECISE).of("G", "gps"),
     }[make]()
-    t = timescales.posix(2020, 6, 25, 11, 52) + np.arange(0.0, 400.0, 40.0)
+    t = timescales.gps_from_utc(timescales.posix(2020, 6, 25, 11, 52)) + np.arange(0.0, 400.0, 40.0)
     velocity = constellation.state(t)[1]
     h = 0.5
     numeric = (constellation.state(t + h)[0] - constellation.state(t - h)[0]) / (2 * h)
@@ -153,7 +153,7 @@ def test_trimble_dops(oracles: dict[str, Any], shared: Path) -> None:
     for c in entry["cases"]:
         utc = datetime.datetime.fromisoformat(c["utc"] + "+00:00").timestamp()
         almanac = read_almanac(shared / "data/almanacs/gps_yuma_20160331.alm", utc)
-        position, _ = satellites_at_reception(almanac, np.array([utc]), here[None])
+        position, _ = satellites_at_reception(almanac, timescales.gps_from_utc(np.array([utc])), here[None])
         away = position - here
         los = np.einsum("ij,mnj->mni", enu_matrix(site), away / np.linalg.norm(away, axis=2, keepdims=True))
         azimuth, elevation = azimuth_elevation(los)
@@ -172,8 +172,9 @@ def test_gps_almanacs_of_neighbouring_weeks_agree(shared: Path) -> None:
     utc = timescales.posix(2018, 9, 13)
     old, new = (read_almanac(shared / f"data/almanacs/MCCJ_{d}.agp", utc) for d in ("180901", "180913"))
     common = [n for n in old.names if n in new.names]
-    a = old.state(np.array([utc]))[0][0][[old.names.index(n) for n in common]]
-    b = new.state(np.array([utc]))[0][0][[new.names.index(n) for n in common]]
+    gpst = timescales.gps_from_utc(np.array([utc]))
+    a = old.state(gpst)[0][0][[old.names.index(n) for n in common]]
+    b = new.state(gpst)[0][0][[new.names.index(n) for n in common]]
     assert len(common) > 28
     assert np.median(np.linalg.norm(a - b, axis=1)) < 2e4  # twelve days apart: a twentieth of a degree
 
@@ -183,8 +184,9 @@ def test_sem_and_yuma_of_neighbouring_weeks_agree(shared: Path) -> None:
     sem = read_almanac(shared / "data/almanacs/gps_sem_current.al3", utc)
     yuma = read_almanac(shared / "data/almanacs/gps_yuma_20160331.alm", utc)
     common = [n for n in sem.names if n in yuma.names]
-    a = sem.state(np.array([utc]))[0][0][[sem.names.index(n) for n in common]]
-    b = yuma.state(np.array([utc]))[0][0][[yuma.names.index(n) for n in common]]
+    gpst = timescales.gps_from_utc(np.array([utc]))
+    a = sem.state(gpst)[0][0][[sem.names.index(n) for n in common]]
+    b = yuma.state(gpst)[0][0][[yuma.names.index(n) for n in common]]
     assert len(common) > 28
     assert np.nanmedian(np.linalg.norm(a - b, axis=1)) < 5e4  # four weeks apart; one satellite is unhealthy
 
@@ -197,12 +199,13 @@ def test_simulated_messages_follow_their_constellation() -> None:
     records = messages(shape, start, start + 7200.0)
     assert np.all(records.time % 1800.0 == 0.0)
     ours = Glonass(records)
-    t = start + np.arange(0.0, 7200.0, 300.0)
+    t = timescales.gps_from_utc(start + np.arange(0.0, 7200.0, 300.0))
     position, _ = ours.state(t)
     error = np.linalg.norm(position - shape.state(t)[0], axis=2)
     assert np.isfinite(error).all()
     assert error.max() < 400.0  # the nominal circles have no J2 in their plane
-    exact = np.linalg.norm(ours.state(np.array([records.time[0]]))[0] - shape.state(records.time[:1])[0], axis=2)
+    first = timescales.gps_from_utc(records.time[:1])
+    exact = np.linalg.norm(ours.state(first)[0] - shape.state(first)[0], axis=2)
     assert exact.max() < 1e-6
 
 
@@ -216,6 +219,44 @@ def test_leap_seconds() -> None:
     np.testing.assert_allclose(timescales.utc_from_gps(timescales.gps_from_utc(utc)), utc, rtol=0.0, atol=1e-6)
     assert timescales.full_week(866, timescales.posix(2016, 3, 31)) == 1890
     assert timescales.full_week(38, timescales.posix(2020, 1, 1)) == 2086
+
+
+def test_the_leap_second_of_2016_has_a_date_of_its_own() -> None:
+    before = float(timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 59.0)))
+    last, first = datetime.date(2016, 12, 31), datetime.date(2017, 1, 1)
+    wanted = [
+        (last, 23, 59, 59.0),
+        (last, 23, 59, 59.5),
+        (last, 23, 59, 60.0),
+        (last, 23, 59, 60.5),
+        (first, 0, 0, 0.0),
+    ]
+    assert [timescales.utc_calendar(before + 0.5 * k) for k in range(5)] == wanted
+    assert timescales.gps_from_utc(timescales.posix(2017, 1, 1)) - before == 2.0
+
+
+@pytest.mark.validates("Leap seconds as GPS announces them", "IERS Bulletin C 52; GPS week 1929, day 7", "exact")
+@pytest.mark.parametrize(
+    ("date", "wanted"),
+    [
+        ((2016, 6, 1), (17, (17, 1851, 3))),  # the last one was at the end of 2015-06-30, a Tuesday
+        ((2016, 12, 31, 23, 59, 59.0), (17, (18, 1929, 7))),
+        ((2017, 1, 1), (18, (18, 1929, 7))),
+        ((2024, 5, 5), (18, (18, 1929, 7))),
+    ],
+)
+def test_announced_leap_seconds(date: tuple[int, ...], wanted: tuple[int, tuple[int, int, int]]) -> None:
+    assert timescales.announced_leap_second(float(timescales.gps_from_utc(timescales.posix(*date)))) == wanted
+
+
+def test_almanacs_and_the_nominal_sky_move_on_in_a_leap_second(shared: Path) -> None:
+    """A satellite flies its 3.9 km in it as in any other."""
+    t = timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 58.0)) + np.arange(0.0, 5.0)
+    # the almanac's own time is three months later: behind the leap second
+    almanac = read_almanac(shared / "data/almanacs/MCCJ_170404.agl", timescales.posix(2017, 4, 4))
+    for constellation in (almanac, glonass.Nominal(), gps.nominal(timescales.posix(2016, 12, 31))):
+        position, velocity = constellation.state(t)
+        np.testing.assert_allclose(np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1]), atol=0.5)
 
 
 @pytest.mark.validates(
@@ -241,7 +282,7 @@ def test_two_line_elements(tmp_path: Path) -> None:
     constellation = read_almanac(path, 0.0)
     assert constellation.names == ("T00005",)
     utc = float(constellation.epochs[0])
-    ours = constellation.state(np.array([utc]))[0][0, 0]
+    ours = constellation.state(timescales.gps_from_utc(np.array([utc])))[0][0, 0]
     published = 1e3 * np.array([7022.46529266, -1400.08296755, 0.03995155])
     assert np.linalg.norm(ours) == pytest.approx(np.linalg.norm(published), abs=1.0)
     assert ours[2] == pytest.approx(published[2], abs=1.0)

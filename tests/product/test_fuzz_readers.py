@@ -37,7 +37,10 @@ NAMES = ("G01", "G02", "G03", "R01", "R02")
 def nav_text() -> str:
     elements = gps.nominal(UTC).records.take(np.arange(3))
     vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
-    return "\n".join(rinex_write.navigation_lines(elements, vectors, ["fuzz"], "made")) + "\n"
+    lines = rinex_write.navigation_lines(
+        elements, vectors, ["fuzz"], "made", at=float(elements.toe[0]), klobuchar=([1e-8] * 4, [1e5] * 4)
+    )
+    return "\n".join(lines) + "\n"
 
 
 def obs_text() -> str:
@@ -188,7 +191,7 @@ def sane(found: Any) -> None:
                 if isinstance(inner, np.ndarray) and inner.dtype.kind == "f":
                     assert not np.isinf(inner).any()
     if isinstance(found, gps.Constellation | glonass.Almanac):
-        radius = np.linalg.norm(found.state(np.array([UTC]))[0], axis=2)
+        radius = np.linalg.norm(found.state(timescales.gps_from_utc(np.array([UTC])))[0], axis=2)
         assert np.all(np.isnan(radius) | ((radius > 1.2e7) & (radius < 8e7)))
 
 

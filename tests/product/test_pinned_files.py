@@ -12,7 +12,7 @@ from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
 from navsim.scenario.sweep import Sweep
-from navsim.study import optimize
+from navsim.study import objective, optimize
 from navsim.study.ensemble import PartialError
 from navsim.study.sweep import SweepStudy, compute, partial_key, plan, sweep_result
 from tests.helpers import SCENARIOS
@@ -101,11 +101,11 @@ def test_the_keep_out_file_is_pinned(tmp_path: Path) -> None:
     )
     path = tmp_path / "study.yaml"
     path.write_text(text)
-    here = optimize.problem(*read_study(path, Optimize, []))
-    stored = optimize.optimize_result(here, optimize.search(here, 1), 1).attributes["study"]
+    here = objective.problem(*read_study(path, Optimize, []))
+    stored = optimize.optimize_result(here, optimize.solve(here, 1), 1).attributes["study"]
     assert f"keep_out_sha256: {checksum}" in str(stored)
     path.write_text(text + f"  keep_out_sha256: {'f' * 64}\n")
     with pytest.raises(InputError, match=f"keep.json has the checksum {checksum}, not this one"):
-        optimize.problem(*read_study(path, Optimize, []))
+        objective.problem(*read_study(path, Optimize, []))
     path.write_text(text + f"  keep_out_sha256: {checksum}\n")
-    optimize.problem(*read_study(path, Optimize, []))
+    objective.problem(*read_study(path, Optimize, []))

@@ -41,7 +41,7 @@ def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
     elements = gps.nominal(UTC).records.take(np.arange(4))
     elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0)
     vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(4))
-    lines = rinex_write.navigation_lines(elements, vectors, [], "made")
+    lines = rinex_write.navigation_lines(elements, vectors, [], "made", at=float(elements.toe[0]))
     (tmp_path / "three").write_text("\n".join(lines) + "\n")
     new = read_nav(tmp_path / "three")
     for letter in "GR":
@@ -62,7 +62,7 @@ def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
 def test_five_line_glonass_records(tmp_path: Path) -> None:
     """Version 3.05 adds a line to each GLONASS record."""
     vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
-    lines = rinex_write.navigation_lines(None, vectors, [], "made")
+    lines = rinex_write.navigation_lines(None, vectors, [], "made", at=float(timescales.gps_from_utc(UTC)))
     body = lines.index(next(x for x in lines if "END OF HEADER" in x)) + 1
     longer = lines[:body]
     for k in range(body, len(lines), 4):
@@ -103,6 +103,23 @@ def test_rinex_2_observations_of_many_satellites(tmp_path: Path) -> None:
     assert found.lost_lock["L1"].any() == np.False_ or found.lost_lock["L1"].all()
 
 
+def test_observations_in_glonass_time_have_the_leap_second(tmp_path: Path) -> None:
+    """23:59:60 is a second of its own where a file counts UTC."""
+    text = [
+        f"{'     3.04           OBSERVATION DATA    R: GLONASS':60s}RINEX VERSION / TYPE",
+        f"{'R    1 C1C':60s}SYS / # / OBS TYPES",
+        f"{'  2016    12    31    23    59   59.0000000     GLO':60s}TIME OF FIRST OBS",
+        f"{'':60s}END OF HEADER",
+    ]
+    for date in ("2016 12 31 23 59 59.0000000", "2016 12 31 23 59 60.0000000", "2016 12 31 23 59 60.5000000",
+                 "2017 01 01 00 00  0.0000000"):  # fmt: skip
+        text += [f"> {date}  0  1", f"R01{2.2e7:14.3f}"]
+    (tmp_path / "obs").write_text("\n".join(text) + "\n")
+    time = read_obs(tmp_path / "obs").time
+    np.testing.assert_array_equal(np.diff(time), [1.0, 0.5, 0.5])
+    assert time[0] == timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 59.0))
+
+
 @pytest.mark.parametrize("version", "abcd")
 def test_versions_of_sp3(version: str, tmp_path: Path) -> None:
     name = "  1" if version == "a" else "G01"
@@ -114,7 +131,7 @@ def test_versions_of_sp3(version: str, tmp_path: Path) -> None:
     assert found.names == ("G01",)
     np.testing.assert_allclose(found.position[0, 0], [15e6, 12e6, 18e6])
     assert found.offset[0, 0] == pytest.approx(12.5e-6)
-    assert found.time[0] == UTC - 18.0
+    assert found.time[0] == timescales.posix(2018, 9, 13, 12) - timescales.GPS_EPOCH  # the file counts GPS time
 
 
 def test_versions_not_read_are_named(tmp_path: Path) -> None:

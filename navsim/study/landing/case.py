@@ -40,6 +40,7 @@ from navsim.study.statistics import gate_limits
 FOOT = 0.3048
 DECISION_HEIGHTS_FT = (0, 50, 100, 200)
 PERCENTILES = (50, 95, 99)
+_ROUGH = 50
 RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
 
@@ -203,20 +204,9 @@ def prepare(scenario: Landing, document: Document) -> Case:
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     sources, scenario, warnings = environment(scenario, document, trajectory)
-    receiver = scenario.receiver
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
-    world = build_world(
-        trajectory,
-        sources,
-        utc=scenario.epoch.timestamp(),
-        duration=scenario.duration_s,
-        imu_rate=scenario.imu.rate_hz,
-        fix_rate=receiver.rate_hz,
-        latency=receiver.latency_s,
-        clock_offset=receiver.clock_offset_us * 1e-6,
-        clock_drift=receiver.clock_drift_ppb * 1e-9,
-    )
+    world = world_of(scenario, trajectory, sources)
     touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
     if touchdown > scenario.duration_s:
         warnings.append(
@@ -233,6 +223,22 @@ def prepare(scenario: Landing, document: Document) -> Case:
         truth_accel,
         _settings(scenario, truth_gyro, truth_accel),
         warnings,
+    )
+
+
+def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
+    """What all runs of a scenario share, by its duration, rates and receiver."""
+    receiver = scenario.receiver
+    return build_world(
+        trajectory,
+        sources,
+        utc=scenario.epoch.timestamp(),
+        duration=scenario.duration_s,
+        imu_rate=scenario.imu.rate_hz,
+        fix_rate=receiver.rate_hz,
+        latency=receiver.latency_s,
+        clock_offset=receiver.clock_offset_us * 1e-6,
+        clock_drift=receiver.clock_drift_ppb * 1e-9,
     )
 
 
@@ -349,11 +355,14 @@ def crossing_times(case: Case) -> list[float]:
     path = case.trajectory.path
     touchdown = path.events.get(TOUCHDOWN, math.inf)
     fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
-    height = -path.jet(fine)[:, 0, 2]
+    # the last moment above a height is sought among every 50th, then among those that follow it
+    rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
     times = []
     for feet in DECISION_HEIGHTS_FT:
-        above = np.flatnonzero(height >= feet * FOOT)
-        crossed = above.size and above[-1] < fine.size - 1
-        when = touchdown if feet == 0 else (float(fine[above[-1]]) if crossed else math.nan)
+        last = np.flatnonzero(rough >= feet * FOOT)[-1:] * _ROUGH
+        near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
+        above = near[-path.jet(near)[:, 0, 2] >= feet * FOOT]
+        crossed = above.size and above[-1] < fine[-1]
+        when = touchdown if feet == 0 else (float(above[-1]) if crossed else math.nan)
         times.append(when if when <= case.world.filter_time[-1] + 1e-9 else math.nan)
     return times

@@ -13,14 +13,11 @@ from navsim.io.almanac import read_almanac
 from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
-from navsim.models import glonass, glonass_broadcast, gps
+from navsim.models import glonass, glonass_broadcast, gps, timescales, tle
 from navsim.scenario.landing import Landing
-from navsim.scenario.sky import CLOCKS, LENIENT, SOURCES_FROM_FILES
+from navsim.scenario.sky import CLOCKS, LENIENT, SOURCES_FROM_FILES, SYSTEMS, Sky
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation.signals import Satellites
-
-_LETTERS = {"R": "glonass"}
-"""Systems by the first letter of a satellite's name; all others keep GPS time."""
 
 
 def read_satellites(
@@ -43,6 +40,10 @@ def read_satellites(
         for name in getattr(sky, key):
             constellations += files.read(name, _READERS[key], utc, warnings)
         scenario = files.with_checksums()
+        if not constellations:
+            where = document.place(("sky", key))
+            message = f"no satellite of {' or '.join(SYSTEMS)}{''.join(f'; {w}' for w in warnings)}"
+            raise InputError([Problem(where, f"sky.{key}", message)])
     if sky.systems:
         constellations = [c for c in constellations if c.system in sky.systems]
         if not constellations:
@@ -50,9 +51,10 @@ def read_satellites(
             message = f"`source: {key}` has no satellite of {', '.join(sky.systems)}"
             raise InputError([Problem(where, "sky.systems", message)])
     if key == "almanac":
-        _warn_of_age(sky.almanac_warning_days, constellations, utc, warnings)
+        _warn_of_age(sky.almanac_warning_days, constellations, float(timescales.gps_from_utc(utc)), warnings)
     if sky.broadcast:
-        constellations = [_as_broadcast(c, utc, utc + scenario.duration_s) for c in constellations]
+        last = float(timescales.utc_from_gps(timescales.gps_from_utc(utc) + scenario.duration_s))
+        constellations = [_as_broadcast(c, utc, last) for c in constellations]
     groups = tuple(_group(scenario, document, c, warnings) for c in constellations)
     names = [name for group in groups for name in group.names]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -62,30 +64,53 @@ def read_satellites(
     return groups, scenario
 
 
-_Read = tuple[list[Any], tuple[str, ...]]
+_Read = tuple[list[Any], list[str]]
 """Constellations of a file, and what the user should hear of it."""
 
 
-def _read_almanac(path: Path, utc: float, lenient: bool) -> _Read:
-    return [read_almanac(path, utc)], ()
+def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
+    found = read_almanac(path, utc)
+    return _split(found, sky.almanac_system) if isinstance(found, tle.Constellation) else ([found], [])
 
 
-def _read_navigation(path: Path, utc: float, lenient: bool) -> _Read:
-    found = read_nav(path, lenient)
+def _split(elements: tle.Constellation, told: str | None) -> _Read:
+    """Two-line elements by system, with warnings of those that are not used; told: the system of those without names.
+
+    Raises FileError where nothing tells the system.
+    """
+    if tle.UNTITLED in elements.systems and told is None:
+        count = elements.systems.count(tle.UNTITLED)
+        raise FileError(
+            0,
+            f"{count} of its two-line elements have no names, which would tell their systems; give "
+            f"sky.almanac_system ({' or '.join(SYSTEMS)}), or a file with names",
+        )
+    said = []
+    for system in dict.fromkeys(elements.systems):
+        if system not in (*SYSTEMS, tle.UNTITLED):
+            titles = ", ".join(t for t, s in zip(elements.titles, elements.systems, strict=True) if s == system)
+            why = "of no known system" if system == tle.UNKNOWN else f"of {system}, which navsim does not model"
+            said.append(f"not used, {why}: {titles}")
+    parts = [elements.of(system, *([tle.UNTITLED] if system == told else [])) for system in SYSTEMS]
+    return [part for part in parts if part.names], said
+
+
+def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
+    found = read_nav(path, sky.lenient)
     out: list[Any] = []
     if found.glonass is not None:
         out.append(glonass_broadcast.Constellation(found.glonass))
     if found.gps is not None:
         out.append(gps.Constellation(found.gps))
-    return out, found.left_out
+    return out, list(found.left_out)
 
 
-def _read_orbits(path: Path, utc: float, lenient: bool) -> _Read:
-    table = read_sp3(path, lenient)
-    return [o for o in (table.of("R", "glonass"), table.of("G", "gps")) if o.names], table.left_out
+def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
+    table = read_sp3(path, sky.lenient)
+    return [o for o in (table.of("R", "glonass"), table.of("G", "gps")) if o.names], list(table.left_out)
 
 
-_READERS: dict[str, Callable[[Path, float, bool], _Read]] = {
+_READERS: dict[str, Callable[[Path, float, Sky], _Read]] = {
     "almanac": _read_almanac,
     "navigation": _read_navigation,
     "orbits": _read_orbits,
@@ -101,13 +126,13 @@ class _Files:
         self.found: list[str] = []
 
     def read(
-        self, name: str, reader: Callable[[Path, float, bool], _Read], utc: float, warnings: list[str]
+        self, name: str, reader: Callable[[Path, float, Sky], _Read], utc: float, warnings: list[str]
     ) -> list[Any]:
         place = ("sky", self.key)
         path = self.document.resolve(place, name)
         try:
             checksum = hashlib.sha256(path.read_bytes()).hexdigest()
-            constellations, remarks = reader(path, utc, self.scenario.sky.lenient)
+            constellations, remarks = reader(path, utc, self.scenario.sky)
         except FileError as error:
             curable = error.salvageable and self.key in LENIENT
             cure = "; `sky.lenient: true` takes what is whole" if curable else ""
@@ -133,9 +158,9 @@ class _Files:
         return InputError([Problem(Place(str(path), line, 1), f"sky.{self.key}", f"{message} (named at {named})")])
 
 
-def _warn_of_age(limit_days: float, constellations: list[Any], utc: float, warnings: list[str]) -> None:
+def _warn_of_age(limit_days: float, constellations: list[Any], gpst: float, warnings: list[str]) -> None:
     for constellation in constellations:
-        age = constellation.age(utc) / 86400.0
+        age = constellation.age(gpst) / 86400.0
         if age > limit_days:
             warnings.append(
                 f"the {constellation.system} almanac is {age:.0f} days away from the epoch; satellite positions may be "
@@ -159,8 +184,8 @@ def _group(scenario: Landing, document: Document, constellation: Any, warnings: 
     healthy = np.ones(len(names), dtype=bool)
     if hasattr(constellation, "healthy") and not sky.use_unhealthy:
         healthy = constellation.healthy
-    utc = scenario.epoch.timestamp()
-    ends = constellation.state(np.array([utc, utc + scenario.duration_s]))[0]
+    start = float(timescales.gps_from_utc(scenario.epoch.timestamp()))
+    ends = constellation.state(np.array([start, start + scenario.duration_s]))[0]
     known = np.isfinite(ends[..., 0]).any(axis=0)
     if not known.any():
         where = document.place(("sky", sky.source))
@@ -173,5 +198,5 @@ def _group(scenario: Landing, document: Document, constellation: Any, warnings: 
             out = ", ".join(n for n, g in zip(names, good, strict=True) if not g)
             warnings.append(f"not used, {why}: {out}")
     chosen = healthy & known & np.array([name not in sky.exclude for name in names])
-    clock = np.array([CLOCKS.index(_LETTERS.get(name[0], "gps")) for name in names])
+    clock = np.full(len(names), CLOCKS.index(constellation.system))
     return Satellites(constellation, names, clock, chosen)

@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.io.results import Result, Variable
-from navsim.models import glonass, glonass_broadcast, gps
+from navsim.models import glonass, glonass_broadcast, gps, timescales
 from navsim.scenario.sky import CLOCKS
 from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, on_glide
 from navsim.study.root import root_attributes
@@ -90,13 +90,14 @@ def _geometry(v: dict[str, Variable], case: Case) -> None:
 
 def _navigation(v: dict[str, Variable], case: Case) -> None:
     """The messages the satellites flew by, or would have sent: what an export to RINEX needs."""
-    time = case.scenario.epoch.timestamp() + case.world.signals.time
+    time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
     for group in case.environment.satellites:
         constellation = group.constellation
         exact = not isinstance(constellation, (glonass.Almanac, glonass.Nominal))
         if not exact:
-            sent = glonass_broadcast.messages(constellation, time[0], time[-1]) if time.size else None
-            records: Any = sent
+            records: Any = None
+            if time.size:
+                records = glonass_broadcast.messages(constellation, *timescales.utc_from_gps(time[[0, -1]]))
         elif isinstance(constellation, (gps.Constellation, glonass_broadcast.Constellation)):
             used = constellation.chosen(np.repeat(time[:, None], len(group.names), axis=1))
             records = constellation.records.take(np.unique(used[used >= 0]))

@@ -1,0 +1,601 @@
+"""The search for the best placement of one number of pseudolites.
+
+Objectives of geometry, anywhere in an area: differential evolution [1] (scipy's, whole populations at once through the
+geometry kernel) from several independent starts and from the best place for one more beside the pseudolites found
+before; each is finished by Nelder-Mead down to centimetres. Placements that break a rule rank behind all that keep
+them, by how much they break it [2], so the answer keeps them all. A list of sites: every choice where there are few
+enough, else the best of many greedy choices improved by exchanges.
+
+Errors of the filter: the accuracy of fixes over parts of the approach, which costs microseconds, says most of what the
+filter will make of a placement. A surrogate [3], linear in its logarithms with a Gaussian process on top, learns the
+rest from coarse covariance analyses; round by round, the placements it holds best are analysed and it learns anew. The
+best are then judged by the full analysis, which alone decides.
+
+Sources: [1] Storn & Price, J. Global Optimization 11 (1997). [2] Deb, An efficient constraint handling method for
+genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186 (2000). [3] Jones, Schonlau & Welch, Efficient global
+optimization of expensive black-box functions, J. Global Optimization 13 (1998).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.study.objective import BROKEN, UNSOLVED, Judge, Problem
+from navsim.study.watch import Step, Watch
+
+if TYPE_CHECKING:
+    from scipy.optimize import Bounds
+
+ALL_CHOICES = 2_000_000
+"""Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_FLOWN."""
+ALL_FLOWN = 50
+GEOMETRY, COARSE, FULL = "geometry", "coarse", "full"
+"""Ways of judging a placement: by the geometry kernel, by coarse and by full covariance analysis."""
+_CHUNK = 65_536
+_POPULATION, _GENERATIONS = 30, 400
+"""Of differential evolution by an objective of geometry: members a coordinate, generations at most."""
+_FINISHING = (100.0, 10.0, 1.0)
+"""Sizes of the simplices of Nelder-Mead, m, and evaluations a coordinate with each."""
+_FINISHING_TRIES = 200
+_MORE = 4000
+"""Places tried for one more beside the pseudolites found before."""
+_SINGLES, _POOL = 4096, 3000
+"""Places for one pseudolite, and placements put together of them, that the search for a filter begins with."""
+_SCREEN_GENERATIONS = 25
+_LEARNING = 3
+"""Placements analysed a round of the surrogate."""
+_TEACHERS = 40
+"""Placements the surrogate learns from at least."""
+_HOPES = 0.0, 1.0
+"""How far a round hopes for what is not known: standard deviations, by turns."""
+_REGION = 4.0
+"""Every second round stays around the best: how far, in distances that new placements keep from the old."""
+_NEARBY = 6
+"""Coarse analyses a coordinate with which the best placement is finished."""
+
+
+class NoPlacement(Exception):
+    """The constraints leave no place, or no placement gives a fix at every epoch."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best placement of one number of pseudolites. places: (k, 2) s and l1, m. tried: placements judged, by the way
+    of judging. every: every choice of sites was judged by the objective. finished: the search came to its end."""
+
+    places: np.ndarray
+    value: float
+    tried: dict[str, int]
+    every: bool
+    finished: bool
+
+
+def steps(here: Problem, count: int, earlier: bool) -> list[Step]:
+    """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""
+    effort = here.study.effort
+    rounds = _rounds(count) * effort
+    if here.study.sites:
+        usable = int(np.sum(_usable(here)))
+        choices = math.comb(usable, count)
+        if here.flown and choices <= ALL_FLOWN:
+            return [Step(_choosing(count), {FULL: choices})]
+        # greedy choices, and some three rounds of exchanges of every site
+        tried = choices if choices <= ALL_CHOICES else 5 * effort * 4 * count * usable
+        if not here.flown:
+            return [Step(_choosing(count), {GEOMETRY: tried})]
+        screening = Step(_choosing(count), {GEOMETRY: len(here.screens) * tried})
+        pool = len(here.screens) * min(tried, _POOL)
+        learning = {GEOMETRY: rounds * pool, COARSE: _first(count) + rounds * _LEARNING}
+        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: effort + 1})]
+    if not here.flown:
+        per_start = 2 * count * (_POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES)
+        return [Step(_evolving(count), {GEOMETRY: effort * per_start + _MORE * earlier})]
+    evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
+    screening = Step(_screening(count), {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)})
+    learning = {
+        GEOMETRY: rounds * (2 * _POOL + evolving),
+        COARSE: _first(count) + rounds * _LEARNING + _NEARBY * 2 * count,
+    }
+    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: effort + 1})]
+
+
+def named(count: int) -> str:
+    return f"{count} pseudolite{'' if count == 1 else 's'}"
+
+
+def _choosing(count: int) -> str:
+    return f"{named(count)}, choosing"
+
+
+def _evolving(count: int) -> str:
+    return f"{named(count)}, searching"
+
+
+def _screening(count: int) -> str:
+    return f"{named(count)}, screening by geometry"
+
+
+def _learning(count: int) -> str:
+    return f"{named(count)}, coarse analysis"
+
+
+def _deciding(count: int) -> str:
+    return f"{named(count)}, full analysis"
+
+
+def _members(count: int) -> int:
+    """Size of the populations that look for the best by screens and surrogate."""
+    return 12 * count + 12
+
+
+def _first(count: int) -> int:
+    """Placements the surrogate begins to learn from."""
+    return 16 + 8 * count
+
+
+class Trials:
+    """Judges placements under the eyes of a watch; every value is that of `Problem.value`. searching: the best are
+    offered to the watch."""
+
+    def __init__(self, here: Problem, watch: Watch, searching: bool) -> None:
+        self._here, self._watch, self._searching = here, watch, searching
+
+    def at_once(self, places: np.ndarray, judge: Judge | None = None) -> np.ndarray:
+        """Values (n,) of placements (n, k, 2) by the objective of geometry or by a judge that stands in for one."""
+        with self._watch.trying(GEOMETRY, len(places)):
+            values = self._here.value(places) if judge is None else self._here.rough_value(places, judge)
+        if judge is None:
+            self._offer(places, values)
+        return values
+
+    def by(self, judge: Judge) -> Judge:
+        """A judge that stands in for the objective, as used here."""
+        return lambda places: self.at_once(places, judge)
+
+    def coarse(self, places: np.ndarray) -> np.ndarray:
+        """Values (n,) by coarse covariance analysis."""
+        return self._one_by_one(places, COARSE, self._here.coarse)
+
+    def full(self, places: np.ndarray) -> np.ndarray:
+        """Values (n,) of an error of the filter."""
+        return self._one_by_one(places, FULL, None)
+
+    def _one_by_one(self, places: np.ndarray, way: str, judge: Judge | None) -> np.ndarray:
+        values = np.empty(len(places))
+        for i in range(len(places)):
+            with self._watch.trying(way, 1):
+                values[i : i + 1] = self._here.value(places[i : i + 1], judge)
+                self._offer(places[i : i + 1], values[i : i + 1])
+        return values
+
+    def _offer(self, places: np.ndarray, values: np.ndarray) -> None:
+        best = int(np.argmin(values))
+        if self._searching and values[best] < UNSOLVED:
+            self._watch.offer(places[best], float(values[best]))
+
+
+def search_one(here: Problem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Found:
+    """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
+    watch.begin()
+    trials = Trials(here, watch, searching=True)
+    every = False
+    if here.study.sites:
+        choose = _choose_flown if here.flown else _choose
+        places, value, every = choose(here, count, seed, trials, watch)
+    else:
+        place = _place_flown if here.flown else _place
+        places, value = place(here, count, seed, earlier, trials, watch)
+    if value >= UNSOLVED:
+        reason = "breaks a rule" if value >= BROKEN else "leaves epochs of the glide without a fix"
+        raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
+    return Found(places, value, watch.tried_since(), every, finished=True)
+
+
+# --- objectives of geometry
+
+
+def _place(
+    here: Problem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+) -> tuple[np.ndarray, float]:
+    def value(x: np.ndarray) -> float:
+        return float(trials.at_once(x.reshape(1, count, 2))[0])
+
+    bounds = _bounds(here, count)
+    with watch.step(_evolving(count)):
+        candidates = [
+            _evolve(trials.at_once, bounds, np.random.default_rng([seed, count, start]), _GENERATIONS, _POPULATION)[0]
+            for start in range(here.study.effort)
+        ]
+        if earlier is not None and len(earlier) < count:
+            candidates.append(_one_more(here, count, earlier, np.random.default_rng([seed, count, 1000]), trials)[0])
+        best, lowest = candidates[0], math.inf
+        for candidate in candidates:
+            x, reached = _finish(value, candidate.ravel(), bounds, _FINISHING, _FINISHING_TRIES)
+            if reached < lowest:
+                best, lowest = x.reshape(count, 2), reached
+    return best, lowest
+
+
+def _bounds(here: Problem, count: int) -> Bounds:
+    from scipy.optimize import Bounds
+
+    low, high = here.limits()
+    return Bounds(np.tile(low, count), np.tile(high, count))
+
+
+def _evolve(
+    judge: Judge, bounds: Bounds, rng: np.random.Generator, generations: int, popsize: int,
+    init: np.ndarray | None = None,
+) -> np.ndarray:
+    """Differential evolution: the last population (n, k, 2), the best first."""
+    from scipy.optimize import differential_evolution
+
+    def values(x: np.ndarray, /) -> np.ndarray:
+        return judge(x.T.reshape(x.shape[1], -1, 2))
+
+    found = differential_evolution(
+        values,  # type: ignore[arg-type]  # vectorized: a population at once
+        bounds, popsize=popsize, maxiter=generations, tol=1e-7, mutation=(0.4, 0.9), recombination=0.8,
+        vectorized=True, updating="deferred", polish=False, rng=rng,
+        init="sobol" if init is None else init.reshape(len(init), -1),
+    )  # fmt: skip
+    order = np.argsort(found.population_energies, kind="stable")
+    return found.population[order].reshape(order.size, -1, 2)
+
+
+def _one_more(
+    here: Problem, count: int, earlier: np.ndarray, rng: np.random.Generator, trials: Trials, judge: Judge | None = None
+) -> np.ndarray:
+    """The placement found for fewer, with the best of many random places added one at a time; the best (20, k, 2)."""
+    low, high = here.limits()
+    places = earlier
+    while True:
+        tries = rng.uniform(low, high, (_MORE, 2))
+        whole = np.concatenate([np.broadcast_to(places, (len(tries), *places.shape)), tries[:, None]], axis=1)
+        ranked = whole[np.argsort(trials.at_once(whole, judge), kind="stable")[:20]]
+        places = ranked[0]
+        if len(places) == count:
+            return ranked
+
+
+def _finish(
+    value: Callable[[np.ndarray], float], start: np.ndarray, bounds: Bounds, sizes: Iterable[float], tries: int
+) -> tuple[np.ndarray, float]:
+    """Nelder-Mead from simplices of these sizes, m, down to a centimetre; at most `tries` a coordinate and simplex."""
+    from scipy.optimize import minimize
+
+    x = np.asarray(start, dtype=float)
+    low, high = bounds.lb, bounds.ub
+    lowest = value(x)
+    for size in sizes:
+        steps = np.where(x + size > high, -size, size)
+        simplex = np.vstack([x, np.clip(x + np.diag(steps), low, high)])
+        found = minimize(
+            value, x, method="Nelder-Mead", bounds=bounds,
+            options={"initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-9, "maxfev": tries * x.size,
+                     "adaptive": True},
+        )  # fmt: skip
+        if found.fun < lowest:
+            x, lowest = found.x, float(found.fun)
+    return x, lowest
+
+
+def _usable(here: Problem) -> np.ndarray:
+    """Which sites keep the rules by themselves (n,) bool."""
+    return here.rules.violation(here.sites()[:, None]) <= 0.0
+
+
+def _sites(here: Problem, count: int) -> np.ndarray:
+    usable = here.sites()[_usable(here)]
+    if len(usable) < count:
+        total = len(here.study.sites)
+        raise NoPlacement(f"only {len(usable)} of {total} sites keep the constraints, {count} are wanted")
+    return usable
+
+
+def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
+    """All choices of `count` out of a number of sites, as indices (n, count)."""
+    choices = itertools.combinations(range(number), count)
+    while chunk := list(itertools.islice(choices, _CHUNK)):
+        yield np.array(chunk)
+
+
+def _choose(here: Problem, count: int, seed: int, trials: Trials, watch: Watch) -> tuple[np.ndarray, float, bool]:
+    """The best `count` of the study's sites."""
+    usable = _sites(here, count)
+    with watch.step(_choosing(count)):
+        if math.comb(len(usable), count) <= ALL_CHOICES:
+            best, lowest = usable[:count], math.inf
+            for chunk in _chunks(len(usable), count):
+                values = trials.at_once(usable[chunk])
+                i = int(np.argmin(values))
+                if values[i] < lowest:
+                    best, lowest = usable[chunk[i]], float(values[i])
+            return best, lowest, True
+        ranked = _exchanged(usable, count, seed, here.study.effort, trials.at_once)
+        return usable[ranked[0][1]], ranked[0][0], False
+
+
+def _exchanged(
+    usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge
+) -> list[tuple[float, list[int]]]:
+    """Greedy choices of sites from several starts, each improved by exchanging one site at a time: values and choices,
+    the best first."""
+
+    def fill(others: list[int]) -> tuple[list[int], float]:
+        """The best site beside the others, and the value with it."""
+        free = [i for i in range(len(usable)) if i not in others]
+        values = judge(usable[np.array([[*others, i] for i in free])])
+        i = int(np.argmin(values))
+        return [*others, free[i]], float(values[i])
+
+    rng = np.random.default_rng([seed, count])
+    out = []
+    for start in range(5 * effort):
+        chosen = [] if start == 0 else [int(i) for i in rng.choice(len(usable), count - 1, replace=False)]
+        value = math.inf
+        while len(chosen) < count:
+            chosen, value = fill(chosen)
+        improved = True
+        while improved:
+            improved = False
+            for slot in range(count):
+                other, reached = fill([c for i, c in enumerate(chosen) if i != slot])
+                if reached < value * (1.0 - 1e-12):
+                    chosen, value, improved = other, reached, True
+        out.append((value, chosen))
+    return sorted(out)
+
+
+# --- errors of the filter
+
+
+class Surrogate:
+    """What coarse analyses have taught of an error of the filter: its logarithm as a linear function of features with
+    a Gaussian process for the rest [3]."""
+
+    _RIDGE = 0.01
+    _LENGTH = 4.0
+    """Distance over which the rest is alike, in standard deviations of the features."""
+    _NUGGET = 1e-2
+    """Variance of what the features do not tell, as a share of that of the rest."""
+
+    def __init__(self, features: np.ndarray, values: np.ndarray) -> None:
+        self._middle, spread = features.mean(axis=0), features.std(axis=0)
+        self._spread = np.where(spread > 0.0, spread, 1.0)
+        self._known = (features - self._middle) / self._spread
+        y = np.log(values)
+        self._mean = y.mean()
+        n = self._known.shape[1]
+        self._slope = np.linalg.solve(
+            self._known.T @ self._known + self._RIDGE * len(y) * np.eye(n), self._known.T @ (y - self._mean)
+        )
+        rest = y - self._mean - self._known @ self._slope
+        self._scale = rest.std()
+        self._inverse = np.linalg.inv(self._alike(self._known) + self._NUGGET * np.eye(len(y)))
+        self._weights = self._inverse @ rest
+
+    def __call__(self, features: np.ndarray, hope: float) -> np.ndarray:
+        """Errors expected (n,) of placements with features (n, f), less `hope` standard deviations of what is not known
+        about them."""
+        x = (features - self._middle) / self._spread
+        alike = self._alike(x)
+        unknown = np.maximum(1.0 - np.einsum("ij,ij->i", alike @ self._inverse, alike), 0.0)
+        return np.exp(
+            self._mean + x @ self._slope + alike @ self._weights - hope * self._scale * np.sqrt(unknown)
+        )
+
+    def _alike(self, x: np.ndarray) -> np.ndarray:
+        square = np.sum((x[:, None] - self._known[None]) ** 2, axis=2)
+        return np.exp(-0.5 * square / self._LENGTH**2)
+
+
+class _Learner:
+    """Placements analysed so far and the surrogate they make."""
+
+    def __init__(self, here: Problem, trials: Trials) -> None:
+        self._here, self._trials = here, trials
+        self.places: list[np.ndarray] = []
+        self.values: list[float] = []
+
+    def analyse(self, places: Iterable[np.ndarray]) -> None:
+        """Coarse analyses of placements (k, 2)."""
+        for one in places:
+            self.places.append(one)
+            self.values.append(float(self._trials.coarse(one[None])[0]))
+
+    def surrogate(self, hope: float, around: np.ndarray | None = None) -> Judge:
+        """The judge made of the better half of what solved and kept the rules, or of what is nearest to a placement."""
+        features, values = self._here.features, np.array(self.values)
+        assert features is not None
+        order = np.argsort(values, kind="stable")
+        order = order[values[order] < UNSOLVED]
+        if around is not None:
+            gaps = [apart(self.places[i], around) for i in order]
+            order = order[np.argsort(gaps, kind="stable")]
+        known = order[: max(_TEACHERS, order.size // 2)]
+        fitted = Surrogate(features(np.array(self.places)[known]), values[known])
+        return lambda places: fitted(features(places), hope)
+
+    @property
+    def solved(self) -> int:
+        """Placements with a value."""
+        return int(np.sum(np.array(self.values) < UNSOLVED))
+
+    def ranked(self) -> list[np.ndarray]:
+        """Placements, the best first."""
+        return [self.places[i] for i in np.argsort(self.values, kind="stable")]
+
+    def apart(self, number: int, gap: float) -> list[np.ndarray]:
+        """The best placement and the next best ones more than `gap` metres away from the better, up to a number."""
+        out: list[np.ndarray] = []
+        for places in self.ranked():
+            if all(apart(places, other) > gap for other in out):
+                out.append(places)
+                if len(out) == number:
+                    break
+        return out
+
+    def new(self, candidates: Iterable[np.ndarray], number: int, gap: float) -> list[np.ndarray]:
+        """The first `number` of the candidates that are `gap` metres away from each other and from all analysed."""
+        out: list[np.ndarray] = []
+        for candidate in candidates:
+            if all(apart(candidate, other) > gap for other in (*self.places, *out)):
+                out.append(candidate)
+                if len(out) == number:
+                    break
+        return out
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> float:
+    """How far the farthest of a placement's pseudolites (k, 2) has to go to make another, whichever goes where, m."""
+    from scipy.optimize import linear_sum_assignment
+
+    gap = np.linalg.norm(a[:, None] - b[None], axis=2)
+    return float(gap[linear_sum_assignment(gap)].max())
+
+
+def _in_turn(lists: Iterable[Iterable[np.ndarray]]) -> Iterator[np.ndarray]:
+    """The first of every list, then the second of every list, and so on."""
+    for row in itertools.zip_longest(*lists):
+        yield from (one for one in row if one is not None)
+
+
+def _rounds(count: int) -> int:
+    """Rounds of the surrogate for each unit of the study's `effort`."""
+    return 2 + 2 * count
+
+
+def _gaps(here: Problem, count: int) -> np.ndarray:
+    """The distance new placements keep from those analysed, round by round, m."""
+    low, high = here.limits()
+    return np.geomspace(0.02 * float(np.linalg.norm(high - low)), 2.0, _rounds(count) * here.study.effort)
+
+
+def _place_flown(
+    here: Problem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+) -> tuple[np.ndarray, float]:
+    rng = np.random.default_rng([seed, count])
+    bounds = _bounds(here, count)
+    size = _members(count)
+    with watch.step(_screening(count)):
+        pool = _pool(here, count, rng)
+        lists: list[Iterable[np.ndarray]] = []
+        for screen in here.screens:
+            judge = trials.by(screen)
+            ranked = pool[np.argsort(judge(pool), kind="stable")]
+            lists += [_evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
+            if earlier is not None and len(earlier) < count:
+                lists.append(_one_more(here, count, earlier, rng, trials, screen))
+        lists.append(pool)
+    learner = _Learner(here, trials)
+    with watch.step(_learning(count)):
+        gaps = _gaps(here, count)
+        learner.analyse(learner.new(_in_turn(lists), _first(count), gaps[0]))
+        low, high = here.limits()
+        for i, gap in enumerate(gaps):
+            if not learner.solved:
+                break
+            best = np.array(learner.ranked()[: size // 3])
+            if i % 2:  # around the best, and by turns around the best elsewhere
+                around = learner.apart(2, _REGION * gaps[0])[i // 2 % 2 - 1]
+                near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
+                judge = trials.by(learner.surrogate(0.0, around))
+                evolved = near[np.argsort(judge(near), kind="stable")][:size]
+                learner.analyse(learner.new(evolved, _LEARNING, 0.2 * gap))
+                continue
+            judge = trials.by(learner.surrogate(_HOPES[i // 2 % len(_HOPES)]))
+            moved = best[rng.integers(min(len(best), 6), size=_POOL)]
+            moved[np.arange(_POOL), rng.integers(count, size=_POOL)] = pool[rng.integers(len(pool), size=_POOL), 0]
+            likely = [some[np.argsort(judge(some), kind="stable")][: size // 3] for some in (pool, moved)]
+            evolved = _evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, np.concatenate([best, *likely]))
+            learner.analyse(learner.new(evolved, _LEARNING, gap))
+
+        def value(x: np.ndarray) -> float:
+            learner.analyse([x.reshape(count, 2)])
+            return learner.values[-1]
+
+        _finish(value, learner.ranked()[0].ravel(), bounds, (20.0,), _NEARBY)
+    return _decided(learner, count, here, trials, watch)
+
+
+def _decided(
+    learner: _Learner, count: int, here: Problem, trials: Trials, watch: Watch
+) -> tuple[np.ndarray, float]:
+    """The best by the full analysis of the best by the coarse one, 10 m apart."""
+    with watch.step(_deciding(count)):
+        best = learner.apart(here.study.effort + 1, 10.0)
+        watch.judge_anew()
+        values = trials.full(np.array(best))
+    i = int(np.argmin(values))
+    return best[i], float(values[i])
+
+
+def _pool(here: Problem, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Placements (n, k, 2) all over the area, of places that keep the rules by themselves where there are any."""
+    from scipy.stats.qmc import Sobol
+
+    low, high = here.limits()
+    singles = low + (high - low) * Sobol(2, rng=rng).random(_SINGLES)
+    allowed = singles[here.rules.violation(singles[:, None]) <= 0.0]
+    source = allowed if len(allowed) else singles
+    pool = source[rng.integers(len(source), size=(_POOL, count))]
+    kept = pool[here.rules.violation(pool) <= 0.0]
+    # where next to nothing keeps the rules, evolution begins with what breaks them
+    return kept if len(kept) >= _first(count) + _members(count) else pool
+
+
+def _choose_flown(here: Problem, count: int, seed: int, trials: Trials, watch: Watch) -> tuple[np.ndarray, float, bool]:
+    """The best `count` of the study's sites by an error of the filter."""
+    usable = _sites(here, count)
+    if math.comb(len(usable), count) <= ALL_FLOWN:
+        with watch.step(_choosing(count)):
+            choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
+            values = trials.full(choices)
+        best = int(np.argmin(values))
+        return choices[best], float(values[best]), True
+    with watch.step(_choosing(count)):
+        ranked = [
+            _screened_choices(usable, count, seed, here.study.effort, trials.by(screen))
+            for screen in here.screens
+        ]
+    learner = _Learner(here, trials)
+    pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
+    with watch.step(_learning(count)):
+        starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
+        learner.analyse(learner.new(starts, _first(count), 0.0))
+        for _ in range(_rounds(count) * here.study.effort):
+            if not learner.solved:
+                break
+            pool = np.unique(np.concatenate([pool, _neighbours(usable, learner.ranked()[0])]), axis=0)
+            order = np.argsort(trials.at_once(usable[pool], learner.surrogate(0.0)), kind="stable")
+            learner.analyse(learner.new((usable[c] for c in pool[order]), _LEARNING, 0.0))
+    places, value = _decided(learner, count, here, trials, watch)
+    return places, value, False
+
+
+def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> np.ndarray:
+    """The best choices by a judge as indices (n, count), the best first: of all where that can be, else exchanged."""
+    if math.comb(len(usable), count) > ALL_CHOICES:
+        return np.array([chosen for _, chosen in _exchanged(usable, count, seed, effort, judge)])
+    best, values = np.empty((0, count), np.int64), np.empty(0)
+    for chunk in _chunks(len(usable), count):
+        best, values = np.concatenate([best, chunk]), np.concatenate([values, judge(usable[chunk])])
+        order = np.argsort(values, kind="stable")[:_POOL]
+        best, values = best[order], values[order]
+    return best
+
+
+def _neighbours(usable: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """All choices that differ from one by one site, as sorted indices (n, count)."""
+    chosen = [int(np.flatnonzero(np.all(usable == place, axis=1))[0]) for place in places]
+    free = [i for i in range(len(usable)) if i not in chosen]
+    return np.sort(
+        [[*chosen[:slot], i, *chosen[slot + 1 :]] for slot in range(len(chosen)) for i in free], axis=1
+    )

@@ -1,0 +1,128 @@
+"""Watching a search: what it has tried, the best so far, the time it took and may still take, and when to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+_MEMORY = 0.2
+"""Weight of the newest batch in the running mean of the cost of an evaluation."""
+
+
+class TimeUp(Exception):
+    """The time limit has passed."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of the work to come: its name, and how many placements it judges at most, by the way of judging."""
+
+    name: str
+    most: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a search stands.
+
+    tried: placements judged so far, by the way of judging. best, places: the best of the number of pseudolites in
+    work, with its sites (k, 2) s and l1 in m; None before there is one. left: seconds at most, None while the cost
+    of some step to come is not known.
+    """
+
+    step: str
+    tried: dict[str, int]
+    best: float | None
+    places: np.ndarray | None
+    used: float
+    left: float | None
+
+
+class Watch:
+    """Counts what a search tries and tells it on; raises TimeUp once `time_limit` seconds have passed.
+
+    The time counts from the making of the watch. clock: seconds, monotonic.
+    """
+
+    def __init__(
+        self,
+        tell: Callable[[Progress], None] = lambda _: None,
+        time_limit: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._tell, self._limit, self._clock = tell, time_limit, clock
+        self._started = clock()
+        self._cost: dict[str, float] = {}
+        self._to_come: list[Step] = []
+        self._now = Step("", {})
+        self._anew = False
+        self._before: dict[str, int] = {}
+        self.tried: dict[str, int] = {}
+        self.best: float | None = None
+        self.places: np.ndarray | None = None
+
+    def plan(self, steps: Iterable[Step]) -> None:
+        """The steps of the work, in their order."""
+        self._to_come = list(steps)
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Work on the step of that name; steps planned before it are over."""
+        names = [step.name for step in self._to_come]
+        planned = self._to_come[names.index(name)]
+        self._now = Step(planned.name, dict(planned.most))
+        self._to_come = self._to_come[names.index(name) + 1 :]
+        self.look()
+        yield
+        self._now = Step("", {})
+
+    def begin(self) -> None:
+        """A new number of pseudolites: its best is still to be found."""
+        self.best = self.places = None
+        self._before = dict(self.tried)
+
+    def tried_since(self) -> dict[str, int]:
+        """Placements judged since the number of pseudolites in work was begun, by the way of judging."""
+        return {way: count - self._before.get(way, 0) for way, count in self.tried.items()}
+
+    def judge_anew(self) -> None:
+        """The best so far is only that until the next is offered: another, stricter judge begins."""
+        self._anew = True
+
+    def offer(self, places: np.ndarray, value: float) -> None:
+        """A placement (k, 2) with its value, which may be the best so far."""
+        if self.best is None or self._anew or value < self.best:
+            self.best, self.places, self._anew = value, places, False
+
+    @contextmanager
+    def trying(self, way: str, count: int) -> Iterator[None]:
+        """The judging of `count` placements in one of the ways."""
+        self.look()
+        begun = self._clock()
+        yield
+        cost = (self._clock() - begun) / count
+        self._cost[way] = (1.0 - _MEMORY) * self._cost.get(way, cost) + _MEMORY * cost
+        self.tried[way] = self.tried.get(way, 0) + count
+        if way in self._now.most:
+            self._now.most[way] = max(self._now.most[way] - count, 0)
+        self.look()
+
+    def look(self) -> None:
+        """Tell where the search stands. Raises TimeUp."""
+        used = self._clock() - self._started
+        self._tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._left()))
+        if self._limit is not None and used >= self._limit:
+            raise TimeUp
+
+    def _left(self) -> float | None:
+        left = 0.0
+        for step in (self._now, *self._to_come):
+            for way, most in step.most.items():
+                if most and way not in self._cost:
+                    return None
+                left += self._cost.get(way, 0.0) * most
+        return left

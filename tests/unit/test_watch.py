@@ -1,0 +1,100 @@
+"""The watch of a search: counts, the best so far, estimates of time, the limit; and the line that shows it."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from navsim.cli import common
+from navsim.study.watch import Progress, Step, TimeUp, Watch
+
+
+class Clock:
+    """Seconds that pass when they are told to."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_time_left_is_what_is_planned_at_its_measured_cost() -> None:
+    clock, told = Clock(), list[Progress]()
+    watch = Watch(told.append, clock=clock)
+    watch.plan([Step("one", {"cheap": 100}), Step("two", {"dear": 10}), Step("three", {"dear": 5})])
+    with watch.step("one"), watch.trying("cheap", 50):
+        clock.now += 1.0
+    assert told[-1].left is None, "nobody knows yet what dear ones cost"
+    with watch.step("two"):
+        for _ in range(4):
+            with watch.trying("dear", 1):
+                clock.now += 2.0
+        # 6 of its own and 5 of the next; the 50 that step one did not need are not counted
+        assert told[-1].left == pytest.approx(22.0)
+    assert told[-1].tried == {"cheap": 50, "dear": 4}
+    assert told[-1].used == pytest.approx(9.0)
+
+
+def test_limit_ends_the_work() -> None:
+    clock = Clock()
+    watch = Watch(time_limit=3.0, clock=clock)
+    with watch.trying("any", 1):
+        clock.now += 2.0
+    with pytest.raises(TimeUp), watch.trying("any", 1):
+        clock.now += 2.0
+    assert watch.tried == {"any": 2}
+
+
+def test_the_best_is_of_the_number_and_of_the_judge_in_work() -> None:
+    watch, a, b, c = Watch(), *(np.full((1, 2), x) for x in (1.0, 2.0, 3.0))
+    watch.offer(a, 5.0)
+    watch.offer(b, 6.0)
+    assert watch.best == 5.0
+    watch.judge_anew()
+    assert watch.best == 5.0, "kept until the stricter judge has spoken"
+    watch.offer(c, 5.5)
+    watch.offer(b, 5.6)
+    assert (watch.best, watch.places) == (5.5, c)
+    watch.begin()
+    assert watch.best is None
+
+
+def progress(used: float, best: float | None) -> Progress:
+    places = None if best is None else np.array([[-42.0, 518.0], [100.0, 7.0]])
+    return Progress("2 pseudolites, searching", {"geometry": 900, "coarse": 30}, best, places, used, 41.6)
+
+
+def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with common.search_progress(True, "m") as tell:
+        for used in np.arange(0.0, 31.0, 0.5):
+            tell(progress(float(used), None if used < 15 else 0.15619))
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert lines[0] == (
+        "2 pseudolites, searching: 930 placements tried, 30 by covariance analysis; none found yet; 10 s used, at most "
+        "42 s left"
+    )
+    assert "best 0.1562 m at s, l1 (-42, 518), (100, 7) m; 20 s used" in lines[1]
+
+
+def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with common.search_progress(False, "m") as tell:
+        tell(progress(100.0, 0.1))
+    assert capsys.readouterr().err == ""
+
+
+def test_a_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    with common.search_progress(True, "1") as tell:
+        tell(progress(1.0, 2.5))
+        import time
+
+        time.sleep(0.3)  # the line is drawn some ten times a second
+    err = capsys.readouterr().err
+    assert "2 pseudolites, searching" in err
+    assert "best 2.5 at s, l1" in err
