@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,6 +30,9 @@ from navsim.cli.common import (
     say,
     target_of,
 )
+
+if TYPE_CHECKING:
+    from navsim.study.live import Session
 
 
 def replay(
@@ -84,14 +92,25 @@ def live(
         str | None,
         typer.Option(
             metavar="SOURCE",
-            help="The receiver is real: NMEA or CSV lines from -, udp://:PORT, tcp://HOST:PORT, tcp-listen://:PORT, "
-            "serial:///dev/NAME?baud=N, or a file.",
+            help="The receiver is real: NMEA or CSV lines from -, udp://HOST:PORT, tcp://HOST:PORT, "
+            "tcp-listen://HOST:PORT, serial:///dev/NAME?baud=N, or a file. HOST to listen at: 0.0.0.0 or [::] hears "
+            "every machine, none this one alone.",
             show_default=False,
         ),
     ] = None,
     imu: Annotated[
         str | None,
         typer.Option(metavar="SOURCE", help="The IMU is real: CSV lines from such a source.", show_default=False),
+    ] = None,
+    start_time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help="What the source's clock reads at time 0 of the flight: UTC as 2018-09-13T12:00:00Z, its count of "
+            "seconds, or `first` (the first line is the scenario's first). Default: by the scenario's epoch where the "
+            "source's times allow it, else first.",
+            show_default=False,
+        ),
     ] = None,
     output: OutputOption = None,
     seed: SeedOption = 1,
@@ -117,22 +136,27 @@ def live(
         from navsim.core import jit
         from navsim.io.results import ResultError, write
         from navsim.io.stream import StreamError, opened
-        from navsim.study import landing
-        from navsim.study.live import Session
+        from navsim.study import landing, source_clock
+        from navsim.study import live as flying
 
         if section.filter.kind in ("rts", "map"):
             leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
+        start = None if start_time is None else source_clock.start_time(start_time)
         announce_compiling()
         case = landing.prepare(section, document)
-        session = Session(case, "receiver" if receiver is not None else "imu", seed, realtime)
+        if not case.world.signals.time.size:
+            leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
+        session = flying.Session(case, "receiver" if receiver is not None else "imu", seed, realtime, start)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
+    except source_clock.StartError as error:
+        leave(BAD_INPUT, f"--start-time {error}")
+    session.tell = lambda message: None if quiet and not message.startswith("warning") else say(message)
     try:
         with opened(receiver or imu or "-") as lines, progress(int(section.duration_s), not quiet, "seconds") as done:
-            try:
+            session.tell(f"reading {lines.place}" + (f"; {lines.note}" if lines.note else ""))
+            with _ended_by_signals(session) as came:
                 why = session.pump(lines, silence, done)
-            except KeyboardInterrupt:
-                why = "interrupted; what came so far is kept"
         result = session.result()
         write(target, result)
     except StreamError as error:
@@ -140,7 +164,51 @@ def live(
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
-    print_result(result, target, [], quiet, json_, ("/summary", "/stream"))
+    print_result(result, target, [], quiet, json_, ("/summary", "/stream", "/clock"))
     say(f"ended: {why}")
-    if not result["/filter/time"].size:
-        leave(RUN_FAILED, "not one message could be used")
+    for warning in flying.warnings(session, result, lines):
+        say(f"warning: {warning}")
+    wrong = flying.failures(result)
+    for failure in wrong:
+        say(f"error: {failure}")
+    if came:
+        raise typer.Exit(128 + came[0])
+    if wrong:
+        leave(RUN_FAILED, f"what was flown is no result; what came is kept in {target}")
+
+
+@contextmanager
+def _ended_by_signals(session: Session) -> Iterator[list[int]]:
+    """While it lasts, the first interrupt, termination or hangup ends the session with what has come; a second one ends
+    the program. Signals that are ignored, as by nohup, stay so. Gives the signals that came."""
+    came: list[int] = []
+    names = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before: dict[int, Any] = {}
+    terminals = [stream.fileno() for stream in (sys.stdout, sys.stderr) if stream.isatty()]
+
+    def end(number: int, _: object) -> None:
+        came.append(number)
+        session.stopped = f"{_WORDS[number]}; what came so far is kept"
+        if number == signal.SIGHUP:  # a terminal that hung up takes no more words, and fails at each
+            for descriptor in terminals:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+        restore()
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    for number in names:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            before[number] = signal.signal(number, end)
+    try:
+        yield came
+    finally:
+        restore()
+
+
+_WORDS: dict[int, str] = {
+    signal.SIGINT: "interrupted",
+    signal.SIGTERM: "terminated",
+    signal.SIGHUP: "the terminal hung up",
+}

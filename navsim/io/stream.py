@@ -1,24 +1,38 @@
-"""Lines that come while they are read: from standard input, UDP, TCP, a serial device, a growing or finished file.
+"""Lines that come while they are read: from standard input, UDP, TCP, a serial device, a file or named pipe.
 
-A thread reads and a queue hands over, so that whoever takes lines can wait for a limited time. Serial devices are
-opened by the `pyserial` package.
+A thread reads and a bounded queue hands over, so that whoever takes lines can wait for a limited time. Every read waits
+on the descriptor for a short time only and holds no lock of the interpreter, so that the thread always ends before the
+program does. Serial devices are opened by the `pyserial` package.
 """
 
 from __future__ import annotations
 
-import queue
+import errno
+import os
+import select
 import socket
-import sys
+import stat
 import threading
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import IO, Any
-from urllib.parse import parse_qs, urlsplit
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 LONGEST_LINE = 4096
-"""Bytes without a line's end after which what has gathered is handed over as a (corrupt) line."""
-_WAITING = 100_000
-"""Lines that may wait; a sender faster than that for long is slowed down (TCP, files) or loses lines (UDP)."""
+"""Bytes of a line that are kept; what a longer one has beyond is left out, and no message is that long."""
+MOST_WAITING = 16_000_000
+"""Bytes of lines that may wait. A sender faster than that for long is slowed down (TCP, files) or loses lines (UDP)."""
+_COST = 64
+"""Bytes a waiting line takes besides its characters: empty lines too must not fill the memory."""
+_POLL = 0.1
+"""Longest wait of one read, s: so soon a reading thread sees that it is to end."""
+_CHUNK = 65536
+LOOPBACK = "127.0.0.1"
+"""Where is listened when a source names no address: other machines are heard only when that is asked for."""
+_MOST_NAMES = 16
+"""Other senders of datagrams that are remembered by name."""
 
 
 class StreamError(Exception):
@@ -26,64 +40,121 @@ class StreamError(Exception):
 
 
 class Lines:
-    """Lines of a source, with a limit to waiting; `ended` once the source has closed."""
+    """Lines of a source, with a limit to waiting; `ended` once the source has closed.
 
-    def __init__(self) -> None:
-        self._queue: queue.Queue[str | None] = queue.Queue(_WAITING)
+    lossy: lines without room are left out and counted in `dropped`; else whoever puts them has to wait. place: what is
+    read, for messages; note: what the user should know of it, or empty. failure: why the source went away, None where
+    it simply ended. strangers: datagrams of other senders than the first, by sender (the first ones by name).
+    """
+
+    def __init__(self, lossy: bool = False, place: str = "", note: str = "") -> None:
+        self.place = place
+        self.note = note
         self.ended = False
-        self._rest = b""
+        self.failure: str | None = None
+        self.dropped = 0
+        self.strangers: dict[str, int] = {}
+        self._lossy = lossy
+        self._change = threading.Condition()
+        self._waiting: deque[str] = deque()
+        self._size = 0
+        self._closed = False
+        self._stopped = False
+        self._rest = bytearray()
+
+    @property
+    def size(self) -> int:
+        """Bytes that wait, with what each line takes besides."""
+        return self._size
 
     def put(self, data: bytes) -> None:
         """Bytes as they came; whole lines are handed over."""
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        for line in whole:
-            self._queue.put(line.decode("ascii", "replace").strip("\r"))
-        if len(self._rest) > LONGEST_LINE:
-            self._queue.put(self._rest.decode("ascii", "replace"))
-            self._rest = b""
+        first, *others = data.split(b"\n")
+        self._gather(first)
+        for part in others:
+            self._hand_over()
+            self._gather(part)
+
+    def _gather(self, part: bytes) -> None:
+        self._rest += part[: LONGEST_LINE - len(self._rest)]
+
+    def _hand_over(self) -> None:
+        line = self._rest.decode("ascii", "replace").strip("\r")
+        self._rest.clear()
+        cost = len(line) + _COST
+        with self._change:
+            if self._lossy and self._size + cost > MOST_WAITING:
+                self.dropped += 1
+                return
+            self._change.wait_for(lambda: self._stopped or self._size + cost <= MOST_WAITING)
+            self._waiting.append(line)
+            self._size += cost
+            self._change.notify_all()
 
     def close(self) -> None:
         """No more will come."""
         if self._rest:
-            self._queue.put(self._rest.decode("ascii", "replace"))
-        self._queue.put(None)
+            self._hand_over()
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+
+    def stop(self) -> None:
+        """No more will be taken: whoever waits for room waits no longer."""
+        with self._change:
+            self._stopped = True
+            self._change.notify_all()
 
     def take(self, patience: float) -> str | None:
         """The next line, or None when none comes within `patience` seconds or ever (`ended`)."""
-        if self.ended:
+        with self._change:
+            self._change.wait_for(lambda: bool(self._waiting) or self._closed, patience)
+            if self._waiting:
+                line = self._waiting.popleft()
+                self._size -= len(line) + _COST
+                self._change.notify_all()
+                return line
+            self.ended = self._closed
             return None
-        try:
-            line = self._queue.get(timeout=patience)
-        except queue.Empty:
-            return None
-        if line is None:
-            self.ended = True
-        return line
+
+
+@dataclass
+class _Source:
+    """Something open: read() returns the next bytes, b"" for none yet, None at the end; close() closes it."""
+
+    read: Callable[[], bytes | None]
+    close: Callable[[], None]
+    place: str
+    lossy: bool = False
+    note: str = ""
+    strangers: dict[str, int] = field(default_factory=dict)
 
 
 @contextmanager
 def opened(source: str) -> Iterator[Lines]:
-    """Lines of a source: `-`, udp://HOST:PORT (listens), tcp://HOST:PORT (connects), tcp-listen://HOST:PORT (waits for
-    one sender), serial:///dev/NAME?baud=N, or a file's path. Raises StreamError."""
-    lines = Lines()
-    parts = urlsplit(source)
-    stop = threading.Event()
+    """Lines of a source: `-`, udp://HOST:PORT (listens, keeps to the first sender), tcp://HOST:PORT (connects),
+    tcp-listen://HOST:PORT (waits for one sender), serial:///dev/NAME?baud=N, or a file's path.
+
+    IPv6 addresses stand in brackets; without a HOST the address is that of the machine itself. Raises StreamError.
+    """
     try:
-        reader, closer = _opener(source, parts, stop)
+        link = _open(source, urlsplit(source))
     except (OSError, ValueError) as error:
-        raise StreamError(f"{source}: cannot be opened: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise StreamError(f"{source}: cannot be opened: {reason}") from None
+    lines = Lines(link.lossy, link.place, link.note)
+    lines.strangers = link.strangers
+    stop = threading.Event()
 
     def run() -> None:
         try:
             while not stop.is_set():
-                data = reader()
+                data = link.read()
                 if data is None:
                     break
-                if data:
-                    lines.put(data)
-        except (OSError, TypeError, ValueError):
-            # the device or the peer went away, or (pyserial: TypeError) was closed while being read: the stream's end
-            pass
+                lines.put(data)
+        except OSError as error:  # the device or the peer went away
+            lines.failure = str(error)
         finally:
             lines.close()
 
@@ -93,54 +164,101 @@ def opened(source: str) -> Iterator[Lines]:
         yield lines
     finally:
         stop.set()
-        closer()
+        lines.stop()
+        thread.join()
+        link.close()
 
 
-def _opener(source: str, parts: Any, stop: threading.Event) -> tuple[Any, Any]:
-    """A function that returns the next bytes (b"" for none yet, None at the end), and one that closes."""
+def _open(source: str, parts: SplitResult) -> _Source:
     if parts.scheme == "udp":
-        datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        datagrams.bind((parts.hostname or "0.0.0.0", _port(parts)))
-        datagrams.settimeout(0.2)
-        return (lambda: _received(lambda: datagrams.recv(65536), datagram=True)), datagrams.close
+        return _udp(parts)
     if parts.scheme == "tcp":
-        link = socket.create_connection((parts.hostname or "localhost", _port(parts)), timeout=10.0)
-        link.settimeout(0.2)
-        return (lambda: _received(lambda: link.recv(65536))), link.close
+        link = socket.create_connection((parts.hostname or LOOPBACK, _port(parts)), timeout=10.0)
+        link.settimeout(_POLL)
+        return _Source(lambda: _received(link), link.close, _named("tcp", link.getpeername()))
     if parts.scheme == "tcp-listen":
-        server = socket.create_server((parts.hostname or "", _port(parts)))
-        server.settimeout(0.2)
-        return _one_sender(server, stop), server.close
+        return _one_sender(parts)
     if parts.scheme == "serial":
         import serial
 
-        baud = int(parse_qs(parts.query).get("baud", ["9600"])[0])
-        device = serial.serial_for_url(parts.path, baudrate=baud, timeout=0.2)
-        return (lambda: device.read(max(1, device.in_waiting))), device.close
+        (baud,) = parse_qs(parts.query).get("baud", ["9600"])
+        device = serial.serial_for_url(parts.path, baudrate=int(baud), timeout=_POLL)
+        return _Source(lambda: device.read(max(1, device.in_waiting)), device.close, f"{parts.path} at {baud} baud")
     if parts.scheme and parts.scheme != "file" and len(parts.scheme) > 1:
         raise ValueError("known are -, udp://, tcp://, tcp-listen://, serial:// and files")
-    file: IO[bytes] = sys.stdin.buffer if source == "-" else open(parts.path or source, "rb")  # noqa: SIM115
-    read = getattr(file, "read1", file.read)
-    return (lambda: read(65536) or None), (lambda: None) if source == "-" else file.close
+    if source == "-":
+        return _descriptor(0, lambda: None, "standard input")
+    path = parts.path if parts.scheme == "file" else source
+    # a named pipe opens at once, also while nobody writes to it
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    return _descriptor(descriptor, lambda: os.close(descriptor), path)
 
 
-def _port(parts: Any) -> int:
+def _port(parts: SplitResult) -> int:
     if parts.port is None:
         raise ValueError("a port is missing, as in udp://0.0.0.0:5000")
-    return int(parts.port)
+    return parts.port
 
 
-def _received(receive: Any, datagram: bool = False) -> bytes | None:
+def _named(scheme: str, address: tuple[Any, ...]) -> str:
+    host, port = address[:2]
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
+
+
+def _listening(parts: SplitResult, kind: socket.SocketKind) -> tuple[socket.AddressFamily, Any]:
+    """Family and address to listen on; of a name with several, the IPv4 one."""
+    found = socket.getaddrinfo(parts.hostname or LOOPBACK, _port(parts), type=kind, flags=socket.AI_PASSIVE)
+    family, *_, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, address
+
+
+def _alone(parts: SplitResult) -> str:
+    """What to say where no address was named."""
+    if parts.hostname:
+        return ""
+    return f"only this machine is heard; {parts.scheme}://0.0.0.0:{parts.port} hears others too"
+
+
+def _udp(parts: SplitResult) -> _Source:
+    """Datagrams of the first sender; whole lines each, whether or not they say so."""
+    family, address = _listening(parts, socket.SOCK_DGRAM)
+    datagrams = socket.socket(family, socket.SOCK_DGRAM)
     try:
-        data: bytes = receive()
-    except TimeoutError:
-        return b""
-    if datagram:  # a datagram is whole lines, whether or not it says so
+        if family == socket.AF_INET6 and address[0] == "::":  # [::] is every address of the machine, IPv4 ones too
+            datagrams.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        datagrams.bind(address)
+    except OSError:
+        datagrams.close()
+        raise
+    datagrams.settimeout(_POLL)
+    strangers: dict[str, int] = {}
+    first: list[Any] = []
+
+    def read() -> bytes:
+        try:
+            data, sender = datagrams.recvfrom(_CHUNK)
+        except TimeoutError:
+            return b""
+        if not first:
+            first.append(sender)
+        if sender != first[0]:
+            name = _named("udp", sender)
+            if name not in strangers and len(strangers) >= _MOST_NAMES:
+                name = "others"
+            strangers[name] = strangers.get(name, 0) + 1
+            return b""
         return data if data.endswith(b"\n") else data + b"\n"
-    return data or None
+
+    place = _named("udp", datagrams.getsockname())
+    return _Source(read, datagrams.close, place, True, _alone(parts), strangers)
 
 
-def _one_sender(server: socket.socket, stop: threading.Event) -> Any:
+def _one_sender(parts: SplitResult) -> _Source:
+    family, address = _listening(parts, socket.SOCK_STREAM)
+    every = family == socket.AF_INET6 and address[0] == "::" and socket.has_dualstack_ipv6()
+    server = socket.create_server(address[:2], family=family, dualstack_ipv6=every)
+    server.settimeout(_POLL)
+    place = _named("tcp-listen", server.getsockname())
     link: list[socket.socket] = []
 
     def read() -> bytes | None:
@@ -148,8 +266,37 @@ def _one_sender(server: socket.socket, stop: threading.Event) -> Any:
             try:
                 link.append(server.accept()[0])
             except TimeoutError:
-                return None if stop.is_set() else b""
-            link[0].settimeout(0.2)
-        return _received(lambda: link[0].recv(65536))
+                return b""
+            server.close()  # whoever comes second is refused instead of being left waiting
+            link[0].settimeout(_POLL)
+        return _received(link[0])
 
-    return read
+    def close() -> None:
+        for one in (server, *link):
+            one.close()
+
+    return _Source(read, close, place, note=_alone(parts))
+
+
+def _received(link: socket.socket) -> bytes | None:
+    try:
+        return link.recv(_CHUNK) or None
+    except TimeoutError:
+        return b""
+
+
+def _descriptor(descriptor: int, close: Callable[[], None], place: str) -> _Source:
+    """A file, pipe or terminal by its descriptor. A buffered reader would be locked by the waiting thread, and the
+    interpreter aborts where it finds that lock held at its end."""
+    mode = os.fstat(descriptor).st_mode
+    if stat.S_ISDIR(mode):
+        close()
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    regular = stat.S_ISREG(mode)
+
+    def read() -> bytes | None:
+        if not regular and not select.select([descriptor], [], [], _POLL)[0]:
+            return b""
+        return os.read(descriptor, _CHUNK) or None
+
+    return _Source(read, close, place)

@@ -41,6 +41,12 @@ def posix(year: int, month: int, day: int, hour: int = 0, minute: int = 0, secon
     return whole.timestamp() + second
 
 
+def utc_text(utc: float) -> str:
+    """A UTC time (POSIX s, years 1 to 9999) as `2018-09-13T12:00:00.100Z`. Raises ValueError, OverflowError."""
+    when = datetime.datetime.fromtimestamp(round(utc, 3), datetime.UTC)
+    return when.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
 def leap_seconds(utc: np.ndarray | float) -> np.ndarray:
     """GPS time minus UTC, s, at UTC times (POSIX s)."""
     return np.searchsorted(_LEAPS, utc, side="right").astype(float)

@@ -32,33 +32,25 @@ class Increments:
         self.dtheta.append(dtheta)
         self.dv.append(dv)
 
-    def take(self, until: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Everything up to `until`, an interval across it cut in proportion; the rest stays."""
-        cut = int(np.searchsorted(self.time, until - loosely_coupled.TIME_TOLERANCE))
-        time, dtheta, dv = self.time[: cut + 1], self.dtheta[:cut], self.dv[:cut]
-        whole = time[-1] - time[-2]
-        share = (until - time[-2]) / whole
-        rest_theta, rest_dv = (1.0 - share) * dtheta[-1], (1.0 - share) * dv[-1]
-        end = time[-1]
-        out = (
-            np.array([*time[:-1], until]),
-            np.array([*dtheta[:-1], share * dtheta[-1]]),
-            np.array([*dv[:-1], share * dv[-1]]),
-        )
-        if share < 1.0 - 1e-9:
-            self.time = [until, end, *self.time[cut + 1 :]]
-            self.dtheta = [rest_theta, *self.dtheta[cut:]]
-            self.dv = [rest_dv, *self.dv[cut:]]
-        else:
-            self.time, self.dtheta, self.dv = self.time[cut:], self.dtheta[cut:], self.dv[cut:]
-        return out
+    def until(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The whole intervals that reach up to `time`, at least one; all of them stay."""
+        last = max(1, int(np.searchsorted(self.time, time - loosely_coupled.TIME_TOLERANCE)))
+        return np.array(self.time[: last + 1]), np.array(self.dtheta[:last]), np.array(self.dv[:last])
+
+    def drop(self, time: float) -> None:
+        """Forget what was before `time`; an interval across it is cut in proportion."""
+        first = int(np.searchsorted(self.time, time + loosely_coupled.TIME_TOLERANCE, side="right")) - 1
+        self.time, self.dtheta, self.dv = self.time[first:], self.dtheta[first:], self.dv[first:]
+        if time > self.time[0] + loosely_coupled.TIME_TOLERANCE:
+            share = (self.time[1] - time) / (self.time[1] - self.time[0])
+            self.time[0], self.dtheta[0], self.dv[0] = time, share * self.dtheta[0], share * self.dv[0]
 
 
 @dataclass
 class LiveFilter:
     """A filter that is fed as data come.
 
-    settings, nav (20,), trajectory: as for a landing; time: where the filter is, s. What it leaves: a list of (time,
+    settings, nav (20,), trajectory: as for a landing. What it leaves: a list of (time of its answer, s,
     `loosely_coupled.Flown` of one fix).
     """
 
@@ -67,6 +59,8 @@ class LiveFilter:
     nav: np.ndarray
     increments: Increments
     covariance: np.ndarray = field(init=False)
+    rejected: int = 0
+    """fixes in a row that the gate rejected"""
     left: list[tuple[float, loosely_coupled.Flown]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -82,31 +76,42 @@ class LiveFilter:
         """Up to when increments are there, s."""
         return self.increments.time[-1]
 
-    def weigh(self, time: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray) -> bool:
-        """Go on to a fix of this time and use it: llh (3,), velocity (3,) nan where unknown, noise (6, 6).
+    def weigh(self, arrival: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray) -> bool:
+        """Go on to a fix that came at `arrival`, use it, and answer for that time: llh (3,), velocity (3,) nan where
+        unknown, noise (6, 6). The fix was valid the filter's latency earlier, as in a landing.
 
-        False where that time is past, or increments up to it are not there yet.
+        False where that time is past, or increments up to the arrival are not there yet.
         """
         tolerance = loosely_coupled.TIME_TOLERANCE
-        if time <= self.time + tolerance or time > self.known_until + tolerance:
+        latency = self.settings.latency
+        valid = max(arrival - latency, 0.0)
+        if valid < self.time - tolerance or arrival > self.known_until + tolerance:
             return False
         if self.settings.kind > loosely_coupled.TFG:
             raise ValueError("a smoother cannot run live")
-        imu_time, dtheta, dv = self.increments.take(min(time, self.known_until))
-        truth = self.trajectory.motion(np.array([imu_time[0], time]))
+        arrival = min(arrival, self.known_until)
+        valid = min(valid, arrival)
+        imu_time, dtheta, dv = self.increments.until(arrival)
+        truth = self.trajectory.motion(np.array([imu_time[0], arrival]))
         out = loosely_coupled.Flown.of(1)
         loosely_coupled.run(
             self.settings.kind, imu_time, dtheta, dv, self.nav, self.covariance, self.settings.noise(),
-            np.array([time]), llh[None].copy(), velocity[None].copy(), noise[None].copy(), self.settings.with_velocity,
-            0.0, self.settings.lever_arm, self.settings.gate, self.settings.max_rejected, truth.llh,
-            truth.velocity_ned, truth.quaternion, np.zeros((2, 6)), out, covariance.STRIDE,
+            np.array([valid]), llh[None].copy(), velocity[None].copy(), noise[None].copy(), self.settings.with_velocity,
+            latency, self.settings.lever_arm, self.settings.gate, max(self.settings.max_rejected - self.rejected, 0),
+            truth.llh, truth.velocity_ned, truth.quaternion, np.zeros((2, 6)), out, covariance.STRIDE,
         )  # fmt: skip
-        self.left.append((time, out))
+        # each call counts from none: what was rejected before it is taken off the limit
+        if out.status[0] == loosely_coupled.REJECTED:
+            self.rejected += 1
+        elif out.status[0] == loosely_coupled.USED:
+            self.rejected = 0
+        self.increments.drop(valid)
+        self.left.append((arrival, out))
         return True
 
     def estimates(self) -> dict[str, np.ndarray]:
-        """What was left, stacked: time (t,), error, sigma (t, 15), estimate (t, 20), misfit (t, 6), squared, degrees,
-        status (t,). Errors of biases are nan: what they truly are is not known of real sensors."""
+        """What was left, stacked: time (t,) of the answers, error, sigma (t, 15), estimate (t, 20), misfit (t, 6),
+        squared, degrees, status (t,). Errors of biases are nan: what they truly are is not known of real sensors."""
         n = len(self.left)
         error = np.array([f.error[1] for _, f in self.left]).reshape(n, states.N)
         error[:, states.GYRO :] = np.nan

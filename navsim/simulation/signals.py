@@ -83,6 +83,12 @@ class Environment:
     effects: Effects = NO_EFFECTS
 
 
+def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
+    """Where the antenna is along a motion, m (n, 3); lever_arm (3,) IMU to antenna, body, m."""
+    arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
+    return motion.position_ecef + np.einsum("nji,nj->ni", ned_matrix(motion.llh), arm)
+
+
 def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
     """All sources at the times of `motion`, s after `utc` (POSIX s), seen from the antenna; see
     `pseudorange.Signals`."""
@@ -90,8 +96,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     when = timescales.gps_from_utc(utc) + motion.time
     listed, ground, law = environment.listed, environment.ground, environment.law
     c_ne = ned_matrix(motion.llh)
-    arm = np.einsum("nij,j->ni", motion.c_nb, environment.lever_arm)
-    antenna = motion.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
+    antenna = antenna_ecef(motion, environment.lever_arm)
     earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
     swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, environment.lever_arm))
     antenna_velocity = motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)

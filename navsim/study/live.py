@@ -1,8 +1,9 @@
 """A landing of which the receiver or the IMU is real: lines in, filter on, a result at the end.
 
 Receiver lines are NMEA sentences or rows `t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s`; IMU lines are rows
-`t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2`, each the mean since the row before. Times are UTC, or any
-count of seconds: then the first line is at the time where the scenario would have had it.
+`t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2`, each the mean since the row before. What their times are in
+the flight is settled by `source_clock`. A fix is valid at its time and comes `receiver.latency_s` later, as in a
+landing.
 """
 
 from __future__ import annotations
@@ -10,19 +11,22 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from navsim.core import states
+from navsim.core import states, wgs84
+from navsim.estimation.loosely_coupled import REJECTED
 from navsim.io.nmea import Assembler
 from navsim.io.recording import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.io.results import Result, Variable
 from navsim.io.stream import Lines
-from navsim.models import imu, timescales
+from navsim.models import imu
 from navsim.simulation.landing import fixed, initial_estimate, measured
 from navsim.simulation.live import Increments, LiveFilter
+from navsim.simulation.signals import antenna_ecef
 from navsim.simulation.streams import generator
+from navsim.study import source_clock
 from navsim.study.landing.case import Case
 from navsim.study.root import root_attributes
 
@@ -31,23 +35,74 @@ COUNTS = {
     "received": "lines received",
     "used": "messages used",
     "corrupt": "lines that are no message: checksum, syntax, values",
-    "late": "messages for a time already passed: late, doubled or out of order",
+    "doubled": "messages that came again unchanged",
+    "late": "messages for a time already passed: late or out of order",
+    "contradicting": "messages of one time with another place: of another sender",
     "lost": "messages missing in between, by the scenario's rate",
+    "before": "messages from before the flight",
     "early": "messages for a time beyond the data or the scenario",
     "empty": "messages without a fix",
+    "dropped": "lines left out because they came faster than they were taken",
+    "strangers": "datagrams of other senders, left out",
+    "untimed": "NMEA sentences without a time of day",
     "no_height": "fixes without a height: none in GGA, or RMC without GGA",
 }
+_OF_NMEA = {
+    "corrupt": "corrupt",
+    "empty": "no_fix",
+    "untimed": "untimed",
+    "no_height": "no_height",
+    "contradicting": "contradicting",
+}
+"""What the assembler of sentences counts, by the name it has here."""
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
+_OVER = 10
+"""Messages in a row from beyond the end of the flight after which it is over."""
+_SAME_TIME = 1e-6
+"""Times closer than this are one, s."""
+_SLICE = 0.2
+"""Longest wait without a look at whether to stop, s."""
+
+_BEST_FIX = 1.0
+"""No receiver is asked for fixes better than this, m, also where the scenario has signals without errors."""
+FEWEST_USED = 0.1
+"""Share of what came that must be of use; lines without a fix and corrupt ones count too."""
+MANY_CORRUPT = 0.05
+"""Share of corrupt lines from which the user is warned."""
+MOST_MISPLACED = 0.25
+"""Share of messages out of order or contradicting others beyond which a stream is not one receiver's."""
+MOST_REJECTED = 1.0 / 3.0
+"""Share of fixes rejected by the gate beyond which what was flown is no landing."""
+MOST_NIS = 100.0
+"""Median normalised innovation squared per degree of freedom, ten sigmas, beyond which what was flown is no landing."""
+MOST_OFF = 10.0
+"""Median distance of the fixes from the flight, in sigmas of a fix, beyond which they are not of this landing."""
+DOUBTED_NIS = 4.0
+"""Mean normalised innovation squared per degree of freedom, two sigmas, from which the user is warned."""
+_SPANS = 12
+"""Spans in which the stream's shift along the track is taken, for their scatter; at least half must have fixes."""
+_SHORTEST_SPAN = 1.0
+_SLOWEST = 3.0
+"""Speed, m/s, under which a shift in time does not show."""
+_SURE = 4.0
+"""Sigmas from which a shift is not chance."""
 
 
 @dataclass
 class Session:
-    """A live run under way; `pump` it with lines, then take the `result`."""
+    """A live run under way; `pump` it with lines, then take the `result`.
+
+    start: what the source's clock reads at time 0, None to find out. tell: what to do with a message for the user.
+    stopped: set to end the run from outside, as a handler of signals does; says why.
+    """
 
     case: Case
     block: Block
     seed: int
     realtime: bool = False
+    start: source_clock.Start | Literal["first"] | None = None
+    tell: Callable[[str], None] = lambda _: None
+    stopped: str | None = None
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
 
     def __post_init__(self) -> None:
@@ -60,11 +115,20 @@ class Session:
             Increments([0.0]),
         )
         self.assembler = Assembler()
-        self.offset: float | None = None
+        self.clock: source_clock.Settled | None = None
         self.last: float | None = None
-        self.started = clock.monotonic()
+        self.fixes: list[tuple[float, np.ndarray]] = []
         self.noise, self.simulated = _fixes(case, self.seed)
         self.next_fix = 0
+        self._columns = GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS
+        self._places = list(range(len(self._columns)))
+        self._of_nmea = dict.fromkeys(_OF_NMEA, 0)
+        self._held: tuple[np.ndarray, source_clock.Kind] | None = None
+        self._latest: np.ndarray | None = None
+        self._beyond = 0
+        self._began: float | None = None
+        self._moved = 0.0
+        self.latency = case.scenario.receiver.latency_s
         if self.block == "receiver":
             step = world.imu_time[1] - world.imu_time[0]
             dtheta, dv, _ = imu.simulate(
@@ -77,76 +141,184 @@ class Session:
     @property
     def over(self) -> bool:
         """Whether the scenario's time has passed."""
-        return self.last is not None and self.last > self.case.scenario.duration_s - 0.5 * self.period
+        latency = self.latency if self.block == "receiver" else 0.0
+        end = self.case.scenario.duration_s - latency - 0.5 * self.period
+        return self._beyond >= _OVER or (self.last is not None and self.last > end)
 
     def pump(self, lines: Lines, silence: float, done: Callable[[int], None] = lambda _: None) -> str:
-        """Take lines until the scenario is over, the source ends, or `silence` seconds pass without; says which."""
+        """Take lines until the scenario is over, the source ends, `silence` seconds pass without, or it is `stopped`;
+        says which."""
+        why = self._pump(lines, silence, done)
+        self.finish()
+        self.counts["dropped"] += lines.dropped
+        self.counts["strangers"] += sum(lines.strangers.values())
+        return why
+
+    def _pump(self, lines: Lines, silence: float, done: Callable[[int], None]) -> str:
         quiet_since = clock.monotonic()
         while not self.over:
-            line = lines.take(min(0.2, silence))
+            if self.stopped is not None:
+                return self.stopped
+            line = lines.take(min(_SLICE, silence))
             if line is not None:
-                quiet_since = clock.monotonic()
                 self.take(line)
-                done(int(self.last or 0.0))
+                quiet_since = clock.monotonic()
+                done(int(self.last) if self.last is not None else 0)
             elif lines.ended:
-                self.finish()
-                return "the source ended"
+                return f"the source went away: {lines.failure}" if lines.failure else "the source ended"
             elif clock.monotonic() - quiet_since > silence:
-                self.finish()
                 return f"nothing came for {silence:g} s"
         return "the scenario's time is over"
 
     def take(self, line: str) -> None:
         """One line as it came."""
-        if not line.strip() or line.startswith(("#", "t_s")):
+        if not line.strip() or line.startswith("#"):
+            return
+        if line.startswith("t_s"):
+            self._header(line)
             return
         self.counts["received"] += 1
         if self.block == "receiver" and "$" in line:
-            self._hear(lambda: self.assembler.feed(line))
+            self._from_nmea(self.assembler.feed(line))
             return
-        row = _row(line, len(GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS), self.block)
+        row = _row(line, self._places, self.block)
         if row is None:
             self.counts["corrupt"] += 1
         else:
-            self._use(row)
+            self._use(row, "count")
+
+    def _header(self, line: str) -> None:
+        """The places of the columns, where a table names them; without such a header they are the first ones."""
+        names = [name.strip() for name in line.split(",")]
+        lacking = [name for name in self._columns if name not in names]
+        if lacking:
+            order = ", ".join(self._columns)
+            self.tell(f"warning: the header lacks {', '.join(lacking)}; columns are taken in the order {order}")
+        else:
+            self._places = [names.index(name) for name in self._columns]
 
     def finish(self) -> None:
-        """The last epoch of NMEA sentences has no successor that would complete it."""
-        if self.block == "receiver":
-            self._hear(lambda: [row for row in (self.assembler.flush(),) if row is not None])
+        """What waited for a successor has none: the last epoch of NMEA sentences, a single message."""
+        last = self.assembler.flush()
+        self._from_nmea([] if last is None else [last])
+        if self._held is not None:
+            self._settle(*self._held)
 
-    def _hear(self, rows_of: Callable[[], list[np.ndarray]]) -> None:
-        """Use the rows that the assembler gives, and count what it counts meanwhile."""
-        names = {"corrupt": "corrupt", "empty": "no_fix", "no_height": "no_height"}
-        before = {name: getattr(self.assembler, counted) for name, counted in names.items()}
-        rows = rows_of()
-        for name, counted in names.items():
-            self.counts[name] += getattr(self.assembler, counted) - before[name]
+    def _from_nmea(self, rows: list[np.ndarray]) -> None:
+        """Use rows that the assembler gave, and count what it counted meanwhile."""
+        nmea = self.assembler
+        for name, counted in _OF_NMEA.items():
+            now = getattr(nmea, counted)
+            self.counts[name] += now - self._of_nmea[name]
+            self._of_nmea[name] = now
+        if nmea.moved != self._moved:
+            # the date came after the first fixes: their times, and what was settled by them, are of that day
+            ahead, self._moved = nmea.moved - self._moved, nmea.moved
+            later = ahead * np.eye(len(GNSS_COLUMNS))[0]
+            if self._held is not None:
+                self._held = (self._held[0] + later, "dated")
+            if self._latest is not None:
+                self._latest = self._latest + later
+            if self.clock is not None:
+                self.clock = self.clock.dated(ahead, self.case.scenario.epoch.timestamp())
+                self._told()
         for row in rows:
-            self._use(row[:7])
+            self._use(row[:7], "dated" if nmea.dated else "undated")
 
-    def _use(self, row: np.ndarray) -> None:
-        t = self._scenario_time(float(row[0]))
-        if self.last is not None and t <= self.last + 1e-6:
-            self.counts["late"] += 1
+    def _use(self, row: np.ndarray, kind: source_clock.Kind) -> None:
+        """A message (7,); until the clock is settled it waits for one that follows it."""
+        if self.clock is not None:
+            self._place(row)
             return
-        if t > self.case.scenario.duration_s + 1e-6:
+        held, self._held = self._held, (row, kind)
+        if held is None:
+            return
+        step = row[0] - held[0][0]
+        if 0.0 < step <= max(source_clock.LONGEST_STEP, 10.0 * self.period):
+            self._settle(*held)
+            self._place(row)
+        else:  # one of the two is wrong, or of another sender: only the one that is followed counts
+            self.counts[self._passed(held[0], row)] += 1
+
+    def _settle(self, row: np.ndarray, kind: source_clock.Kind) -> None:
+        self._held = None
+        scenario = self.case.scenario
+        misfit = (lambda t: self._misfit(t, _radians(row))) if self.block == "receiver" else None
+        self.clock = source_clock.settle(
+            float(row[0]), kind, scenario.epoch.timestamp(), scenario.duration_s, self.period, misfit, self.start
+        )
+        self._told()
+        self._place(row)
+
+    def _told(self) -> None:
+        assert self.clock is not None
+        self.tell(self.clock.text)
+        if self.clock.doubt:
+            self.tell(f"warning: {self.clock.doubt}")
+
+    def _misfit(self, t: float, llh: np.ndarray) -> float:
+        """Distance of a fix from where the flight's antenna is at a time, in sigmas."""
+        return float(np.linalg.norm(self._off(np.array([t]), llh[None])[0]) / self._sigma(np.array([t]))[0])
+
+    def _off(self, time: np.ndarray, llh: np.ndarray) -> np.ndarray:
+        """Fixes (n, 3) less the flight's antenna positions, m NED (n, 3)."""
+        motion = self.case.trajectory.motion(time)
+        off = wgs84.ecef_from_llh(llh) - antenna_ecef(motion, self.case.environment.lever_arm)
+        return np.einsum("nij,nj->ni", wgs84.ned_matrix(motion.llh), off)
+
+    def _sigma(self, time: np.ndarray) -> np.ndarray:
+        """1 sigma of the scenario's fixes in space nearest to times (n,), m, as what real ones are measured by."""
+        nearest = np.array([np.argmin(np.abs(self.case.world.signals.time - t)) for t in time], dtype=np.int64)
+        return np.maximum(np.sqrt(np.trace(self.noise[nearest, :3, :3], axis1=1, axis2=2)), _BEST_FIX)
+
+    def _place(self, row: np.ndarray) -> None:
+        """A message at its time in the flight."""
+        assert self.clock is not None
+        t = float(row[0]) - self.clock.offset
+        if t <= _SAME_TIME:
+            self.counts["before"] += 1
+            return
+        if self.last is not None and t <= self.last + _SAME_TIME:
+            assert self._latest is not None
+            self.counts[self._passed(row, self._latest)] += 1
+            return
+        if t > self.case.scenario.duration_s + _SAME_TIME:
             self.counts["early"] += 1
+            self._beyond += 1
             return
+        self._beyond = 0
         if self.realtime:
-            clock.sleep(max(0.0, self.started + t - clock.monotonic()))
-        missing = round((t - (self.last or 0.0)) / self.period) - 1
-        self.counts["lost"] += max(0, missing)
+            self._hold_back(t)
+        previous = 0.0 if self.last is None else self.last
+        self.counts["lost"] += max(0, round((t - previous) / self.period) - 1)
         if self.block == "receiver":
             self._use_fix(t, row)
         else:
             self._use_sample(t, row)
-        self.last = t
+        self.last, self._latest = t, row
+
+    def _passed(self, row: np.ndarray, other: np.ndarray) -> str:
+        """What to count a message for that does not go with another one."""
+        if abs(row[0] - other[0]) > _SAME_TIME:
+            return "late"
+        if np.array_equal(row[1:], other[1:], equal_nan=True):
+            return "doubled"
+        if self.block == "imu":
+            return "contradicting"
+        apart = float(np.linalg.norm(np.diff(wgs84.ecef_from_llh(_radians(np.array([row, other]))), axis=0)))
+        now = np.array([0.0 if self.last is None else self.last])
+        return "contradicting" if apart > source_clock.FITS * self._sigma(now)[0] else "late"
+
+    def _hold_back(self, t: float) -> None:
+        """Wait until as much time has passed since the first message as in the flight, or the run is stopped."""
+        if self._began is None:
+            self._began = clock.monotonic() - t
+        while self.stopped is None and (left := self._began + t - clock.monotonic()) > 0.0:
+            clock.sleep(min(left, _SLICE))
 
     def _use_fix(self, t: float, row: np.ndarray) -> None:
-        llh = np.array([np.radians(row[1]), np.radians(row[2]), row[3]])
         index = int(np.argmin(np.abs(self.case.world.signals.time - t)))
-        used = self.filter.weigh(t, llh, row[4:7].astype(float), self.noise[index])
+        used = self._weigh(t, _radians(row), row[4:7].astype(float), self.noise[index])
         self.counts["used" if used else "early"] += 1
 
     def _use_sample(self, t: float, row: np.ndarray) -> None:
@@ -154,19 +326,17 @@ class Session:
         self.filter.increments.add(t, step * row[1:4], step * row[4:7])
         self.counts["used"] += 1
         fixes = self.case.world.signals.time
-        while self.next_fix < fixes.size and fixes[self.next_fix] <= t + 1e-9:
+        while self.next_fix < fixes.size and fixes[self.next_fix] + self.latency <= t + 1e-9:
             llh, velocity = self.simulated[0][self.next_fix], self.simulated[1][self.next_fix]
-            self.filter.weigh(float(fixes[self.next_fix]), llh, velocity, self.noise[self.next_fix])
+            self._weigh(float(fixes[self.next_fix]), llh, velocity, self.noise[self.next_fix])
             self.next_fix += 1
 
-    def _scenario_time(self, stamp: float) -> float:
-        """Seconds of the scenario: from UTC, from the time of day, or counted from the first message."""
-        if self.offset is None:
-            epoch = self.case.scenario.epoch.timestamp()
-            candidates = [stamp - epoch, stamp - epoch % timescales.DAY]
-            inside = [c for c in candidates if 0.0 < c <= self.case.scenario.duration_s]
-            self.offset = stamp - (inside[0] if inside else self.period)
-        return stamp - self.offset
+    def _weigh(self, t: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray) -> bool:
+        """A fix of time t, which comes the receiver's latency later."""
+        used = self.filter.weigh(t + self.latency, llh, velocity, noise)
+        if used:
+            self.fixes.append((t, llh))
+        return used
 
     def result(self) -> Result:
         """What there is, as far as it came."""
@@ -178,7 +348,7 @@ class Session:
         ):
             v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
         mixed = ", ".join(dict.fromkeys(states.UNITS))
-        v["/filter/time"] = Variable(("time",), left["time"], "s", "times of the fixes since the epoch")
+        v["/filter/time"] = Variable(("time",), left["time"], "s", "times when the fixes had come, since the epoch")
         v["/filter/state"] = Variable(("state",), np.array(states.NAMES, dtype=object), "1", "names of the states")
         v["/filter/error"] = Variable(("time", "state"), left["error"], mixed, "truth of the scenario minus estimate")
         v["/filter/sigma"] = Variable(("time", "state"), left["sigma"], mixed, "1 sigma of the filter")
@@ -186,7 +356,8 @@ class Session:
         v["/filter/position_llh"] = Variable(("time", "llh"), llh, "rad, rad, m", "estimated position of the IMU")
         velocity = left["estimate"][:, states.NAV_VEL : states.NAV_VEL + 3]
         v["/filter/velocity_ned"] = Variable(("time", "ned"), velocity, "m/s", "estimated velocity")
-        v["/innovations/time"] = Variable(("time",), left["time"], "s", "times of the fixes since the epoch")
+        time = np.array([t for t, _ in self.fixes])
+        v["/innovations/time"] = Variable(("time",), time, "s", "times of the fixes since the epoch")
         for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
             v[f"/innovations/{name}"] = Variable(("time", "ned"), left["misfit"][:, part], unit, "fix less prediction")
         v["/innovations/normalized_squared"] = Variable(("time",), left["squared"], "1", "normalised and squared")
@@ -194,22 +365,144 @@ class Session:
         v["/innovations/status"] = Variable(("time",), left["status"], "1", "0 no fix, 1 used, 2 rejected by the gate")
         for name, count in self.counts.items():
             v[f"/stream/{name}"] = Variable((), np.int64(count), "1", COUNTS[name])
+        off = self._off(time, np.array([llh for _, llh in self.fixes]).reshape(-1, 3))
+        v["/innovations/off_flight_ned"] = Variable(("time", "ned"), off, "m", "fix less the flight's antenna position")
+        v["/innovations/fix_sigma"] = Variable(
+            ("time",), self._sigma(time), "m", "1 sigma of the scenario's fixes in space"
+        )
+        shift, sigma = np.nan, np.nan
+        if self.block == "receiver":
+            shift, sigma = _shift(time, off, self.case.trajectory.motion(time).velocity_ned)
+        offset = np.nan if self.clock is None else self.clock.offset
+        for name, value, meaning in (
+            ("offset", offset, "what the source's clock reads at time 0 of the flight"),
+            ("shift", shift, "how far the fixes lie ahead of the flight along the track, in time"),
+            ("shift_sigma", sigma, "1 sigma of the same, from its scatter"),
+        ):
+            v[f"/clock/{name}"] = Variable((), np.float64(value), "s", meaning)
         late = left["time"] > left["time"][-1] - 20.0 if left["time"].size else np.zeros(0, dtype=bool)
         squares = left["error"][late, :3] ** 2
         rms = np.sqrt(squares.mean(axis=0)) if late.any() else np.full(3, np.nan)
         v["/summary/rms_position_ned"] = Variable(("ned",), rms, "m", "rms position error over the last 20 s")
-        nis = np.nansum(left["squared"]) / max(int(left["degrees"].sum()), 1)
+        degrees = int(left["degrees"].sum())
+        nis = np.nansum(left["squared"]) / degrees if degrees else np.nan
         v["/summary/nis"] = Variable((), np.float64(nis), "1", "normalised innovation squared per degree of freedom")
-        return Result(root_attributes("live", self.seed, self.case.scenario, replaced_block=self.block), v)
+        base = "not settled" if self.clock is None else self.clock.base
+        given: dict[str, Any] = {"replaced_block": self.block, "clock": base}
+        verdict = "; ".join(failures(Result(given, v)))
+        given["verdict"] = f"no result: {verdict}" if verdict else "flown"
+        return Result(root_attributes("live", self.seed, self.case.scenario, **given), v)
 
 
-def _row(line: str, width: int, block: Block) -> np.ndarray | None:
-    """The numbers of a row, None for anything that cannot be one."""
+def failures(result: Result) -> list[str]:
+    """Why what was flown is no result; none where it is one."""
+    count = {name: int(result[f"/stream/{name}"]) for name in COUNTS}
+    used = result["/innovations/time"].size
+    if not used:
+        causes = ("corrupt", "empty", "no_height", "before", "early", "late")
+        why = [f"{count[name]} {COUNTS[name]}" for name in causes if count[name]]
+        return [f"not one message could be used: {', '.join(why) or 'none came'}"]
+    out = []
+    misplaced = count["late"] + count["contradicting"]
+    whole = count["used"] + misplaced
+    if misplaced > MOST_MISPLACED * whole:
+        out.append(
+            f"{misplaced} of {whole} messages are out of order or contradict others of their time: two senders at "
+            "once, or several recordings in one?"
+        )
+    came = whole + sum(count[name] for name in ("corrupt", "empty", "no_height", "early"))
+    if count["used"] < FEWEST_USED * came:
+        out.append(f"of {came} messages and corrupt lines only {count['used']} could be used")
+    if count["early"] > count["used"]:
+        out.append(f"{count['early']} messages lie beyond the end of the flight, {count['used']} in it: another clock?")
+    distance = np.linalg.norm(result["/innovations/off_flight_ned"], axis=1)
+    off = distance / result["/innovations/fix_sigma"]
+    if result.attributes["replaced_block"] == "receiver" and (sigmas := float(np.median(off))) > MOST_OFF:
+        metres = float(np.median(distance))
+        out.append(
+            f"half of the fixes lie more than {metres:.3g} m ({sigmas:.3g} sigmas) from where the flight is at their "
+            "times: another flight, or another time of it?"
+        )
+    rejected = int(np.sum(result["/innovations/status"] == REJECTED))
+    if rejected > MOST_REJECTED * used:
+        out.append(f"the gate rejected {rejected} of {used} fixes")
+    degrees = result["/innovations/degrees"]
+    judged = degrees > 0
+    if judged.any():
+        nis = float(np.median(result["/innovations/normalized_squared"][judged] / degrees[judged]))
+        if nis > MOST_NIS:
+            out.append(f"half of the normalised innovations squared are over {nis:.3g} per degree of freedom, 1 is due")
+    return out
+
+
+def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
+    """What of a run the user should hear about."""
+    out = []
+    if lines.strangers:
+        others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
+        out.append(f"datagrams of other senders than the first were left out: {others}")
+    if session.counts["corrupt"] > MANY_CORRUPT * session.counts["received"]:
+        out.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are no message")
+    for name in ("dropped", "contradicting"):
+        if session.counts[name]:
+            out.append(f"{session.counts[name]} {COUNTS[name]}")
+    shift, sigma = float(result["/clock/shift"]), float(result["/clock/shift_sigma"])
+    if (
+        session.clock is not None
+        and abs(shift) > max(0.5 * session.period, _SURE * sigma)
+        and _explains(session, result, shift)
+    ):
+        periods = round(shift / session.period) * session.period
+        out.append(
+            f"along the track the fixes lie {abs(shift):.3f} s {'ahead of' if shift > 0.0 else 'behind'} the flight "
+            f"(sigma {sigma:.3f} s), {abs(shift) / session.period:.1f} periods: lines lost before the first, or a "
+            f"clock that is off? --start-time {session.clock.option(-periods)} takes it off"
+        )
+    nis = float(result["/summary/nis"])
+    if nis > DOUBTED_NIS:
+        out.append(f"innovations are {np.sqrt(nis):.1f} times what the filter believes (NIS {nis:.3g}, 1 is due)")
+    return out
+
+
+def _explains(session: Session, result: Result, shift: float) -> bool:
+    """Whether fixes that lie ahead by a time lie on the flight without it."""
+    velocity = session.case.trajectory.motion(result["/innovations/time"]).velocity_ned
+    left = np.linalg.norm(result["/innovations/off_flight_ned"] - shift * velocity, axis=1)
+    return float(np.median(left / result["/innovations/fix_sigma"])) <= MOST_OFF
+
+
+def _shift(time: np.ndarray, off: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
+    """How far fixes lie ahead of the flight along the track, s, and its 1 sigma; nan where they are too few.
+
+    time (n,) s, off (n, 3) m, velocity (n, 3) m/s, both NED. The scatter is that of means over spans of time, so that
+    noise correlated within a span counts once.
+    """
+    speed = np.linalg.norm(velocity[:, :2], axis=1)
+    use = (speed > _SLOWEST) & np.isfinite(off).all(axis=1)
+    if not use.any():
+        return np.nan, np.nan
+    time, off, velocity, speed = time[use], off[use], velocity[use], speed[use]
+    length = max((time[-1] - time[0]) / _SPANS, _SHORTEST_SPAN)
+    span = np.minimum((time - time[0]) // length, _SPANS - 1)
+    along = np.sum(off[:, :2] * velocity[:, :2], axis=1)
+    shifts = np.array([along[span == k].sum() / np.sum(speed[span == k] ** 2) for k in np.unique(span)])
+    if shifts.size < _SPANS // 2:
+        return np.nan, np.nan
+    return float(shifts.mean()), float(shifts.std(ddof=1) / np.sqrt(shifts.size))
+
+
+def _radians(row: np.ndarray) -> np.ndarray:
+    """Geodetic coordinates, rad, rad, m, of rows (..., 7)."""
+    return np.stack([np.radians(row[..., 1]), np.radians(row[..., 2]), row[..., 3]], axis=-1)
+
+
+def _row(line: str, places: list[int], block: Block) -> np.ndarray | None:
+    """The numbers at these places of a row, None for anything that cannot be one."""
     cells = line.split(",")
-    if len(cells) < width:
+    if len(cells) <= max(places):
         return None
     try:
-        row = np.array([float(c) if c.strip() else np.nan for c in cells[:width]])
+        row = np.array([float(cells[k]) if cells[k].strip() else np.nan for k in places])
     except ValueError:
         return None
     needed = row[:4] if block == "receiver" else row

@@ -58,9 +58,7 @@ def test_every_setting_of_the_receiver_is_drawn() -> None:
 
 
 @settings(max_examples=25, derandomize=True)
-@given(
-    st.fixed_dictionaries({f"receiver.{k}": v for k, v in RECEIVER.items()} | OTHER), APPROACHES, st.booleans()
-)
+@given(st.fixed_dictionaries({f"receiver.{k}": v for k, v in RECEIVER.items()} | OTHER), APPROACHES, st.booleans())
 @example({"receiver.one_clock": True, "pseudolites.clock": "gps", "sky.source": "nominal"}, "landing", True)
 @example({"receiver.smoothing_s": 20.0, "pseudolites.count": 1}, "landing", True)
 def test_placement_path_equals_the_landing(

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import datetime
 import json
+import os
+import pty
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+import tty
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from navsim.cli.recorded import _ended_by_signals
 from navsim.io.export import export
+from navsim.io.results import read
 from navsim.io.stream import Lines, StreamError, opened
+from navsim.models import imu
+from navsim.simulation.landing import fixed, measured
+from navsim.simulation.streams import generator
 from navsim.study import landing
+from navsim.study import live as flying
 from navsim.study.live import Session
+from navsim.study.source_clock import start_time
 from tests.helpers import SCENARIOS, case
+from tests.product.test_fuzz_readers import sentence
 
 SHORT = ("receiver.rate_hz=2", "duration_s=60", "filter.velocity=true")
 SCENARIO = ("live", str(SCENARIOS / "landing.yaml"), *(x for a in SHORT for x in ("--set", a)))
@@ -50,6 +64,23 @@ def test_the_simulators_own_fixes_give_the_simulated_run(flown) -> None:  # type
     assert not session.counts["corrupt"] + session.counts["late"] + session.counts["lost"]
     np.testing.assert_allclose(ours["error"][:, :9], theirs[:, :9], atol=2e-3)
     np.testing.assert_allclose(ours["sigma"], result["/filter/sigma"][0, 1:], rtol=1e-2)
+
+
+def test_a_header_names_the_columns(flown) -> None:  # type: ignore[no-untyped-def]
+    """A receiver's table has columns of its own in between; a header of other names is spoken of."""
+    c, result, table, _ = flown
+    head, *rows = table.read_text().splitlines()
+    more = [f"{row.split(',', 1)[0]},319569.2,{row.split(',', 1)[1]}" for row in rows]
+    session, ours, warned = flew(c, [head.replace("t_s,", "t_s,gps_tow_s,"), *more])
+    np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"], atol=1e-6)
+    assert not warned
+    said: list[str] = []
+    session = Session(c, "receiver", 1, tell=said.append)
+    session.take("t_s,latitude,longitude,h_m")
+    assert said == [
+        "warning: the header lacks lat_deg, lon_deg, vn_m_s, ve_m_s, vd_m_s; columns are taken in the order "
+        "t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s"
+    ]
 
 
 def test_nmea_in_place_of_the_receiver(flown) -> None:  # type: ignore[no-untyped-def]
@@ -86,10 +117,14 @@ def test_nmea_in_place_of_the_receiver(flown) -> None:  # type: ignore[no-untype
     assert session.counts["used"] >= result["/geometry/time"].size - 4
 
 
-def imu_rows(c: landing.Case) -> list[str]:
+def imu_rows(c: landing.Case, seed: int | None = None) -> list[str]:
+    """Samples of the flight as rows: true ones, or those of the first run of a seed."""
     world = c.world
     step = np.diff(world.imu_time)[:, None]
-    rows = zip(world.imu_time[1:], world.dtheta / step, world.dv / step, strict=True)
+    dtheta, dv = world.dtheta, world.dv
+    if seed is not None:
+        dtheta, dv, _ = imu.simulate(generator(seed, 0, "imu"), dtheta, dv, step[0, 0], c.gyro, c.accel)
+    rows = zip(world.imu_time[1:], dtheta / step, dv / step, strict=True)
     return [",".join(f"{x:.12g}" for x in (t, *w, *f)) for t, w, f in rows]
 
 
@@ -127,6 +162,8 @@ def test_standard_input_and_files(flown, tmp_path: Path) -> None:  # type: ignor
     done = navsim(*SCENARIO, "--receiver", str(nmea), "-o", "b.h5", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "messages used" in done.stdout
+    assert "verdict: flown" in done.stdout
+    assert "12:00:00.000Z by the source's clock, by UTC and the scenario's epoch" in done.stderr
     shown = navsim("show", "b.h5", cwd=tmp_path)
     assert shown.stdout.splitlines()[1:] == done.stdout.splitlines()[:-1]
     assert navsim("plot", "b.h5", cwd=tmp_path).returncode == 0
@@ -179,10 +216,6 @@ def test_over_the_network(kind: str) -> None:
 
 def test_a_serial_device(tmp_path: Path) -> None:
     """A pseudo terminal stands for the device."""
-    import os
-    import pty
-    import tty
-
     master, slave = pty.openpty()
     tty.setraw(slave)
     with opened(f"serial://{os.ttyname(slave)}?baud=115200") as lines:
@@ -227,3 +260,355 @@ def test_one_source_only(tmp_path: Path) -> None:
         done = navsim(*SCENARIO, *extra, cwd=tmp_path)
         assert done.returncode == 2
         assert "exactly one" in done.stderr
+
+
+# --- times
+
+
+def flew(c: landing.Case, lines: list[str], start: str | None = None) -> tuple[Session, Any, list[str]]:
+    """A session over lines, its result, and the warnings."""
+    session = Session(c, "receiver", 1, start=None if start is None else start_time(start))
+    source = lines_of("\n".join(lines) + "\n")
+    session.pump(source, 1.0)
+    result = session.result()
+    return session, result, flying.warnings(session, result, source)
+
+
+def later(rows: list[str], seconds: float) -> list[str]:
+    """Rows of fixes by a clock that is ahead."""
+    cells = [row.split(",", 1) for row in rows]
+    return [f"{float(t) + seconds:.4f},{rest}" for t, rest in cells]
+
+
+def of_another_place(rows: list[str], north: float = 9.0, east: float = -20.0) -> list[str]:
+    """The same rows, degrees away."""
+    cells = [row.split(",") for row in rows]
+    return [",".join([t, f"{float(lat) + north}", f"{float(lon) + east}", *rest]) for t, lat, lon, *rest in cells]
+
+
+@pytest.mark.parametrize("kind", ["csv", "nmea"])
+def test_a_lost_first_line_shifts_nothing(flown, kind: str) -> None:  # type: ignore[no-untyped-def]
+    c, result, table, nmea = flown
+    lines = table.read_text().splitlines()[2:] if kind == "csv" else nmea.read_text().splitlines()[3:]
+    session, ours, warned = flew(c, lines)
+    assert session.clock.base == ("flight time" if kind == "csv" else "utc")
+    np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"][1:], atol=1e-6)
+    assert not warned
+    assert not flying.failures(ours)
+
+
+def test_a_count_from_anywhere_begins_with_the_first_line(flown) -> None:  # type: ignore[no-untyped-def]
+    """Where only the first line tells the time, its loss shows along the track, and is said with the cure."""
+    c, result, table, _ = flown
+    rows = later(table.read_text().splitlines()[1:], 5000.0)
+    session, whole, warned = flew(c, rows)
+    assert session.clock.base == "first line"
+    assert not warned
+    np.testing.assert_allclose(whole["/innovations/time"], result["/geometry/time"], atol=1e-6)
+    session, shifted, warned = flew(c, rows[1:])
+    assert shifted["/clock/shift"] == pytest.approx(0.5, abs=0.05)
+    assert len(warned) == 1
+    assert "ahead of the flight" in warned[0]
+    assert "1.0 periods: lines lost before the first" in warned[0]
+    option = warned[0].split("--start-time ")[1].split()[0]
+    session, cured, warned = flew(c, rows[1:], option)
+    assert not warned
+    np.testing.assert_allclose(cured["/innovations/time"], result["/geometry/time"][1:], atol=1e-3)
+    session, _, warned = flew(c, table.read_text().splitlines()[2:], "first")
+    assert session.clock.base == "first line"
+    assert warned
+
+
+def test_the_shift_is_as_sure_as_it_says() -> None:
+    """The spread over receivers' noise is the sigma that one stream gives, at ten fixes a second and at one."""
+    for rate in ("receiver.rate_hz=10", "receiver.rate_hz=1"):
+        c = case("duration_s=60", rate)
+        session = Session(c, "receiver", 1)
+        time = c.world.signals.time
+        velocity = c.trajectory.motion(time).velocity_ned
+        fixes = [fixed(c.world, *measured(c.world, seed, 0))[0] for seed in range(30)]
+        shift, sigma = np.array([flying._shift(time, session._off(time, llh), velocity) for llh in fixes]).T
+        assert abs(shift.mean()) < 4.0 * shift.std() / np.sqrt(shift.size)
+        assert 0.6 < np.sqrt(np.mean(sigma**2)) / shift.std() < 1.6
+
+
+def test_a_source_that_begins_before_the_flight_is_waited_for(flown) -> None:  # type: ignore[no-untyped-def]
+    c, result, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    epoch = c.scenario.epoch.timestamp()
+    lead = [f"{-2.0 + 0.5 * k:.4f},{rows[0].split(',', 1)[1]}" for k in range(4)]
+    session, ours, _ = flew(c, later(lead + rows, epoch))
+    assert session.clock.base == "utc"
+    assert session.counts["before"] == 4
+    np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"], atol=1e-6)
+
+
+def test_nmea_joined_in_mid_epoch(flown) -> None:  # type: ignore[no-untyped-def]
+    """Fixes come before the first date: they count by the time of day, and go on by the date."""
+    c, result, _, nmea = flown
+    lines = nmea.read_text().splitlines()
+    for joined in (
+        [line for k, line in enumerate(lines) if k > 12 or "RMC" not in line],
+        [line for line in lines if "RMC" not in line],
+        lines[1:],  # in the middle of the first epoch
+        [lines[0][30:], *lines[1:]],  # in the middle of its first line
+    ):
+        session, ours, warned = flew(c, joined)
+        lost = int("GGA" not in joined[0])
+        assert session.counts["used"] == result["/geometry/time"].size - lost
+        np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"][lost:], atol=1e-6)
+        assert session.clock.base == ("utc" if any("RMC" in line for line in joined) else "time of day")
+        assert not warned
+
+
+def test_a_receiver_whose_weeks_rolled_over(flown) -> None:  # type: ignore[no-untyped-def]
+    c, result, _, nmea = flown
+    old = (c.scenario.epoch - datetime.timedelta(weeks=1024)).strftime(",%d%m%y,")
+    now = c.scenario.epoch.strftime(",%d%m%y,")
+    lines = [sentence(line[1:-3].replace(now, old)).strip() for line in nmea.read_text().splitlines()]
+    said: list[str] = []
+    session = Session(c, "receiver", 1, tell=said.append)
+    session.pump(lines_of("\n".join(lines)), 1.0)
+    assert session.counts["used"] == result["/geometry/time"].size
+    assert any("rolled over" in line for line in said)
+
+
+def test_a_garbled_first_line_settles_no_clock(flown) -> None:  # type: ignore[no-untyped-def]
+    """A line joined in its first number is a row like any other, of another time."""
+    c, result, table, _ = flown
+    rows = later(table.read_text().splitlines()[1:], 5000.0)
+    session, ours, _ = flew(c, [rows[0][2:], *rows[1:]], "5000")
+    assert session.counts["late"] == 1
+    np.testing.assert_allclose(ours["/innovations/time"], result["/geometry/time"][1:], atol=1e-6)
+    session, ours, _ = flew(c, [rows[0][2:], *rows[1:]])
+    assert session.counts["used"] == result["/geometry/time"].size - 1
+
+
+def test_a_stream_past_the_end_of_the_flight_ends_the_run(flown) -> None:  # type: ignore[no-untyped-def]
+    """Without the last fix of the flight, and with a sender that goes on for ever."""
+    c, _, table, _ = flown
+    rows = table.read_text().splitlines()[1:-1]
+    session = Session(c, "receiver", 1)
+    source = Lines()
+    source.put(("\n".join([*rows, *later(rows, 60.0)]) + "\n").encode())
+    assert session.pump(source, 60.0) == "the scenario's time is over"
+    assert not flying.failures(session.result())
+
+
+# --- what is no landing
+
+
+def test_another_country_is_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    c, _, table, _ = flown
+    _, result, warned = flew(c, of_another_place(table.read_text().splitlines()[1:]))
+    assert not any("along the track" in line for line in warned)
+    said = flying.failures(result)
+    assert any("from where the flight is at their times" in line for line in said)
+    assert any("the gate rejected" in line for line in said)
+    assert str(result.attributes["verdict"]).startswith("no result: half of the fixes lie more than")
+
+
+def test_another_time_of_the_flight_is_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    """Ten seconds are named as such, and with them taken off it is one."""
+    c, _, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    _, result, warned = flew(c, rows, "-10")
+    assert any("another time of it" in line for line in flying.failures(result))
+    (said,) = [line for line in warned if line.startswith("along the track")]
+    assert "s behind the flight" in said
+    option = said.split("--start-time ")[1].split()[0]
+    assert abs(float(option)) <= 0.5
+    _, result, _ = flew(c, rows, option)
+    assert not flying.failures(result)
+
+
+def test_two_senders_at_once_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    """Of one time; of two times; and as sentences of one epoch."""
+    c, _, table, nmea = flown
+    rows = table.read_text().splitlines()[1:]
+    other = of_another_place(rows, 0.2, 0.0)
+    for second in (other, later(other, 0.2), later(other, -7.3)):
+        _, result, _ = flew(c, [line for pair in zip(rows, second, strict=True) for line in pair])
+        assert flying.failures(result), second[0]
+    sentences = nmea.read_text().splitlines()
+    mixed = []
+    for line in sentences:
+        mixed.append(line)
+        if "GGA" in line:
+            body = line[1:-3].split(",")
+            body[2] = f"{float(body[2]) + 10.0:012.7f}"
+            mixed.append(sentence(",".join(body)).strip())
+    session, result, _ = flew(c, mixed)
+    assert session.counts["contradicting"] == len(sentences) // 3
+    assert any("two senders at once" in line for line in flying.failures(result))
+
+
+def test_what_was_left_out_is_said(flown) -> None:  # type: ignore[no-untyped-def]
+    c, _, table, _ = flown
+    session = Session(c, "receiver", 1)
+    source = lines_of(table.read_text())
+    source.dropped = 7
+    source.strangers = {"udp://127.0.0.1:4001": 3, "others": 2}
+    session.pump(source, 1.0)
+    result = session.result()
+    assert result["/stream/strangers"] == 5
+    assert flying.warnings(session, result, source) == [
+        "datagrams of other senders than the first were left out: udp://127.0.0.1:4001 (3), others (2)",
+        "7 lines left out because they came faster than they were taken",
+    ]
+
+
+def test_a_few_good_lines_among_many_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    """As through a serial line of the wrong rate."""
+    c, _, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    _, result, warned = flew(c, [row if k % 15 in (0, 1) else row[::-1] + "?" for k, row in enumerate(rows)])
+    assert not flying.failures(result)  # one line of seven: poor, and of this landing
+    assert any("lines are no message" in line for line in warned)
+    _, result, _ = flew(c, [row if k % 30 in (0, 1) else row[::-1] + "?" for k, row in enumerate(rows)])
+    assert any("only 8 could be used" in line for line in flying.failures(result))
+
+
+def test_every_line_twice_is_a_result(flown) -> None:  # type: ignore[no-untyped-def]
+    c, expected, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    session, result, warned = flew(c, [row for row in rows for _ in range(2)])
+    assert session.counts["doubled"] == len(rows) - 1  # with the last of the flight it is over
+    assert session.counts["used"] == expected["/geometry/time"].size
+    assert not flying.failures(result)
+    assert not warned
+
+
+def test_samples_of_another_flight_are_no_result() -> None:
+    c = case(*SHORT)
+    rng = np.random.default_rng(1)
+    rows = [f"{0.01 * k},{','.join(f'{x:.4f}' for x in rng.normal(0.0, 20.0, 6))}" for k in range(1, 3001)]
+    session = Session(c, "imu", 1)
+    session.pump(lines_of("\n".join(rows)), 1.0)
+    assert flying.failures(session.result())
+
+
+def test_the_gate_lets_go_as_in_a_landing(flown) -> None:  # type: ignore[no-untyped-def]
+    """After `max_rejected` fixes in a row one is taken: also where each fix is a call of its own."""
+    c, _, table, _ = flown
+    rows = table.read_text().splitlines()[1:]
+    _, result, _ = flew(c, [*rows[:40], *of_another_place(rows[40:], 0.02, 0.0)])
+    status = result["/innovations/status"]
+    assert list(status[40:52]) == [2] * 10 + [1] + [status[51]]
+
+
+# --- latency
+
+
+@pytest.mark.parametrize("latency", ["receiver.latency_s=0.13", "receiver.latency_s=0.13, filter.latency_s=0.05"])
+def test_the_receivers_latency_is_flown(latency: str, tmp_path: Path) -> None:
+    """With latency too the chain cut at the receiver is the chain, also where the filter believes another one."""
+    c = case(*SHORT, "duration_s=30", *latency.split(", "))
+    simulated = landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    export(simulated, tmp_path / "r.h5", ["csv"])
+    _, result, _ = flew(c, (tmp_path / "r_gnss.csv").read_text().splitlines())
+    np.testing.assert_allclose(result["/filter/time"], simulated["/filter/time"][1:], atol=1e-6)
+    np.testing.assert_allclose(result["/filter/error"][:, :9], simulated["/filter/error"][0, 1:, :9], atol=3e-3)
+    np.testing.assert_allclose(result["/innovations/time"], result["/filter/time"] - 0.13, atol=1e-6)
+
+
+def test_an_imu_in_the_loop_of_a_late_receiver() -> None:
+    c = case(*SHORT, "duration_s=20", "receiver.latency_s=0.13")
+    simulated = landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    session = Session(c, "imu", 1)
+    session.pump(lines_of("\n".join(imu_rows(c, 1))), 1.0)
+    result = session.result()
+    np.testing.assert_allclose(result["/filter/time"], simulated["/filter/time"][1:], atol=1e-6)
+    np.testing.assert_allclose(result["/filter/error"][:, :9], simulated["/filter/error"][0, 1:, :9], atol=3e-3)
+
+
+# --- how a run ends
+
+
+def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=cwd, text=True, **pipes)
+
+
+def test_standard_input_may_stay_open(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    _, _, table, _ = flown
+    with started("-o", "a.h5", cwd=tmp_path) as process:
+        assert process.stdin is not None
+        process.stdin.write(table.read_text())
+        process.stdin.flush()
+        assert process.wait(60.0) == 0
+        assert "the scenario's time is over" in process.stderr.read()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    _, _, table, _ = flown
+    with started("-o", "a.h5", cwd=tmp_path) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.write("\n".join(table.read_text().splitlines()[:31]) + "\n")
+        process.stdin.flush()
+        for line in process.stderr:  # the clock is settled: lines are being taken
+            if line.startswith("time 0 of the flight"):
+                break
+        process.send_signal(number)
+        assert process.wait(60.0) == 128 + number
+        assert "what came so far is kept" in process.stderr.read()
+    kept = read(tmp_path / "a.h5")
+    assert kept.attributes["verdict"] == "flown"
+    assert kept["/innovations/time"].size > 0
+
+
+def test_a_terminal_that_hangs_up(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """The result is written though every word, and the progress bar, would fail."""
+    _, _, table, _ = flown
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", "-o", "a.h5"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": theirs, "stderr": theirs}
+    with subprocess.Popen(command, cwd=tmp_path, start_new_session=True, **pipes) as process:
+        assert process.stdin is not None
+        os.close(theirs)
+        process.stdin.write("\n".join(table.read_text().splitlines()[:31]).encode() + b"\n")
+        process.stdin.flush()
+        said = b""
+        while b"time 0 of the flight" not in said:
+            said += os.read(ours, 1000)
+        os.close(ours)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(60.0) == 128 + signal.SIGHUP
+    assert read(tmp_path / "a.h5").attributes["verdict"] == "flown"
+
+
+def test_ignored_signals_stay_ignored(flown) -> None:  # type: ignore[no-untyped-def]
+    """Under nohup a hangup is no reason to end; what was set before is set again after."""
+    session = Session(flown[0], "receiver", 1)
+    before = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGTERM)}
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with _ended_by_signals(session) as came:
+            signal.raise_signal(signal.SIGHUP)
+            assert session.stopped is None
+            signal.raise_signal(signal.SIGTERM)
+            assert came == [signal.SIGTERM]
+            assert session.stopped == "terminated; what came so far is kept"
+            assert signal.getsignal(signal.SIGTERM) is before[signal.SIGTERM]  # a second one ends the program
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before[signal.SIGHUP])
+
+
+def test_no_result_is_exit_3_and_kept(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    _, _, table, _ = flown
+    (tmp_path / "other.csv").write_text("\n".join(of_another_place(table.read_text().splitlines()[1:])))
+    done = navsim(*SCENARIO, "--receiver", "other.csv", "-o", "a.h5", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "error: half of the fixes lie more than" in done.stderr
+    assert "kept in a.h5" in done.stderr
+    assert (tmp_path / "a.h5").exists()
+
+
+def test_a_start_time_that_is_none(tmp_path: Path) -> None:
+    done = navsim(*SCENARIO, "--receiver", "-", "--start-time", "noon", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--start-time is 'noon'; allowed are an instant" in done.stderr
