@@ -35,6 +35,7 @@ from navsim.scenario.replay import Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
+from navsim.study.diagnosis import Log, diagnose
 from navsim.study.root import root_attributes
 from navsim.study.statistics import gate_limits
 
@@ -103,16 +104,23 @@ class Recording:
     @cached_property
     def _felt(self) -> replay.Felt:
         """The increments, which no setting changes: a tuning flies them hundreds of times."""
-        averaged = self.scenario.imu.samples == "averaged"
+        averaged = self.scenario.imu.samples != "instantaneous"
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
 
 def prepare(scenario: Replay, document: Document) -> Recording:
-    """Read and align. Raises InputError for files that cannot be used, ReplayError where no alignment is found."""
-    warnings: list[str] = []
-    samples, lost_samples = _read(document, scenario, "imu", read_imu)
-    fixes, lost_fixes = _read(document, scenario, "gnss", lambda p: read_fixes(p, scenario.gnss.min_satellites))
+    """Read, check and align. Raises InputError for files that cannot be used or seem to be written otherwise than the
+    log says, ReplayError where no alignment is found."""
+    samples, lost_samples = _read(
+        document, scenario, "imu", lambda path: read_imu(path, scenario.imu.convention(), limited=False)
+    )
+    fewest, written = scenario.gnss.min_satellites, scenario.gnss.convention()
+    fixes, lost_fixes = _read(document, scenario, "gnss", lambda path: read_fixes(path, fewest, written, limited=False))
     scenario = _pinned(scenario, document)
+    warnings = _checked(scenario, document, samples, fixes)
+    for section, lost in (("imu", lost_samples), ("gnss", lost_fixes)):
+        if lost.outside is not None:
+            raise _refused(document, scenario, section, lost.outside)
     for lost in (lost_samples, lost_fixes):
         warnings += [f"{count} {reason}" for reason, count in lost.counts.items()]
     first = max(samples.time[0], fixes.time[0], -np.inf if scenario.start_s is None else scenario.start_s)
@@ -158,6 +166,29 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     )
 
 
+def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> list[str]:
+    """What is probably wrong with how the recording is written, as warnings. Raises InputError where it is to be
+    refused."""
+    if scenario.checks == "off":
+        return []
+    log = Log(
+        samples,
+        fixes,
+        scenario.imu.convention(),
+        scenario.gnss.convention(),
+        latency=scenario.gnss.latency_s,
+        first=-np.inf if scenario.start_s is None else scenario.start_s,
+        last=np.inf if scenario.end_s is None else scenario.end_s,
+    )
+    found = diagnose(log)
+    if found and scenario.checks == "refuse":
+        way_out = "(`checks: warn` flies it nevertheless)"
+        raise InputError(
+            [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
+        )
+    return [str(mistake) for mistake in found]
+
+
 def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
     name = getattr(scenario, section).file
     path = document.resolve((section, "file"), name)
@@ -166,11 +197,18 @@ def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"],
     try:
         return reader(path)
     except FileError as error:
-        place = Place(str(path), error.line, 1) if error.line else where
-        raise InputError([Problem(place, key, f"{error.message} (named at {where})")]) from None
+        raise _refused(document, scenario, section, error) from None
     except OSError as error:
         message = f"{name}: cannot be read: {error.strerror or error} ({path})"
         raise InputError([Problem(where, key, message)]) from None
+
+
+def _refused(document: Document, scenario: Replay, section: str, error: FileError) -> InputError:
+    """A file that cannot be used, at its line."""
+    where = document.place((section, "file"))
+    path = document.resolve((section, "file"), getattr(scenario, section).file)
+    place = Place(str(path), error.line, 1) if error.line else where
+    return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where})")])
 
 
 def _pinned(scenario: Replay, document: Document) -> Replay:

@@ -109,8 +109,8 @@ def without(path: Path, first: float, last: float) -> None:
 @pytest.mark.parametrize("kind", ["rts", "map"])
 @pytest.mark.parametrize("fixes_lost", [False, True])
 def test_smoothing_carries_across_a_gap(kind: str, fixes_lost: bool, tmp_path: Path) -> None:
-    """No samples for two seconds, while the flight rolls from one turn into the other: what came later corrects what was
-    before and within, and the sigmas are those of the errors."""
+    """No samples for two seconds, while the flight rolls from one turn into the other: what came later corrects what
+    was before and within, and the sigmas are those of the errors."""
     truth = write_flight(tmp_path)
     without(tmp_path / "imu.csv", 50.0, 52.0)
     if fixes_lost:
