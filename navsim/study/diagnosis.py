@@ -75,6 +75,8 @@ _NUDGE = 1e-6
 """Step of numerical derivatives by the gyros' bias, rad/s: small, since it adds up over the flight."""
 SHORT_LIST = 40
 """Hypotheses that are fitted with biases, the best without."""
+LEAST_RESIDUAL = 0.05
+"""1 sigma of what no hypothesis explains, m/s: differences below it decide nothing."""
 VELOCITY_SIGMA = 0.3
 """1 sigma of a piece's change of velocity against which the biases' is weighed, m/s."""
 
@@ -647,7 +649,7 @@ def fitted(flight: _Carried, target: _Gained, windows: np.ndarray, hypothesis: _
     more = np.linalg.solve(normal + np.diag(prior), right)
     residual = (residual - np.einsum("wni,i->wn", shared, more)) * np.tile(target.weight, windows.shape[1])
     down, ahead = _pointing(flight, target, windows, hypothesis, rotation, float(np.mean(residual**2)))
-    return _Fit(hypothesis, np.mean(residual**2, axis=1), bias + more[:3], down, ahead)
+    return _Fit(hypothesis, np.mean(residual**2, axis=1) + LEAST_RESIDUAL**2, bias + more[:3], down, ahead)
 
 
 def _pointing(
