@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from navsim.core.wgs84 import ned_matrix
+from navsim.core.rotation import dcm_from_rpy
+from navsim.core.wgs84 import llh_from_ecef, ned_matrix
+from navsim.models.kinematics import tangent_frame
+from navsim.models.recorded import RecordedTrajectory, recorded_trajectory
+from navsim.models.recording import Fixes, Samples
 from tests.helpers import case
 
 LEVER = np.array([0.4, -0.2, -0.3])
@@ -45,8 +51,6 @@ def write_flight(
     arm = np.einsum("nij,j->ni", at.c_nb, LEVER)
     swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate, LEVER))
     ecef = at.position_ecef + np.einsum("nji,nj->ni", ned_matrix(at.llh), arm + 0.3 * rng.standard_normal(arm.shape))
-    from navsim.core.wgs84 import llh_from_ecef
-
     llh = llh_from_ecef(ecef)
     velocity = at.velocity_ned + swing + 0.1 * rng.standard_normal(arm.shape)
     fixes = []
@@ -64,3 +68,112 @@ def write_flight(
         f"gnss: {{file: gnss.csv, lever_arm_m: {LEVER.tolist()}}}\n"
     )
     return time, motion.llh, motion.velocity_ned, motion.rpy
+
+
+def ride(
+    duration: float,
+    speed: Callable[[np.ndarray], np.ndarray],
+    turning: Callable[[np.ndarray], np.ndarray],
+    climbing: Callable[[np.ndarray], np.ndarray],
+    heading: float = 0.7,
+    banked: Callable[[np.ndarray], np.ndarray] = np.ones_like,
+) -> RecordedTrajectory:
+    """A ride from 45.3 N 93.2 W: speed over ground m/s, rate of the heading rad/s, rate of climb m/s at times s;
+    banked: 1 as in a coordinated turn, 0 as a car."""
+    time = np.arange(0.0, duration + 0.05, 0.1)
+    v, rate, climb = speed(time), turning(time), climbing(time)
+
+    def gathered(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([[0.0], np.cumsum(0.05 * (x[1:] + x[:-1]))])
+
+    yaw = heading + gathered(rate)
+    north, east = gathered(v * np.cos(yaw)), gathered(v * np.sin(yaw))
+    frame = tangent_frame(np.array([np.radians(45.3), np.radians(-93.2), 250.0]), 0.0)
+    place = np.stack([north, east, -gathered(climb)], axis=1)
+    llh = llh_from_ecef(frame.origin + place @ frame.axes.T)
+    roll = banked(time) * np.arctan(v * rate / 9.8)
+    pitch = np.arctan2(climb, np.maximum(v, 5.0)) + 0.03 * banked(time)
+    c_nb = dcm_from_rpy(np.stack([roll, pitch, yaw], axis=1))
+    return recorded_trajectory(time, llh, c_nb, frame, {})
+
+
+def smooth_steps(t: np.ndarray, times: list[float], values: list[float], over: float = 4.0) -> np.ndarray:
+    """From each value to the next, around the times and within `over` seconds, with continuous acceleration."""
+    out = np.full_like(t, values[0])
+    for at, before, after in zip(times, values, values[1:], strict=False):
+        x = np.clip((t - at) / over + 0.5, 0.0, 1.0)
+        out += (after - before) * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    return out
+
+
+def circuit(standstill: float = 20.0) -> RecordedTrajectory:
+    """A small aircraft: standstill, taxi around a corner, take-off, climb, circuits with turns to both sides, descent:
+    150 s after the standstill."""
+    s = standstill + 20.0
+    return ride(
+        s + 130.0,
+        lambda t: smooth_steps(t, [s - 16.0, s + 6.0, s + 60.0], [0.0, 6.0, 25.0, 20.0], 8.0),
+        lambda t: smooth_steps(
+            t, [s + x for x in (-11, -5, 18, 30, 42, 54, 62, 76, 84, 100, 110, 124)],
+            [0.0, 0.3, 0.0, 0.2, 0.0, 0.2, 0.0, -0.25, 0.0, 0.2, 0.0, 0.15, 0.0],
+        ),
+        lambda t: smooth_steps(t, [s + 12.0, s + 40.0, s + 90.0, s + 120.0], [0.0, 3.0, 0.0, -2.5, 0.0], 6.0),
+        banked=lambda t: smooth_steps(t, [s + 10.0], [0.0, 1.0]),
+    )  # fmt: skip
+
+
+def straight(duration: float = 60.0) -> RecordedTrajectory:
+    """Nothing but straight and level flight at 25 m/s."""
+    return ride(duration, lambda t: np.full_like(t, 25.0), np.zeros_like, np.zeros_like, heading=2.0)
+
+
+def drive() -> RecordedTrajectory:
+    """A car: it brakes, turns corners to both sides, waits."""
+    return ride(
+        120.0,
+        lambda t: smooth_steps(t, [15.0, 40.0, 60.0, 90.0, 105.0], [0.0, 14.0, 6.0, 15.0, 0.0, 10.0], 8.0),
+        lambda t: smooth_steps(t, [28.0, 33.0, 48.0, 54.0, 70.0, 76.0], [0.0, 0.25, 0.0, -0.25, 0.0, 0.2, 0.0]),
+        np.zeros_like,
+        banked=np.zeros_like,
+    )
+
+
+def record(
+    trajectory: RecordedTrajectory,
+    seed: int,
+    rate: float = 50.0,
+    gyro_bias: float = 0.003,
+    accel_bias: float = 0.05,
+    gyro_noise: float = 2e-3,
+    accel_noise: float = 0.05,
+    position_noise: float = 0.8,
+    velocity_noise: float = 0.1,
+    fix_rate: float = 1.0,
+    latency: float = 0.1,
+    velocities: Literal["ned", "horizontal", "none"] = "ned",
+) -> tuple[Samples, Fixes]:
+    """What sensors and a receiver log of a ride: biases of these 1 sigma (rad/s, m/s2) drawn for each axis, white noise
+    per sample, errors of position that wander over some seconds."""
+    rng = np.random.default_rng(seed)
+    knots = trajectory.path.knots
+    time = np.arange(1.0 / rate, knots[-1] - 0.1, 1.0 / rate)
+    motion = trajectory.motion(time)
+    shape = (time.size, 3)
+    samples = Samples(
+        time,
+        motion.angular_rate + gyro_bias * rng.standard_normal(3) + gyro_noise * rng.standard_normal(shape),
+        motion.specific_force + accel_bias * rng.standard_normal(3) + accel_noise * rng.standard_normal(shape),
+    )
+    valid = np.arange(0.3, knots[-1] - 1.0, 1.0 / fix_rate)
+    at = trajectory.motion(valid)
+    wander = np.empty((valid.size, 3))
+    wander[0] = rng.standard_normal(3)
+    keep = np.exp(-1.0 / (20.0 * fix_rate))
+    for row in range(1, valid.size):
+        wander[row] = keep * wander[row - 1] + np.sqrt(1.0 - keep**2) * rng.standard_normal(3)
+    moved = position_noise * (wander + 0.1 * rng.standard_normal(wander.shape)) * [1.0, 1.0, 1.5]
+    llh = llh_from_ecef(at.position_ecef + np.einsum("nji,nj->ni", ned_matrix(at.llh), moved))
+    velocity = at.velocity_ned + velocity_noise * rng.standard_normal(moved.shape)
+    if velocities != "ned":
+        velocity[:, 2 if velocities == "horizontal" else slice(0, 3)] = np.nan
+    return samples, Fixes(valid + latency, llh, velocity)

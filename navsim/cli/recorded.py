@@ -78,7 +78,7 @@ def replay(
             result = flying.compute(recording, done)
         write(target, result)
         written = draw(result, drawing, target.stem)
-    except ResultError as error:
+    except (ResultError, flying.ReplayError) as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
     print_result(result, target, written, quiet, json_, ("/summary", "/tuning", "/outages"))

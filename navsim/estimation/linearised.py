@@ -68,7 +68,7 @@ def _interval(
         dt = cursor[2]
         mid = scratch[:MID_N]
         step = scratch[MID_N : MID_N + SIZE]
-        carry_errors(step, noise, dt, way, a, width)
+        carry_errors(step, noise[0], dt, way, a, width)
         carry(step, inputs, a, width)
         for j in range(3):
             inputs[STRIDE * (states.GYRO + j) + 6 + j] *= math.exp(-dt * markov_decay[0])
@@ -92,12 +92,12 @@ def linearise(
 ):  # fmt: skip
     """Fly the filter along exact increments from the exact initial state.
 
-    Arguments as of `loosely_coupled.run`, with e fixes free of noise; markov_decay: (2,) 1/tau of the true gyro
-    and accelerometer Markov bias, 1/s. Out, for each epoch: phi (e, 15, 15), gamma (e, 15, 12), q (e, 4, 15, 15)
-    for a unit density, from the fix before (or time 0); h (e, 6, 15), k (e, 15, 6), z (e, 6) innovation at the
-    truth, degrees (e,) 3, 6 or 0 without a fix; ahead_* the same for the way from the fix to the output, where
-    there is latency; believed (e + 1, 15, 15) the filter's covariance at the outputs; innovation_cov (e, 6, 6) what
-    it expects of the innovation.
+    Arguments as of `loosely_coupled.run`, with e fixes free of noise and one row of process noise (1, 6);
+    markov_decay: (2,) 1/tau of the true gyro and accelerometer Markov bias, 1/s. Out, for each epoch: phi (e, 15, 15),
+    gamma (e, 15, 12), q (e, 4, 15, 15) for a unit density, from the fix before (or time 0); h (e, 6, 15), k (e, 15, 6),
+    z (e, 6) innovation at the truth, degrees (e,) 3, 6 or 0 without a fix; ahead_* the same for the way from the fix to
+    the output, where there is latency; believed (e + 1, 15, 15) the filter's covariance at the outputs; innovation_cov
+    (e, 6, 6) what it expects of the innovation.
     """
     r, s = np.empty((6, 6)), np.empty((6, 6))
     pht, work = np.empty((states.N, 6)), np.empty((states.N, 6))

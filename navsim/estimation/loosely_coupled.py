@@ -84,7 +84,8 @@ class Flown(NamedTuple):
 def advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width):
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
-    cursor: (3,) index of the current IMU interval, present time s, length of the interval last used s.
+    noise: (n, 6) of each IMU interval, or (1, 6) of all. cursor: (3,) index of the current IMU interval, present time
+    s, length of the interval last used s.
     scratch: work space (MID_N + 3 * SIZE,), zero at first.
     """
     mid = scratch[:MID_N]
@@ -109,11 +110,12 @@ def advance(kind, until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, 
             nav, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], previous, dt, c_nb, mid,
         )  # fmt: skip
-        predict(p, mid, noise, phi, a, b, width)
-        if noise[NOISE_GYRO_DECAY] + noise[NOISE_ACCEL_DECAY] > 0.0:
+        here = noise[min(k, noise.shape[0] - 1)]
+        predict(p, mid, here, phi, a, b, width)
+        if here[NOISE_GYRO_DECAY] + here[NOISE_ACCEL_DECAY] > 0.0:
             for i in range(3):
-                nav[states.NAV_GYRO + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
-                nav[states.NAV_ACCEL + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
+                nav[states.NAV_GYRO + i] *= 1.0 - dt * here[NOISE_GYRO_DECAY]
+                nav[states.NAV_ACCEL + i] *= 1.0 - dt * here[NOISE_ACCEL_DECAY]
         if kind == TFG:
             tfg.hold_axes(nav, p, previous, dt)
         cursor[2] = dt
@@ -265,7 +267,8 @@ def run(
 
     kind: ESKF, LEFT_INVARIANT or TFG.
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) measured increments. nav: (20,) initial estimate and p: (240,)
-    its covariance, both overwritten by the final ones at the last fix. noise: (6,) `core.covariance`.
+    its covariance, both overwritten by the final ones at the last fix. noise: rows (6,) of `core.covariance`, one for
+    each IMU interval (n, 6) or one for all (1, 6).
     fix_*: e epochs: time (s, of validity), llh, NED velocity, covariance of both (e, 6, 6); nan without a fix.
     with_velocity: bool; components of the velocity that are nan are left out. latency: s. lever: (3,) IMU ->
     antenna, body, m. gate: (7,) largest normalised innovation squared by the number of measurements.

@@ -69,9 +69,10 @@ def _fly(until, imu_time, dtheta, dv, nav, cursor, previous, noise, scratch, c_n
     work = scratch[MID_N + SIZE : MID_N + 2 * SIZE]
     last = imu_time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
-        end = min(imu_time[int(cursor[0]) + 1], until)
+        k = int(cursor[0])
+        end = min(imu_time[k + 1], until)
         advance(ESKF, end, imu_time, dtheta, dv, nav, added, cursor, previous, noise, scratch, c_nb, width)
-        carry_errors(phi, noise, cursor[2], way, work, width)
+        carry_errors(phi, noise[min(k, noise.shape[0] - 1)], cursor[2], way, work, width)
 
 
 @kernel

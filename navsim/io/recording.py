@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,44 +17,93 @@ import numpy as np
 from navsim.core import wgs84
 from navsim.io.nmea import has_sentences, read_nmea
 from navsim.io.text import Dropped, FileError, number, read_lines, within
+from navsim.models import conventions
+from navsim.models.conventions import (
+    GNSS_AS_DUE,
+    GNSS_COLUMNS,
+    IMU_AS_DUE,
+    IMU_COLUMNS,
+    GnssConvention,
+    ImuConvention,
+)
 from navsim.models.recording import Fixes, Samples
 
-IMU_COLUMNS = ("t_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
-GNSS_COLUMNS = ("t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s")
 _MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", "nsat")
 _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3)
 _GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000))
 
 
-def read_imu(path: Path, lenient: bool = False) -> tuple[Samples, Dropped]:
+def read_imu(
+    path: Path, lenient: bool = False, convention: ImuConvention = IMU_AS_DUE, limited: bool = True
+) -> tuple[Samples, Dropped]:
     """Inertial samples of a table, in order of time, and what was left out.
 
-    lenient: leave out rows that cannot be read or lie outside of physical limits. Raises FileError, naming the line;
-    OSError where the file cannot be read.
+    lenient: leave out rows that cannot be read or lie outside of physical limits. limited: refuse values outside of
+    them; otherwise the first is left in `Dropped.outside`. Raises FileError, naming the line; OSError where the file
+    cannot be read.
     """
     dropped = Dropped(lenient)
-    table = _table(path, read_lines(path, dropped), IMU_COLUMNS, (), _IMU_LIMITS, dropped)
+    table, lines = _table(path, read_lines(path, dropped), IMU_COLUMNS, (), dropped, convention.columns)
+    table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
+    for first, axes, factor in (
+        (1, convention.gyro_axes, conventions.GYRO_UNITS[convention.gyro_unit]),
+        (4, convention.accelerometer_axes, conventions.ACCELEROMETER_UNITS[convention.accelerometer_unit]),
+    ):
+        turned = table[:, first : first + 3] @ conventions.axes_matrix(axes, conventions.BODY_AXES).T
+        table[:, first : first + 3] = factor * turned
+    table = _limited(path, table, lines, IMU_COLUMNS, _IMU_LIMITS, dropped, limited)
     silent = np.all(table[:, 1:] == 0.0, axis=1)
     dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
     if table.shape[0] < 10:
         raise FileError(0, f"only {table.shape[0]} usable samples", path)
+    if convention.increments:
+        table[:, 1:] = increments_as_rates(table[:, 0], table[:, 1:])
     return Samples(table[:, 0], table[:, 1:4].copy(), table[:, 4:7].copy()), dropped
 
 
-def read_fixes(path: Path, min_satellites: int = 4, lenient: bool = False) -> tuple[Fixes, Dropped]:
+def increments_as_rates(time: np.ndarray, gathered: np.ndarray) -> np.ndarray:
+    """Mean rates (n, 6) of what sensors gathered since the sample before; time (n,) s, increasing.
+
+    A sample after missing ones has gathered over one usual interval, as has the first.
+    """
+    step = np.diff(time, prepend=time[0])
+    usual = float(np.median(step[1:]))
+    step[0] = usual
+    return gathered / np.where(step > 1.5 * usual, usual, step)[:, None]
+
+
+def read_fixes(
+    path: Path,
+    min_satellites: int = 4,
+    lenient: bool = False,
+    convention: GnssConvention = GNSS_AS_DUE,
+    limited: bool = True,
+) -> tuple[Fixes, Dropped]:
     """Fixes of a table or of NMEA sentences, in order of time, and what was left out.
 
-    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. lenient: leave out
-    rows that cannot be read or lie outside of physical limits (of NMEA, corrupt sentences always are). Raises
-    FileError, naming the line; OSError where the file cannot be read.
+    min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. lenient: as of
+    `read_imu` (of NMEA, corrupt sentences are always left out); limited: as there. Raises FileError, naming the line;
+    OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
     if has_sentences(lines):
+        if replace(convention, time_offset=0.0) != GNSS_AS_DUE:
+            message = "NMEA sentences have units and columns of their own; only their times may be shifted"
+            raise FileError(0, message, path)
         table = read_nmea(path, lines, dropped)
     else:
-        table = _table(path, lines, GNSS_COLUMNS, ("nsat",), _GNSS_LIMITS, dropped)
+        table, numbers = _table(path, lines, GNSS_COLUMNS, ("nsat",), dropped, convention.columns)
+        table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
+        table[:, 1:3] *= conventions.ANGLE_UNITS[convention.angle_unit]
+        table[:, 3] *= conventions.HEIGHT_UNITS[convention.height_unit]
+        axes = conventions.axes_matrix(convention.velocity_axes, conventions.LEVEL_AXES)
+        # by columns, since a matrix product would spread an unknown component over all
+        source, sign = np.argmax(np.abs(axes), axis=1), axes.sum(axis=1)
+        table[:, 4:7] = conventions.SPEED_UNITS[convention.speed_unit] * sign * table[:, 4 + source]
+        table = _limited(path, table, numbers, (*GNSS_COLUMNS, "nsat"), _GNSS_LIMITS, dropped, limited)
+    table[:, 0] += convention.time_offset
     few = table[:, 7] < min_satellites
     dropped.add(f"fixes with fewer than {min_satellites} satellites", few.sum())
     table = _in_order(table[~few], dropped, "fixes")
@@ -83,10 +134,12 @@ def _table(
     lines: list[str],
     wanted: tuple[str, ...],
     optional: tuple[str, ...],
-    limits: tuple[tuple[float, float], ...],
     dropped: Dropped,
-) -> np.ndarray:
-    """Columns `wanted` and `optional` (nan where absent) of a comma-separated table, within their limits."""
+    columns: Mapping[str, str],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Columns `wanted` and `optional` (nan where absent) of a comma-separated table, and each row's line number;
+    columns: those of them that have another name in the file."""
+    wanted, optional = (tuple(columns.get(name, name) for name in names) for names in (wanted, optional))
     header = [name.strip() for name in lines[0].lstrip("\ufeff").split(",")]
     missing = [name for name in wanted if name not in header]
     if missing:
@@ -99,43 +152,61 @@ def _table(
     try:  # the fast way; it cannot tell where it fails, nor read empty cells
         table = np.loadtxt(io.StringIO("\n".join(lines[1:])), delimiter=",", usecols=place, ndmin=2, comments=None)
     except ValueError:
+        may_be_empty = {columns.get(name, name) for name in _MAY_BE_EMPTY}
         rows, read = [], []
         for line in numbers:
             try:
-                rows.append(_row(path, line, lines[line - 1], place, names, len(header)))
+                rows.append(_row(path, line, lines[line - 1], place, names, len(header), may_be_empty))
                 read.append(line)
             except FileError as error:
                 dropped.damaged("rows left out", error)
         if not rows:
             raise FileError(0, "the table has no row that can be read", path) from None
         table, numbers = np.array(rows), read
-    if table.shape[1] < len(wanted) + len(optional):
+    if len(place) < len(wanted) + len(optional):
         table = np.column_stack([table, np.full(table.shape[0], np.nan)])
-    good = _within(table, (*wanted, *optional), limits)
-    for row in np.flatnonzero(~np.all(good, axis=1)):
-        first = int(np.argmin(good[row]))
-        try:
-            within(path, numbers[row], float(table[row, first]), *limits[first], (*wanted, *optional)[first])
-        except FileError as error:
-            dropped.damaged("rows left out", error)
-    return table[np.all(good, axis=1)]
+    return table, np.array(numbers)
 
 
-def _row(path: Path, line: int, text: str, place: list[int], names: tuple[str, ...], width: int) -> list[float]:
+def _row(
+    path: Path, line: int, text: str, place: list[int], names: tuple[str, ...], width: int, may_be_empty: set[str]
+) -> list[float]:
     cells = next(csv.reader([text]))
     if len(cells) != width:
         raise FileError(line, f"{width} cells are due by the header, here are {len(cells)}", path)
     out = []
     for index, name in zip(place, names, strict=True):
         empty = cells[index].strip().lower() in ("", "nan")
-        out.append(np.nan if empty and name in _MAY_BE_EMPTY else number(path, line, cells[index], name))
+        out.append(np.nan if empty and name in may_be_empty else number(path, line, cells[index], name))
     return out
 
 
-def _within(table: np.ndarray, names: tuple[str, ...], limits: tuple[tuple[float, float], ...]) -> np.ndarray:
-    """Which values (m, n) lie within physical limits, or are nan where they may."""
+def _limited(
+    path: Path,
+    table: np.ndarray,
+    numbers: np.ndarray,
+    names: tuple[str, ...],
+    limits: tuple[tuple[float, float], ...],
+    dropped: Dropped,
+    limited: bool,
+) -> np.ndarray:
+    """The rows within physical limits; those outside are left out by a lenient reader, and else refused, or where not
+    `limited` kept and the first noted. What is no finite number is never kept."""
     low, high = np.array(limits).T
-    return ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))
+    good = ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))
+    keep = np.all(good, axis=1)
+    for row in np.flatnonzero(~keep):
+        first = int(np.argmin(good[row]))
+        value = float(table[row, first])
+        try:
+            within(path, int(numbers[row]), value, *limits[first], names[first])
+        except FileError as error:
+            if limited or dropped.lenient or not np.all(np.isfinite(table[row]) | good[row]):
+                dropped.damaged("rows left out", error)
+            else:
+                keep[row] = True
+                dropped.outside = dropped.outside or error
+    return table[keep]
 
 
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:

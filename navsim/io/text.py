@@ -48,12 +48,16 @@ class FileError(ValueError):
         return f"{self.path}:{self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Dropped:
-    """What a reader left out or moved: how often, by reason. Damaged parts are left out only by a `lenient` reader."""
+    """What a reader left out or moved: how often, by reason. Damaged parts are left out only by a `lenient` reader.
+
+    outside: the first value outside of physical limits, where the reader was told to go on with it.
+    """
 
     lenient: bool = False
     counts: dict[str, int] = field(default_factory=dict)
+    outside: FileError | None = None
     _reasons: dict[str, str] = field(default_factory=dict)
 
     def add(self, reason: str, count: int) -> None:

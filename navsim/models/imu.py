@@ -49,14 +49,9 @@ class Triad:
 
 
 def process_noise(gyro: Triad, accel: Triad) -> np.ndarray:
-    """What these sensors add to a filter's covariance (6,), see `core.covariance`."""
+    """What these sensors add to a filter's covariance (1, 6): one row of `core.covariance` for all IMU intervals."""
     return np.array(
-        [
-            gyro.noise_density**2,
-            accel.noise_density**2,
-            *gyro.decay_and_drive(),
-            *accel.decay_and_drive(),
-        ]
+        [[gyro.noise_density**2, accel.noise_density**2, *gyro.decay_and_drive(), *accel.decay_and_drive()]]
     )
 
 

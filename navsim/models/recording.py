@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.core import wgs84
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -44,3 +46,14 @@ class Fixes:
     def earlier(self, delay: float) -> Fixes:
         """The same fixes with their times put back by `delay` seconds."""
         return Fixes(self.time - delay, self.llh, self.velocity)
+
+    def with_velocity(self) -> tuple[Fixes, np.ndarray]:
+        """The fixes (two at least) with unknown components of velocity taken from the positions around them, and over
+        how many seconds (m,), about one."""
+        index = np.arange(self.time.size)
+        reach = max(1, round(0.5 / float(np.median(np.diff(self.time)))))
+        before, after = np.maximum(index - reach, 0), np.minimum(index + reach, self.time.size - 1)
+        ecef = wgs84.ecef_from_llh(self.llh)
+        over = self.time[after] - self.time[before]
+        derived = np.einsum("nij,nj->ni", wgs84.ned_matrix(self.llh), (ecef[after] - ecef[before]) / over[:, None])
+        return Fixes(self.time, self.llh, np.where(np.isnan(self.velocity), derived, self.velocity)), over

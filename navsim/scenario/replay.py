@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
+from navsim.models import conventions
+from navsim.models.conventions import GnssConvention, ImuConvention
 from navsim.scenario.base import (
     Checksum,
     NonNegative,
@@ -15,6 +17,7 @@ from navsim.scenario.base import (
     Section,
     Triple,
     Utc,
+    hint,
     list_of,
     one_or_list,
     one_or_more,
@@ -31,6 +34,38 @@ Times = Annotated[
 ]
 
 
+def _unit(units: dict[str, float]) -> Any:
+    """The type of one of these units."""
+    return Literal[tuple(units)]
+
+
+def _axes(axes: tuple[str, str, str]) -> Any:
+    """The type of three letters, one for each axis in any order and direction."""
+
+    def known(value: str) -> str:
+        if value not in conventions.all_axes(axes):
+            ways = " or ".join("/".join(pair) for pair in axes)
+            raise ValueError(f"expected three letters, where the columns x, y, z point: each of {ways} once")
+        return value
+
+    return Annotated[str, AfterValidator(known)]
+
+
+BodyAxes, LevelAxes = _axes(conventions.BODY_AXES), _axes(conventions.LEVEL_AXES)
+
+
+def _columns(names: tuple[str, ...]) -> Any:
+    """The type of a mapping from our names of columns to those of the file."""
+
+    def known(value: dict[str, str]) -> dict[str, str]:
+        for name in value:
+            if name not in names:
+                raise ValueError(f"{name!r} is no column; {hint(name, list(names))}")
+        return value
+
+    return Annotated[dict[str, str], AfterValidator(known)]
+
+
 class Sensors(Section):
     """The inertial samples, and what kind of sensors made them."""
 
@@ -39,14 +74,27 @@ class Sensors(Section):
     .gz, .bz2, .zip too"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
+    columns: _columns(conventions.IMU_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
+    """names of the columns in the file where they are others: {gx_rad_s: GyrX, ...}"""
+    time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    gyro_unit: _unit(conventions.GYRO_UNITS) = "rad/s"  # type: ignore[valid-type]
+    accelerometer_unit: _unit(conventions.ACCELEROMETER_UNITS) = "m/s2"  # type: ignore[valid-type]
+    axes: BodyAxes = "FRD"  # type: ignore[valid-type]
+    """where the columns x, y, z point: F or B, R or L, D or U. FLU: forward, left, up"""
+    gyro_axes: BodyAxes | None = None  # type: ignore[valid-type]
+    """the same for the gyros alone (positive by the right-hand rule), where they differ"""
+    accelerometer_axes: BodyAxes | None = None  # type: ignore[valid-type]
+    """the same for the accelerometers alone; at rest an axis that points up shows +9.8. BLU: a log that has gravity
+    instead of specific force"""
     sensor_class: Literal["consumer", "industrial", "tactical"] = "consumer"
     """turn-on and in-run biases, and where the tuning of the noise starts"""
     gyro: Gyro = Gyro()
     """values that differ from the class's"""
     accelerometer: Accelerometer = Accelerometer()
     """values that differ from the class's"""
-    samples: Literal["instantaneous", "averaged"] = "instantaneous"
-    """what a sample is: the value at its time, or the mean since the sample before"""
+    samples: Literal["instantaneous", "averaged", "increments"] = "instantaneous"
+    """what a sample is: the value at its time, the mean since the sample before, or the angle and velocity gained since
+    then, in the units times s"""
     longest_gap_s: Positive | None = None
     """samples farther apart are a gap; default: five sample intervals"""
 
@@ -57,6 +105,18 @@ class Sensors(Section):
         if self.accelerometer.noise_mg is not None:
             raise reject("recorded rates differ, so give the density, vrw_m_s_sqrt_h", "accelerometer", "noise_mg")
         return self
+
+    def convention(self) -> ImuConvention:
+        """How the table is written."""
+        return ImuConvention(
+            time_unit=self.time_unit,
+            gyro_unit=self.gyro_unit,
+            accelerometer_unit=self.accelerometer_unit,
+            gyro_axes=self.axes if self.gyro_axes is None else self.gyro_axes,
+            accelerometer_axes=self.axes if self.accelerometer_axes is None else self.accelerometer_axes,
+            increments=self.samples == "increments",
+            columns=self.columns,
+        )
 
     def resolved(self) -> tuple[Gyro, Accelerometer]:
         """The sensors with the class's values where none are given."""
@@ -74,6 +134,16 @@ class Gnss(Section):
     also with a logger's text around them"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
+    columns: _columns((*conventions.GNSS_COLUMNS, "nsat")) = Field(default_factory=dict)  # type: ignore[valid-type]
+    """names of the columns in the file where they are others; not for NMEA, as the units and axes"""
+    time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    time_offset_s: float = 0.0
+    """added to the times of the fixes: GPS time less UTC is 18 s since 2017"""
+    angle_unit: _unit(conventions.ANGLE_UNITS) = "deg"  # type: ignore[valid-type]
+    height_unit: _unit(conventions.HEIGHT_UNITS) = "m"  # type: ignore[valid-type]
+    speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"  # type: ignore[valid-type]
+    velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
+    """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
     latency_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
     """from the time a fix is valid to its time in the file; untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
@@ -86,6 +156,18 @@ class Gnss(Section):
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0)] = 4
     """fixes from fewer (column nsat) are left out"""
+
+    def convention(self) -> GnssConvention:
+        """How the table is written."""
+        return GnssConvention(
+            time_unit=self.time_unit,
+            time_offset=self.time_offset_s,
+            angle_unit=self.angle_unit,
+            height_unit=self.height_unit,
+            speed_unit=self.speed_unit,
+            velocity_axes=self.velocity_axes,
+            columns=self.columns,
+        )
 
     @model_validator(mode="after")
     def _positive(self) -> Self:
@@ -140,6 +222,8 @@ class Replay(Section):
     start_s: float | None = None
     """look for the alignment from here on; default: the first fix"""
     end_s: float | None = None
+    checks: Literal["refuse", "warn", "off"] = "refuse"
+    """what becomes of a recording that seems to have wrong units, axes, signs or times"""
     alignment: Alignment = Alignment()
     tuning: Literal["likelihood", "none"] = "likelihood"
     """likelihood: noise of fixes and sensors, and latency, as make the innovations of the moving flight most likely"""

@@ -71,7 +71,7 @@ class FilterSettings:
         return p
 
     def noise(self) -> np.ndarray:
-        """Process noise (6,), see `core.covariance`."""
+        """Process noise (1, 6), see `models.imu.process_noise`."""
         return imu.process_noise(self.gyro, self.accel)
 
 

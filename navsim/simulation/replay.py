@@ -2,12 +2,11 @@
 
 A fix that arrived late is used for the time it was valid, and the answer at each output time is what could be known
 then: see `estimation.loosely_coupled`. Where samples are missing for long, the flight goes on with interpolated motion
-and a covariance that knows it.
+and a process noise that knows it; smoothing carries across.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,17 +55,21 @@ class Felt:
 class Flight(Felt):
     """A recording ready for the filter, from the alignment on.
 
-    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3); start_llh, start_velocity: of the fix nearest
-    to the alignment, carried on to it over start_age seconds.
+    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), nan where unknown; speed (m,) over ground,
+    from the positions where no velocity is known; start_llh, start_velocity: of the fix nearest to the alignment,
+    carried on to it over start_age seconds; start_derived: (3,) s over which positions gave the components of that
+    velocity, 0 where they are known.
     """
 
     arrival: np.ndarray
     llh: np.ndarray
     velocity: np.ndarray
+    speed: np.ndarray
     alignment: Alignment
     start_llh: np.ndarray
     start_velocity: np.ndarray
     start_age: float
+    start_derived: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,9 @@ class Replay:
         The determinant of an innovation covariance is taken as the product of its diagonal: the noise of the fixes is
         uncorrelated, and what the filter's own uncertainty adds is small beside it.
         """
-        sigma = self.misfit_sigma[counted]
-        return float(0.5 * np.nansum(self.squared[counted]) + np.sum(np.log(sigma[np.isfinite(sigma)])))
+        seen = counted & (self.degrees > 0)
+        sigma = self.misfit_sigma[seen]  # nan for components that a fix does not have
+        return float(0.5 * np.sum(self.squared[seen]) + np.sum(np.log(sigma[np.isfinite(sigma)])))
 
 
 def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Felt:
@@ -136,7 +140,8 @@ def prepare(felt: Felt, fixes: Fixes, alignment: Alignment, latency: float) -> F
     inside = (valid > begin) & (late <= felt.imu_time[-1])
     before = np.flatnonzero(valid <= begin + 1e-9)
     at = int(before[-1]) if before.size else int(np.flatnonzero(inside)[0])
-    velocity = np.nan_to_num(fixes.velocity[at])
+    filled, over = fixes.with_velocity()
+    velocity = filled.velocity[at]
     ahead = begin - float(valid[at])
     start = wgs84.llh_from_ecef(
         wgs84.ecef_from_llh(fixes.llh[at]) + ahead * wgs84.ned_matrix(fixes.llh[at]).T @ velocity
@@ -146,10 +151,12 @@ def prepare(felt: Felt, fixes: Fixes, alignment: Alignment, latency: float) -> F
         arrival=late[inside],
         llh=fixes.llh[inside],
         velocity=fixes.velocity[inside],
+        speed=np.linalg.norm(filled.velocity[inside, :2], axis=1),
         alignment=alignment,
         start_llh=start,
         start_velocity=velocity,
         start_age=abs(ahead),
+        start_derived=np.where(np.isnan(fixes.velocity[at]), over[at], 0.0),
     )
 
 
@@ -164,10 +171,9 @@ def fly(
     """The flight through a filter or smoother (`loosely_coupled.KINDS`).
 
     times: (t,) at which to answer, beside the fixes' own. until: end early, s. withheld: (m,) bool, fixes that the
-    filter is not given (their misfit is nan).
+    filter is not given (their misfit is nan). Raises ArithmeticError where a smoother's covariance fails.
     """
     nav, p = _start(flight, beliefs)
-    noise = process_noise(beliefs.gyro, beliefs.accel)
     until = min(until, float(flight.imu_time[-1]))
     given = flight.arrival <= until + 1e-9
     wanted = np.unique(times[(times > flight.imu_time[0] + beliefs.latency) & (times <= until + 1e-9)])
@@ -181,54 +187,34 @@ def fly(
     velocity = np.concatenate([flight.velocity[given], nothing])[order]
     is_fix = order < given.sum()
     noise_of_fix = np.diag(np.concatenate([beliefs.position_sigma, beliefs.velocity_sigma]) ** 2)
-
-    pieces = []
-    done = 0
-    lost = dict(flight.gaps)
-    edges = sorted({0, *lost, *(k + 1 for k in lost), flight.imu_time.size - 1})
-    for number, (first, last) in enumerate(itertools.pairwise(edges)):
-        end = flight.imu_time[last]
-        final = number == len(edges) - 2
-        stop = arrival.size if final else int(np.searchsorted(arrival - beliefs.latency, end, side="right"))
-        # an epoch without a fix at the end of a piece: the filter stops there, and the next piece goes on
-        rows = [np.full(3, np.nan)] if not final else []
-        when = np.concatenate([arrival[done:stop], [] if final else [end + beliefs.latency]])
-        count = when.size
-        out = loosely_coupled.Flown.of(count)
-        job = (
-            flight.imu_time[first : last + 1], flight.dtheta[first:last], flight.dv[first:last], nav, p,
-            _unsampled(noise, flight, lost[first]) if first in lost else noise,
-            np.maximum(when - beliefs.latency, flight.imu_time[first]),
-            np.array([*llh[done:stop], *rows]).reshape(-1, 3),
-            np.array([*velocity[done:stop], *rows]).reshape(-1, 3), np.tile(noise_of_fix, (count, 1, 1)), True,
-            beliefs.latency, beliefs.lever_arm, beliefs.gate, beliefs.max_rejected, np.zeros((count + 1, 3)),
-            np.zeros((count + 1, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count + 1, 1)), np.zeros((count + 1, 6)), out,
-            covariance.STRIDE,
-        )  # fmt: skip
-        if kind in smoother.PASSES:
-            smoother.run(*job, smoother.PASSES[kind])
-        else:
-            loosely_coupled.run(kind, *job)
-        pieces.append(loosely_coupled.Flown(*(a[: a.shape[0] - len(rows)] for a in out)))
-        done = stop
-    estimate = np.concatenate([pieces[0].estimate[:1], *(o.estimate[1:] for o in pieces)])
-    sigma = np.concatenate([pieces[0].sigma[:1], *(o.sigma[1:] for o in pieces)])
-
-    def of_fixes(name: str) -> np.ndarray:
-        return np.concatenate([getattr(o, name) for o in pieces])[is_fix]
-
+    count = arrival.size
+    out = loosely_coupled.Flown.of(count)
+    job = (
+        flight.imu_time, flight.dtheta, flight.dv, nav, p, _noise(flight, beliefs),
+        np.maximum(arrival - beliefs.latency, flight.imu_time[0]), llh, velocity,
+        np.tile(noise_of_fix, (count, 1, 1)), True, beliefs.latency, beliefs.lever_arm, beliefs.gate,
+        beliefs.max_rejected, np.zeros((count + 1, 3)), np.zeros((count + 1, 3)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (count + 1, 1)), np.zeros((count + 1, 6)), out, covariance.STRIDE,
+    )  # fmt: skip
+    if kind in smoother.PASSES:
+        # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
+        smoother.run(*job, smoother.PASSES[loosely_coupled.MAP if flight.gaps else kind])
+        if np.isnan(out.nees[0]):
+            raise ArithmeticError("the smoother lost the positive covariance of its flight")
+    else:
+        loosely_coupled.run(kind, *job)
     return Replay(
         time=np.concatenate([[flight.imu_time[0]], arrival]),
-        llh=estimate[:, states.NAV_LLH : states.NAV_LLH + 3],
-        velocity=estimate[:, states.NAV_VEL : states.NAV_VEL + 3],
-        quaternion=estimate[:, states.NAV_QUAT : states.NAV_QUAT + 4],
-        bias=estimate[:, states.NAV_GYRO : states.NAV_GYRO + 6],
-        sigma=sigma,
-        misfit=of_fixes("misfit"),
-        misfit_sigma=of_fixes("misfit_sigma"),
-        squared=of_fixes("innovation"),
-        degrees=of_fixes("degrees"),
-        status=of_fixes("status"),
+        llh=out.estimate[:, states.NAV_LLH : states.NAV_LLH + 3],
+        velocity=out.estimate[:, states.NAV_VEL : states.NAV_VEL + 3],
+        quaternion=out.estimate[:, states.NAV_QUAT : states.NAV_QUAT + 4],
+        bias=out.estimate[:, states.NAV_GYRO : states.NAV_GYRO + 6],
+        sigma=out.sigma,
+        misfit=out.misfit[is_fix],
+        misfit_sigma=out.misfit_sigma[is_fix],
+        squared=out.innovation[is_fix],
+        degrees=out.degrees[is_fix],
+        status=out.status[is_fix],
     )
 
 
@@ -245,9 +231,15 @@ def _start(flight: Flight, beliefs: Beliefs) -> tuple[np.ndarray, np.ndarray]:
     matrix = np.zeros((states.N, covariance.STRIDE))
     # since the fix the aircraft may have accelerated, and it turns about the antenna
     gained = _ACCELERATION * flight.start_age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(beliefs.lever_arm)
+    derived = flight.start_derived
+    velocity_sigma = 2.0 * beliefs.velocity_sigma
+    unknown = derived > 0.0
+    velocity_sigma[unknown] = (
+        np.sqrt(2.0) * beliefs.position_sigma[unknown] / derived[unknown] + 0.5 * _ACCELERATION * derived[unknown]
+    )
     for first, variance in (
         (states.POS, (2.0 * beliefs.position_sigma) ** 2 + (0.5 * gained * flight.start_age) ** 2),
-        (states.VEL, (2.0 * beliefs.velocity_sigma) ** 2 + gained**2),
+        (states.VEL, velocity_sigma**2 + gained**2),
         (states.GYRO, alignment.gyro_sigma**2),
         (states.ACCEL, np.full(3, beliefs.accel.initial_sigma() ** 2)),
     ):
@@ -257,10 +249,17 @@ def _start(flight: Flight, beliefs: Beliefs) -> tuple[np.ndarray, np.ndarray]:
     return nav, matrix.ravel()
 
 
-def _unsampled(noise: np.ndarray, flight: Flight, length: float) -> np.ndarray:
-    """Process noise (6,) for `length` seconds without samples: rate and specific force were then anywhere within their
-    scatter over the flight. As white noise that leads to the same variances in the end."""
-    out = noise.copy()
-    out[covariance.NOISE_GYRO] += np.mean(flight.rate_scatter**2) * length
-    out[covariance.NOISE_ACCEL] += np.mean(flight.force_scatter**2) * length
+def _noise(flight: Flight, beliefs: Beliefs) -> np.ndarray:
+    """Process noise of each IMU interval (n, 6), or one row where no samples are missing.
+
+    In an interval without samples rate and specific force were anywhere within their scatter over the flight. As white
+    noise that leads to the same variances of velocity and attitude in the end.
+    """
+    sensors = process_noise(beliefs.gyro, beliefs.accel)
+    if not flight.gaps:
+        return sensors
+    out = np.repeat(sensors, flight.dtheta.shape[0], axis=0)
+    for interval, length in flight.gaps:
+        out[interval, covariance.NOISE_GYRO] += np.mean(flight.rate_scatter**2) * length
+        out[interval, covariance.NOISE_ACCEL] += np.mean(flight.force_scatter**2) * length
     return out

@@ -18,10 +18,10 @@ import numpy as np
 from navsim.core import states, wgs84
 from navsim.estimation.loosely_coupled import REJECTED
 from navsim.io.nmea import Assembler
-from navsim.io.recording import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.io.results import Result, Variable
 from navsim.io.stream import Lines
 from navsim.models import imu
+from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.simulation.landing import fixed, initial_estimate, measured
 from navsim.simulation.live import Increments, LiveFilter
 from navsim.simulation.signals import antenna_ecef

@@ -35,11 +35,12 @@ from navsim.scenario.replay import Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
+from navsim.study.diagnosis import Log, diagnose
 from navsim.study.root import root_attributes
 from navsim.study.statistics import gate_limits
 
 MOVING = 3.0
-"""Speed, m/s, above which a fix counts for the tuning: receivers smooth hard at rest."""
+"""Speed over ground, m/s, above which a fix counts for the tuning: receivers smooth hard at rest."""
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""
 TRUST = 0.7
@@ -103,18 +104,26 @@ class Recording:
     @cached_property
     def _felt(self) -> replay.Felt:
         """The increments, which no setting changes: a tuning flies them hundreds of times."""
-        averaged = self.scenario.imu.samples == "averaged"
+        averaged = self.scenario.imu.samples != "instantaneous"
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
 
 def prepare(scenario: Replay, document: Document) -> Recording:
-    """Read and align. Raises InputError for files that cannot be used, ReplayError where no alignment is found."""
-    warnings: list[str] = []
-    samples, lost_samples = _read(document, scenario, "imu", lambda p: read_imu(p, scenario.lenient))
+    """Read, check and align. Raises InputError for files that cannot be used or seem to be written otherwise than the
+    log says, ReplayError where no alignment is found."""
+    lenient, motion, place = scenario.lenient, scenario.imu.convention(), scenario.gnss.convention()
+    fewest = scenario.gnss.min_satellites
+    samples, lost_samples = _read(
+        document, scenario, "imu", lambda path: read_imu(path, lenient, motion, limited=False)
+    )
     fixes, lost_fixes = _read(
-        document, scenario, "gnss", lambda p: read_fixes(p, scenario.gnss.min_satellites, scenario.lenient)
+        document, scenario, "gnss", lambda path: read_fixes(path, fewest, lenient, place, limited=False)
     )
     scenario = _pinned(scenario, document)
+    warnings = _checked(scenario, document, samples, fixes)
+    for section, lost in (("imu", lost_samples), ("gnss", lost_fixes)):
+        if lost.outside is not None:
+            raise _refused(document, scenario, section, lost.outside)
     for lost in (lost_samples, lost_fixes):
         warnings += lost.said()
     first = max(samples.time[0], fixes.time[0], -np.inf if scenario.start_s is None else scenario.start_s)
@@ -129,12 +138,13 @@ def prepare(scenario: Replay, document: Document) -> Recording:
             f"{fixes.time[:1]} to {fixes.time[-1:]} s, wanted from {first:g} to {last:g} s"
         )
     interval = float(np.median(np.diff(samples.time)))
-    longest_gap = scenario.imu.longest_gap_s or 5.0 * interval
+    longest_gap = 5.0 * interval if scenario.imu.longest_gap_s is None else scenario.imu.longest_gap_s
     gyro_section, accel_section = scenario.imu.resolved()
     gyro, accel = gyro_section.triad(1.0 / interval), accel_section.triad(1.0 / interval)
     gnss = scenario.gnss
-    velocity = gnss.velocity_sigma_m_s or _START
-    settings = np.array([*velocity, gyro.noise_density, accel.noise_density, gnss.latency_s or 0.0])
+    velocity = _START if gnss.velocity_sigma_m_s is None else gnss.velocity_sigma_m_s
+    latency = 0.0 if gnss.latency_s is None else gnss.latency_s  # untuned, and where the alignment starts
+    settings = np.array([*velocity, gyro.noise_density, accel.noise_density, latency])
     given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
     free = np.array([gnss.velocity_sigma_m_s is None] * 2 + [v is None for v in given_noise] + [gnss.latency_s is None])
     free &= scenario.tuning == "likelihood"
@@ -159,6 +169,29 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     )
 
 
+def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> list[str]:
+    """What is probably wrong with how the recording is written, as warnings. Raises InputError where it is to be
+    refused."""
+    if scenario.checks == "off":
+        return []
+    log = Log(
+        samples,
+        fixes,
+        scenario.imu.convention(),
+        scenario.gnss.convention(),
+        latency=scenario.gnss.latency_s,
+        first=-np.inf if scenario.start_s is None else scenario.start_s,
+        last=np.inf if scenario.end_s is None else scenario.end_s,
+    )
+    found = diagnose(log)
+    if found and scenario.checks == "refuse":
+        way_out = "(`checks: warn` flies it nevertheless)"
+        raise InputError(
+            [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
+        )
+    return [str(mistake) for mistake in found]
+
+
 def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
     name = getattr(scenario, section).file
     path = document.resolve((section, "file"), name)
@@ -167,12 +200,19 @@ def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"],
     try:
         return reader(path)
     except FileError as error:
-        place = Place(str(path), error.line, 1) if error.line else where
-        cure = "; `lenient: true` takes what is whole" if error.salvageable else ""
-        raise InputError([Problem(place, key, f"{error.message} (named at {where}){cure}")]) from None
+        raise _refused(document, scenario, section, error) from None
     except OSError as error:
         message = f"{name}: cannot be read: {error.strerror or error} ({path})"
         raise InputError([Problem(where, key, message)]) from None
+
+
+def _refused(document: Document, scenario: Replay, section: str, error: FileError) -> InputError:
+    """A file that cannot be used, at its line."""
+    where = document.place((section, "file"))
+    path = document.resolve((section, "file"), getattr(scenario, section).file)
+    place = Place(str(path), error.line, 1) if error.line else where
+    cure = "; `lenient: true` takes what is whole" if error.salvageable else ""
+    return InputError([Problem(place, f"{section}.file", f"{error.message} (named at {where}){cure}")])
 
 
 def _pinned(scenario: Replay, document: Document) -> Replay:
@@ -194,7 +234,7 @@ def _align(
 ) -> aligning.Alignment:
     """The first alignment that succeeds: at the end of a standstill, or under way."""
     wanted = scenario.alignment
-    fixes = with_velocity(fixes).earlier(latency)
+    fixes = fixes.with_velocity()[0].earlier(latency)
     limit = wanted.heading_sigma_deg * DEG
     begin = first
     while begin < min(samples.time[-1], fixes.time[-1]) - aligning.SHORTEST:
@@ -233,21 +273,6 @@ def _spaced(fixes: Fixes, spacing: float) -> Fixes:
     return fixes.take(np.array(kept))
 
 
-def with_velocity(fixes: Fixes) -> Fixes:
-    """The fixes with unknown components of velocity taken from the positions around them, over about a second."""
-    from navsim.core.wgs84 import ecef_from_llh, ned_matrix
-
-    if np.isfinite(fixes.velocity).all() or fixes.time.size < 3:
-        return fixes
-    ecef = ecef_from_llh(fixes.llh)
-    reach = max(1, round(0.5 / float(np.median(np.diff(fixes.time)))))
-    before = np.maximum(np.arange(fixes.time.size) - reach, 0)
-    after = np.minimum(np.arange(fixes.time.size) + reach, fixes.time.size - 1)
-    moved = (ecef[after] - ecef[before]) / (fixes.time[after] - fixes.time[before])[:, None]
-    derived = np.einsum("nij,nj->ni", ned_matrix(fixes.llh), moved)
-    return Fixes(fixes.time, fixes.llh, np.where(np.isnan(fixes.velocity), derived, fixes.velocity))
-
-
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> np.ndarray:
     """The settings (5,) with the free ones most likely, by Nelder and Mead's simplex over their logarithms."""
     free = recording.free
@@ -274,7 +299,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             return 1e12
         flight = recording.flight(values[4])
         seen = replay.fly(flight, TFG, recording.beliefs(values, judged=False), np.empty(0))
-        moving = np.linalg.norm(np.nan_to_num(flight.velocity), axis=1) > MOVING
+        moving = flight.speed > MOVING
         total = seen.surprise(moving if moving.sum() > 20 else np.ones_like(moving))
         total += 0.5 * float(np.sum((np.log(values[2:4] / recording.settings[2:4]) / TRUST) ** 2))
         return total if np.isfinite(total) else 1e12
@@ -292,7 +317,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 
 def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Result:
-    """Tune, fly, impose the outages: the result tree of `interface.md`."""
+    """Tune, fly, impose the outages: the result tree of `interface.md`. Raises ReplayError where a smoother fails."""
     scenario = recording.scenario
     settings = tune(recording, done)
     flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings)
@@ -305,7 +330,10 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
             for first, last in _spans(outage):
                 withheld |= (flight.arrival >= first) & (flight.arrival <= last)
     kind = KINDS[scenario.filter.kind]
-    flown = replay.fly(flight, kind, beliefs, times, withheld=withheld)
+    try:
+        flown = replay.fly(flight, kind, beliefs, times, withheld=withheld)
+    except ArithmeticError as error:
+        raise ReplayError(str(error)) from None
     v: dict[str, Variable] = {}
     _filter(v, flown, np.isin(flown.time, times))
     _innovations(v, flight, flown)
@@ -420,14 +448,13 @@ def beliefs_without_gate(beliefs: replay.Beliefs) -> replay.Beliefs:
 
 
 def _summary(v: dict[str, Variable], recording: Recording, flight: replay.Flight, flown: replay.Replay) -> None:
-    speed = np.linalg.norm(np.nan_to_num(flight.velocity), axis=1)
     used = flown.degrees > 0
-    groups = {"all": used, "moving": used & (speed > MOVING)}
+    groups = {"all": used, "moving": used & (flight.speed > MOVING)}
     v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")
     rms = np.array([[_rms(flown.misfit[m][:, i]) for i in range(6)] for m in groups.values()])
     v["/summary/innovation_position"] = Variable(("fixes", "ned"), rms[:, :3], "m", "rms of the position innovations")
     v["/summary/innovation_velocity"] = Variable(("fixes", "ned"), rms[:, 3:], "m/s", "rms of the velocity innovations")
-    nis = [np.nansum(flown.squared[m]) / max(flown.degrees[m].sum(), 1) for m in groups.values()]
+    nis = [float(np.sum(flown.squared[m]) / np.sum(flown.degrees[m])) if m.any() else np.nan for m in groups.values()]
     v["/summary/nis"] = Variable(("fixes",), np.array(nis), "1", "normalised innovation squared per degree of freedom")
     counts = {
         "samples": flight.imu_time.size, "fixes": flight.arrival.size,

@@ -100,6 +100,64 @@ def test_smoothing_is_better_than_filtering(tmp_path: Path) -> None:
         assert np.sqrt(np.mean(b[50:] ** 2)) < np.sqrt(np.mean(a[50:] ** 2))
 
 
+def without(path: Path, first: float, last: float) -> None:
+    """Take the rows of first < time < last out of a table."""
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(r for r in rows if not first < float(r.split(",")[0]) < last)]) + "\n")
+
+
+@pytest.mark.parametrize("kind", ["rts", "map"])
+@pytest.mark.parametrize("fixes_lost", [False, True])
+def test_smoothing_carries_across_a_gap(kind: str, fixes_lost: bool, tmp_path: Path) -> None:
+    """No samples for two seconds, while the flight rolls from one turn into the other: what came later corrects what
+    was before and within, and the sigmas are those of the errors."""
+    truth = write_flight(tmp_path)
+    without(tmp_path / "imu.csv", 50.0, 52.0)
+    if fixes_lost:
+        without(tmp_path / "gnss.csv", 49.5, 52.5)
+    given = ("tuning=none", f"gnss.latency_s={LATENCY}", "gnss.velocity_sigma_m_s=[0.1, 0.1]")
+    filtered = flown(tmp_path / "log.yaml", *given)
+    smoothed = flown(tmp_path / "log.yaml", *given, f"filter.kind={kind}")
+    t, sigma = smoothed["/filter/time"], smoothed["/filter/sigma"]
+    before, within, around = (t > 49.7) & (t < 50.0), (t > 50.3) & (t < 52.2), (t > 49.0) & (t < 55.0)
+    if not fixes_lost:
+        assert np.all(sigma[before, :2] < 0.8 * filtered["/filter/sigma"][before, :2])
+    for a, b in zip(errors(filtered, truth), errors(smoothed, truth), strict=True):
+        assert rms(b[within].ravel()) < 0.7 * rms(a[within].ravel())
+    position, velocity, attitude = errors(smoothed, truth)
+    scaled = np.concatenate([position, velocity, np.radians(attitude)], axis=1) / sigma[:, :9]
+    assert rms(scaled[around].ravel()) < 1.6
+    assert np.max(np.abs(scaled[around])) < 4.0
+
+
+def test_answers_before_a_gap_are_of_their_own_time(tmp_path: Path) -> None:
+    """An answer rests on a state a latency old, carried on: also where samples are missing on the way."""
+    truth = write_flight(tmp_path)
+    lines = (tmp_path / "imu.csv").read_text().splitlines()
+    (tmp_path / "imu.csv").write_text("\n".join(lines[:2500] + lines[2520:]) + "\n")  # 50 to 50.4 s
+    result = flown(tmp_path / "log.yaml", "tuning=none", f"gnss.latency_s={LATENCY}", "filter.output_rate_hz=50")
+    position, _, _ = errors(result, truth)
+    t = result["/filter/time"]
+    # one latency is 6 m of flight: a state not carried on would show
+    assert np.abs(position[(t > 50.0) & (t < 50.4)]).max() < 2.0
+
+
+def test_without_velocities_the_start_has_one_from_the_positions(tmp_path: Path) -> None:
+    """A flight under way, its fixes without velocity: it starts with the speed it has, and counts as moving."""
+    write_flight(tmp_path)
+    lines = (tmp_path / "gnss.csv").read_text().splitlines()
+    rows = [",".join([*line.split(",")[:4], "", "", ""]) for line in lines[1:]]
+    (tmp_path / "gnss.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",)))
+    flight = recording.flight(LATENCY)
+    expected = np.linalg.norm(flight.start_velocity[:2])
+    assert expected > 20.0
+    assert flight.speed.min() > 20.0
+    result = replay.compute(recording)
+    assert np.linalg.norm(result["/filter/velocity_ned"][0, :2]) == pytest.approx(expected, abs=3.0)
+    assert np.isfinite(result["/summary/nis"]).all()
+
+
 def test_outages_withheld_and_drift(tmp_path: Path) -> None:
     write_flight(tmp_path)
     result = flown(

@@ -71,9 +71,9 @@ def test_map_is_the_least_squares_solution() -> None:
     out = Flown.of(EPOCHS)
     cov = np.tile(np.diag(np.repeat([FIX_SIGMA**2, 1.0], 3)), (EPOCHS, 1, 1))
     smoother.run(
-        world.imu_time, dtheta, dv, nav, p, np.zeros(6), np.arange(1.0, EPOCHS + 1), fixes, np.full((EPOCHS, 3), 0.0),
-        cov, False, 0.0, np.zeros(3), np.full(7, np.inf), 0, truth.llh, truth.velocity_ned, truth.quaternion,
-        np.tile(bias, (EPOCHS + 1, 1)), out, STRIDE, smoother.PASSES[MAP],
+        world.imu_time, dtheta, dv, nav, p, np.zeros((1, 6)), np.arange(1.0, EPOCHS + 1), fixes,
+        np.full((EPOCHS, 3), 0.0), cov, False, 0.0, np.zeros(3), np.full(7, np.inf), 0, truth.llh,
+        truth.velocity_ned, truth.quaternion, np.tile(bias, (EPOCHS + 1, 1)), out, STRIDE, smoother.PASSES[MAP],
     )  # fmt: skip
     gap = np.empty(15)
     smoother._difference(nav, expected[-1], gap)

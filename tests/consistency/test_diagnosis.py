@@ -1,0 +1,336 @@
+"""The diagnosis of recordings: each usual mistake named, with what to write; nothing said of recordings in order."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from navsim.cli.main import app
+from navsim.io.recording import read_fixes, read_imu
+from navsim.models import conventions
+from navsim.models.conventions import BODY_AXES, GNSS_COLUMNS, IMU_COLUMNS, GnssConvention, ImuConvention
+from navsim.models.recording import Fixes, Samples
+from navsim.scenario.load import read_replay
+from navsim.scenario.source import InputError
+from navsim.study import replay
+from navsim.study.diagnosis import Log, diagnose
+from tests.mistakes import MISTAKES, Made, needs
+from tests.recordings import circuit, drive, record, straight
+
+ROOT = Path(__file__).resolve().parents[2]
+AIRCRAFT = needs("turns", "rolls", "sideways", "climbs", "velocities", "vertical")
+BY_NAME = {made.name: made for made in MISTAKES}
+
+
+@cache
+def aircraft() -> tuple[Samples, Fixes]:
+    return record(circuit(), 1)
+
+
+@cache
+def car() -> tuple[Samples, Fixes]:
+    return record(drive(), 1, velocities="horizontal")
+
+
+@cache
+def level() -> tuple[Samples, Fixes]:
+    return record(straight(), 1)
+
+
+def named(made: Made, recording: tuple[Samples, Fixes]) -> list[Any]:
+    """The mistakes found, each as its remedies."""
+    return [mistake.remedies for mistake in diagnose(Log(*made.make(*recording)))]
+
+
+def test_the_table_is_long_enough() -> None:
+    assert len(MISTAKES) >= 35
+    assert len({str(made.remedy) for made in MISTAKES}) >= 35
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_each_mistake_of_a_flight_is_named(name: str) -> None:
+    assert named(BY_NAME[name], aircraft()) == [(BY_NAME[name].remedy,)]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["FLU for FRD", "gyro in deg/s", "accelerometer y negated", "radians", "speed in knots", "latitude and longitude",
+     "GPS time for UTC", "accelerometer's sign"],
+)  # fmt: skip
+def test_each_mistake_of_a_drive_is_named(name: str) -> None:
+    assert named(BY_NAME[name], car()) == [(BY_NAME[name].remedy,)]
+
+
+@pytest.mark.parametrize("name", ["FLU for FRD", "gyro z negated", "radians", "latitude and longitude"])
+def test_mistakes_show_without_velocities(name: str) -> None:
+    samples, fixes = aircraft()
+    fixes = replace(fixes, velocity=np.full_like(fixes.velocity, np.nan))
+    assert named(BY_NAME[name], (samples, fixes)) == [(BY_NAME[name].remedy,)]
+
+
+def test_two_mistakes_are_both_named() -> None:
+    samples, fixes = BY_NAME["accelerometer in g"].make(*BY_NAME["speed in km/h"].make(*aircraft()))
+    found = diagnose(Log(*BY_NAME["FLU for FRD"].make(samples, fixes)))
+    assert [m.remedies for m in found] == [
+        ({"imu.accelerometer_unit": "g"},), ({"gnss.speed_unit": "km/h"},), ({"imu.axes": "FLU"},)
+    ]  # fmt: skip
+
+
+def test_a_mistake_is_told_in_numbers_with_the_line_to_write() -> None:
+    (found,) = diagnose(Log(*BY_NAME["accelerometer in g"].make(*aircraft())))
+    assert str(found) == (
+        "the mean specific force is 1.019 where gravity is 9.8 m/s2: the accelerometers seem to be in g; write "
+        "`imu: {accelerometer_unit: g}`"
+    )
+    (found,) = diagnose(Log(*BY_NAME["GPS time for UTC"].make(*aircraft())))
+    assert "GPS time is 18 s from UTC" in str(found)
+    assert "`gnss: {time_offset_s: -18.0}`" in str(found)
+
+
+def test_what_a_straight_flight_cannot_tell_is_left_open() -> None:
+    """Upside down it is for certain, but without a turn one mistake is as good as another; of the gyros it shows
+    nothing."""
+    (found,) = named(BY_NAME["FLU for FRD"], level())
+    assert {"imu.axes": "FLU"} in found
+    assert {"imu.accelerometer_axes": "BLU"} in found
+    for name in ("gyro z negated", "gyro x and y", "GPS time for UTC", "vertical sign", "accelerometer y negated"):
+        assert named(BY_NAME[name], level()) == [], name
+    (either,) = named(BY_NAME["vn and ve"], level())
+    assert either == ({"gnss.velocity_axes": "END"}, {"gnss.velocity_axes": "ENU"})
+
+
+@pytest.mark.parametrize("ride", ["circuit", "circuit at once", "drive", "straight", "straight for longer"])
+@pytest.mark.parametrize("grade", ["fine", "poor", "worse"])
+def test_recordings_in_order_raise_no_alarm(ride: str, grade: str) -> None:
+    """Gyros up to 700 deg/h and accelerometers up to 10 mg (1 sigma), receivers of all kinds."""
+    path = {"circuit": circuit, "circuit at once": lambda: circuit(0.0), "drive": drive, "straight": straight,
+            "straight for longer": lambda: straight(100.0)}[ride]()  # fmt: skip
+    sensors: dict[str, Any] = {
+        "fine": {"gyro_bias": 1e-5, "accel_bias": 1e-3, "gyro_noise": 1e-4, "velocity_noise": 0.03, "rate": 100.0},
+        "poor": {"gyro_bias": 3.4e-3, "accel_bias": 0.1, "velocities": "horizontal", "latency": 0.5},
+        "worse": {"gyro_bias": 3.4e-3, "accel_bias": 0.1, "accel_noise": 0.5, "position_noise": 2.5,
+                  "velocities": "none", "fix_rate": 5.0},
+    }[grade]  # fmt: skip
+    for seed in (11, 12):
+        assert diagnose(Log(*record(path, seed, **sensors))) == []
+
+
+def test_clocks_that_do_not_meet() -> None:
+    samples, fixes = aircraft()
+    (found,) = diagnose(Log(samples, replace(fixes, time=fixes.time + 1.4e9)))
+    assert "no common time" in str(found)
+    assert found.remedies[0]["gnss.time_offset_s"] == pytest.approx(-1.4e9, abs=2.0)
+
+
+def test_an_offset_within_the_latency_is_no_mistake_unless_the_latency_is_given() -> None:
+    samples, fixes = aircraft()
+    late = replace(fixes, time=fixes.time + 1.4)
+    assert diagnose(Log(samples, late)) == []
+    (found,) = diagnose(Log(samples, late, latency=0.1))
+    assert "gnss.time_offset_s" in found.remedies[0]
+
+
+# --- what is declared
+
+
+def table(folder: Path, samples: Samples, fixes: Fixes) -> Path:
+    """The recording as files, and its LOG.yaml."""
+    np.savetxt(folder / "imu.csv", np.column_stack([samples.time, samples.rate, samples.force]), "%.9g", ",",
+               header=",".join(IMU_COLUMNS), comments="")  # fmt: skip
+    place = np.column_stack([np.degrees(fixes.llh[:, :2]), fixes.llh[:, 2]])
+    np.savetxt(folder / "gnss.csv", np.column_stack([fixes.time, place, fixes.velocity]), "%.12g", ",",
+               header=",".join(GNSS_COLUMNS), comments="")  # fmt: skip
+    log = folder / "log.yaml"
+    log.write_text("kind: replay\nversion: 1\nimu: {file: imu.csv}\ngnss: {file: gnss.csv}\ntuning: none\n")
+    return log
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_the_remedy_cures(name: str, tmp_path: Path) -> None:
+    """What the diagnosis says to write makes of the file what it was before the mistake."""
+    from dataclasses import fields
+
+    samples, fixes = aircraft()
+    table(tmp_path, *BY_NAME[name].make(samples, fixes))
+    imu: dict[str, Any] = {}
+    gnss: dict[str, Any] = {}
+    for key, value in BY_NAME[name].remedy.items():
+        section, _, leaf = key.partition(".")
+        (imu if section == "imu" else gnss)[leaf] = value
+    log = read_replay(tmp_path / "log.yaml", tuple(f"imu.{k}={v}" for k, v in imu.items() if k != "columns"))[0]
+    sensors = log.imu.model_copy(update={k: v for k, v in imu.items() if k == "columns"})
+    receiver = log.gnss.model_validate({**log.gnss.model_dump(), **gnss})
+    again, _ = read_imu(tmp_path / "imu.csv", convention=sensors.convention())
+    fixed, _ = read_fixes(tmp_path / "gnss.csv", convention=receiver.convention())
+    for a, b in ((again, samples), (fixed, fixes)):
+        for each in fields(a):
+            np.testing.assert_allclose(getattr(a, each.name), getattr(b, each.name), rtol=1e-6, atol=1e-6)
+
+
+def test_a_wrong_declaration_is_named_as_well(tmp_path: Path) -> None:
+    """A table in order under a log that declares other units and axes: the diagnosis finds back to it."""
+    table(tmp_path, *aircraft())
+    imu = ImuConvention(accelerometer_unit="g", gyro_unit="deg/s", gyro_axes="FLU", accelerometer_axes="FLU")
+    gnss = GnssConvention(speed_unit="kn", velocity_axes="ENU", time_offset=7.0)
+    samples, fixes = (read_imu(tmp_path / "imu.csv", convention=imu, limited=False)[0],
+                      read_fixes(tmp_path / "gnss.csv", convention=gnss, limited=False)[0])  # fmt: skip
+    written: dict[str, Any] = {}
+    for mistake in diagnose(Log(samples, fixes, imu, gnss)):
+        written |= mistake.remedies[0]
+    expected = {"imu.accelerometer_unit": "m/s2", "gnss.speed_unit": "m/s", "gnss.velocity_axes": "NED"}
+    assert {key: written[key] for key in expected} == expected
+
+
+def test_columns_of_other_names(tmp_path: Path) -> None:
+    samples, fixes = aircraft()
+    table(tmp_path, samples, fixes)
+    text = (tmp_path / "imu.csv").read_text().replace("gx_rad_s", "GyrX").replace("t_s", "TimeUS", 1)
+    (tmp_path / "imu.csv").write_text(text)
+    log = tmp_path / "log.yaml"
+    with pytest.raises(InputError, match="lacks t_s, gx_rad_s"):
+        replay.prepare(*read_replay(log))
+    named_so = ImuConvention(columns={"gx_rad_s": "GyrX", "t_s": "TimeUS"})
+    np.testing.assert_allclose(read_imu(tmp_path / "imu.csv", convention=named_so)[0].rate, samples.rate, rtol=1e-6, atol=1e-9)
+
+
+def test_axes_are_letters_and_matrices() -> None:
+    for letters in conventions.all_axes(BODY_AXES):
+        matrix = conventions.axes_matrix(letters, BODY_AXES)
+        assert conventions.axes_letters(matrix, BODY_AXES) == letters
+        np.testing.assert_array_equal(matrix @ matrix.T, np.eye(3))
+    assert len(set(conventions.all_axes(BODY_AXES))) == 48
+    up = conventions.axes_matrix("FLU", BODY_AXES) @ [1.0, 2.0, 3.0]
+    np.testing.assert_array_equal(up, [1.0, -2.0, -3.0])
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("imu.axes=FLX", "expected three letters"),
+        ("imu.gyro_unit=deg", "did you mean 'deg/s'"),
+        ("gnss.velocity_axes=XYZ", "N/S or E/W or D/U"),
+        ("imu.columns={gx: a}", "'gx' is no column"),
+        ("checks=maybe", "refuse, warn, off"),
+    ],
+)
+def test_what_is_declared_wrongly_is_refused(assignment: str, message: str, tmp_path: Path) -> None:
+    log = table(tmp_path, *level())
+    with pytest.raises(InputError) as caught:
+        read_replay(log, (assignment,))
+    assert message in str(caught.value.problems[0])
+
+
+# --- the command
+
+
+def test_a_mistake_is_refused_unless_it_is_to_be_flown(tmp_path: Path) -> None:
+    log = table(tmp_path, *BY_NAME["FLU for FRD"].make(*aircraft()))
+    run = CliRunner().invoke(app, ["replay", str(log), "--dry-run", "-o", str(tmp_path / "out.h5")])
+    assert run.exit_code == 2
+    assert "log.yaml:3:7: imu.file: " in run.output
+    assert "write `imu: {axes: FLU}`" in run.output
+    assert "checks: warn" in run.output
+    arguments = ["replay", str(log), "--dry-run", "-o", str(tmp_path / "out.h5"), "--set"]
+    warned = CliRunner().invoke(app, [*arguments, "checks=warn"])
+    assert warned.exit_code == 0
+    assert "warning: " in warned.output
+    assert "forward-left-up" in warned.output
+    silent = CliRunner().invoke(app, [*arguments, "checks=off"])
+    assert silent.exit_code == 0
+    assert "warning" not in silent.output
+    cured = CliRunner().invoke(app, [*arguments, "imu.axes=FLU"])
+    assert cured.exit_code == 0
+    assert "warning" not in cured.output
+
+
+@pytest.mark.parametrize("name", ["1e-7 degrees", "gyro in deg/h", "samples' time in ms", "fixes' time in ms"])
+def test_values_outside_of_limits_are_explained_first(name: str, tmp_path: Path) -> None:
+    """What used to be refused at its first line only, or to end in a traceback, is named."""
+    log = table(tmp_path, *BY_NAME[name].make(*aircraft()))
+    run = CliRunner().invoke(app, ["replay", str(log), "--dry-run", "-o", str(tmp_path / "out.h5")])
+    assert run.exit_code == 2
+    ((key, value),) = BY_NAME[name].remedy.items()
+    assert f"{key.partition('.')[2]}: {value}" in run.output
+
+
+def test_a_single_value_outside_of_limits_is_refused_at_its_line(tmp_path: Path) -> None:
+    log = table(tmp_path, *aircraft())
+    lines = (tmp_path / "imu.csv").read_text().splitlines()
+    cells = lines[700].split(",")
+    lines[700] = ",".join([cells[0], "777", *cells[2:]])
+    (tmp_path / "imu.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError) as caught:
+        replay.prepare(*read_replay(log))
+    assert "imu.csv:701" in str(caught.value.problems[0])
+    assert "gx_rad_s is 777" in str(caught.value.problems[0])
+
+
+def test_nmea_takes_no_units(tmp_path: Path) -> None:
+    table(tmp_path, *level())
+    (tmp_path / "gnss.csv").write_text("$GPGGA,000000.00,4500.0000,N,00900.0000,E,1,09,0.9,50.0,M,0.0,M,,*5F\n" * 3)
+    with pytest.raises(InputError, match="NMEA sentences have units"):
+        replay.prepare(*read_replay(tmp_path / "log.yaml", ("gnss.speed_unit=kn",)))
+
+
+# --- real flights
+
+
+@pytest.fixture(scope="module")
+def whole_thor(shared: Path) -> tuple[Samples, Fixes]:
+    folder = shared / "data/fw_thor75"
+    return read_imu(folder / "imu.csv.gz")[0], read_fixes(folder / "gnss.csv")[0]
+
+
+@pytest.fixture(scope="module")
+def thor(whole_thor: tuple[Samples, Fixes]) -> tuple[Samples, Fixes]:
+    """The last circuits, landing, taxi."""
+    samples, fixes = whole_thor
+    return samples.between(430.0, 620.0), fixes.take((fixes.time > 430.0) & (fixes.time < 620.0))
+
+
+@pytest.fixture(scope="module")
+def comma(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Samples, Fixes]:
+    out = tmp_path_factory.mktemp("comma")
+    folder = shared / "data/comma2k19_ex1"
+    subprocess.run([sys.executable, ROOT / "scripts/convert_comma2k19.py", folder, out], check=True)
+    return read_imu(out / "imu.csv")[0], read_fixes(out / "gnss.csv")[0]
+
+
+def test_real_flights_raise_no_alarm(
+    whole_thor: tuple[Samples, Fixes], thor: tuple[Samples, Fixes], comma: tuple[Samples, Fixes]
+) -> None:
+    assert diagnose(Log(*whole_thor)) == []
+    assert diagnose(Log(*thor)) == []
+    assert diagnose(Log(*comma)) == []
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_each_mistake_of_a_real_flight_is_named(name: str, thor: tuple[Samples, Fixes]) -> None:
+    assert named(BY_NAME[name], thor) == [(BY_NAME[name].remedy,)]
+
+
+SHOWN_BY_A_MOTORWAY = {
+    "accelerometer in g", "accelerometer in mg", "accelerometer in ft/s2", "increments for rates",
+    "gyro and accelerometer", "radians", "1e-7 degrees", "latitude and longitude", "vn and ve", "speed in km/h",
+    "speed in knots", "speed in cm/s", "samples' time in ms", "samples' time in us", "fixes' time in ms",
+    "FLU for FRD", "accelerometer's sign", "accelerometer z negated", "gyro in deg/s", "gyro in deg/h",
+    "accelerometer x and z",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_each_mistake_that_a_motorway_shows_is_named(name: str, comma: tuple[Samples, Fixes]) -> None:
+    """A car that hardly turns for a minute: what it shows is named, if need be among others; of the rest nothing is
+    said, and nothing wrong."""
+    found = named(BY_NAME[name], comma)
+    if name in SHOWN_BY_A_MOTORWAY or found:
+        assert len(found) == 1
+        assert BY_NAME[name].remedy in found[0]
