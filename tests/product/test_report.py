@@ -21,9 +21,9 @@ from typer.testing import CliRunner
 from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
-from navsim.io.results import Result, ResultError, read, write
+from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.models import mls
-from navsim.report import atc, azimuth, elevation, figures, sweep, tables
+from navsim.report import atc, azimuth, elevation, figures, live, sweep, tables
 from navsim.scenario.load import read_runnable, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
 from navsim.study import atc as atc_study
@@ -348,6 +348,21 @@ def test_azimuth_names_its_filters_by_the_scenario() -> None:
     words = azimuth._words(Result({"scenario": resolved_yaml(scenario)}, {}))
     assert words["S1"] == "Singer, 0.7 m/s²"
     assert words["S2"] == "Singer, 4 m/s²"
+
+
+def test_the_figure_of_a_live_run_fits_its_page() -> None:
+    time = np.linspace(0.0, 60.0, 61)
+    history = np.zeros((61, 15))
+    variables = {
+        "/filter/time": Variable(("time",), time, "s", "time"),
+        "/filter/error": Variable(("time", "state"), history, "m", "error"),
+        "/filter/sigma": Variable(("time", "state"), history + 1.0, "m", "sigma"),
+    }
+    with mpl.rc_context(figures._STYLE):
+        figure = live.figures(Result({}, variables))["errors"]
+    figure.draw_without_rendering()
+    check_page("live", figure)
+    assert {"±3σ", "truth minus estimate"} <= set(words_of(figure).splitlines())
 
 
 # --- maps of sweeps
