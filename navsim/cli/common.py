@@ -216,7 +216,7 @@ def print_table(results: list[tuple[str, Any]]) -> None:
         leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
     view = VIEWS.get(kinds.pop())
     if view is None:
-        print_console(summary_table(results), 52 + 40 * len(results))
+        print_console(summary_table(results), 56 + 60 * len(results))
         return
     for name, result in results:
         print(name)

@@ -9,6 +9,8 @@ import typer
 
 from navsim.cli.common import (
     BAD_INPUT,
+    draw,
+    figure_folder,
     lacks,
     leave,
     print_table,
@@ -44,18 +46,19 @@ def show(
 def plot(
     file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result file.", show_default=False)],
     figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Default: beside the result.", show_default=False)
+        str | None, typer.Option(metavar="FOLDER|none", help="Default: beside the result.", show_default=False)
     ] = None,
 ) -> None:
     """Draw the figures of a result."""
     from navsim.io.results import ResultError, read
 
+    folder = figure_folder(figures, file, runs=1, quiet=False)
     try:
         result = read(file)
-        from navsim.report.views import save
-
-        for path in save(result, figures or file.parent, file.stem):
+        for path in draw(result, folder, file.stem):
             print(path)
+        if folder is None:
+            say(f"{file}: no figures, as --figures none says")
     except ResultError as error:
         leave(BAD_INPUT, error)
     except KeyError as error:
@@ -69,6 +72,12 @@ def export(
     kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses.")] = False,
     geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Truth, fixes, filter errors as tables.")] = False,
+    run: Annotated[
+        int | None,
+        typer.Option(
+            min=0, metavar="K", help="Which run of an ensemble, by its number. Default: the first.", show_default=False
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -81,7 +90,7 @@ def export(
     ] = None,
 ) -> None:
     """Write a result in the formats of other programs."""
-    from navsim.io.export import approximate_systems
+    from navsim.io.export import approximate_systems, choose_run
     from navsim.io.export import export as convert
     from navsim.io.results import ResultError, read
 
@@ -94,8 +103,11 @@ def export(
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
     try:
         result = read(file)
-        for path in convert(result, target, chosen):
+        chosen_run, several = choose_run(result, run)
+        for path in convert(chosen_run, target, chosen):
             print(path)
+        if several is not None:
+            say(f"{file}: {several}; --run K takes another")
     except ResultError as error:
         leave(BAD_INPUT, f"{file}: {error}" if str(file) not in str(error) else error)
     except KeyError as error:

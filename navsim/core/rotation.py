@@ -63,3 +63,28 @@ def roll_pitch_yaw(c: np.ndarray) -> np.ndarray:
         ],
         axis=-1,
     )
+
+
+def rpy_jacobian(rpy: np.ndarray) -> np.ndarray:
+    """Matrices (..., 3, 3) that turn a small rotation vector given in NED into increments of roll, pitch, yaw.
+
+    rpy: (..., 3) rad. The inverse of the axes of the three rotations in NED [1]; undefined where the nose points
+    straight up or down.
+    """
+    pitch, yaw = rpy[..., 1], rpy[..., 2]
+    c, s, nothing = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    secant, tangent = 1.0 / np.cos(pitch), np.tan(pitch)
+    rows = [[c * secant, s * secant, nothing], [-s, c, nothing], [c * tangent, s * tangent, nothing + 1.0]]
+    return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
+
+
+def rpy_error(rpy: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Errors of roll, pitch, yaw (n, 3), true minus estimated, in (-pi, pi].
+
+    rpy: (n, 3) true angles. theta: (n, 3) attitude error, the rotation vector in NED with
+    C_nb(true) = exp(theta x) C_nb(estimate). All rad; exact for errors of any size.
+    """
+    from scipy.spatial.transform import Rotation
+
+    estimate = roll_pitch_yaw(Rotation.from_rotvec(-theta).as_matrix() @ dcm_from_rpy(rpy))
+    return np.pi - (np.pi - (rpy - estimate)) % (2.0 * np.pi)

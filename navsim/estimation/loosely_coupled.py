@@ -51,7 +51,8 @@ TIME_TOLERANCE = 1e-9
 class Flown(NamedTuple):
     """What a filter leaves of one run of e fixes, filled in by the kernels.
 
-    error, sigma (e + 1, 15) plain errors and 1 sigma at time 0 and after each fix; nees, nees_position_velocity
+    error, sigma (e + 1, 15) plain errors and 1 sigma at time 0 and after each fix; cross (e + 1, 6) what else a turn
+    of axes needs of P: its elements NE, ND, ED of position, then of attitude; nees, nees_position_velocity
     (e + 1,); nees_group (e + 1, 5); innovation (e,) normalised and squared, degrees (e,) int, status (e,) int; estimate
     (e + 1, 20) navigation states; misfit, misfit_sigma (e, 6) innovations of position and velocity and their 1 sigma,
     nan where there are none.
@@ -59,6 +60,7 @@ class Flown(NamedTuple):
 
     error: np.ndarray
     sigma: np.ndarray
+    cross: np.ndarray
     nees: np.ndarray
     nees_position_velocity: np.ndarray
     nees_group: np.ndarray
@@ -74,9 +76,9 @@ class Flown(NamedTuple):
         """Empty arrays for e fixes."""
         n = states.N
         return cls(
-            np.empty((e + 1, n)), np.empty((e + 1, n)), np.empty(e + 1), np.empty(e + 1), np.empty((e + 1, 5)),
-            np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64), np.empty((e + 1, states.NAV_N)),
-            np.empty((e, 6)), np.empty((e, 6)),
+            np.empty((e + 1, n)), np.empty((e + 1, n)), np.empty((e + 1, 6)), np.empty(e + 1), np.empty(e + 1),
+            np.empty((e + 1, 5)), np.empty(e), np.empty(e, np.int64), np.empty(e, np.int64),
+            np.empty((e + 1, states.NAV_N)), np.empty((e, 6)), np.empty((e, 6)),
         )  # fmt: skip
 
 
@@ -143,12 +145,18 @@ def plain_error(llh, vel, quat, bias, nav, error):
 
 
 @kernel
-def record(kind, p, nav, llh, vel, quat, bias, error, sigma, groups, factor, own, x):
+def record(kind, p, nav, llh, vel, quat, bias, error, sigma, cross, groups, factor, own, x):
     """Errors (truth - estimate) and sigmas of one instant; returns NEES of 15 states in the filter's own
-    coordinates and of 6 states in plain ones. groups: (5,) normalised squares of each triple of states."""
+    coordinates and of 6 states in plain ones. cross: (6,) as of `Flown`. groups: (5,) normalised squares of each
+    triple of states."""
     plain_error(llh, vel, quat, bias, nav, error)
     for i in range(states.N):
         sigma[i] = math.sqrt(p[(STRIDE + 1) * i])
+    for i in range(2):
+        first = states.POS if i == 0 else states.ATT
+        cross[3 * i] = p[STRIDE * first + first + 1]
+        cross[3 * i + 1] = p[STRIDE * first + first + 2]
+        cross[3 * i + 2] = p[STRIDE * (first + 1) + first + 2]
     _own_error(kind, nav, error, own)
     full = normalised_square(p, own, 0, states.N, factor, x)
     for group in range(5):
@@ -276,7 +284,7 @@ def run(
     truth_*: (e + 1, ...) at time 0 and at fix_time + latency; truth_bias (e + 1, 6).
     out: a `Flown`. width: `covariance.STRIDE`.
     """
-    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
+    error, sigma, cross, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
     factor = np.empty((states.N, states.N))
     x = np.empty(states.N)
     own = np.empty(states.N)
@@ -315,6 +323,7 @@ def run(
         truth_bias[0],
         error[0],
         sigma[0],
+        cross[0],
         nees_group[0],
         factor,
         own,
@@ -372,12 +381,12 @@ def run(
             )  # fmt: skip
             nees[after], nees_pv[after] = record(
                 kind, ahead_p, ahead_nav, truth_llh[after], truth_velocity[after], truth_quaternion[after],
-                truth_bias[after], error[after], sigma[after], nees_group[after], factor, own, x,
+                truth_bias[after], error[after], sigma[after], cross[after], nees_group[after], factor, own, x,
             )  # fmt: skip
             estimate[after] = ahead_nav
         else:
             estimate[after] = nav
             nees[after], nees_pv[after] = record(
                 kind, p, nav, truth_llh[after], truth_velocity[after], truth_quaternion[after], truth_bias[after],
-                error[after], sigma[after], nees_group[after], factor, own, x,
+                error[after], sigma[after], cross[after], nees_group[after], factor, own, x,
             )  # fmt: skip

@@ -175,7 +175,7 @@ def run(
     more iterate it towards the maximum a posteriori [1]. Fixes rejected by the gate of the first pass stay rejected.
     Innovations, squared and as misfit, are those of the first pass.
     """
-    error, sigma, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
+    error, sigma, cross, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
     node_time, node_fix, node_output = _nodes(fix_time, fix_time + latency)
     n = node_time.shape[0]
     nodes = np.empty((n, states.NAV_N))
@@ -301,6 +301,6 @@ def run(
             estimate[o] = nodes[node]
             nees[o], nees_pv[o] = record(
                 TFG, filtered[node], nodes[node], truth_llh[o], truth_velocity[o], truth_quaternion[o], truth_bias[o],
-                error[o], sigma[o], nees_group[o], factor, own, x,
+                error[o], sigma[o], cross[o], nees_group[o], factor, own, x,
             )  # fmt: skip
     nav[:] = nodes[n - 1]

@@ -13,7 +13,7 @@ import datetime
 import io
 import itertools
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ TOE_SPACING = 7200.0
 
 
 def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
-    """Write a result as `target` with the formats' endings: of a landing "rinex", "nmea", "csv", "kml", "geojson",
-    of a replay "csv", "kml", "geojson".
+    """Write a result (of an ensemble the one of `choose_run`) as `target` with the formats' endings: of a landing
+    "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson".
 
     Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
     """
@@ -56,6 +56,28 @@ def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
             write_text(path, text)
             written.append(path)
     return written
+
+
+def choose_run(result: Result, number: int | None) -> tuple[Result, str | None]:
+    """The result of one run of an ensemble, the first by default, and in words which one it is of how many; None where
+    there is nothing to choose. Raises ResultError for a run the result does not hold."""
+    runs = result["/run"] if "/run" in result else np.zeros(0, dtype=int)
+    if number is not None and number not in runs:
+        held = "no runs" if not runs.size else f"run {runs[0]}" if runs.size == 1 else f"runs {runs[0]} to {runs[-1]}"
+        raise ResultError(f"--run {number}: the result holds {held}")
+    if runs.size < 2:
+        return result, None
+    i = 0 if number is None else int(np.flatnonzero(runs == number)[0])
+    of_one = {
+        path: replace(v, data=np.asarray(v.data)[i : i + 1]) if v.dims[:1] == ("run",) else v
+        for path, v in result.variables.items()
+    }
+    return Result(result.attributes, of_one), f"run {runs[i]} of {runs.size} is written"
+
+
+def _run_of_ensemble(result: Result) -> int | None:
+    """The number of the run that stands for an ensemble, None for a result that was one run from the start."""
+    return int(result["/run"][0]) if int(result["/summary/count/runs"]) > 1 else None
 
 
 def _scenario(result: Result) -> Any:
@@ -131,6 +153,9 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     stamp = str(result.attributes["created"]).replace("-", "").replace("T", " ").replace(":", "")[:15]
     made = f"{'navsim ' + str(result.attributes['navsim_version']):20s}{'':20s}{stamp} UTC "
     comments = [_origin(result), "simulated: satellite clocks as in the messages", *_contents(scenario)]
+    run = _run_of_ensemble(result)
+    if run is not None:
+        comments.append(f"run {run} of an ensemble of {int(result['/summary/count/runs'])}")
     if approximate:
         comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
     elements = next((c.records for c in constellations if c.system == "gps"), None)
@@ -290,7 +315,10 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def _csv(result: Result, target: Path) -> dict[Path, str]:
-    """Three tables: the true motion, the fixes, the filter's errors with their sigmas (first run)."""
+    """Three tables: the true motion, the fixes, the filter's errors with their sigmas; the last two name the run they
+    are of in a column of its own, where the result has others."""
+    run = _run_of_ensemble(result)
+    run_head, run_cell = ([], []) if run is None else (["run"], [str(run)])
     truth = [
         [f"{t:.4f}", f"{np.degrees(p[0]):.10f}", f"{np.degrees(p[1]):.10f}", f"{p[2]:.4f}", *(f"{x:.5f}" for x in v),
          *(f"{x:.6f}" for x in np.degrees(a))]
@@ -310,19 +338,20 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
                               result["/receiver/velocity_ned"][0], dops, strict=True):  # fmt: skip
             rows.append(
                 [f"{t:.4f}", _cell(np.degrees(p[0]), 10), _cell(np.degrees(p[1]), 10), _cell(p[2], 4),
-                 *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d)]
+                 *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d), *run_cell]
             )  # fmt: skip
         files[target.with_name(f"{target.stem}_gnss.csv")] = _table(
-            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop"], rows
+            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop", *run_head],
+            rows,
         )
     if "/filter/error" in result:
         states = [str(name) for name in result["/filter/state"]]
         error, sigma = result["/filter/error"][0], result["/filter/sigma"][0]
         rows = [
-            [f"{t:.4f}", *(f"{x:.9g}" for x in e), *(f"{x:.9g}" for x in s)]
+            [f"{t:.4f}", *(f"{x:.9g}" for x in e), *(f"{x:.9g}" for x in s), *run_cell]
             for t, e, s in zip(result["/filter/time"], error, sigma, strict=True)
         ]
-        head = ["t_s", *(f"error_{n}" for n in states), *(f"sigma_{n}" for n in states)]
+        head = ["t_s", *(f"error_{n}" for n in states), *(f"sigma_{n}" for n in states), *run_head]
         files[target.with_name(f"{target.stem}_filter.csv")] = _table(head, rows)
     return files
 
@@ -350,7 +379,7 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
 
 
 def _nmea(result: Result, target: Path) -> dict[Path, str]:
-    """GGA, RMC and VTG of each fix of the first run, with as many digits as the format lets [2]. Heights are given over
+    """GGA, RMC and VTG of each fix, with as many digits as the format lets [2]. Heights are given over
     the ellipsoid with a geoid separation of zero, which is what the simulation knows. A leap second is 23:59:60."""
     if "/receiver/position_llh" not in result:
         raise ResultError("the result has no fixes; fly it with --keep errors or all")

@@ -36,7 +36,7 @@ def console(result: Result) -> RenderableType:
     parts: list[RenderableType] = []
     heads = ("filter", "", "D manoeuvre, m", "D' manoeuvre, m/s", "D straight, m", "azimuth man., deg")
     for c, case in enumerate(result["/case"]):
-        errors = titled_table(f"{case}: RMSE [95 %]", *heads)
+        errors = titled_table(f"{_in_words(case)}: RMSE [95 %]", *heads)
         azimuth = names.index("azimuth")
         for f, name in enumerate(result["/filter"]):
             errors.add_row(
@@ -52,14 +52,17 @@ def console(result: Result) -> RenderableType:
     for c, case in enumerate(result["/case"]):
         pairs = ratios[c, 0, 0, levels, 0]
         range_, rate = ratios[c, 0, 0, 0], ratios[c, 0, 0, 1]
-        verdict = "yes for the pairs"
-        verdict += ", not for the range" if max(range_[0], rate[0]) > 1.0 + LITTLE else ", and for the range"
+        kept_pairs, kept_range = (bool(np.max(x) <= 1.0 + LITTLE) for x in (pairs, (range_[0], rate[0])))
+        verdict = {
+            (True, True): "yes", (True, False): "for the pairs, not for the range",
+            (False, True): "for the range, not for the pairs", (False, False): "no",
+        }[kept_pairs, kept_range]  # fmt: skip
         spread = f"{pairs.min():.3f} to {pairs.max():.3f}"
-        kept.add_row(str(case), _cell(range_, digits=3), _cell(rate, digits=3), spread, verdict)
+        kept.add_row(_in_words(case), _cell(range_, digits=3), _cell(rate, digits=3), spread, verdict)
     parts.append(kept)
     gain = titled_table("Singer over adapt in the manoeuvre [95 %]", "case", "D", "D'")
     for c, case in enumerate(result["/case"]):
-        gain.add_row(str(case), *(_cell(x, digits=3) for x in result["/summary/singer_to_adapt"][c, 0]))
+        gain.add_row(_in_words(case), *(_cell(x, digits=3) for x in result["/summary/singer_to_adapt"][c, 0]))
     parts.append(gain)
     full, groups = int(result["/summary/multiplications_full"]), int(result["/summary/multiplications_decoupled"])
     stored = int(result["/summary/stored_full"]), int(result["/summary/stored_decoupled"])
@@ -72,48 +75,67 @@ def console(result: Result) -> RenderableType:
     return Group(*parts)
 
 
-def _errors(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+_COLOURS = {"singer": "#999999", "fix": "#0072B2", "adapt": "#D55E00", "full": "#009E73", "cartesian": "#CC79A7"}
 
-    fig = new_figure(2 * COLUMN, 4.4)
+
+def _in_words(case: object) -> str:
+    """`T1_angles` as people write it."""
+    period, measured = str(case).removeprefix("T").split("_")
+    return f"T = {period} s, {'angles and rates' if measured == 'rates' else 'angles'}"
+
+
+def _errors(result: Result) -> Figure:
+    from navsim.report.figures import COLUMN, legend_above, new_figure, settled
+    from navsim.report.tables import setting
+
+    fig = new_figure(2 * COLUMN, 4.8)
     axes = fig.subplots(2, 1, sharex=True)
     time = result["/time"]
-    for name, colour in zip(
-        ("singer", "fix", "adapt", "full", "cartesian"), ("#999999", *COLOURS, "#CC79A7"), strict=True
-    ):
+    late = settled(time)
+    top = np.zeros(2)
+    for name in map(str, result["/filter"]):
         error, sigma = result[f"/filters/{name}/error"], result[f"/filters/{name}/sigma"]
         for i, ax in enumerate(axes):
-            ax.plot(time, np.sqrt(np.mean(error[:, :, i] ** 2, axis=0)), color=colour, label=f"{name}: {_WORDS[name]}")
-            ax.plot(time, sigma[:, i], color=colour, lw=0.6, ls=":")
-    for ax, label, top in zip(axes, ("range RMSE, m", "range rate RMSE, m/s"), (45.0, 20.0), strict=True):
-        for begin, end in ((160.0, 195.346), (241.652, 273.907)):
+            rmse = np.sqrt(np.mean(error[:, :, i] ** 2, axis=0))
+            ax.plot(time, rmse, color=_COLOURS[name], label=f"{name}: {_WORDS[name]}")
+            ax.plot(time, sigma[:, i], color=_COLOURS[name], lw=0.6, ls=":")
+            top[i] = max(top[i], rmse[late].max(initial=0.0), sigma[late, i].max(initial=0.0))
+    runs = result["/run"].size
+    for ax, label, highest in zip(axes, ("range", "range rate"), top, strict=True):
+        for begin, end in setting(result, "circuit", "manoeuvre_s"):
             ax.axvspan(begin, end, color="#000000", alpha=0.06, lw=0)
-        ax.set_ylim(0.0, top)
-        ax.set_ylabel(f"{label}; dotted: σ")
-    axes[0].legend(ncols=2, loc="upper right")
+        if highest > 0.0:
+            ax.set_ylim(0.0, 1.08 * highest)
+        ax.set_ylabel(f"{label} {'RMSE' if runs > 1 else 'error'}, {'m' if label == 'range' else 'm/s'}")
+    title = f"{_in_words(result['/case'][0])}, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
+    legend_above(fig, axes[0], 2, title)
     axes[1].set_xlim(time[0], time[-1])
     axes[1].set_xlabel("time, s; grey: manoeuvre")
+    fig.align_ylabels(axes)
     return fig
 
 
 def _ratios(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
-    fig = new_figure(2 * COLUMN, 2.8)
+    fig = new_figure(2 * COLUMN, 3.1)
     ax = fig.subplots()
     names = [str(n).replace("_", " ") for n in result["/state"]]
     at = np.arange(len(names))
     ratios = result["/summary/decoupled_to_full"][:, 0, 0]
-    for c, case in enumerate(result["/case"]):
+    cases = result["/case"]
+    gap = 0.6 / cases.size
+    for c, case in enumerate(cases):
         value, low, high = ratios[c].T
         ax.errorbar(
-            at + 0.12 * (c - 1.5), value, yerr=[value - low, high - value], fmt="o", ms=3, lw=0.8,
-            color=(*COLOURS, "#CC79A7")[c % 4], label=str(case),
+            at + gap * (c - 0.5 * (cases.size - 1)), value, yerr=[value - low, high - value],
+            fmt="os^D"[c // len(COLOURS) % 4], ms=3, lw=0.8, color=COLOURS[c % len(COLOURS)],
+            label=_in_words(case),
         )  # fmt: skip
     ax.axhline(1.0, color="#777777", lw=0.6)
     ax.set_xticks(at, names, rotation=35, ha="right")
     ax.set_ylabel("RMSE, adapt / full, manoeuvre")
-    ax.legend(ncols=2)
+    legend_above(fig, ax, min(4, cases.size))
     return fig
 
 

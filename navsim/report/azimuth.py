@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 _WORDS = {
-    "S1": "Singer, 0.2 g", "S2": "Singer, tuned to the turn", "L1": "the paper's (14), literally",
+    "L1": "the paper's (14), literally",
     "L2": "tangential component", "L3": "rigorous, held", "L4": "rigorous, first-order hold",
     "L4 stamped": "L4, age of reports known", "L4 roll": "L4 from BDS 5,0 roll",
     "L4 track rate": "L4 from BDS 5,0 track rate", "L4 roll stamped": "L4 from roll, age known",
@@ -27,6 +27,7 @@ def console(result: Result) -> RenderableType:
     """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
     from rich.console import Group
 
+    words = _words(result)
     periods = result["/period"]
     parts: list[RenderableType] = []
     for i, period in enumerate(periods):
@@ -36,10 +37,14 @@ def console(result: Result) -> RenderableType:
         for f, name in enumerate(result["/filter"]):
             cells = [f"{value:.4f}  [{low:.4f}, {high:.4f}]" for value, low, high in result["/summary/rmse"][i, f]]
             nis = "{:.2f} / {:.2f}".format(*result["/summary/nis"][i, f])
-            errors.add_row(str(name), _WORDS[str(name)], *cells, nis)
+            errors.add_row(str(name), words[str(name)], *cells, nis)
         parts.append(errors)
     claim = titled_table(
-        "The paper: 1.5 to 1.8 times smaller in the manoeuvre", "T, s", "S1 / L4", "S2 / L4", "verdict"
+        f"The paper: {CLAIM[0]:g} to {CLAIM[1]:g} times smaller in the manoeuvre",
+        "T, s",
+        "S1 / L4",
+        "S2 / L4",
+        "verdict",
     )
     for i, period in enumerate(periods):
         values = result["/summary/ratio_to_l4"][i, :, 0]
@@ -57,78 +62,97 @@ def console(result: Result) -> RenderableType:
             ages.add_row(f"{period:g}", f"{late:g}", *(f"{x:.4f}" for x in result["/summary/latency_rmse"][i, j]))
     parts.append(ages)
     rms = result["/summary/acceleration_rms"]
+    than_zero = "more" if rms[0, 1] > rms[0, 0] else "less"
     parts.append(
         f"Why the literal (14) fails: it takes the north component for the tangential one and drops 2 Dh' az'. In the "
-        f"manoeuvre azimuth'' is {rms[0, 0]:.4f} deg/s² rms and the error of (14) {rms[0, 1]:.4f}, more than that of "
-        f"assuming zero; that of the tangential component without Coriolis is {rms[0, 2]:.4f}. Mode S does not carry "
-        "load factors: roll and track rate of BDS 5,0 do as well."
+        f"manoeuvre azimuth'' is {rms[0, 0]:.4f} deg/s² rms and the error of (14) {rms[0, 1]:.4f}, {than_zero} than "
+        f"that of assuming zero; that of the tangential component without Coriolis is {rms[0, 2]:.4f}. Mode S does not "
+        "carry load factors: roll and track rate of BDS 5,0 do as well."
     )
     return Group(*parts)
 
 
-def _errors(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+def _words(result: Result) -> dict[str, str]:
+    """What each filter is."""
+    from navsim.report.tables import setting
 
-    fig = new_figure(2 * COLUMN, 3.2)
+    sigmas = setting(result, "filters", "singer_sigma_m_s2")
+    return {name: f"Singer, {sigma:.3g} m/s²" for name, sigma in zip(("S1", "S2"), sigmas, strict=True)} | _WORDS
+
+
+def _errors(result: Result) -> Figure:
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+
+    fig = new_figure(2 * COLUMN, 3.6)
     ax = fig.subplots()
     time = result["/time"]
     colours = ("#999999", COLOURS[0], "#CC79A7", "#E69F00", COLOURS[1], COLOURS[2])
+    words = _words(result)
     for name, colour in zip(("S1", "S2", "L1", "L2", "L3", "L4"), colours, strict=True):
         error = result[f"/filters/{name}/error_deg"]
-        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {_WORDS[name]}")
+        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {words[name]}")
         ax.semilogy(time, result[f"/filters/{name}/sigma_deg"], color=colour, lw=0.6, ls=":")
     roll = result["/truth/roll"] != 0.0
     ax.fill_between(result["/truth/time"], 0, 1, where=roll, color="#000000", alpha=0.06, lw=0,
                     transform=ax.get_xaxis_transform())  # fmt: skip
-    ax.set_ylim(0.02, 5.0)
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time, s; grey: turns")
-    ax.set_ylabel("azimuth RMSE, deg; dotted: the filter's σ")
-    ax.legend(ncols=2)
+    runs = result["/run"].size
+    ax.set_ylabel(f"azimuth {'RMSE' if runs > 1 else 'error'}, deg")
+    title = f"T = {result['/period'][0]:g} s, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
+    legend_above(fig, ax, 3, title)
     return fig
 
 
 def _accelerations(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, SMALL, legend_over, new_figure
 
-    fig = new_figure(COLUMN, 3.6)
-    upper, lower = fig.subplots(2, 1)
+    fig = new_figure(COLUMN, 4.6)
+    upper, lower = fig.subplots(2, 1, height_ratios=[3, 2])
     position = result["/truth/position"] / 1e3
     upper.plot(position[:, 2], position[:, 0], color=COLOURS[0])
-    upper.plot(0, 0, "^", color=COLOURS[1], label="radar")
+    upper.plot(0, 0, "^", color=COLOURS[1])
+    upper.annotate("radar", (0, 0), xytext=(-6, 0), textcoords="offset points", ha="right", va="center", fontsize=SMALL)
+    upper.plot(position[0, 2], position[0, 0], "o", color=COLOURS[0], ms=3)
     upper.set_aspect("equal", adjustable="datalim")
     upper.set_xlabel("east, km")
     upper.set_ylabel("north, km")
-    upper.legend()
     time = result["/truth/time"]
     lower.plot(time, 1e3 * result["/truth/azimuth_acceleration"], color=COLOURS[0], label="exact")
     lower.plot(time, 1e3 * result["/truth/azimuth_acceleration_literal"], color=COLOURS[1], label="the paper's (14)")
-    lower.set_ylim(-45, 45)
+    # close to the radar the azimuth runs away; the rest is what the filters live on
+    reach = 1.3 * 1e3 * np.percentile(np.abs(result["/truth/azimuth_acceleration"]), 95)
+    reach = max(reach, 1.1e3 * np.abs(result["/truth/azimuth_acceleration_literal"]).max())
+    lower.set_ylim(-reach, reach)
     lower.set_xlabel("time, s")
     lower.set_ylabel("azimuth'', 10⁻³ deg/s²")
-    lower.legend()
+    legend_over(lower, 2)
     return fig
 
 
 def _map(result: Result) -> Figure:
-    from navsim.report.figures import COLUMN, new_figure
+    from navsim.report.figures import COLUMN, SMALL, new_figure
 
     fig = new_figure(2 * COLUMN, 3.0)
     axes = fig.subplots(1, 2, sharey=True)
     period = result["/map/scan_period"]
+    low, high = (f([f(result[n]) for n in ("/map/ratio", "/map/ratio_by_latency")]) for f in (np.min, np.max))
     image = None
     for ax, name, across, label in (
         (axes[0], "/map/ratio", result["/map/azimuth_sigma"], "σ of azimuth, deg"),
         (axes[1], "/map/ratio_by_latency", result["/map/report_age"], "age of reports, s"),
     ):
         values = result[name]
-        image = ax.imshow(values, origin="lower", aspect="auto", cmap="viridis", vmin=1.0, vmax=2.1)
+        image = ax.imshow(values, origin="lower", aspect="auto", cmap="viridis", vmin=low, vmax=high)
         for i in range(values.shape[0]):
             for j in range(values.shape[1]):
                 inside = CLAIM[0] <= values[i, j] <= CLAIM[1]
-                colour, weight = ("white" if values[i, j] < 1.6 else "black"), ("bold" if inside else "normal")
+                colour, weight = (
+                    ("white" if values[i, j] < 0.5 * (low + high) else "black"),
+                    ("bold" if inside else "normal"),
+                )
                 ax.text(
-                    j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=6.5, color=colour, weight=weight
+                    j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=SMALL, color=colour, weight=weight
                 )
                 if inside:
                     ax.add_patch(_box(j, i))
@@ -138,7 +162,7 @@ def _map(result: Result) -> Figure:
     axes[0].set_yticks(range(period.size), [f"{x:g}" for x in period])
     axes[0].set_ylabel("scan period, s")
     if image is not None:
-        fig.colorbar(image, ax=list(axes), label="Singer / L4, each at its best; framed: 1.5-1.8")
+        fig.colorbar(image, ax=list(axes), label=f"Singer / L4, each at its best; framed: {CLAIM[0]:g}-{CLAIM[1]:g}")
     return fig
 
 

@@ -7,17 +7,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report.tables import setting, titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
 _BAND_WORDS = {
-    "std_theory": "standard deviation within ±20 % of the filter's",
-    "std_sample": "the filter's within ±20 % of the sample's",
-    "variance": "variance within ±20 % of the filter's",
+    "std_theory": "standard deviation within {} of the filter's",
+    "std_sample": "the filter's within {} of the sample's",
+    "variance": "variance within {} of the filter's",
 }
+
+
+def _half_width(result: Result) -> float:
+    """Half width of the band, as a share of the standard deviation."""
+    return float(setting(result, "montecarlo", "band"))
 
 
 def console(result: Result) -> RenderableType:
@@ -36,7 +41,7 @@ def console(result: Result) -> RenderableType:
     )  # fmt: skip
     for b, band in enumerate(result["/band"]):
         proof.add_row(
-            _BAND_WORDS[str(band)],
+            _BAND_WORDS[str(band)].format(f"±{100 * _half_width(result):g} %"),
             f"{result['/band_theory/coverage'][b]:.4f}",
             f"{inside[:, b].mean():.4f}",
             f"{inside[0, b]:.3f}",
@@ -62,9 +67,11 @@ def console(result: Result) -> RenderableType:
             str(statement), f"{result['/audit/published'][i]:.6g}", f"{result['/audit/computed'][i]:.6g}",
             str(result["/audit/unit"][i]), str(result["/audit/verdict"][i]),
         )  # fmt: skip
+    sure = float(setting(result, "montecarlo", "confidence"))
     note = (
         "Truth and filter share a model in the Monte Carlo: it proves the code, not that the model is adequate; the "
-        "nominal run does. Errors are correlated over some 16 steps, so a single experiment cannot confirm 0.95."
+        f"nominal run does. Errors are correlated over steps, so a single experiment cannot confirm "
+        f"a confidence of {sure:g}."
     )
     return Group(steady, proof, flown, checked, note)
 
@@ -75,47 +82,54 @@ def _approach(result: Result) -> Figure:
     fig = new_figure(COLUMN, 4.0)
     axes = fig.subplots(3, 1, sharex=True)
     time = result["/approach/time"]
+    starts = result["/approach/segment_start"]
     for ax, name, label in zip(
         axes, ("beta", "beta_rate", "beta_acceleration"), ("β, deg", "β', deg/s", "β'', deg/s²"), strict=True
     ):
         ax.plot(time, result[f"/approach/{name}"], color=COLOURS[0])
         ax.set_ylabel(label)
-        for edge in (80.0, 127.2222, 142.266923):
+        for edge in starts[1:]:
             ax.axvline(edge, color="#777777", lw=0.6, ls="--")
-    axes[0].set_title("level leg, glide, flare, roll-out")
+    axes[0].set_title(", ".join(str(name) for name in result["/approach/segment"]))
     axes[-1].set_xlabel("time, s")
     fig.align_ylabels(axes)
     return fig
 
 
 def _proof(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
     fig = new_figure(COLUMN, 3.6)
     axes = fig.subplots(2, 1, sharex=True)
+    share = _half_width(result)
     period = float(result.variables["/step"].attributes["period_s"])
     time = result["/step"] * period
     for i, (ax, label) in enumerate(zip(axes, ("sd of β, deg", "sd of β', deg/s"), strict=True)):
         theory = np.sqrt(result["/filter/covariance"][:, i, i])
         sample = np.sqrt(result["/montecarlo/covariance"][:, i, i])
-        ax.fill_between(time, 0.8 * theory, 1.2 * theory, color=COLOURS[1], alpha=0.2, lw=0, label="±20 %")
+        ax.fill_between(
+            time, (1.0 - share) * theory, (1.0 + share) * theory, color=COLOURS[1], alpha=0.2, lw=0,
+            label=f"±{100 * share:g} %",
+        )  # fmt: skip
         ax.plot(time, theory, color=COLOURS[1], label="filter")
         ax.plot(time, sample, color=COLOURS[0], lw=0.7, label=f"{int(result['/montecarlo/runs'])} runs")
         ax.set_ylim(0.0, 2.2 * theory[-1])
         ax.set_ylabel(label)
-    axes[0].legend(ncols=3, loc="upper right")
+    legend_above(fig, axes[0], 3, "first experiment")
     axes[-1].set_xlabel("time, s")
     fig.align_ylabels(axes)
     return fig
 
 
 def _nominal(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
-    fig = new_figure(COLUMN, 3.6)
+    fig = new_figure(COLUMN, 4.0)
     upper, lower = fig.subplots(2, 1, sharex=True)
     time = result["/nominal/time"]
-    late = time >= time[0] + 5.0
+    late = time >= float(setting(result, "nominal", "from_s")) + float(
+        result.variables["/nominal/time"].attributes["settling_s"]
+    )
     for i, q in enumerate(result["/nominal/rate_variance"]):
         colour = COLOURS[i % len(COLOURS)]
         bias = result["/nominal/bias"][i]
@@ -125,7 +139,7 @@ def _nominal(result: Result) -> Figure:
     lower.set_ylabel("RMSE, 10⁻³ deg")
     lower.set_ylim(bottom=0.0)
     lower.set_xlabel("time of the approach, s")
-    upper.legend()
+    legend_above(fig, upper, 2)
     fig.align_ylabels([upper, lower])
     return fig
 

@@ -1,4 +1,4 @@
-"""Figures of a landing result, fit for a paper: labels, units, legible at column width.
+"""Figures of a landing result, fit for a paper: labels, units, no letter under 7 points at the width they are drawn.
 
 Every figure function takes a result and returns a matplotlib Figure; `save` writes them all as PNG.
 """
@@ -6,7 +6,7 @@ Every figure function takes a result and returns a matplotlib Figure; `save` wri
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,33 +16,44 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from navsim.core.wgs84 import ecef_from_llh, heading_axes
-from navsim.io.results import Result, ResultError, write_text
+from navsim.core.rotation import dcm_from_rpy
+from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix
+from navsim.io.results import Result, ResultError, Stream, write_text
+from navsim.report.tables import runs_of, setting, single
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLUMN = 3.5
-"""Width of a journal column, inches; two-column figures are twice that."""
+"""Width of a journal column, inches; two-column figures are twice that, and are printed as wide."""
+SMALL = 7.0
+"""The smallest letters, points."""
 _STYLE: Any = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.labelsize": 8.0,
-    "legend.fontsize": 7.0,
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
+    "figure.titlesize": 8.0,
+    "legend.fontsize": SMALL,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
     "axes.grid": True,
     "grid.alpha": 0.3,
     "grid.linewidth": 0.4,
     "lines.linewidth": 0.9,
+    "hatch.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
     "savefig.dpi": 200,
 }
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
-COLOURS = (_BLUE, _ORANGE, _GREEN)
-"""Told apart by the colour-blind."""
+COLOURS = (_BLUE, _ORANGE, _GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Told apart by the colour-blind (Okabe and Ito)."""
+START = 0.1
+"""Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
+MOST_RUNS = 50
+"""So many runs of an ensemble are drawn one by one."""
+_MOST_POINTS = 5000
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -50,21 +61,58 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def legend_above(figure: Figure, axes: Axes, columns: int, title: str | None = None) -> None:
+    """The legend of `axes` over the whole figure, where no data are."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, title=title, title_fontsize=8.0)
+
+
+def legend_over(ax: Axes, columns: int) -> None:
+    """A legend on top of one of several panels."""
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2)
+
+
+def settled(time: np.ndarray) -> np.ndarray:
+    """Which times (t,) lie behind the start."""
+    return time >= time[0] + START * (time[-1] - time[0])
+
+
+def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """Names beside points, each on the side where it keeps farthest from other points and names; where points and names
+    are, in points of the page."""
+    from matplotlib.patheffects import withStroke
+
+    place = on_page(ax, x, y)
+    taken = list(place)
+    for i, name in enumerate(names):
+        width = 0.6 * SMALL * len(str(name))
+        sides = [(5.0, 3.0, "left"), (-5.0, 3.0, "right"), (5.0, -9.0, "left"), (-5.0, -9.0, "right")]
+
+        def middle(side: tuple[float, float, str], i: int = i, width: float = width) -> np.ndarray:
+            half = 0.5 * width if side[2] == "left" else -0.5 * width
+            return place[i] + [side[0] + half, side[1] + 0.35 * SMALL]
+
+        others = [p for k, p in enumerate(taken) if k != i]
+        best = max(sides, key=lambda s: min((float(np.hypot(*(middle(s) - p))) for p in others), default=0.0))
+        taken.append(middle(best))
+        ax.annotate(
+            str(name), (x[i], y[i]), xytext=best[:2], textcoords="offset points", ha=best[2], fontsize=SMALL,
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+        )  # fmt: skip
+    return taken
+
+
+def on_page(ax: Axes, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Where data (n,) lie on the page, points (n, 2)."""
+    return ax.transData.transform(np.column_stack([x, y])) * 72.0 / ax.figure.dpi
+
+
 def _in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
     """Positions in the tangent plane of the threshold: along (positive beyond it), right, up, m."""
     threshold = result["/truth/threshold_llh"]
-    heading = np.radians(_setting(result, "runway", "heading_deg"))
+    heading = np.radians(setting(result, "runway", "heading_deg"))
     offset = (ecef_from_llh(llh) - ecef_from_llh(threshold)) @ heading_axes(threshold, heading)
     return offset * np.array([1.0, 1.0, -1.0])
-
-
-def _setting(result: Result, *keys: str) -> float:
-    import yaml
-
-    node = yaml.safe_load(str(result.attributes["scenario"]))
-    for key in keys:
-        node = node[key]
-    return float(node)
 
 
 def _touchdown(result: Result) -> float:
@@ -72,55 +120,55 @@ def _touchdown(result: Result) -> float:
     return float(result["/truth/event_time"][names.index("touchdown")]) if "touchdown" in names else np.nan
 
 
+def _true_for(result: Result) -> str:
+    """What a figure of the truth says of the runs it belongs to."""
+    runs = result["/run"].size
+    return f" (the truth, the same in all {runs} runs)" if runs > 1 else ""
+
+
 def track(result: Result) -> Figure:
-    """Plan view with the pseudolites, and the height profile."""
-    fig = new_figure(2 * COLUMN, 3.6)
-    plan, profile = fig.subplots(2, 1, height_ratios=[3, 2])
+    """Plan view with the pseudolites, and the height profile over the same distances."""
+    fig = new_figure(2 * COLUMN, 3.8)
+    plan, profile = fig.subplots(2, 1, height_ratios=[3, 2], sharex=True)
     path = _in_runway_axes(result, result["/truth/position_llh"])
-    length = _setting(result, "runway", "length_m")
-    width = _setting(result, "runway", "width_m")
-    plan.fill(
-        [0, length, length, 0],
-        [-width / 2, -width / 2, width / 2, width / 2],
-        color=_GREY,
-        lw=0,
-        label="runway",
-    )
-    plan.plot([0, length], [0, 0], color=_GREY, lw=2.5, solid_capstyle="butt", alpha=0.6)
-    plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft")
+    length = setting(result, "runway", "length_m")
+    width = setting(result, "runway", "width_m")
+    plan.fill([0, length, length, 0], [-width / 2, -width / 2, width / 2, width / 2], color=_GREY, lw=0)
+    plan.plot([0, length], [0, 0], color=_GREY, lw=2.5, solid_capstyle="butt", alpha=0.6, label="runway")
+    plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft" + _true_for(result))
     plan.plot(path[0, 0], path[0, 1], "o", color=_BLUE, ms=3)
     names = result["/pseudolites/name"]
     if names.size:
         ground = _in_runway_axes(result, result["/pseudolites/position_llh"])
         plan.plot(ground[:, 0], ground[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
-        for name, (x, y, _) in zip(names, ground, strict=True):
-            plan.annotate(str(name), (x, y), xytext=(5, 3), textcoords="offset points", fontsize=7)
     plan.margins(0.06, 0.15)
-    plan.set_xlabel("along the runway from the threshold, m")
+    if names.size:
+        label_points(plan, names, ground[:, 0], ground[:, 1])
     plan.set_ylabel("right of the axis, m")
-    plan.legend(loc="best", ncols=3)
+    legend_above(fig, plan, 3)
 
     profile.plot(path[:, 0], result["/truth/position_llh"][:, 2], color=_BLUE)
-    for name, when in zip(result["/truth/event"], result["/truth/event_time"], strict=True):
-        if name != "touchdown":
-            continue
-        at = np.interp(when, result["/truth/time"], path[:, 0])
+    touchdown = _touchdown(result)
+    if np.isfinite(touchdown):
+        at = np.interp(touchdown, result["/truth/time"], path[:, 0])
         profile.axvline(at, color=_ORANGE, lw=0.8, ls="--")
         profile.annotate("touchdown", (at, 0.85), xycoords=("data", "axes fraction"), xytext=(4, 0),
-                         textcoords="offset points", color=_ORANGE, fontsize=7)  # fmt: skip
+                         textcoords="offset points", color=_ORANGE, fontsize=SMALL)  # fmt: skip
     profile.set_xlabel("along the runway from the threshold, m")
     profile.set_ylabel("height, m")
+    fig.align_ylabels([plan, profile])
     return fig
 
 
 def sky(result: Result) -> Figure:
     """Directions to the used sources over the approach, pseudolites included."""
-    fig = new_figure(COLUMN, 3.4)
+    fig = new_figure(COLUMN, 3.6)
     ax = fig.add_subplot(projection="polar")
     ax.set_theta_zero_location("N")  # type: ignore[attr-defined]
     ax.set_theta_direction(-1)  # type: ignore[attr-defined]
     los = result["/geometry/line_of_sight"]
     ground = set(result["/pseudolites/name"])
+    names, ends = [], []
     lowest = 0.0
     for i, name in enumerate(result["/geometry/source"]):
         seen = los[np.isfinite(los[:, i, 0]), i]
@@ -132,63 +180,92 @@ def sky(result: Result) -> Figure:
         mark = {"color": _ORANGE, "marker": "^"} if name in ground else {"color": _BLUE, "marker": "o"}
         ax.plot(azimuth, zenith, color=mark["color"], lw=1.0)
         ax.plot(azimuth[-1:], zenith[-1:], ms=4, ls="", **mark)  # type: ignore[arg-type]
-        ax.annotate(str(name), (azimuth[-1], zenith[-1]), xytext=(4, 3), textcoords="offset points", fontsize=7)
+        names.append(name)
+        ends.append((azimuth[-1], zenith[-1]))
     edge = 90.0 if lowest <= 90.0 else 10.0 * np.ceil(lowest / 10.0)
     ax.set_ylim(0, edge)
     ax.set_yticks([30, 60, 90], ["60°", "30°", "0°"])
     ax.set_xticks(np.radians(np.arange(0, 360, 45)), ["N", "45°", "E", "135°", "S", "225°", "W", "315°"])
-    ax.set_title("elevation; ends mark the last epoch; triangles: pseudolites")
+    if ends:
+        azimuth, zenith = np.array(ends).T
+        taken = np.array(label_points(ax, names, azimuth, zenith))
+
+        def room(bearing: float) -> float:
+            named = on_page(ax, np.full(3, np.radians(bearing)), np.array([30.0, 60.0, 90.0]))
+            return float(np.linalg.norm(named[:, None] - taken, axis=2).min())
+
+        ax.set_rlabel_position(max(np.arange(22.5, 360.0, 45.0), key=room))  # type: ignore[attr-defined]
+    ax.set_title(
+        "directions by azimuth and elevation;\nmarks: last epoch; triangles: pseudolites"
+        + ("\n" + _true_for(result).strip(" ()") if _true_for(result) else "")
+    )
     return fig
 
 
 def dop(result: Result) -> Figure:
     """DOPs over time."""
-    fig = new_figure(COLUMN, 2.4)
+    fig = new_figure(COLUMN, 2.5)
     ax = fig.subplots()
     t = result["/geometry/time"]
     for name, colour in (("pdop", _BLUE), ("vdop", _ORANGE), ("hdop", _GREEN)):
         ax.plot(t, result[f"/geometry/{name}"], color=colour, label=name.upper())
-    ax.axvline(_touchdown(result), color=_GREY, lw=0.8, ls="--", label="touchdown")
+    touchdown = _touchdown(result)
+    if np.isfinite(touchdown):
+        ax.axvline(touchdown, color=_GREY, lw=0.8, ls="--", label="touchdown")
     ax.set_ylim(bottom=0)
     ax.set_xlabel("time, s")
     ax.set_ylabel("DOP")
-    ax.legend(ncols=2)
+    legend_above(fig, ax, 4, _true_for(result).strip(" ()") or None)
     return fig
 
 
-def _fix_errors(result: Result) -> np.ndarray:
-    """Fix minus true antenna position, NED, m: (run * e, 3). The truth is interpolated to the epochs."""
-    t = result["/truth/time"]
-    llh = result["/truth/position_llh"]
-    when = result["/receiver/time"]
-    truth = np.stack([np.interp(when, t, llh[:, i]) for i in range(3)], axis=1)
-    scale = np.array([6.378e6, 6.378e6 * np.cos(llh[0, 0]), -1.0])
-    fixes = result["/receiver/position_llh"]
-    difference = (fixes - truth) * scale
-    return difference.reshape(-1, 3)
+def true_antenna(result: Result) -> np.ndarray:
+    """Where the antenna truly is at the fix epochs, ECEF, m (e, 3): the IMU's position with the lever arm turned by
+    the true attitude, both interpolated between the stored instants."""
+    t, when = result["/truth/time"], result["/receiver/time"]
+
+    def at_fixes(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
+
+    llh = at_fixes(result["/truth/position_llh"])
+    attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
+    lever = attitude @ np.array(setting(result, "receiver", "lever_arm_m"), dtype=float)
+    return ecef_from_llh(llh) + np.einsum("eij,ei->ej", ned_matrix(llh), lever)
+
+
+def fix_errors(result: Result) -> np.ndarray:
+    """Fixes minus the antenna's true positions, NED, m: (run, e, 3); nan without a fix."""
+    difference = ecef_from_llh(result["/receiver/position_llh"]) - true_antenna(result)
+    here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
+                     for column in result["/truth/position_llh"].T], axis=1)  # fmt: skip
+    return np.einsum("eij,rej->rei", ned_matrix(here), difference)
 
 
 def fixes(result: Result) -> Figure:
-    """Scatter of the fixes about the truth, with the 95 % ellipse of the mean predicted covariance."""
-    fig = new_figure(COLUMN, 3.0)
+    """Scatter of the fixes about the antenna's true position, with the 95 % ellipse of their mean covariance."""
+    fig = new_figure(COLUMN, 3.4)
     ax = fig.subplots()
-    error = _fix_errors(result)
+    error = fix_errors(result).reshape(-1, 3)
     error = error[np.isfinite(error[:, 0])]
     covariance = result["/receiver/covariance_enu"][:, :2, :2]
     if error.size:
-        shown = error[:: max(1, len(error) // 5000)]
+        # of all runs alike: a step that has no divisor in common with the epochs of a run
+        step = max(1, len(error) // _MOST_POINTS)
+        while np.gcd(step, result["/receiver/time"].size) > 1:
+            step += 1
+        shown = error[::step]
         ax.plot(shown[:, 1], shown[:, 0], ".", ms=2, color=_BLUE, alpha=0.5, label="fixes")
         mean = np.nanmean(covariance, axis=0)
         angle = np.linspace(0, 2 * np.pi, 181)
         circle = np.sqrt(5.991) * np.stack([np.cos(angle), np.sin(angle)])
         ellipse = np.linalg.cholesky(mean) @ circle
-        ax.plot(*ellipse, color=_ORANGE, label="95 % of predicted covariance")
-        ax.legend(loc="upper right")
+        ax.plot(*ellipse, color=_ORANGE, label="95 % by the predicted covariance")
+        legend_above(fig, ax, 2, runs_of(result))
     else:
         ax.text(0.5, 0.5, "no fixes", transform=ax.transAxes, ha="center")
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel("east error of fixes, m")
-    ax.set_ylabel("north error of fixes, m")
+    ax.set_xlabel("fix minus true antenna, east, m")
+    ax.set_ylabel("north, m")
     return fig
 
 
@@ -201,46 +278,97 @@ _ROWS: tuple[tuple[str, float], ...] = (
 )
 
 
+def _blocks(result: Result, path: str) -> Iterator[np.ndarray]:
+    """A variable along its first axis block by block, as it is kept: an ensemble need not fit into memory."""
+    data = result.variables[path].data
+    yield from data.blocks() if isinstance(data, Stream) else [np.asarray(data)]
+
+
+def _rms_over_runs(result: Result, path: str) -> np.ndarray:
+    """Root mean square over runs (t, 15)."""
+    total = sum(np.sum(block**2, axis=0) for block in _blocks(result, path))
+    return np.sqrt(total / result["/run"].size)
+
+
+def _first_runs(result: Result, path: str) -> np.ndarray:
+    """As many runs as are drawn one by one (r, t, 15)."""
+    found: list[np.ndarray] = []
+    for block in _blocks(result, path):
+        found.append(block[: MOST_RUNS - sum(len(b) for b in found)])
+        if sum(len(b) for b in found) >= MOST_RUNS:
+            break
+    return np.concatenate(found)
+
+
 def errors(result: Result) -> Figure:
-    """The fifteen errors of the first run with their 3 sigma bounds."""
-    fig = new_figure(2 * COLUMN, 6.2)
+    """The fifteen errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
+    fig = new_figure(2 * COLUMN, 6.6)
     axes = fig.subplots(5, 3, sharex=True)
     t = result["/filter/time"]
-    error, sigma = result["/filter/error"][0], result["/filter/sigma"][0]
-    columns = ("north", "east", "down")
+    error = _first_runs(result, "/filter/error")
+    alone = single(result)
+    sigma, rms = _rms_over_runs(result, "/filter/sigma"), _rms_over_runs(result, "/filter/error")
+    late = settled(t)
     for row, (label, scale) in enumerate(_ROWS):
         for column in range(3):
             ax: Axes = axes[row, column]
             i = 3 * row + column
-            bound = 3 * sigma[:, i] * scale
-            ax.fill_between(t, -bound, bound, color=_ORANGE, alpha=0.2, lw=0)
-            ax.plot(t, error[:, i] * scale, color=_BLUE, lw=0.7)
-            # the first seconds would dwarf the rest
-            settled = bound[t >= t[0] + 0.1 * (t[-1] - t[0])]
-            reach = 1.6 * max(settled.max(), np.abs(error[t >= 0.1 * t[-1], i] * scale).max())
+            bound, spread = 3.0 * sigma[:, i] * scale, 3.0 * rms[:, i] * scale
+            runs = error[:, :, i].T * scale
+            ax.fill_between(t, -bound, bound, color=_ORANGE, alpha=0.25, lw=0, label="±3σ of the filter")
+            if alone:
+                ax.plot(t, runs, color=_BLUE, lw=0.7, label="error, truth minus estimate")
+            else:
+                lines = ax.plot(t, runs, color="#999999", lw=0.25, alpha=0.5)
+                lines[0].set_label(f"errors of {runs.shape[1]} runs")
+                ax.plot(t, spread, color=_BLUE, lw=0.9, label="±3 RMS over all runs")
+                ax.plot(t, -spread, color=_BLUE, lw=0.9)
+            seen = 1.6 * np.abs(runs[late]) if alone else 1.2 * spread[late]
+            reach = max(1.6 * bound[late].max(initial=0.0), seen.max(initial=0.0))
             if reach > 0:
                 ax.set_ylim(-reach, reach)
             if column == 0:
                 ax.set_ylabel(label)
             if row == 0:
-                ax.set_title(columns[column])
+                ax.set_title(("north", "east", "down")[column])
             if row == 3:
                 ax.set_title("xyz"[column])
             if row == 4:
                 ax.set_xlabel("time, s")
     fig.align_ylabels(axes[:, 0])
-    fig.suptitle("error (truth - estimate) and ±3σ of the filter", fontsize=8)
+    legend_above(fig, axes[0, 0], 4, runs_of(result))
     return fig
+
+
+_FAMILIES = (("initial", "#CC79A7"), ("gyro", "#56B4E9"), ("accelerometer", _GREEN), ("satellite", _BLUE),
+             ("pseudolite", "#E69F00"), ("systematic", _GREY))  # fmt: skip
+_HATCHES = ("", "//////", "......")
+"""Sources of one kind share a colour and differ by hatch."""
+
+
+def _source_style(names: list[str]) -> list[tuple[str, str]]:
+    """Colour and hatch of each source, the same in every figure."""
+    count = dict.fromkeys((family for family, _ in _FAMILIES), 0)
+    out = []
+    for name in names:
+        family, colour = next(f for f in _FAMILIES if name.startswith(f[0]))
+        out.append((colour, _HATCHES[count[family]]))
+        count[family] += 1
+    return out
 
 
 def budget(result: Result) -> Figure:
     """True root mean square error against the filter's belief, and what each source contributes."""
-    fig = new_figure(2 * COLUMN, 4.4)
+    from matplotlib.patches import Patch
+
+    fig = new_figure(2 * COLUMN, 4.8)
     axes = fig.subplots(2, 2, sharex=True)
     t = result["/covariance/time"]
     after = t >= t[0] + 0.05 * (t[-1] - t[0])
-    names = [str(n).replace("_", " ") for n in result["/budget/source"]]
+    names = [str(n) for n in result["/budget/source"]]
+    styles = _source_style(names)
     square = result["/budget/rms"] ** 2
+    seen: set[int] = set()
     for column, (title, states) in enumerate((("horizontal position", [0, 1]), ("vertical position", [2]))):
         upper, lower = axes[0, column], axes[1, column]
         true = np.sqrt((result["/covariance/rms"][:, states] ** 2).sum(axis=1))
@@ -252,48 +380,54 @@ def budget(result: Result) -> Figure:
         share = square[:, :, states].sum(axis=2)
         share = 100.0 * share / np.maximum(share.sum(axis=0), np.finfo(float).tiny)
         shown = np.flatnonzero(share[:, after].max(axis=1) > 1.0)
-        colours = mpl.colormaps["tab20"](shown)
-        lower.stackplot(t, share[shown], labels=[names[i] for i in shown], colors=colours, lw=0)
+        seen |= set(shown.tolist())
+        stack = lower.stackplot(t, share[shown], colors=[styles[i][0] for i in shown], lw=0)
+        for area, i in zip(stack, shown, strict=True):
+            area.set(hatch=styles[i][1], edgecolor="white")
         lower.set_ylim(0, 100)
         lower.set_xlim(t[0], t[-1])
         lower.set_xlabel("time, s")
-        lower.legend(fontsize=5.5, loc="lower left", frameon=True, framealpha=0.85)
     axes[0, 0].set_ylabel("error, m")
-    axes[0, 0].legend()
+    axes[0, 0].legend(loc="upper right")
     axes[1, 0].set_ylabel("share of mean square, %")
+    fig.align_ylabels(axes[:, 0])
+    handles = [Patch(facecolor=styles[i][0], hatch=styles[i][1], edgecolor="white", lw=0) for i in sorted(seen)]
+    labels = [names[i].replace("_", " ") for i in sorted(seen)]
+    fig.legend(handles, labels, loc="outside lower center", ncols=4, title="sources above 1 %, from below",
+               title_fontsize=SMALL)  # fmt: skip
     return fig
 
 
 def nees(result: Result) -> Figure:
-    """NEES per degree of freedom over time with its 95 % band; NIS below it."""
-    fig = new_figure(COLUMN, 2.8)
-    upper, lower = fig.subplots(2, 1, sharex=True)
+    """NEES and NIS per degree of freedom over time with their 95 % bands."""
+    fig = new_figure(COLUMN, 4.4)
+    axes = fig.subplots(3, 1, sharex=True)
     t = result["/summary/consistency/time"]
-    for name, colour, label in (
-        ("nees", _BLUE, "NEES/15"),
-        ("nees_position_velocity", _GREEN, "NEES/6 (pos., vel.)"),
-        ("nis", _ORANGE, "NIS/m"),
+    runs = int(result["/summary/count/runs"])
+    for ax, (name, colour, label) in zip(
+        axes,
+        (
+            ("nees", _BLUE, "15 states"),
+            ("nees_position_velocity", _GREEN, "position, velocity"),
+            ("nis", _ORANGE, "innovations"),
+        ),
+        strict=True,
     ):
-        ax = lower if name == "nis" else upper
         variable = result.variables[f"/summary/consistency/{name}"]
         values = np.asarray(variable.data)
         style = {"ls": "", "marker": ".", "ms": 1.5} if name == "nis" else {}
-        ax.plot(t, values, color=colour, label=label, **style)
-        if name != "nees_position_velocity" and "band_low" in variable.attributes:
-            ax.axhspan(
-                variable.attributes["band_low"],
-                variable.attributes["band_high"],
-                color=colour,
-                alpha=0.12,
-                lw=0,
-            )
-    for ax in (upper, lower):
+        ax.plot(t, values, color=colour, **style)
+        if "band_low" in variable.attributes:
+            band = (variable.attributes["band_low"], variable.attributes["band_high"])
+            ax.axhspan(*band, color=colour, alpha=0.15, lw=0)
         ax.axhline(1.0, color=_GREY, lw=0.6)
-        ax.set_ylim(bottom=0)
-        ax.legend(loc="upper right", ncols=2)
-    lower.set_xlabel("time, s")
-    runs = int(result["/summary/count/runs"])
-    upper.set_title(f"mean of {runs} run(s); shaded: 95 % band of 15 states and of NIS" if runs else "expected, linear")
+        ax.set_ylim(0.0, max(1.5, ax.get_ylim()[1]))
+        ax.set_title(label, loc="left")
+        ax.set_ylabel("NIS" if name == "nis" else "NEES")
+    axes[-1].set_xlabel("time, s")
+    fig.align_ylabels(axes)
+    what = f"{'mean of ' if runs > 1 else ''}{runs_of(result)};\nshaded: 95 % band" if runs else "expected, linear"
+    fig.suptitle(f"per degree of freedom, {what}")
     return fig
 
 

@@ -31,16 +31,17 @@ def console(result: Result) -> RenderableType:
 
 def figures(result: Result) -> dict[str, Figure]:
     """Position errors with their 3 sigma."""
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
     fig = new_figure(COLUMN, 3.6)
     axes = fig.subplots(3, 1, sharex=True)
     time = result["/filter/time"]
     for i, (ax, name) in enumerate(zip(axes, ("north", "east", "down"), strict=True)):
         sigma = 3.0 * result["/filter/sigma"][:, i]
-        ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0)
-        ax.plot(time, result["/filter/error"][:, i], color=COLOURS[0])
+        ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0, label="±3σ")
+        ax.plot(time, result["/filter/error"][:, i], color=COLOURS[0], label="truth minus estimate")
         ax.set_ylabel(f"{name}, m")
     axes[-1].set_xlabel("time, s")
+    legend_above(fig, axes[0], 2)
     fig.align_ylabels(axes)
     return {"errors": fig}

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report.tables import setting, titled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,17 +80,33 @@ def plain(result: Result) -> dict[str, Any]:
     return out
 
 
+_NEAR = 1.0
+"""A pseudolite this close to the border of its area stands on it, m."""
+
+
+def _on_border(result: Result, i: int) -> list[str]:
+    """Pseudolites of the i-th placement that the area alone keeps from going farther."""
+    area = yaml.safe_load(str(result.attributes["study"])).get("area")
+    if area is None:
+        return []
+    out = []
+    for k in range(int(result["/pseudolites"][i])):
+        place = {"s_m": result["/optimum/s"][i, k], "l1_m": result["/optimum/l1"][i, k]}
+        if any(abs(place[key] - end) <= _NEAR for key in place for end in area[key]):
+            out.append(f"PL{k + 1}")
+    return out
+
+
 def plan(result: Result) -> Figure:
     """For each number of pseudolites: the placement over the objective with the first one moved."""
-    from navsim.report.figures import COLUMN, new_figure
+    from navsim.report.figures import COLUMN, label_points, legend_above, new_figure
 
     counts = result["/pseudolites"]
     s, l1, maps = result["/map/s"], result["/map/l1"], result["/map/objective"]
-    scenario = yaml.safe_load(str(result.attributes["scenario"]))
     across, along = s[-1] - s[0], l1[-1] - l1[0]
-    height = min(4.0, max(1.3, 5.5 * across / max(along, 1.0)))
-    fig = new_figure(2 * COLUMN, 0.5 + height * len(counts))
-    axes = fig.subplots(len(counts), 1, squeeze=False)[:, 0]
+    height = min(2.7, max(1.3, 5.5 * across / max(along, 1.0)))
+    fig = new_figure(2 * COLUMN, 0.8 + height * len(counts))
+    axes = fig.subplots(len(counts), 1, squeeze=False, sharex=True)[:, 0]
     variable = result.variables["/front/objective"]
     for i, ax in enumerate(axes):
         finite = maps[i][np.isfinite(maps[i])]
@@ -101,23 +117,27 @@ def plan(result: Result) -> Figure:
                 vmax=np.percentile(finite, 95), rasterized=True,
             )  # fmt: skip
             unit = "" if variable.units == "1" else f", {variable.units}"
-            fig.colorbar(image, ax=ax, label=f"{result.attributes['objective']}{unit}", extend="max")
+            fig.colorbar(image, ax=ax, label=variable.long_name + unit, extend="max")
         x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
-        ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites")
-        for k in range(int(counts[i])):
-            ax.annotate(f"PL{k + 1}", (x[k], y[k]), xytext=(5, 4), textcoords="offset points", fontsize=7)
-        ends = [0.0, scenario["runway"]["length_m"]]
+        ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites",
+                clip_on=False, zorder=5)  # fmt: skip
+        ends = [0.0, setting(result, "runway", "length_m")]
         ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
         value = result["/front/objective"][i]
         computed = bool(result["/map/computed"][i])
-        shows = "colours: PL1 moved, the others kept" if computed else "map not computed"
+        count = int(counts[i])
+        many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
         stopped = "" if result["/front/finished"][i] else " (search stopped)"
-        ax.set_title(f"{int(counts[i])} pseudolite(s): {value:.4g}{stopped}; {shows}")
+        border = _on_border(result, i)
+        where = f"; on the border of the area: {', '.join(border)}" if border else ""
+        ax.set_title(f"{many}: {value:.4g}{stopped}{where}{'' if computed else '; map not computed'}")
         ax.set_ylabel("right of the axis, m")
         ax.update_datalim([(-l1[-1], s[0]), (-l1[0], s[-1])])
         ax.set_facecolor("#dddddd" if computed else "white")
+        ax.grid(visible=False)
         ax.margins(0.03)
-    axes[0].legend(loc="upper left", ncols=2, frameon=True, framealpha=0.8)
+        label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
+    legend_above(fig, axes[0], 2, "colours: PL1 moved, the others kept")
     axes[-1].set_xlabel("along the runway from the threshold, m; grey: not allowed")
     return fig
 

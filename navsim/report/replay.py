@@ -64,18 +64,19 @@ def _local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
 
 
 def _track(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
-    fig = new_figure(2 * COLUMN, 3.4)
+    fig = new_figure(2 * COLUMN, 3.6)
     plan, profile = fig.subplots(1, 2, width_ratios=[3, 2])
     llh, fixes = result["/filter/position_llh"], result["/gnss/position_llh"]
-    for positions, style in ((fixes, {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes"}),
-                             (llh, {"color": COLOURS[0], "label": "filter"})):  # fmt: skip
+    dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
+    for positions, style in ((fixes, dots),
+                             (llh, {"color": COLOURS[0], "label": "filter (IMU)"})):  # fmt: skip
         plan.plot(*_local(llh[0], positions).T, **style)
     plan.set_aspect("equal", adjustable="datalim")
     plan.set_xlabel("east, m")
     plan.set_ylabel("north, m")
-    plan.legend()
+    legend_above(fig, plan, 2)
     profile.plot(result["/gnss/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
     profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
     profile.set_xlabel("time, s")
@@ -84,16 +85,16 @@ def _track(result: Result) -> Figure:
 
 
 def _innovations(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
-    fig = new_figure(2 * COLUMN, 4.2)
+    fig = new_figure(2 * COLUMN, 4.4)
     axes = fig.subplots(3, 2, sharex=True)
     time = result["/innovations/time"]
     for column, (name, unit) in enumerate((("position_ned", "m"), ("velocity_ned", "m/s"))):
         for row, axis in enumerate(("north", "east", "down")):
             ax = axes[row, column]
             sigma = 3.0 * result[f"/innovations/{name}_sigma"][:, row]
-            ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0, label="3 sigma")
+            ax.fill_between(time, -sigma, sigma, color=COLOURS[1], alpha=0.2, lw=0, label="±3σ")
             ax.plot(time, result[f"/innovations/{name}"][:, row], color=COLOURS[0], lw=0.6, label="innovation")
             ax.set_ylabel(f"{axis}, {unit}")
             # a few wild fixes must not flatten the rest
@@ -103,7 +104,7 @@ def _innovations(result: Result) -> Figure:
                 ax.set_ylim(-1.3 * limit, 1.3 * limit)
     axes[0, 0].set_title("position")
     axes[0, 1].set_title("velocity")
-    axes[2, 0].legend(ncols=2, loc="lower right")
+    legend_above(fig, axes[2, 0], 2)
     for ax in axes[-1]:
         ax.set_xlabel("time, s")
     fig.align_ylabels(axes)
@@ -111,9 +112,9 @@ def _innovations(result: Result) -> Figure:
 
 
 def _attitude(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_over, new_figure
 
-    fig = new_figure(2 * COLUMN, 4.2)
+    fig = new_figure(2 * COLUMN, 4.6)
     axes = fig.subplots(3, 2, sharex=True)
     time, rpy = result["/filter/time"], np.degrees(result["/filter/attitude_rpy"])
     jump = np.abs(np.diff(rpy, axis=0, prepend=rpy[:1])) > 180.0
@@ -124,14 +125,14 @@ def _attitude(result: Result) -> Figure:
         axes[row, 0].set_ylabel(f"{name}, deg")
     axes[0, 1].plot(time, sigma[:, :2].max(axis=1), color=COLOURS[0], label="tilt")
     axes[0, 1].plot(time, sigma[:, 2], color=COLOURS[1], label="heading")
-    axes[0, 1].set_ylabel("1 sigma, deg")
+    axes[0, 1].set_ylabel("1σ, deg")
     axes[0, 1].set_yscale("log")
-    axes[0, 1].legend()
+    legend_over(axes[0, 1], 2)
     for i, axis in enumerate("xyz"):
         axes[1, 1].plot(time, np.degrees(result["/filter/gyro_bias"][:, i]), color=COLOURS[i], label=axis)
         axes[2, 1].plot(time, result["/filter/accelerometer_bias"][:, i], color=COLOURS[i])
     axes[1, 1].set_ylabel("gyro bias, deg/s")
-    axes[1, 1].legend(ncols=3)
+    legend_over(axes[1, 1], 3)
     axes[2, 1].set_ylabel("accel. bias, m/s²")
     for ax in axes[-1]:
         ax.set_xlabel("time, s")
@@ -140,21 +141,26 @@ def _attitude(result: Result) -> Figure:
 
 
 def _outages(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-    fig = new_figure(COLUMN, 2.6)
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+
+    fig = new_figure(COLUMN, 2.8)
     ax = fig.subplots()
     length = np.round(result["/outages/end"] - result["/outages/start"], 6)
     for i, duration in enumerate(result["/summary/duration"]):
         drift = np.sort(result["/outages/horizontal_error"][length == np.round(duration, 6)])
         drift = drift[np.isfinite(drift)]
         share = (np.arange(drift.size) + 0.5) / max(drift.size, 1)
-        ax.plot(drift, share, "o-", ms=3, color=COLOURS[i % 3], label=f"{duration:g} s without fixes")
+        ax.plot(drift, share, "o-", ms=3, color=COLOURS[i % len(COLOURS)], label=f"{duration:g} s without fixes")
     ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(ScalarFormatter())
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel("horizontal drift, m")
     ax.set_ylabel("share of outages")
     ax.set_ylim(0.0, 1.0)
-    ax.legend()
+    legend_above(fig, ax, 2)
     return fig
 
 

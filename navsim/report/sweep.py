@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 
 from navsim.io.results import Result
+from navsim.report.tables import setting as scenario_setting
 from navsim.report.tables import titled_table
 
 if TYPE_CHECKING:
@@ -70,6 +70,19 @@ def best(cube: np.ndarray) -> tuple[int, ...] | None:
     return tuple(int(i) for i in np.unravel_index(int(np.nanargmin(cube)), cube.shape))
 
 
+def at_ends(result: Result, index: tuple[int, ...]) -> list[str]:
+    """Varied keys for which a combination has the first or the last of three or more numbers: beyond them nothing was
+    computed, so a best value there may not be the best there is."""
+    out = []
+    for axis, name in enumerate(dimensions(result)):
+        values = result[f"/{name}"]
+        # an axis of several keys counts its points; its numbers have no order
+        ordered = f"/sweep/axes/{name}" in result and values.dtype.kind in "fiu" and values.size > 2
+        if ordered and index[axis] in (int(np.argmin(values)), int(np.argmax(values))):
+            out.append(name)
+    return out
+
+
 def console(result: Result) -> RenderableType:
     """The best combination for each output, with the range of values."""
     names = list(keys(result))
@@ -77,6 +90,7 @@ def console(result: Result) -> RenderableType:
     method = result.attributes["method"]
     title = f"{combinations} combinations, method {method}; the best for each output"
     table = titled_table(title, "output", "smallest", "median", "largest", *(f"best {name}" for name in names))
+    marked = False
     for name in outputs(result):
         if name.endswith(("_low", "_high")):
             continue
@@ -86,7 +100,12 @@ def console(result: Result) -> RenderableType:
             table.add_row(name, "-", "-", "-")
             continue
         spread = [f"{value:.4g}" for value in (np.nanmin(cube), np.nanmedian(cube), np.nanmax(cube))]
-        table.add_row(name, *spread, *(_plain(setting(result, key, index)) for key in names))
+        ends = at_ends(result, index)
+        marked = marked or bool(ends)
+        cells = (_plain(setting(result, key, index)) + (" *" if key in ends else "") for key in names)
+        table.add_row(name, *spread, *cells)
+    if marked:
+        table.caption = "* the end of its range: the best may lie beyond"
     return table
 
 
@@ -99,7 +118,7 @@ def best_json(result: Result) -> dict[str, object]:
         index = best(cube)
         if index is not None:
             place = {key: np.asarray(setting(result, key, index)).item() for key in keys(result)}
-            out[name] = {"value": float(cube[index]), **place}
+            out[name] = {"value": float(cube[index]), **place, "at_end_of_range": at_ends(result, index)}
     return out
 
 
@@ -125,7 +144,7 @@ def _plane(result: Result) -> tuple[int, int] | None:
         if along.shape[axis] < 3:
             continue
         spread = np.abs(np.diff(along, axis=axis)) + np.abs(np.diff(right, axis=axis))
-        if np.any(np.nan_to_num(spread) > 1e-3):
+        if np.any(spread > 1e-3):
             moving.append(axis)
     return (moving[0], moving[1]) if len(moving) == 2 else None
 
@@ -135,9 +154,13 @@ def _label(result: Result, name: str) -> str:
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
 
 
+_PANEL = 5.3
+"""Width of a map without its labels and colour bar, inches."""
+
+
 def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) -> Figure:
     """Heat maps on the runway plan, a panel for each point of the other axes (or the best of them)."""
-    from navsim.report.figures import COLUMN, new_figure
+    from navsim.report.figures import COLUMN, legend_above, new_figure
 
     dims = dimensions(result)
     others = [axis for axis in range(cube.ndim) if axis not in plane]
@@ -146,42 +169,100 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     panels = list(np.ndindex(*(cube.shape[axis] for axis in others)))
     if len(panels) > _MOST_PANELS:
         panels = [tuple(found[axis] for axis in others)]
+    first_along = result["/plan/site_along"][..., 0]
+    panels = [p for p in panels if np.any(np.isfinite(first_along[_slice(cube.ndim, others, p)]))]
     finite = cube[np.isfinite(cube)]
     low, high = float(finite.min()), float(np.percentile(finite, 98))
-    right_of = result["/plan/site_right"]
-    heights = []
-    for panel in panels:
-        index = _slice(cube.ndim, others, panel)
-        heights.append(float(np.nanmax(right_of[index]) - np.nanmin(right_of[index])))
-    fig = new_figure(2 * COLUMN, 0.4 + sum(min(5.0, max(1.2, 4.5 * h / max(heights))) for h in heights))
+    views = [_View(result, cube.ndim, others, panel) for panel in panels]
+    heights = [view.height for view in views]
+    fig = new_figure(2 * COLUMN, 0.9 + sum(h + 0.35 for h in heights))
     axes = fig.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     image = None
-    for ax, panel in zip(axes, panels, strict=True):
+    hollow = False
+    for ax, panel, view in zip(axes, panels, views, strict=True):
         place = _slice(cube.ndim, others, panel)
         values = cube[place]
-        used = [s for s in range(result["/site"].size) if np.any(np.isfinite(result["/plan/site_along"][(*place, s)]))]
-        for s in used:
-            along, right = result["/plan/site_along"][(*place, s)], result["/plan/site_right"][(*place, s)]
-            shown = np.ma.masked_invalid(np.where(np.isfinite(along), values, np.nan))
-            image = ax.pcolormesh(
-                np.nan_to_num(along), np.nan_to_num(right), shown, shading="nearest", cmap="viridis_r", vmin=low,
-                vmax=max(high, low + 1e-12), rasterized=True,
-            )  # fmt: skip
+        hollow = hollow or not np.all(np.isfinite(values))
+        style = {"cmap": "viridis_r", "vmin": low, "vmax": max(high, low + 1e-12), "rasterized": True}
+        for along, right in view.sites:
+            shown = np.ma.masked_invalid(values)
+            numbers = [result[f"/{dims[axis]}"] for axis in plane]
+            corners = _corners(numbers, along), _corners(numbers, right)
+            if corners[0] is not None and corners[1] is not None:
+                image = ax.pcolormesh(*corners, shown, **style)
+            else:
+                image = ax.scatter(along, right, c=shown, marker="s", s=16.0, **style)
+        ax.margins(0.0)
+        lower, upper = ax.get_ylim()
+        reach = 0.05 * (upper - lower)
+        # the axis of the runway is shown where it runs close by
+        ax.set_ylim(min(lower, -0.4 * reach) if lower < reach else lower,
+                    max(upper, 0.4 * reach) if upper > -reach else upper)  # fmt: skip
+        ax.set_facecolor("#dddddd")
+        ax.grid(visible=False)
         here = best(values)
         if here is not None:
             along, right = result["/plan/site_along"][place][here], result["/plan/site_right"][place][here]
-            ax.plot(along, right, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best")
+            ax.plot(
+                along, right, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best", clip_on=False,
+                zorder=5,
+            )  # fmt: skip
             text = ", ".join(f"{dims[axis]} = {_plain(_axis_value(result, axis, i))}"
                              for axis, i in zip(others, panel, strict=True))  # fmt: skip
-            ax.set_title(f"{text + ': ' if text else ''}best {values[here]:.4g}")
+            index = [0] * cube.ndim
+            for axis, i in (*zip(others, panel, strict=True), *zip(plane, here, strict=True)):
+                index[axis] = int(i)
+            ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane]
+            where = f", on the border of the map ({', '.join(ends)}): better may lie beyond" if ends else ""
+            ax.set_title(f"{text + ': ' if text else ''}best {values[here]:.4g}{where}")
         _runway(ax, result)
-        ax.set_aspect("equal", adjustable="box")
+        if view.to_scale:
+            ax.set_aspect("equal", adjustable="box")
         ax.set_ylabel("right of the axis, m")
-    axes[-1].set_xlabel("along the runway from the threshold, m")
-    axes[0].legend(loc="upper right", ncols=3, frameon=True, framealpha=0.8)
+    axes[-1].set_xlabel("along the runway from the threshold, m" + ("; grey: no solution" if hollow else ""))
+    legend_above(fig, axes[0], 3)
     if image is not None:
         fig.colorbar(image, ax=list(axes), label=_label(result, name), extend="max", shrink=0.8)
     return fig
+
+
+class _View:
+    """What a panel shows: the coordinates (n, m) of each pseudolite, and how high it is on the page."""
+
+    def __init__(self, result: Result, dimensions_: int, others: list[int], panel: tuple[int, ...]) -> None:
+        place = _slice(dimensions_, others, panel)
+        both = [(result["/plan/site_along"][(*place, s)], result["/plan/site_right"][(*place, s)])
+                for s in range(result["/site"].size)]  # fmt: skip
+        self.sites = [(along, right) for along, right in both if np.any(np.isfinite(along))]
+        along, right = (np.concatenate([site[i].ravel() for site in self.sites]) for i in (0, 1))
+        spans = [float(np.nanmax(x) - np.nanmin(x)) for x in (along, right)]
+        ratio = spans[1] / max(spans[0], 1e-3)
+        self.to_scale = 0.2 <= ratio <= 0.9
+        """Whether both axes have one scale: a strip would leave the page white."""
+        self.height = _PANEL * (ratio if self.to_scale else 0.25 if ratio < 0.2 else 0.7)
+
+
+def _corners(numbers: list[np.ndarray], coordinate: np.ndarray) -> np.ndarray | None:
+    """A coordinate of the corners (n + 1, m + 1) of the cells about all combinations (n, m) of a panel, where it goes
+    in straight lines with the varied numbers (n,), (m,), so that combinations without a solution leave no gap in the
+    mesh of the others. None where it does not."""
+    if any(x.dtype.kind not in "fiu" for x in numbers):
+        return None
+
+    def plane(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        first, second = np.meshgrid(x, y, indexing="ij")
+        return np.stack([np.ones_like(first), first, second], axis=-1)
+
+    def edges(x: np.ndarray) -> np.ndarray:
+        middle = 0.5 * (x[1:] + x[:-1])
+        return np.concatenate([[2.0 * x[0] - middle[0]], middle, [2.0 * x[-1] - middle[-1]]])
+
+    x, y = (values.astype(float) for values in numbers)
+    known = np.isfinite(coordinate)
+    terms = plane(x, y)
+    slope = np.linalg.lstsq(terms[known], coordinate[known], rcond=None)[0]
+    off = np.abs(terms[known] @ slope - coordinate[known]).max()
+    return plane(edges(x), edges(y)) @ slope if off <= 1e-3 * np.ptp(coordinate[known]) + 0.1 else None
 
 
 def _slice(dimensions_: int, axes: list[int], points: tuple[int, ...]) -> tuple[int | slice, ...]:
@@ -197,43 +278,46 @@ def _axis_value(result: Result, axis: int, i: int) -> object:
 
 
 def _runway(ax: Axes, result: Result) -> None:
-    scenario = yaml.safe_load(str(result.attributes["scenario"]))
-    ax.plot(
-        [0.0, scenario["runway"]["length_m"]], [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway"
-    )
-    left, right = ax.get_xlim()
+    """Runway and ground track, as far as they lie in the map."""
+    box = ax.get_xlim(), ax.get_ylim()
+    ends = [0.0, scenario_setting(result, "runway", "length_m")]
+    ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
     track = result["/plan/track_along"], result["/plan/track_right"]
     ax.plot(*track, color="black", lw=0.8, ls="--", label="ground track")
-    ax.set_xlim(left, right)
+    ax.set_xlim(box[0])
+    ax.set_ylim(box[1])
 
 
 def _curves(result: Result, name: str, cube: np.ndarray) -> Figure:
-    """The output along the longest axis, a curve for each point of the others (at most seven)."""
-    from navsim.report.figures import COLUMN, new_figure
+    """The output along the longest axis, a curve for each point of the others (as many as there are colours)."""
+    from textwrap import fill
+
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
     dims = dimensions(result)
     axis = int(np.argmax(cube.shape))
     x = result[f"/{dims[axis]}"]
     members = [key for key, own in keys(result).items() if own == dims[axis]]
-    fig = new_figure(COLUMN, 2.6)
-    ax = fig.subplots()
     rows = np.moveaxis(cube, axis, -1).reshape(-1, cube.shape[axis])
     others = [d for i, d in enumerate(dims) if i != axis]
     shapes = [n for i, n in enumerate(cube.shape) if i != axis]
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(7, len(rows))).astype(int))
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(COLOURS), len(rows))).astype(int))
+    fig = new_figure(COLUMN, 2.5 + (0.16 * chosen.size if others else 0.0))
+    ax = fig.subplots()
     numeric = x.dtype.kind in "fiu"
     at = x if numeric else np.arange(x.size)
-    for row in chosen:
+    for row, colour in zip(chosen, COLOURS, strict=False):
         index = np.unravel_index(int(row), shapes) if shapes else ()
         label = ", ".join(f"{d} = {_plain(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
         scattered = members and len(members) > 1
-        ax.plot(at, rows[row], "." if scattered else ".-", ms=3, lw=0.8, label=label or None)
+        ax.plot(at, rows[row], "." if scattered else ".-", ms=3, lw=0.8, color=colour, label=label or None)
     if not numeric:
         ax.set_xticks(at, [str(value) for value in x])
     ax.set_xlabel(dims[axis])
-    ax.set_ylabel(_label(result, name))
+    ax.set_ylabel(fill(_label(result, name), 38))
     if others:
-        ax.legend(fontsize=5.5)
+        some = f"{chosen.size} of {len(rows)} combinations" if chosen.size < len(rows) else None
+        legend_above(fig, ax, 1, some)
     return fig
 
 

@@ -18,7 +18,14 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 COLUMNS = ("pdop", "hdop", "vdop", "rms_horizontal_m", "rms_vertical_m", "error_horizontal_m")
-_HEADS = ("PDOP", "HDOP", "VDOP", "SKO horizontal, m", "SKO vertical, m", "estimation error horizontal, m")
+_HEADS = (
+    "PDOP",
+    "HDOP",
+    "VDOP",
+    "RMS of a fix (SKO) horizontal, m",
+    "RMS of a fix (SKO) vertical, m",
+    "estimation error horizontal, m",
+)
 NOTES = (
     "Computed under skies found for the table: the paper names no date, almanac, mask or satellite list. No date is "
     "identified by any of them.",
@@ -161,8 +168,9 @@ def console(result: Result) -> RenderableType:
         return out
 
     name, other = _other_dops(result, 0)
+    title = f"Table 2: published → computed (difference), calibration {result['/fit/letter'][0]}"
     return Group(
-        table("Table 2: published → computed (difference), calibration b", ("case", *_HEADS), _rows(result, 0)),
+        table(title, ("case", *_HEADS), _rows(result, 0)),
         table(f"The same with {name} DOPs", ("case", *_HEADS[:3]), other),
         table("All calibrations", _FIT_HEADS, [_fit(result, c) for c in range(result["/calibration"].size)]),
         table("Claims", _CLAIM_HEADS, _claims(result), lines=True),
@@ -198,7 +206,7 @@ def markdown(result: Result) -> str:
 
 def figures(result: Result) -> dict[str, Figure]:
     """The paper's figures 4 and 5: PDOP and horizontal error over the approach for none, one and two pseudolites."""
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure, settled
 
     out = {}
     time = result["/approach/time"]
@@ -206,16 +214,15 @@ def figures(result: Result) -> dict[str, Figure]:
         ("pdop", "/approach/pdop", "PDOP"),
         ("rms", "/approach/rms_horizontal", "horizontal RMS error, m"),
     ):
-        figure = new_figure(COLUMN, 2.5)
+        figure = new_figure(COLUMN, 2.6)
         axes = figure.subplots()
-        for values, count, colour in zip(result[path], result["/approach/pseudolites"], COLOURS, strict=False):
-            text = ("no pseudolite", "one at 200/5000", "two at 200/5000")[int(count)]
-            axes.plot(time, values, color=colour, label=text)
+        for values, case, colour in zip(result[path], result["/approach/curve"], COLOURS, strict=False):
+            axes.plot(time, values, color=colour, label=_case(result, int(case) - 1))
         axes.set_xlim(time[0], time[-1])
-        axes.set_ylim(0.0, 1.25 * np.max(result[path][:, time > 5.0]))
+        axes.set_ylim(0.0, 1.1 * np.max(result[path][:, settled(time)]))
         axes.set_xlabel("time, s")
         axes.set_ylabel(label)
-        axes.legend(ncols=1)
+        legend_above(figure, axes, 3)
         out[name] = figure
     return out
 

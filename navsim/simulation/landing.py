@@ -162,7 +162,8 @@ def build_world(
 
 @dataclass(frozen=True)
 class Run:
-    """What one run leaves behind; shapes and units as in the result file, without the run axis."""
+    """What one run leaves behind; shapes and units as in the result file, without the run axis; cross as of
+    `loosely_coupled.Flown`."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -171,6 +172,7 @@ class Run:
     fix_clock: np.ndarray
     error: np.ndarray
     sigma: np.ndarray
+    cross: np.ndarray
     nees: np.ndarray
     nees_position_velocity: np.ndarray
     nees_group: np.ndarray
@@ -278,6 +280,6 @@ def fly(
     else:
         loosely_coupled.run(settings.kind, *flight)
     return Run(
-        ranges, rates, llh, velocity, clocks, out.error, out.sigma, out.nees, out.nees_position_velocity,
-        out.nees_group, out.innovation, out.degrees, out.status,
+        ranges, rates, llh, velocity, clocks, out.error, out.sigma, out.cross, out.nees,
+        out.nees_position_velocity, out.nees_group, out.innovation, out.degrees, out.status,
     )  # fmt: skip

@@ -23,6 +23,8 @@ BANDS = ("std_theory", "std_sample", "variance")
 """Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the
 variance."""
 G = 9.80665
+SETTLING = 5.0
+"""The nominal run is judged after this time, s."""
 
 
 def band_limits(band: str, delta: float) -> tuple[float, float]:
@@ -281,24 +283,30 @@ def _approach(v: dict[str, Variable]) -> None:
     for name, column, unit in zip(("beta", "beta_rate", "beta_acceleration"), values, ("deg", "deg/s", "deg/s2"),
                                   strict=True):  # fmt: skip
         v[f"/approach/{name}"] = Variable(("time",), column, unit, f"{name.replace('_', ' ')} of the guidance used")
+    names = np.array(["level leg", "glide", "flare", "roll-out"], dtype=object)
+    starts = np.array([0.0, mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE])
+    v["/approach/segment"] = Variable(("segment",), names, "1", "segments of the approach")
+    v["/approach/segment_start"] = Variable(("segment",), starts, "s", "where each of them begins")
 
 
 def _nominal(v: dict[str, Variable], scenario: Elevation, flown: NominalRun) -> None:
     variances = np.array(scenario.nominal.rate_variances_deg2_s2)
     v["/nominal/rate_variance"] = Variable(("rate_variance",), variances, "deg2/s2", "Q of the filter")
-    v["/nominal/time"] = Variable(("time",), flown.time, "s", "time of the approach")
+    v["/nominal/time"] = Variable(
+        ("time",), flown.time, "s", "time of the approach; judged after settling", {"settling_s": SETTLING}
+    )
     v["/nominal/beta"] = Variable(("time",), flown.beta, "deg", "true angle")
     dims = ("rate_variance", "time")
     v["/nominal/bias"] = Variable(dims, flown.bias, "deg", "estimate minus truth without noise")
     v["/nominal/noise"] = Variable(dims, flown.noise, "deg", "1 sigma of what measurement noise adds")
-    settled = flown.time >= scenario.nominal.from_s + 5.0
+    settled = flown.time >= scenario.nominal.from_s + SETTLING
     rmse = np.hypot(flown.bias, flown.noise)[:, settled]
     peak = np.argmax(np.abs(flown.bias[:, settled]), axis=1)
     v["/nominal/worst_rmse"] = Variable(
-        ("rate_variance",), rmse.max(axis=1), "deg", "largest root mean square error after 5 s of settling"
+        ("rate_variance",), rmse.max(axis=1), "deg", "largest root mean square error after settling"
     )
     v["/nominal/peak_bias"] = Variable(
         ("rate_variance",), np.take_along_axis(flown.bias[:, settled], peak[:, None], axis=1)[:, 0], "deg",
-        "largest bias after 5 s of settling",
+        "largest bias after settling",
     )  # fmt: skip
     v["/nominal/peak_time"] = Variable(("rate_variance",), flown.time[settled][peak], "s", "time of the largest bias")

@@ -359,8 +359,8 @@ def partial_key(planned: Plan) -> dict[str, object]:
 
 _UNITS = {"pdop": "1", "hdop": "1", "vdop": "1", "epochs_without_fix": "1"}
 _MEANINGS = {
-    "pdop": "PDOP", "hdop": "HDOP", "vdop": "VDOP", "fix_horizontal": "horizontal SKO of a fix",
-    "fix_vertical": "vertical SKO of a fix", "epochs_without_fix": "epochs of the glide without a fix",
+    "pdop": "PDOP", "hdop": "HDOP", "vdop": "VDOP", "fix_horizontal": "horizontal RMS of a fix",
+    "fix_vertical": "vertical RMS of a fix", "epochs_without_fix": "epochs of the glide without a fix",
 }  # fmt: skip
 
 

@@ -198,7 +198,8 @@ def test_columns_of_other_names(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="lacks t_s, gx_rad_s"):
         replay.prepare(*read_replay(log))
     named_so = ImuConvention(columns={"gx_rad_s": "GyrX", "t_s": "TimeUS"})
-    np.testing.assert_allclose(read_imu(tmp_path / "imu.csv", convention=named_so)[0].rate, samples.rate, rtol=1e-6, atol=1e-9)
+    read, _ = read_imu(tmp_path / "imu.csv", convention=named_so)
+    np.testing.assert_allclose(read.rate, samples.rate, rtol=1e-6, atol=1e-9)
 
 
 def test_axes_are_letters_and_matrices() -> None:

@@ -90,3 +90,22 @@ def test_normalise_pulls_back_to_unit_length() -> None:
 def test_cross_helper() -> None:
     a, b = np.array([1.0, 2.0, 3.0]), np.array([-2.0, 0.5, 4.0])
     np.testing.assert_allclose(cross(a) @ b, np.cross(a, b))
+
+
+angle = st.floats(-1.4, 1.4)
+
+
+@given(st.tuples(component, angle, component).map(np.array), vector)
+def test_errors_of_roll_pitch_yaw_agree_with_scipy(rpy: np.ndarray, theta: np.ndarray) -> None:
+    """True minus estimated angles of an attitude that the error turns into the true one."""
+    theta = theta * 0.1
+    truth = Rotation.from_euler("ZYX", rpy[::-1])
+    estimate = (Rotation.from_rotvec(-theta) * truth).as_euler("ZYX")[::-1]
+    difference = rotation.rpy_error(rpy[None], theta[None])[0] - (rpy - estimate)
+    np.testing.assert_allclose((difference + np.pi) % (2 * np.pi), np.pi, atol=1e-9)
+
+
+@given(st.tuples(component, angle, component).map(np.array), vector)
+def test_small_errors_of_roll_pitch_yaw_are_linear(rpy: np.ndarray, theta: np.ndarray) -> None:
+    linear = rotation.rpy_jacobian(rpy[None])[0] @ theta * 1e-6
+    np.testing.assert_allclose(rotation.rpy_error(rpy[None], 1e-6 * theta[None])[0], linear, atol=1e-9)

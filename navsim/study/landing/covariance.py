@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from navsim.core import states
+from navsim.core.rotation import rpy_jacobian
 from navsim.io.results import Result, Variable
-from navsim.scenario.base import DEG
 from navsim.simulation.landing_covariance import SOURCES, Analysis, analyse, folded_quantile
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
-from navsim.study.landing.tree import accuracy, base
+from navsim.study.landing.ensemble import at_times, to_runway, turned_variances, variances_at_heights
+from navsim.study.landing.tree import accuracy, base, belief
 
 BUDGET = (*SOURCES, "systematic")
 """Sources of error in the order of the budget; systematic: what is not random, such as survey errors, fixed biases,
@@ -80,12 +81,28 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
     window = rms_window(case)
     late = square[:, window].mean(axis=1) if window.any() else np.full((len(BUDGET), states.N), np.nan)
     mean, cov = _at_heights(case, analysis)
+    attitude = states.SLICES["attitude"]
+    square_of_all = analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :]
+    to_rpy = rpy_jacobian(case.world.at_filter.rpy[window])
+
+    def late_rpy(history: np.ndarray) -> np.ndarray:
+        found = turned_variances(to_rpy, history[window, attitude, attitude])
+        return found.mean(axis=0) if window.any() else np.full(3, np.nan)
+
     accuracy(
         v,
         _exact(np.sqrt(late.sum(axis=0)[:9])),
+        _exact(np.sqrt(late_rpy(square_of_all))),
         _exact(np.sqrt(late[:, :2].sum())),
         _exact(np.sqrt(late[:, 2].sum())),
         _exact(np.sqrt(mean**2 + np.diagonal(cov, axis1=1, axis2=2)).T),
+    )
+    variance = np.diagonal(analysis.believed, axis1=1, axis2=2)[window]
+    belief(
+        v,
+        variance.mean(axis=0) if window.any() else np.full(states.N, np.nan),
+        late_rpy(analysis.believed),
+        variances_at_heights(case, crossing_times(case), analysis.believed[:, :3, :3]),
     )
     v["/summary/percentile"] = Variable(("percentile",), np.array(PERCENTILES), "1", "percentiles of an error's size")
     for i, name in enumerate(("lateral", "along", "vertical")):
@@ -132,16 +149,6 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
 def _at_heights(case: Case, analysis: Analysis) -> tuple[np.ndarray, np.ndarray]:
     """Mean (h, 3) and covariance (h, 3, 3) of lateral, along, vertical errors at the decision heights; both are
     interpolated between the filter's outputs."""
-    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
-    to_runway = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
-    t = case.world.filter_time
-    times = crossing_times(case)
-    mean, cov = np.full((len(times), 3), np.nan), np.full((len(times), 3, 3), np.nan)
-    for i, when in enumerate(times):
-        if math.isfinite(when):
-            last = min(int(np.searchsorted(t, when, side="right")), t.size - 1)
-            share = (when - t[last - 1]) / (t[last] - t[last - 1])
-            for out, history in ((mean, analysis.mean), (cov, analysis.covariance)):
-                here = (1.0 - share) * history[last - 1] + share * history[last]
-                out[i] = to_runway @ here[:3] if out is mean else to_runway @ here[:3, :3] @ to_runway.T
-    return mean, cov
+    turn, times = to_runway(case), crossing_times(case)
+    mean = at_times(case, times, analysis.mean[:, :3]) @ turn.T
+    return mean, turn @ at_times(case, times, analysis.covariance[:, :3, :3]) @ turn.T

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import re
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import numpy as np
 import navsim
 from navsim.core import states
 from navsim.core.jit import digest as kernel_digest
+from navsim.core.rotation import rpy_error, rpy_jacobian
 from navsim.estimation.loosely_coupled import REJECTED
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
@@ -57,6 +57,12 @@ class LandingStudy:
         return rms_window(self.case)
 
     @cached_property
+    def attitude(self) -> tuple[np.ndarray, np.ndarray]:
+        """True roll, pitch, yaw (n, 3) of those outputs, rad, and what turns errors in NED into theirs (n, 3, 3)."""
+        rpy = self.case.world.at_filter.rpy[self.window]
+        return rpy, rpy_jacobian(rpy)
+
+    @cached_property
     def crossings(self) -> list[float]:
         """Times at the decision heights, s."""
         return crossing_times(self.case)
@@ -64,6 +70,7 @@ class LandingStudy:
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
         """Fly runs first ... first + count - 1 and reduce them, in order."""
         window, crossings = self.window, self.crossings
+        rpy, to_rpy = self.attitude
         rows: list[dict[str, np.ndarray | np.generic]] = []
         sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
         sums["nis"][0] = np.nan
@@ -75,7 +82,11 @@ class LandingStudy:
             rows.append(
                 {
                     "mean_square": _mean_square(run.error[window]),
+                    "rpy_square": _mean_square(rpy_error(rpy, run.error[window, states.SLICES["attitude"]])),
+                    "variance": _mean_square(run.sigma[window]),
+                    "rpy_variance": _mean(turned_variances(to_rpy, covariances(run, "attitude")[window])),
                     "at_height": at_heights(self.case, crossings, run.error),
+                    "at_variance": variances_at_heights(self.case, crossings, covariances(run, "position")),
                     "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
                     "lost": np.sum(np.isnan(run.fix_llh[:, 0])),
                     "rejected": np.sum(run.status == REJECTED),
@@ -169,18 +180,49 @@ def findings(case: Case, ensemble: Ensemble) -> list[str]:
     return out
 
 
+def _mean(values: np.ndarray) -> np.ndarray:
+    """Mean over time (t, m) -> (m,); nan for no time at all."""
+    return np.mean(values, axis=0) if values.shape[0] else np.full(values.shape[1], np.nan)
+
+
 def _mean_square(error: np.ndarray) -> np.ndarray:
-    """Mean square over time (t, 15) -> (15,); nan for no time at all."""
-    return np.mean(error**2, axis=0) if error.shape[0] else np.full(error.shape[1], np.nan)
+    """Mean square over time (t, m) -> (m,); nan for no time at all."""
+    return _mean(error**2)
+
+
+def covariances(run: Run, group: str) -> np.ndarray:
+    """The filter's covariance (t, 3, 3) of the position or attitude errors of a run."""
+    out = np.zeros((run.sigma.shape[0], 3, 3))
+    out[:, [0, 0, 1], [1, 2, 2]] = run.cross[:, :3] if group == "position" else run.cross[:, 3:]
+    out += out.swapaxes(1, 2)
+    out[:, range(3), range(3)] = run.sigma[:, states.SLICES[group]] ** 2
+    return out
+
+
+def turned_variances(turn: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Variances (..., 3) along turned axes: the diagonal of turn (..., 3, 3) covariance (..., 3, 3) turn'."""
+    return np.einsum("...ij,...jk,...ik->...i", turn, covariance, turn)
+
+
+def to_runway(case: Case) -> np.ndarray:
+    """The matrix that turns NED into lateral (right), along-track and vertical (up)."""
+    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
+    return np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+
+
+def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
+    """A history of the filter's outputs (t, ...) at some times, between outputs in a straight line; nan for nan."""
+    t, flat = case.world.filter_time, history.reshape(history.shape[0], -1)
+    out = np.stack([np.interp(times, t, column) for column in flat.T], axis=1)
+    out[~np.isfinite(times)] = np.nan
+    return out.reshape(len(times), *history.shape[1:])
+
+
+def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndarray) -> np.ndarray:
+    """Variances (h, 3) of lateral, along-track and vertical errors at the crossings, of covariances (t, 3, 3), m2."""
+    return turned_variances(to_runway(case), at_times(case, crossings, covariance))
 
 
 def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
     """Lateral, along-track and vertical position error (h, 3) of one run at the crossings, m."""
-    t = case.world.filter_time
-    c, s = np.cos(case.scenario.runway.heading_deg * DEG), np.sin(case.scenario.runway.heading_deg * DEG)
-    out = np.full((len(crossings), 3), np.nan)
-    for row, when in zip(out, crossings, strict=True):
-        if math.isfinite(when):
-            north, east, down = (np.interp(when, t, error[:, i]) for i in range(3))
-            row[:] = c * east - s * north, c * north + s * east, -down
-    return out
+    return at_times(case, crossings, error[:, states.SLICES["position"]]) @ to_runway(case).T

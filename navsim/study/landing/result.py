@@ -15,12 +15,14 @@ from navsim.simulation.landing import (
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GROUPS, LEVELS
-from navsim.study.landing.tree import accuracy, base
+from navsim.study.landing.tree import accuracy, base, belief
 from navsim.study.statistics import (
+    SIGMA_TOLERANCE,
     consistency_band,
     ellipsoid_probability,
     mean_interval,
     rms_interval,
+    sigma_error,
     verdict,
 )
 
@@ -128,10 +130,16 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     accuracy(
         v,
         np.stack([rms_interval(squares[:, [i]]) for i in range(9)]),
+        np.stack([rms_interval(ensemble.per_run("rpy_square")[:, [i]]) for i in range(3)]),
         rms_interval(squares[:, :2]),
         rms_interval(squares[:, 2:3]),
         np.stack([[rms_interval(at[:, h, [i]] ** 2) for h in range(at.shape[1])] for i in range(3)]),
     )
+    belief(v, *(ensemble.per_run(name).mean(axis=0) for name in ("variance", "rpy_variance", "at_variance")))
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        v[f"/summary/at/{name}_run"] = Variable(
+            ("run", "height"), at[:, :, i], "m", f"{name} position error of each run, truth minus estimate"
+        )
 
     v["/summary/percentile"] = Variable(
         ("percentile",), np.array(PERCENTILES), "1", "percentiles over runs of the size of an error"
@@ -186,10 +194,16 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     v["/summary/consistency/mean_group"] = Variable(
         ("group",), late, "1", "mean of nees_group over 20 s to touchdown; one is right"
     )
-    v["/summary/consistency/verdict"] = Variable(
-        ("group",), np.array([verdict(m, band) for m in late], dtype=object), "1",
-        "mean_group against the 95 % band of a single time",
+    off = np.stack([sigma_error(m if runs > 1 else np.nan, band) for m in late])
+    v["/summary/consistency/sigma_error"] = Variable(
+        ("group", "interval"), off, "1",
+        "relative error of the filter's sigma by mean_group, -0.1: 10 % small; interval by the band of a single time",
+        {"tolerance": SIGMA_TOLERANCE},
     )  # fmt: skip
+    words = [verdict(error) if runs > 1 else "none: a single run" for error in off]
+    v["/summary/consistency/verdict"] = Variable(
+        ("group",), np.array(words, dtype=object), "1", "what sigma_error says, by its interval and its tolerance"
+    )
 
     for name, value, meaning in (
         ("runs", runs, "number of runs"),

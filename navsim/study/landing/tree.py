@@ -156,11 +156,16 @@ def _geometry_summary(v: dict[str, Variable], case: Case) -> None:
 
 
 def accuracy(
-    v: dict[str, Variable], rms: np.ndarray, horizontal: np.ndarray, vertical: np.ndarray, at: np.ndarray
+    v: dict[str, Variable],
+    rms: np.ndarray,
+    rpy: np.ndarray,
+    horizontal: np.ndarray,
+    vertical: np.ndarray,
+    at: np.ndarray,
 ) -> None:
-    """The accuracy table: rms (9, 3) of position, velocity, attitude, horizontal and vertical (3,) of position, over
-    the last seconds before touchdown; at (3, h, 3) lateral, along, vertical at the decision heights; last axis
-    value, low, high."""
+    """The accuracy table: rms (9, 3) of position, velocity, attitude, rpy (3, 3) of roll, pitch, yaw, horizontal and
+    vertical (3,) of position, over the last seconds before touchdown; at (3, h, 3) lateral, along, vertical at the
+    decision heights; last axis value, low, high."""
     over = "root mean square over runs and over 20 s to touchdown"
     for name, part, axis, unit in (
         ("position_ned", "position", "ned", "m"),
@@ -170,6 +175,9 @@ def accuracy(
         v[f"/summary/rms/{name}"] = Variable(
             (axis, "interval"), rms[states.SLICES[part]], unit, f"{part} error, {over}"
         )
+    v["/summary/rms/attitude_rpy"] = Variable(
+        ("rpy", "interval"), rpy, "rad", f"roll, pitch, yaw error, true minus estimated, {over}"
+    )
     v["/summary/rms/horizontal"] = Variable(("interval",), horizontal, "m", f"horizontal error, {over}")
     v["/summary/rms/vertical"] = Variable(("interval",), vertical, "m", f"vertical error, {over}")
 
@@ -184,3 +192,24 @@ def accuracy(
             "m",
             f"root mean square over runs of the {name} position error",
         )
+
+
+def belief(v: dict[str, Variable], variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
+    """What the filter believes of the errors in the accuracy table: mean variances (15,) of the states and (3,) of
+    roll, pitch, yaw over the last seconds before touchdown, and (h, 3) of lateral, along, vertical position at the
+    decision heights; written as 1 sigma."""
+    over = "1 sigma of the filter, root mean square over runs"
+    late = f"{over} and over 20 s to touchdown"
+    sigma = np.sqrt(variance)
+    for name, part, axis, unit in (
+        ("position_ned", "position", "ned", "m"),
+        ("velocity_ned", "velocity", "ned", "m/s"),
+        ("attitude", "attitude", "ned", "rad"),
+    ):
+        v[f"/summary/sigma/{name}"] = Variable((axis,), sigma[states.SLICES[part]], unit, f"{part}, {late}")
+    v["/summary/sigma/attitude_rpy"] = Variable(("rpy",), np.sqrt(rpy), "rad", f"roll, pitch, yaw, {late}")
+    horizontal = np.sqrt(variance[states.POS : states.POS + 2].sum())
+    v["/summary/sigma/horizontal"] = Variable((), horizontal, "m", f"horizontal position, {late}")
+    v["/summary/sigma/vertical"] = Variable((), sigma[states.POS + 2], "m", f"vertical position, {late}")
+    for i, name in enumerate(("lateral", "along", "vertical")):
+        v[f"/summary/at/{name}_sigma"] = Variable(("height",), np.sqrt(at[:, i]), "m", f"{name} position, {over}")

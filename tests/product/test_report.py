@@ -1,0 +1,408 @@
+"""What people see of results: tables and figures say what they show, of whom, and hide nothing."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+from rich.console import Console, RenderableType
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from navsim.cli.main import app
+from navsim.core import states
+from navsim.io.export import choose_run, export
+from navsim.io.results import Result, ResultError, Variable, read, write
+from navsim.models import mls
+from navsim.report import atc, azimuth, elevation, figures, live, sweep, tables
+from navsim.scenario.load import read_runnable, read_study, resolved_yaml
+from navsim.scenario.sweep import Sweep
+from navsim.study import atc as atc_study
+from navsim.study import elevation as elevation_study
+from navsim.study import landing
+from navsim.study import sweep as sweep_study
+from tests.conftest import SCENARIOS
+from tests.helpers import case
+
+SMOOTH = (
+    "receiver.rate_hz=2", "imu.rate_hz=50", "receiver.latency_s=0.3", "receiver.lever_arm_m=[2, 0.5, -1]",
+    "runway.heading_deg=30", "imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1",
+)  # fmt: skip
+"""Fixes away from the IMU, and a runway along neither axis."""
+
+
+def flown(runs: int, keep: str, *more: str, first: int = 0) -> Result:
+    c = case(*SMOOTH, *more)
+    return landing.result(c, landing.fly_all(c, 1, first, runs, 1, keep=keep), 1, keep=keep)
+
+
+@pytest.fixture(scope="module")
+def one() -> Result:
+    return flown(1, "all")
+
+
+@pytest.fixture(scope="module")
+def many() -> Result:
+    return flown(6, "all")
+
+
+@pytest.fixture(scope="module")
+def linear() -> Result:
+    c = case(*SMOOTH, "method=covariance")
+    return landing.covariance_result(c, landing.covariance_analysis(c), 1)
+
+
+def printed(table: RenderableType) -> str:
+    with open(os.devnull, "w") as nowhere:
+        console = Console(width=200, record=True, file=nowhere)
+        console.print(table)
+        return console.export_text()
+
+
+def text_of(*results: Result) -> str:
+    return printed(tables.summary_table([(f"r{i}", r) for i, r in enumerate(results)]))
+
+
+def rows(text: str, word: str) -> list[str]:
+    return [line for line in text.splitlines() if word in line]
+
+
+# --- the table
+
+
+def test_one_run_has_signed_errors_and_no_statistics(one: Result) -> None:
+    """A sample of one: its error with the sign and the filter's sigma; no interval, no verdict, no percentile."""
+    text = text_of(one)
+    assert "run 0, seed 1" in text
+    at = {name: one[f"/summary/at/{name}_run"][0] for name in ("lateral", "along", "vertical")}
+    for i, height in enumerate(("touchdown", "50 ft", "100 ft", "200 ft")):
+        for name, errors in at.items():
+            (row,) = rows(text, f"{height}, {name}")
+            assert f"{errors[i]:+.3f}" in row
+            assert f"σ {one[f'/summary/at/{name}_sigma'][i]:.3f}" in row
+    for word in ("[95 %]", "[0", "sigma", "of runs below", "true)", "SKO", "epochs without"):
+        assert word not in text.replace("fix epochs without a fix", ""), word
+    assert set(one["/summary/consistency/verdict"]) == {"none: a single run"}
+    # the same as the stored history, along a runway at 30 degrees
+    crossing = one["/truth/event_time"][list(one["/truth/event"]).index("touchdown")]
+    north, east = (np.interp(crossing, one["/filter/time"], one["/filter/error"][0, :, i]) for i in (0, 1))
+    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
+    assert at["lateral"][0] == pytest.approx(c * east - s * north)
+
+
+def test_several_runs_have_intervals_percentiles_and_verdicts(many: Result) -> None:
+    text = text_of(many)
+    assert "6 runs (0 to 5), seed 1" in text
+    value, low, high = many["/summary/at/lateral"][0]
+    half, most, rare = many["/summary/at/lateral_percentile"][0]
+    first, second = rows(text, "touchdown, lateral")
+    assert f"{value:.3f}  [{low:.3f}, {high:.3f}]  σ {many['/summary/at/lateral_sigma'][0]:.3f}" in first
+    assert f"{half:.3f}  {most:.3f}  {rare:.3f}" in second
+    for group, words in zip(many["/summary/consistency/group"], many["/summary/consistency/verdict"], strict=True):
+        assert words.startswith("sigma ")
+        assert words in rows(text, f"NEES of {str(group).replace('_', ' ')}")[0]
+
+
+def test_attitude_is_roll_pitch_heading(many: Result) -> None:
+    """The file keeps the rotation vector; the table's angles are those of the two attitudes, by scipy."""
+    touchdown = many["/truth/event_time"][list(many["/truth/event"]).index("touchdown")]
+    time = many["/filter/time"]
+    late = (time >= touchdown - 20) & (time <= touchdown)
+    true = np.stack(
+        [np.interp(time[late], many["/truth/time"], many["/truth/attitude_rpy"][:, i]) for i in range(3)], 1
+    )
+    squares = []
+    for run in many["/filter/error"]:
+        estimate = Rotation.from_rotvec(-run[late, 6:9]) * Rotation.from_euler("ZYX", true[:, ::-1])
+        error = true - estimate.as_euler("ZYX")[:, ::-1]
+        squares.append(((error + np.pi) % (2 * np.pi) - np.pi) ** 2)
+    expected = np.sqrt(np.mean(squares, axis=(0, 1)))
+    np.testing.assert_allclose(many["/summary/rms/attitude_rpy"][:, 0], expected, rtol=1e-6)
+    text = text_of(many)
+    for name, value in zip(("roll", "pitch", "heading"), np.degrees(expected), strict=True):
+        assert f"{value:.3f}" in rows(text, f"  {name}, deg")[0]
+
+
+def test_the_sigma_beside_an_error_is_that_of_its_axes(one: Result, many: Result, linear: Result) -> None:
+    """Two computations of the covariance: the filter's own in flight, and the one along the error-free flight."""
+    for r in (one, many):
+        for name in ("lateral_sigma", "along_sigma", "vertical_sigma"):
+            np.testing.assert_allclose(r[f"/summary/at/{name}"], linear[f"/summary/at/{name}"], rtol=0.02)
+        for name in ("position_ned", "velocity_ned", "attitude_rpy", "horizontal", "vertical"):
+            np.testing.assert_allclose(r[f"/summary/sigma/{name}"], linear[f"/summary/sigma/{name}"], rtol=0.05)
+    # the axes of the runway are not those of the map: north and east errors are correlated
+    across = np.hypot(*(np.array([-0.5, np.sqrt(0.75)]) * linear["/summary/sigma/position_ned"][:2]))
+    assert abs(linear["/summary/at/lateral_sigma"][0] / across - 1.0) > 0.005
+    np.testing.assert_allclose(linear["/summary/at/lateral_sigma"], linear["/summary/at/lateral"][:, 0], rtol=1e-3)
+    np.testing.assert_allclose(
+        linear["/summary/sigma/attitude_rpy"], linear["/summary/rms/attitude_rpy"][:, 0], rtol=1e-3
+    )
+    text = text_of(linear)
+    assert "linear covariance analysis" in text
+    assert "[95 %]" not in text
+
+
+# --- figures of landings
+
+
+def drawn(result: Result) -> Iterator[tuple[str, Figure]]:
+    with mpl.rc_context(figures._STYLE):
+        for name, figure in figures.landing(result).items():
+            figure.draw_without_rendering()
+            yield name, figure
+
+
+def words_of(figure: Figure) -> str:
+    return "\n".join(t.get_text() for t in figure.findobj(Text))
+
+
+def check_page(name: str, figure: Figure) -> None:
+    """Nothing is cut, no letter is under 7 points, no legend of the figure lies on data."""
+    page = figure.bbox
+    assert figure.get_figwidth() <= 2 * figures.COLUMN
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for text in figure.findobj(Text):
+        if text.get_text().strip():
+            assert text.get_fontsize() >= 7.0, (name, text.get_text())
+    written = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
+    for ax in figure.axes:
+        written += [ax.title, ax.xaxis.label, ax.yaxis.label, *ax.texts]
+    for text in written:
+        if text.get_text().strip():
+            box = text.get_window_extent(renderer)
+            inside = (box.x0 >= -1, box.x1 <= page.x1 + 1, box.y0 >= -1, box.y1 <= page.y1 + 1)
+            assert all(inside), (name, text.get_text(), inside)
+    for legend in figure.legends:
+        box = legend.get_window_extent(renderer)
+        assert not any(box.overlaps(ax.get_window_extent(renderer)) for ax in figure.axes), name
+
+
+def test_every_figure_fits_its_page(one: Result, many: Result, linear: Result) -> None:
+    names = set()
+    for result in (one, many, linear):
+        for name, figure in drawn(result):
+            names.add(name)
+            check_page(name, figure)
+    assert names == {"track", "sky", "dop", "nees", "fixes", "errors", "budget"}
+
+
+def test_fixes_lie_about_the_antenna() -> None:
+    """Exact ranges: the fixes are the antenna's true position to centimetres, 2.3 m from the IMU."""
+    exact = flown(1, "all", "signals.range_sigma_m=1e-4", "pseudolites.range_sigma_m=1e-4")
+    error = figures.fix_errors(exact)
+    assert error.shape == (1, exact["/receiver/time"].size, 3)
+    assert np.abs(error).max() < 0.02
+    drawn_points = figures.fixes(exact).axes[0].lines[0].get_xydata()
+    assert np.abs(drawn_points).max() < 0.02
+
+
+def test_figures_of_an_ensemble_show_the_ensemble(one: Result, many: Result) -> None:
+    alone, ensemble = dict(drawn(one)), dict(drawn(many))
+    for name in ("errors", "fixes", "nees"):
+        assert "run 0, seed 1" in words_of(alone[name]), name
+        assert "6 runs (0 to 5), seed 1" in words_of(ensemble[name]), name
+    for name in ("track", "sky", "dop"):
+        assert "the same in all 6 runs" in words_of(ensemble[name]), name
+    panel = ensemble["errors"].axes[2]
+    lines = [np.asarray(line.get_ydata()) for line in panel.lines]
+    assert len(lines) == 6 + 2
+    np.testing.assert_allclose(lines[6], 3 * np.sqrt(np.mean(many["/filter/error"][:, :, 2] ** 2, axis=0)))
+    for run, line in zip(many["/filter/error"][:, :, 2], lines, strict=False):
+        np.testing.assert_array_equal(line, run)
+    points = ensemble["fixes"].axes[0].lines[0].get_xydata()
+    assert len(points) == 6 * one["/receiver/time"].size
+    np.testing.assert_allclose(ensemble["nees"].axes[0].lines[0].get_ydata(), many["/filter/nees"].mean(axis=0) / 15)
+
+
+def test_an_ensemble_on_disk_is_drawn_like_one_in_memory(many: Result, tmp_path: Path) -> None:
+    """Histories kept as blocks."""
+    write(tmp_path / "many.h5", many)
+    again = read(tmp_path / "many.h5")
+    for path in ("/filter/error", "/filter/sigma"):
+        np.testing.assert_allclose(figures._rms_over_runs(many, path), figures._rms_over_runs(again, path))
+        np.testing.assert_array_equal(figures._first_runs(many, path), again[path])
+
+
+def test_panels_of_the_track_share_their_distances(many: Result) -> None:
+    plan, profile = dict(drawn(many))["track"].axes
+    assert plan.get_xlim() == profile.get_xlim()
+
+
+def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
+    names = [str(name) for name in linear["/budget/source"]]
+    styles = figures._source_style(names)
+    assert len(set(styles)) == len(names) == 14
+
+
+# --- commands
+
+
+def test_no_figures_means_none(one: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "one.h5", one)
+    done = CliRunner().invoke(app, ["plot", "one.h5", "--figures", "none"])
+    assert done.exit_code == 0
+    assert done.stdout == ""
+    assert [p.name for p in tmp_path.iterdir()] == ["one.h5"]
+    (tmp_path / "taken").write_text("")
+    refused = CliRunner().invoke(app, ["plot", "one.h5", "--figures", "taken"])
+    assert refused.exit_code == 2
+    assert "taken" in refused.stderr
+
+
+def table(path: Path) -> tuple[list[str], np.ndarray]:
+    with open(path, newline="") as file:
+        head = next(csv.reader(file))
+    return head, np.genfromtxt(path, delimiter=",", skip_header=1)
+
+
+def test_an_ensemble_says_which_run_is_exported(many: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "many.h5", many)
+    for given, number in (([], 0), (["--run", "4"], 4)):
+        done = CliRunner().invoke(app, ["export", "many.h5", "--csv", "--rinex", "--nmea", *given])
+        assert done.exit_code == 0, done.stderr
+        assert f"run {number} of 6" in done.stderr
+        head, values = table(tmp_path / "many_filter.csv")
+        assert head[-1] == "run"
+        assert set(values[:, -1]) == {number}
+        np.testing.assert_allclose(values[:, 1:16], many["/filter/error"][number], rtol=1e-8, atol=1e-12)
+        head, values = table(tmp_path / "many_gnss.csv")
+        assert head[-1] == "run"
+        np.testing.assert_allclose(values[:, 3], many["/receiver/position_llh"][number, :, 2], atol=1e-4)
+        assert f"run {number} of an ensemble of 6" in (tmp_path / "many.obs").read_text()
+    refused = CliRunner().invoke(app, ["export", "many.h5", "--csv", "--run", "6"])
+    assert refused.exit_code == 2
+    assert "runs 0 to 5" in refused.stderr
+
+
+def test_one_run_is_exported_as_ever(one: Result, tmp_path: Path) -> None:
+    chosen, said = choose_run(one, None)
+    assert chosen is one
+    assert said is None
+    export(one, tmp_path / "one.h5", ["csv"])
+    head, _ = table(tmp_path / "one_filter.csv")
+    assert head == ["t_s", *(f"error_{n}" for n in states.NAMES), *(f"sigma_{n}" for n in states.NAMES)]
+    with pytest.raises(ResultError, match="holds run 0"):
+        choose_run(one, 3)
+
+
+# --- the companions: what is drawn stands in the file
+
+
+def test_atc_figures_follow_the_scenario() -> None:
+    settings = ["further_cases=[]", "circuit.manoeuvre_s=[[100, 150]]", "circuit.duration_s=200",
+                "circuit.straight_s=[[50, 90]]"]  # fmt: skip
+    scenario = read_runnable(SCENARIOS / "atc_tracking.yaml", settings)[0]
+    result = atc_study.compute(scenario, 1, 3)
+    with mpl.rc_context(figures._STYLE):
+        drawings = atc.figures(result)
+    spans = [(p.get_x(), p.get_x() + p.get_width()) for p in drawings["errors"].axes[0].patches
+             if isinstance(p, Rectangle)]  # fmt: skip
+    assert spans == [(100.0, 150.0)]
+    labels = [text.get_text().split(":")[0] for text in drawings["errors"].legends[0].get_texts()]
+    assert labels == [str(name) for name in result["/filter"]]
+    assert "T = 1 s, angles, 3 runs" in words_of(drawings["errors"])
+    for name, figure in drawings.items():
+        figure.draw_without_rendering()
+        check_page(name, figure)
+    ratios = result["/summary/decoupled_to_full"]
+    ratios[0, 0, 0, [3, 5, 7, 9, 11], 0] = 1.5
+    ratios[0, 0, 0, :2, 0] = 1.0
+    assert "for the range, not for the pairs" in printed(atc.console(result))
+
+
+def test_elevation_figures_follow_the_scenario() -> None:
+    settings = ["montecarlo.band=0.3", "montecarlo.experiments=2", "montecarlo.confidence=0.9"]
+    scenario = read_runnable(SCENARIOS / "mls_elevation.yaml", settings)[0]
+    result = elevation_study.compute(scenario, 1, None)
+    with mpl.rc_context(figures._STYLE):
+        drawings = elevation.figures(result)
+    assert "±30 %" in words_of(drawings["proof"])
+    band = drawings["proof"].axes[0].collections[0].get_paths()[0].vertices
+    sigma = np.sqrt(result["/filter/covariance"][-1, 0, 0])
+    at_end = band[np.isclose(band[:, 0], band[:, 0].max()), 1]
+    assert at_end.max() / sigma == pytest.approx(1.3)
+    edges = [line.get_xdata()[0] for line in drawings["approach"].axes[0].lines[1:]]
+    assert edges == pytest.approx([mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE])
+    for name, figure in drawings.items():
+        figure.draw_without_rendering()
+        check_page(name, figure)
+    text = printed(elevation.console(result))
+    assert "±30 %" in text
+    assert "confidence of 0.9" in text
+    assert "±20 %" not in text
+
+
+def test_azimuth_names_its_filters_by_the_scenario() -> None:
+    scenario = read_runnable(SCENARIOS / "azimuth_tracking.yaml", ["filters.singer_sigma_m_s2=[0.7, 4]"])[0]
+    words = azimuth._words(Result({"scenario": resolved_yaml(scenario)}, {}))
+    assert words["S1"] == "Singer, 0.7 m/s²"
+    assert words["S2"] == "Singer, 4 m/s²"
+
+
+def test_the_figure_of_a_live_run_fits_its_page() -> None:
+    time = np.linspace(0.0, 60.0, 61)
+    history = np.zeros((61, 15))
+    variables = {
+        "/filter/time": Variable(("time",), time, "s", "time"),
+        "/filter/error": Variable(("time", "state"), history, "m", "error"),
+        "/filter/sigma": Variable(("time", "state"), history + 1.0, "m", "sigma"),
+    }
+    with mpl.rc_context(figures._STYLE):
+        figure = live.figures(Result({}, variables))["errors"]
+    figure.draw_without_rendering()
+    check_page("live", figure)
+    assert {"±3σ", "truth minus estimate"} <= set(words_of(figure).splitlines())
+
+
+# --- maps of sweeps
+
+MAP = """kind: sweep
+version: 1
+base: {base}
+set: {{pseudolites.frame: runway, pseudolites.count: 1, receiver.rate_hz: 1}}
+vary:
+  - {{key: pseudolites.s_m, grid: {{first: -100, last: 100, count: 21}}}}
+  - {{key: pseudolites.l1_m, grid: {{first: -500, last: 500, count: 21}}}}
+method: dop
+outputs: [pdop]
+"""
+
+
+def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Path) -> None:
+    """One pseudolite near the threshold: best as far out as the map goes, refused under the wheels."""
+    file = tmp_path / "map.yaml"
+    file.write_text(MAP.format(base=SCENARIOS / "landing_gnss_only.yaml"))
+    section, document, base = read_study(file, Sweep, [])
+    planned = sweep_study.plan(section, document, base, 1)
+    result = sweep_study.sweep_result(planned, sweep_study.compute(planned, 1))
+    values = result["/sweep/pdop"]
+    assert np.isnan(values).any()
+    best = sweep.best(values)
+    assert best is not None
+    assert best[1] == 20
+    with mpl.rc_context(figures._STYLE):
+        figure = sweep.figures(result)["pdop"]
+    figure.draw_without_rendering()
+    check_page("map", figure)
+    ax = figure.axes[0]
+    assert "on the border of the map (l1_m)" in ax.get_title()
+    # the mesh reaches from edge to edge of the panel, half a cell beyond the first and the last combination
+    assert ax.get_xlim() == pytest.approx((-525.0, 525.0), abs=0.5)
+    assert ax.get_ylim() == pytest.approx((-105.0, 105.0), abs=0.5)
+    corners = ax.collections[0].get_coordinates()  # type: ignore[attr-defined]
+    assert np.ptp(np.diff(corners[:, :, 0], axis=1)) < 1e-6
+    assert sweep.best_json(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
+    text = printed(sweep.console(result))
+    assert "500 *" in text
+    assert "the best may lie beyond" in text
