@@ -1,5 +1,5 @@
-"""The data beside the shipped scenarios, all of it navsim's own: almanacs and messages of the nominal constellations, and
-a recorded flight.
+"""The data beside the shipped scenarios, all of it navsim's own: almanacs and messages of the nominal constellations,
+and a recorded flight.
 
     python scripts/make_shipped_data.py [FOLDER]          # default: scenarios/data
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
@@ -18,14 +20,17 @@ from typer.testing import CliRunner, Result
 from navsim.cli import run as run_command
 from navsim.cli import studies
 from navsim.cli.main import app
-from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort, read_sort
+from navsim.io.almanac import read_almanac
+from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort, read, read_sort
+from navsim.models import glonass, gps, timescales
 from navsim.report import figures as drawing
 from navsim.scenario import shipped
 from navsim.scenario.kinds import COMMANDS
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import KINDS
 from navsim.scenario.sweep import Sweep
-from tests.conftest import SCENARIOS
+from tests.conftest import ROOT, SCENARIOS
+from tests.helpers import case
 
 BRIEF = ("--set", "duration_s=2", "--set", "receiver.rate_hz=2")
 LANDING = SCENARIOS / "landing.yaml"
@@ -328,3 +333,71 @@ def test_init_leaves_other_files_alone(tmp_path: Path) -> None:
     again = navsim("init", "placement_sweep", cwd=tmp_path, code=2)
     assert "exists already" in again.stderr
     navsim("init", "placement_optimum", "-o", "nowhere/x.yaml", cwd=tmp_path, code=2)
+
+
+# --- data beside the templates
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the script makes today."""
+    folder = tmp_path_factory.mktemp("data")
+    subprocess.run([sys.executable, ROOT / "scripts" / "make_shipped_data.py", folder], cwd=ROOT, check=True)
+    return folder
+
+
+def numbers(file: Path) -> np.ndarray:
+    """All numbers of a text file, plain or gzip."""
+    raw = file.read_bytes()
+    text = (gzip.decompress(raw) if file.suffix == ".gz" else raw).decode().replace("D+", "E+").replace("D-", "E-")
+    return np.array(re.findall(r"[-+]?\d+\.?\d*(?:E[-+]\d+)?", text), dtype=float)
+
+
+def test_shipped_data_are_what_the_script_makes(made: Path) -> None:
+    shipped_files = sorted(path.name for path in (SCENARIOS / "data").iterdir())
+    assert shipped_files == sorted(path.name for path in made.iterdir())
+    for name in shipped_files:
+        ours, theirs = numbers(SCENARIOS / "data" / name), numbers(made / name)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-4, err_msg=name)  # a last digit may differ
+    assert sum((SCENARIOS / "data" / name).stat().st_size for name in shipped_files) < 300_000
+
+
+def test_shipped_almanacs_and_messages_are_the_nominal_sky() -> None:
+    """GPS exactly; GLONASS to the short-period terms that only the almanac's algorithm has, 3 km of 25 500."""
+    noon = timescales.posix(2018, 9, 13) + 43200.0
+    time = noon + np.arange(-3600.0, 3601.0, 900.0)
+    for name, nominal, limit in (
+        ("nominal.agl", glonass.Nominal(), 3e3),
+        ("nominal.alm", gps.nominal(noon), 0.1),
+    ):
+        almanac = read_almanac(SCENARIOS / "data" / name, noon)
+        assert almanac.names == nominal.names
+        off = np.linalg.norm(almanac.state(time)[0] - nominal.state(time)[0], axis=-1)
+        assert off.max() < limit, name
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("sky.source=almanac", "sky.almanac=data/nominal.agl"),
+        ("sky.source=almanac", "sky.almanac=[data/nominal.agl, data/nominal.alm]"),
+        ("sky.source=navigation", "sky.navigation=data/nominal.rnx"),
+    ],
+)
+def test_landings_fly_under_the_shipped_skies(settings: tuple[str, ...]) -> None:
+    """The same satellites are seen as under the nominal constellation they were made from, and nothing is warned of."""
+    with contextlib.chdir(SCENARIOS):
+        real = case(*settings, "receiver.rate_hz=1")
+    source = "nominal-glonass" if settings[1] == "sky.almanac=data/nominal.agl" else "nominal"
+    made = case(f"sky.source={source}", "receiver.rate_hz=1")
+    assert real.warnings == made.warnings
+    assert sorted(real.world.signals.names) == sorted(made.world.signals.names)
+    np.testing.assert_allclose(real.world.dop[:, 1], made.world.dop[:, 1], rtol=1e-3)
+
+
+def test_the_shipped_flight_shows_what_was_put_into_it(tmp_path: Path) -> None:
+    """Its latency is found, its innovations are as large as believed, and it aligns by itself."""
+    navsim("replay", SCENARIOS / "recorded_flight.yaml", "-q", "-o", "f.h5", cwd=tmp_path)
+    flown = read(tmp_path / "f.h5")
+    assert flown["/summary/nis"] == pytest.approx(1.0, abs=0.15)
+    assert float(flown["/tuning/latency"]) == pytest.approx(0.1, abs=0.02)
