@@ -39,6 +39,8 @@ SHORTER = [
     ("navsim table2", "navsim table2 --runs 60"),
     (" --realtime", ""),  # a landing lasts two minutes
     ("navsim live", "navsim live --silence 2"),
+    *((f"-o results/{name}.h5", f"-o results/{name}.h5 --figures none") for name in ("wide", "almanac", "run7")),
+    ("--method covariance ", "--method covariance --figures none "),
     ("scenarios/mls_elevation.yaml", "scenarios/mls_elevation.yaml --set montecarlo.experiments=20"),
     ("scenarios/atc_tracking.yaml", "scenarios/atc_tracking.yaml --runs 50"),
     ("scenarios/azimuth_tracking.yaml", "scenarios/azimuth_tracking.yaml --runs 50"),
