@@ -21,11 +21,12 @@ table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results
 calibrate: $(STAMP)      ## find the skies of Table 2 again: scenarios/table2*.yaml
 	$(BIN)/python scripts/calibrate_table2.py
 
-validate: $(STAMP)       ## the long statistical studies: tables in docs/
+validate: $(STAMP)       ## the long statistical studies: tables in docs/; every documented command in full
 	$(BIN)/python scripts/covariance_against_runs.py
 	$(BIN)/python scripts/covariance_matrix.py
 	$(BIN)/python scripts/filter_consistency.py
 	$(BIN)/python scripts/recorded_approach.py
+	$(BIN)/python -m pytest tests/product/test_documented_commands.py --as-written
 
 lint: $(STAMP)           ## style and types
 	$(BIN)/ruff check .

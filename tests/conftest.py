@@ -36,6 +36,7 @@ def oracles(shared: Path) -> dict[str, Any]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--validation", metavar="FILE", help="write the table of oracle tests to FILE")
+    parser.addoption("--as-written", action="store_true", help="run documented commands with their own run counts")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

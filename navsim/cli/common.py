@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+
+if TYPE_CHECKING:
+    from navsim.io.results import Result, Sort
 
 MOST_RUNS = 1_000_000
 """Where `--until` gives up, unless --runs says otherwise."""
@@ -19,37 +22,43 @@ OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 ScenarioArgument = Annotated[
     Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
 ]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Set a scenario key, dotted; may be given many times.",
-        show_default=False,
-    ),
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, metavar="N", help="Threads. Default: all cores.", show_default=False)
+]
+SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="Root of all random numbers.")]
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on standard output.")
 ]
 FiguresOption = Annotated[
     str | None,
     typer.Option(
         metavar="FOLDER|none",
-        help="Where figures go. Default: beside the result for one run.",
+        help="Where figures go. Default: beside the result; none with --quiet.",
         show_default=False,
     ),
 ]
 
 
-WorkersOption = Annotated[int | None, typer.Option(min=1, help="Threads. Default: all cores.", show_default=False)]
-SeedOption = Annotated[int, typer.Option(min=0, help="Root of all random numbers.")]
-FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+def output_option(default: str) -> Any:
+    """-o of a command whose result has this name unless given."""
+    return typer.Option(
+        "--output", "-o", metavar="FILE.h5", help=f"The result file. Default: {default}.", show_default=False
+    )
 
 
-OutputOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--output", "-o", metavar="FILE.h5", help="Result file. Default: results/<study stem>.h5.", show_default=False
-    ),
-]
+def set_option(what: str) -> Any:
+    """--set of a command that reads a scenario, a study or a log."""
+    return typer.Option(
+        "--set", metavar="KEY=VALUE", help=f"Set a key of the {what}, dotted; may be given many times.",
+        show_default=False,
+    )  # fmt: skip
+
+
+SetOption = Annotated[list[str] | None, set_option("scenario")]
+StudySetOption = Annotated[list[str] | None, set_option("study")]
 
 
 def say(message: str) -> None:
@@ -133,22 +142,38 @@ def read(scenario: Path, assignments: list[str] | None) -> Any:
         leave(BAD_INPUT, *error.problems)
 
 
-def target_of(scenario: Path, output: Path | None, kind: str = "landing") -> Path:
-    """The result's path, found writable and free of other people's data before anything is computed."""
-    from navsim.io.results import ResultError, check_writable, read_kind
+def target_of(scenario: Path, output: Path | None, sort: Sort, force: bool, suffix: str = "") -> Path:
+    """The result's path, found writable and free of other data before anything is computed.
 
-    target = output or Path("results") / f"{scenario.stem}.h5"
+    Without `output` it is results/<stem of the scenario><suffix>.h5; the suffix tells results of one scenario apart
+    that are of different sorts. A result of another sort is not overwritten unless `force` says so, anything that is
+    no result never.
+    """
+    from navsim.io.results import ResultError, check_writable
+
+    target = output or Path("results") / f"{scenario.stem}{suffix}.h5"
     try:
         if output is not None and not target.parent.is_dir():
             raise ResultError(f"{target.parent}: no such folder; create it first or choose another -o/--output")
         check_writable(target)
-        if target.exists():
-            there = read_kind(target)
-            if there != kind:
-                raise ResultError(f"{target}: holds a result of kind {there}, not {kind}; it will not be overwritten")
+        refuse_other(target, sort, force)
     except ResultError as error:
         leave(BAD_INPUT, error)
     return target
+
+
+def refuse_other(target: Path, sort: Sort, force: bool) -> None:
+    """Raise ResultError where a file stands that a result of this sort may not overwrite."""
+    from navsim.io.results import ResultError, read_sort
+
+    if not target.exists():
+        return
+    there = read_sort(target)
+    if there != sort and not force:
+        raise ResultError(
+            f"{target}: holds a result of another sort ({there}) than the new one ({sort}); "
+            "choose another -o/--output, or overwrite it with --force"
+        )
 
 
 def announce_compiling() -> None:
@@ -159,13 +184,21 @@ def announce_compiling() -> None:
         say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
 
 
-def draw(result: Any, folder: Path | None, stem: str) -> list[Path]:
-    """The figures of a result, where they are wanted. Raises ResultError."""
-    if folder is None:
-        return []
-    from navsim.report.views import save
+def save(result: Result, target: Path, figures: Path | None) -> list[Path]:
+    """Write a result and, where they are wanted, its figures; returns the figures. Raises ResultError.
 
-    return save(result, folder, stem)
+    Figures of the result that stood there before are removed: they are not of this one.
+    """
+    from navsim.io.results import write
+    from navsim.report.figure_files import remove_former
+
+    write(target, result)
+    remove_former(target.parent, target.stem)
+    if figures is None:
+        return []
+    from navsim.report.views import save as draw
+
+    return draw(result, figures, target.stem)
 
 
 def store_beside(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Any:
@@ -199,6 +232,24 @@ def print_summary(result: Any, name: str, quiet: bool, as_json: bool) -> None:
         print(json.dumps(tables.summary_json(result), indent=1, allow_nan=False))
     elif not quiet:
         print_table([(name, result)])
+
+
+def read_result(path: Path) -> Result:
+    """A result file; leaves with what takes the file instead where it is a scenario, a study or a log."""
+    from navsim.io.results import ResultError, read
+
+    try:
+        return read(path)
+    except ResultError as error:
+        if path.suffix in (".yaml", ".yml"):
+            from navsim.scenario.kinds import COMMANDS, advice
+            from navsim.scenario.source import InputError, load
+
+            with suppress(InputError):
+                kind = str(load(path).data.get("kind"))
+                if kind in COMMANDS:
+                    leave(BAD_INPUT, f"{path}: is no result but {advice(kind, path)}")
+        leave(BAD_INPUT, error)
 
 
 def lacks(result: Any, name: object, error: KeyError) -> str:

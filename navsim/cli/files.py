@@ -7,36 +7,41 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import (
-    BAD_INPUT,
-    ScenarioArgument,
-    SetOption,
-    leave,
-)
-
-_NOUNS = {"sweep": "study", "optimize": "study", "replay": "log"}
+from navsim.cli.common import BAD_INPUT, leave, say, set_option
+from navsim.scenario import shipped
+from navsim.scenario.kinds import COMMANDS, noun
+from navsim.scenario.shipped import names
 
 
-def validate(scenario: ScenarioArgument, set_: SetOption = None) -> None:
-    """Check a scenario or study file and say what is wrong with it."""
+def validate(
+    scenario: Annotated[
+        Path, typer.Argument(metavar="FILE.yaml", help="The scenario, study or log to check.", show_default=False)
+    ],
+    set_: Annotated[list[str] | None, set_option("file")] = None,
+) -> None:
+    """Check a scenario, study or log and say what is wrong with it."""
     from navsim.scenario.load import read_any, read_study
     from navsim.scenario.source import InputError
     from navsim.scenario.sweep import Sweep
 
     try:
         checked, document = read_any(scenario, set_ or [])
-        kind = document.data["kind"]
+        kind = str(document.data["kind"])
         if isinstance(checked, Sweep):
             from navsim.study.sweep import plan
 
             plan(*read_study(scenario, Sweep, set_ or []), seed=1)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    print(f"{scenario}: a valid {_NOUNS.get(kind, 'scenario')} of kind {kind}")
+    print(f"{scenario}: a valid {noun(kind)} of kind {kind}")
 
 
-def schema(kind: Annotated[str, typer.Argument(help="Kind of scenario.")] = "landing") -> None:
-    """Print the JSON Schema of a kind of scenario: every key, its unit, range, default."""
+def schema(
+    kind: Annotated[
+        str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.", autocompletion=lambda: list(COMMANDS))
+    ] = "landing",
+) -> None:
+    """Print the JSON Schema of a kind of file: every key, its unit, range, default."""
     import json
 
     from navsim.scenario.load import KINDS
@@ -47,27 +52,43 @@ def schema(kind: Annotated[str, typer.Argument(help="Kind of scenario.")] = "lan
 
 
 def init(
-    template: Annotated[str, typer.Argument(help="Which one; a wrong name lists them.")] = "landing",
+    template: Annotated[
+        str, typer.Argument(help=f"One of {', '.join(names())}.", autocompletion=names)
+    ] = "landing_smooth",
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.yaml", help="Default: <template>.yaml.", show_default=False),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.yaml",
+            help="The file to write. Default: <template>.yaml.",
+            show_default=False,
+        ),
     ] = None,
 ) -> None:
-    """Write a commented scenario to start from, which runs as it is."""
-    from navsim.scenario.shipped import names, text
+    """Write a commented scenario to start from, which runs as it is.
 
+    Files it names, such as the base of a study, are written beside it where they are not there yet.
+    """
     if template not in names():
         leave(BAD_INPUT, f"there is no template {template!r}; allowed: {', '.join(names())}")
     target = output or Path(f"{template}.yaml")
-    try:
-        with open(target, "x", encoding="utf-8") as file:
-            file.write(text(template))
-    except FileExistsError:
+    if target.exists():
         leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
-    except OSError as error:
-        leave(BAD_INPUT, f"{target}: cannot be written: {error.strerror or error}")
-    import yaml
-
-    kind = yaml.safe_load(text(template))["kind"]
-    verb = kind if kind in ("sweep", "optimize", "replay") else "run"
-    print(f"{target} written; go on with: navsim {verb} {target}")
+    if not target.parent.is_dir():
+        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    beside = {target.parent / name: shipped.content(name) for name in shipped.needs(template)}
+    written = []
+    for path, content in (*beside.items(), (target, shipped.text(template).encode())):
+        try:
+            if path != target:
+                path.parent.mkdir(exist_ok=True)
+            with open(path, "xb") as file:
+                file.write(content)
+            written.append(str(path))
+        except FileExistsError:
+            if not path.is_file() or path.read_bytes() != content:
+                say(f"warning: {path} is not the shipped one and stays as it is; {target} names it")
+        except OSError as error:
+            leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
+    print(f"{', '.join(written)} written; go on with: navsim {COMMANDS[shipped.kind(template)]} {target}")

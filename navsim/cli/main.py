@@ -19,9 +19,9 @@ app = typer.Typer(
     name="navsim",
     help="Plan and prove a landing navigation system: INS corrected by GNSS and ground pseudolites.",
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 for command in (run, table2, sweep, optimize, replay, live, show, plot, export, validate, schema, init):
     app.command()(command)
@@ -38,7 +38,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", "-V", callback=_version, is_eager=True, help="Print the version and leave.")
     ] = False,
 ) -> None:
     pass

@@ -16,18 +16,21 @@ from navsim.cli.common import (
     BAD_INPUT,
     RUN_FAILED,
     FiguresOption,
-    OutputOption,
+    ForceOption,
+    JsonOption,
     QuietOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
     announce_compiling,
-    draw,
     figure_folder,
     leave,
+    output_option,
     print_result,
     progress,
+    save,
     say,
+    set_option,
     target_of,
 )
 
@@ -37,26 +40,31 @@ if TYPE_CHECKING:
 
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG.yaml", help="The recorded flight.", show_default=False)],
-    output: OutputOption = None,
-    set_: SetOption = None,
+    output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None,
+    set_: Annotated[list[str] | None, set_option("log")] = None,
     figures: FiguresOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Read, check and align; fly nothing.")] = False,
+    force: ForceOption = False,
     quiet: QuietOption = False,
-    json_: Annotated[
-        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
-    ] = False,
+    json_: JsonOption = False,
 ) -> None:
-    """Fly recorded IMU and GNSS data through the filter: alignment, tuning, innovations, outages."""
+    """Fly recorded IMU and GNSS data through the filter.
+
+    Alignment, tuning of the noise, innovations, drift in outages.
+    """
+    from navsim.io.results import ResultError, Sort
     from navsim.scenario.load import read_replay
     from navsim.scenario.source import InputError
 
     try:
         section, document = read_replay(log, set_ or [])
-        target = target_of(log, output, "replay")
-        from navsim.core import jit
-        from navsim.io.results import ResultError, write
-        from navsim.study import replay as flying
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    target = target_of(log, output, Sort("replay"), force)
+    from navsim.core import jit
+    from navsim.study import replay as flying
 
+    try:
         recording = flying.prepare(section, document)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
@@ -76,8 +84,7 @@ def replay(
     try:
         with progress(flying.extent(recording), not quiet, "tuning flights") as done:
             result = flying.compute(recording, done)
-        write(target, result)
-        written = draw(result, drawing, target.stem)
+        written = save(result, target, drawing)
     except (ResultError, flying.ReplayError) as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
@@ -92,7 +99,7 @@ def live(
         str | None,
         typer.Option(
             metavar="SOURCE",
-            help="The receiver is real: NMEA or CSV lines from -, udp://HOST:PORT, tcp://HOST:PORT, "
+            help="The receiver is real: NMEA or CSV lines from - (standard input), udp://HOST:PORT, tcp://HOST:PORT, "
             "tcp-listen://HOST:PORT, serial:///dev/NAME?baud=N, or a file. HOST to listen at: 0.0.0.0 or [::] hears "
             "every machine, none this one alone.",
             show_default=False,
@@ -112,19 +119,24 @@ def live(
             show_default=False,
         ),
     ] = None,
-    output: OutputOption = None,
+    output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None,
     seed: SeedOption = 1,
     set_: SetOption = None,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Hold lines of a fast source back until their time has come.")
     ] = False,
-    silence: Annotated[float, typer.Option(min=0.1, help="End after so many seconds without a line.")] = 10.0,
+    silence: Annotated[
+        float, typer.Option(min=0.1, metavar="SECONDS", help="End after so many seconds without a line.")
+    ] = 10.0,
+    force: ForceOption = False,
     quiet: QuietOption = False,
-    json_: Annotated[
-        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
-    ] = False,
+    json_: JsonOption = False,
 ) -> None:
-    """Fly a landing whose receiver or IMU is a live stream; late, lost and corrupt messages are counted."""
+    """Fly a landing whose receiver or IMU is a live stream.
+
+    Late, lost and corrupt messages are survived and counted. Give --receiver or --imu.
+    """
+    from navsim.io.results import ResultError, Sort
     from navsim.scenario.load import read
     from navsim.scenario.source import InputError
 
@@ -132,9 +144,8 @@ def live(
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
     try:
         section, document = read(scenario, set_ or [])
-        target = target_of(scenario, output, "live")
+        target = target_of(scenario, output, Sort("live"), force, "_live")
         from navsim.core import jit
-        from navsim.io.results import ResultError, write
         from navsim.io.stream import StreamError, opened
         from navsim.study import landing, source_clock
         from navsim.study import live as flying
@@ -158,7 +169,7 @@ def live(
             with _ended_by_signals(session) as came:
                 why = session.pump(lines, silence, done)
         result = session.result()
-        write(target, result)
+        save(result, target, None)
     except StreamError as error:
         leave(BAD_INPUT, error)
     except ResultError as error:

@@ -1,4 +1,4 @@
-"""`navsim show`, `navsim plot`: result files."""
+"""`navsim show`, `navsim plot`, `navsim export`: result files."""
 
 from __future__ import annotations
 
@@ -9,26 +9,25 @@ import typer
 
 from navsim.cli.common import (
     BAD_INPUT,
-    draw,
     figure_folder,
     lacks,
     leave,
     print_table,
+    read_result,
     say,
 )
 
 
 def show(
-    files: Annotated[list[Path], typer.Argument(metavar="RESULT.h5 [MORE]", help="Result files.", show_default=False)],
-    json_: Annotated[bool, typer.Option("--json", help="Print the summaries as JSON.")] = False,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="RESULT.h5", help="One result, or more of one kind.", show_default=False)
+    ],
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the summaries as JSON, a list of them for several results.")
+    ] = False,
 ) -> None:
-    """Print the summary tables of results side by side."""
-    from navsim.io.results import ResultError, read
-
-    try:
-        results = [(path.stem, read(path)) for path in files]
-    except ResultError as error:
-        leave(BAD_INPUT, error)
+    """Print the summary tables of results, side by side."""
+    results = [(path.stem, read_result(path)) for path in files]
     if json_:
         import json
 
@@ -44,21 +43,25 @@ def show(
 
 
 def plot(
-    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result file.", show_default=False)],
+    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result to draw.", show_default=False)],
     figures: Annotated[
-        str | None, typer.Option(metavar="FOLDER|none", help="Default: beside the result.", show_default=False)
+        str | None,
+        typer.Option(metavar="FOLDER|none", help="Where figures go. Default: beside the result.", show_default=False),
     ] = None,
 ) -> None:
-    """Draw the figures of a result."""
-    from navsim.io.results import ResultError, read
+    """Draw the figures of a result again and print their names."""
+    from navsim.io.results import ResultError
 
     folder = figure_folder(figures, file, runs=1, quiet=False)
+    result = read_result(file)
+    if folder is None:
+        say(f"{file}: no figures, as --figures none says")
+        return
     try:
-        result = read(file)
-        for path in draw(result, folder, file.stem):
+        from navsim.report.views import save
+
+        for path in save(result, folder, file.stem):
             print(path)
-        if folder is None:
-            say(f"{file}: no figures, as --figures none says")
     except ResultError as error:
         leave(BAD_INPUT, error)
     except KeyError as error:
@@ -66,10 +69,14 @@ def plot(
 
 
 def export(
-    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A landing or a replay.", show_default=False)],
-    rinex: Annotated[bool, typer.Option("--rinex", help="Observations, messages; pseudolites as CSV.")] = False,
-    nmea: Annotated[bool, typer.Option("--nmea", help="GGA, RMC, VTG of the fixes.")] = False,
-    kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses.")] = False,
+    file: Annotated[
+        Path, typer.Argument(metavar="RESULT.h5", help="The result of a landing or a replay.", show_default=False)
+    ],
+    rinex: Annotated[
+        bool, typer.Option("--rinex", help="RINEX observations and messages; pseudolites as CSV.")
+    ] = False,
+    nmea: Annotated[bool, typer.Option("--nmea", help="NMEA sentences GGA, RMC, VTG of the fixes.")] = False,
+    kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses as KML.")] = False,
     geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Truth, fixes, filter errors as tables.")] = False,
     run: Annotated[
@@ -84,15 +91,18 @@ def export(
             "--output",
             "-o",
             metavar="FOLDER/STEM",
-            help="Start of the files' names. Default: beside the result.",
+            help="Start of the files' names. Default: the result's, without .h5.",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Write a result in the formats of other programs."""
+    """Write a result in the formats of other programs.
+
+    Choose one or more of them.
+    """
     from navsim.io.export import approximate_systems, choose_run
     from navsim.io.export import export as convert
-    from navsim.io.results import ResultError, read
+    from navsim.io.results import ResultError
 
     chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
                                         ("csv", csv)) if wanted]  # fmt: skip
@@ -101,8 +111,8 @@ def export(
     target = (output or file).with_suffix(".h5")
     if not target.parent.is_dir():
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    result = read_result(file)
     try:
-        result = read(file)
         chosen_run, several = choose_run(result, run)
         for path in convert(chosen_run, target, chosen):
             print(path)

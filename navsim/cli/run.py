@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -11,42 +11,49 @@ from navsim.cli.common import (
     BAD_INPUT,
     MOST_RUNS,
     RUN_FAILED,
-    FiguresOption,
     FreshOption,
+    JsonOption,
     QuietOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
     WorkersOption,
     announce_compiling,
-    draw,
     figure_folder,
     leave,
+    output_option,
     print_result,
     print_summary,
     progress,
     read,
+    save,
     say,
     store_beside,
     target_of,
 )
+
+Keep = Literal["errors", "all", "none"]
+Method = Literal["monte-carlo", "covariance"]
 
 
 def run(
     scenario: ScenarioArgument,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE.h5",
-            help="Result file. Default: results/<scenario stem>.h5.",
-            show_default=False,
+        output_option(
+            "results/<scenario stem>.h5; for several runs <stem>_runs<N>.h5 or <stem>_until.h5; for another method "
+            "than the scenario's <stem>_<method>.h5"
         ),
     ] = None,
     seed: SeedOption = 1,
     runs: Annotated[
-        int | None, typer.Option(min=1, help="Number of Monte Carlo runs. Default: 1.", show_default=False)
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Number of Monte Carlo runs. Default: 1; of a companion paper's system: the scenario's.",
+            show_default=False,
+        ),
     ] = None,
     until: Annotated[
         str | None,
@@ -57,58 +64,75 @@ def run(
         ),
     ] = None,
     first_run: Annotated[
-        int, typer.Option(min=0, help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
+        int, typer.Option(min=0, metavar="N", help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
     ] = 0,
     workers: WorkersOption = None,
     keep: Annotated[
-        str | None,
+        Keep | None,
         typer.Option(
-            metavar="errors|all|none",
-            help="What is stored per run. Default: all for one run, errors for several.",
+            help="What is stored per run: the filter's errors, also measurements and fixes, or the statistics alone. "
+            "Default: all for one run, errors for several.",
             show_default=False,
         ),
     ] = None,
     method: Annotated[
-        str | None,
+        Method | None,
         typer.Option(
-            metavar="monte-carlo|covariance",
             help="Fly runs, or compute their accuracy to first order. Default: the scenario's.",
             show_default=False,
         ),
     ] = None,
     set_: SetOption = None,
-    figures: FiguresOption = None,
+    figures: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FOLDER|none",
+            help="Where figures go. Default: beside the result; none for several runs or with --quiet.",
+            show_default=False,
+        ),
+    ] = None,
     require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
     fresh: FreshOption = False,
-    quiet: QuietOption = False,
-    json_: Annotated[
-        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on stdout.")
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help="Overwrite a result of another kind or method, one run by several or the reverse."
+        ),
     ] = False,
+    quiet: QuietOption = False,
+    json_: JsonOption = False,
 ) -> None:
-    """Fly a scenario and write its result file, the summary table and the figures."""
-    checked, document = read(scenario, [*(set_ or []), *([f"method={method}"] if method else [])])
+    """Fly a scenario: result file, summary table, figures."""
+    from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort
+
+    checked, document = read(scenario, set_)
     if checked.kind != "landing":  # one of the companion papers' systems
         given = {"--until": until, "--keep": keep, "--method": method, "--first-run": first_run, "--workers": workers}
         foreign = [name for name, value in given.items() if value]
         if foreign or require_fix:
             named = ", ".join(foreign or ["--require-fix"])
             leave(BAD_INPUT, f"{named}: only for `kind: landing`; {scenario} is of kind {checked.kind}")
-        target = target_of(scenario, output, checked.kind)
+        target = target_of(scenario, output, Sort(checked.kind), force)
         _run_companion(scenario, checked, target, seed, runs, figures, dry_run, quiet, json_)
         return
+    suffix = ""
+    if method is not None and method != checked.method:
+        checked, document = read(scenario, [*(set_ or []), f"method={method}"])
+        suffix = f"_{method}"
     analytic = checked.method == "covariance"
     if analytic and (runs or until or keep):
         leave(BAD_INPUT, "--runs, --until and --keep belong to method monte-carlo; a covariance analysis has no runs")
     runs = runs or (1 if until is None else MOST_RUNS)
     kept = keep or ("all" if runs == 1 else "errors")
-    if kept not in ("errors", "all", "none"):
-        leave(BAD_INPUT, f"--keep {keep}: allowed are errors, all, none")
-    target = target_of(scenario, output)
+    if runs > 1:
+        suffix = f"_runs{runs}" if until is None else "_until"
+    extent = "" if analytic else SEVERAL_RUNS if runs > 1 else ONE_RUN
+    target = target_of(scenario, output, Sort("landing", checked.method, extent), force, suffix)
     drawing = figure_folder(figures, target, runs, quiet)
 
     from navsim.core import jit
-    from navsim.io.results import ResultError, write
+    from navsim.io.results import ResultError
     from navsim.scenario.source import InputError
     from navsim.study import landing
     from navsim.study.ensemble import PartialError
@@ -127,9 +151,9 @@ def run(
         for warning in case.warnings:
             say(f"warning: {warning}")
         sources = len(case.world.signals.names)
-        extent = "covariance analysis" if analytic else f"{runs} run(s)"
+        what = "covariance analysis" if analytic else f"{runs} run(s)"
         say(
-            f"{scenario}: {extent} of {case.scenario.duration_s:g} s, {case.world.dtheta.shape[0]} IMU samples, "
+            f"{scenario}: {what} of {case.scenario.duration_s:g} s, {case.world.dtheta.shape[0]} IMU samples, "
             f"{case.world.signals.time.size} fix epochs, {sources} sources; would write {target}"
         )
         return
@@ -150,8 +174,7 @@ def run(
                 say(f"warning: --until {until}: not reached within {runs} runs")
             found = landing.findings(case, ensemble)
             result = landing.result(case, ensemble, seed, keep=kept)
-        write(target, result)
-        written = draw(result, drawing, target.stem)
+        written = save(result, target, drawing)
     except (ResultError, PartialError, landing.AnalysisError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
@@ -195,7 +218,7 @@ def _run_companion(
 ) -> None:
     """One of the companion papers' systems: computed, written, shown."""
     from navsim.core import jit
-    from navsim.io.results import ResultError, write
+    from navsim.io.results import ResultError
     from navsim.study.companions import COMPANIONS
 
     drawing = figure_folder(figures, target, 1, quiet)
@@ -207,8 +230,7 @@ def _run_companion(
     try:
         with progress(companion.extent(checked), not quiet, companion.unit) as done:
             result = companion.compute(checked, seed, runs, done)
-        write(target, result)
-        written = draw(result, drawing, target.stem)
+        written = save(result, target, drawing)
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()

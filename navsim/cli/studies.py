@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -12,58 +12,78 @@ from navsim.cli.common import (
     CHECK_FAILED,
     RUN_FAILED,
     FiguresOption,
+    ForceOption,
     FreshOption,
-    OutputOption,
     QuietOption,
     SeedOption,
-    SetOption,
+    StudySetOption,
     WorkersOption,
     announce_compiling,
-    draw,
     figure_folder,
     leave,
+    output_option,
     print_console,
     progress,
+    refuse_other,
+    save,
     say,
     search_progress,
     store_beside,
     target_of,
 )
 
+SweepMethod = Literal["dop", "covariance", "monte-carlo"]
+
 
 def sweep(
     study: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)],
-    output: OutputOption = None,
+    output: Annotated[
+        Path | None,
+        output_option("results/<study stem>.h5, for another method than the study's <stem>_<method>.h5"),
+    ] = None,
     seed: SeedOption = 1,
     runs: Annotated[
         int | None,
-        typer.Option(min=1, help="Monte Carlo runs a combination. Default: the study's.", show_default=False),
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Runs of each combination with method monte-carlo. Default: the study's.",
+            show_default=False,
+        ),
     ] = None,
     workers: WorkersOption = None,
     method: Annotated[
-        str | None,
-        typer.Option(metavar="dop|covariance|monte-carlo", help="Default: the study's.", show_default=False),
+        SweepMethod | None,
+        typer.Option(help="How each combination is judged. Default: the study's.", show_default=False),
     ] = None,
-    set_: SetOption = None,
+    set_: StudySetOption = None,
     figures: FiguresOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, compute nothing.")] = False,
     fresh: FreshOption = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind or method.")] = False,
     quiet: QuietOption = False,
     json_: Annotated[
-        bool, typer.Option("--json", help="Print the best combinations as JSON, and nothing else, on stdout.")
+        bool, typer.Option("--json", help="Print the best combinations as JSON, and nothing else, on standard output.")
     ] = False,
 ) -> None:
-    """Compute every combination of the listed settings: a cube, a table, maps. Resumable after a kill."""
+    """Compute every combination of the listed settings.
+
+    A cube, a table, maps. After a kill the same command goes on from the finished combinations.
+    """
+    from navsim.io.results import ResultError, Sort
     from navsim.scenario.load import read_study
     from navsim.scenario.source import InputError
     from navsim.scenario.sweep import Sweep
 
-    extra = [*(set_ or []), *([f"method={method}"] if method else []), *([f"runs={runs}"] if runs else [])]
+    extra = [*(set_ or []), *([f"runs={runs}"] if runs else [])]
     try:
         section, document, base = read_study(study, Sweep, extra)
-        target = target_of(study, output, "sweep")
+        suffix = ""
+        if method is not None and method != section.method:
+            section, document, base = read_study(study, Sweep, [*extra, f"method={method}"])
+            suffix = f"_{method}"
+        target = target_of(study, output, Sort("sweep", section.method), force, suffix)
         from navsim.core import jit
-        from navsim.io.results import ResultError, write
         from navsim.report import sweep as report
         from navsim.study import sweep as computing
         from navsim.study.ensemble import PartialError
@@ -85,9 +105,8 @@ def sweep(
         with progress(planned.size, not quiet, "combinations") as done:
             found = computing.compute(planned, workers or default_workers(), store, done)
         result = computing.sweep_result(planned, found)
-        write(target, result)
+        written = save(result, target, drawing)
         table = report.save_csv(result, target.with_suffix(".csv"))
-        written = draw(result, drawing, target.stem)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     except (ResultError, PartialError, AnalysisError) as error:
@@ -116,9 +135,9 @@ def sweep(
 
 def optimize(
     study: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to solve.", show_default=False)],
-    output: OutputOption = None,
+    output: Annotated[Path | None, output_option("results/<study stem>.h5")] = None,
     seed: SeedOption = 1,
-    set_: SetOption = None,
+    set_: StudySetOption = None,
     figures: FiguresOption = None,
     time_limit: Annotated[
         float | None,
@@ -127,21 +146,25 @@ def optimize(
         ),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
+    force: ForceOption = False,
     quiet: QuietOption = False,
     json_: Annotated[
-        bool, typer.Option("--json", help="Print the placements as JSON, and nothing else, on stdout.")
+        bool, typer.Option("--json", help="Print the placements as JSON, and nothing else, on standard output.")
     ] = False,
 ) -> None:
-    """Find the best placement of pseudolites under constraints, for one or several numbers of them."""
+    """Find the best placement of pseudolites under constraints.
+
+    For one or several numbers of them.
+    """
+    from navsim.io.results import ResultError, Sort
     from navsim.scenario.load import read_study
     from navsim.scenario.optimize import Optimize
     from navsim.scenario.source import InputError
 
     try:
         section, document, base = read_study(study, Optimize, set_ or [])
-        target = target_of(study, output, "optimize")
+        target = target_of(study, output, Sort("optimize"), force)
         from navsim.core import jit
-        from navsim.io.results import ResultError, write
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
         from navsim.study.landing import AnalysisError
@@ -163,9 +186,8 @@ def optimize(
             drawing = figure_folder(figures, target, 1, quiet)
             outcome = searching.solve(problem, seed, watch)
         result = searching.optimize_result(problem, outcome, seed)
-        write(target, result)
         interrupted = outcome.stopped == searching.INTERRUPTED
-        written = [] if interrupted else draw(result, drawing, target.stem)
+        written = save(result, target, None if interrupted else drawing)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     except (ResultError, AnalysisError, NoPlacement) as error:
@@ -192,19 +214,25 @@ def table2(
         "results"
     ),
     seed: SeedOption = 1,
-    runs: Annotated[int, typer.Option(min=1, help="Monte Carlo runs a row.")] = 400,
+    runs: Annotated[int, typer.Option(min=1, metavar="N", help="Monte Carlo runs of each row.")] = 400,
     workers: WorkersOption = None,
+    force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Set the paper's Table 2 beside the computed one; exit 1 when claim C3 or the direction of C4 fails."""
+    """Set the paper's Table 2 beside the computed one.
+
+    Exit code 1 when claim C3 or the direction of C4 fails.
+    """
     from navsim.core import jit
-    from navsim.io.results import ResultError, check_writable, write
-    from navsim.report.table2 import console, save
+    from navsim.io.results import ResultError, Sort, check_writable, write
+    from navsim.report.table2 import console
+    from navsim.report.table2 import save as save_tables
     from navsim.study import table2 as study
     from navsim.study.landing import default_workers
 
     try:
         check_writable(output / "table2.h5")
+        refuse_other(output / "table2.h5", Sort("table2"), force)
     except ResultError as error:
         leave(BAD_INPUT, error)
     announce_compiling()
@@ -213,7 +241,7 @@ def table2(
     result = study.result(found, seed, runs)
     try:
         write(output / "table2.h5", result)
-        written = save(result, output)
+        written = save_tables(result, output)
     except ResultError as error:
         leave(RUN_FAILED, error)
     if not quiet:

@@ -65,6 +65,26 @@ class Result:
         return path in self.variables
 
 
+@dataclass(frozen=True)
+class Sort:
+    """What sort of result a file holds; results of different sorts do not take each other's place.
+
+    kind: as its root attribute. method: that made it, "" for kinds that know only one. extent: `ONE_RUN` or
+    `SEVERAL_RUNS` where runs were flown, else "".
+    """
+
+    kind: str
+    method: str = ""
+    extent: str = ""
+
+    def __str__(self) -> str:
+        method = f"method {self.method}" if self.method else ""
+        return ", ".join(part for part in (f"kind {self.kind}", method, self.extent) if part)
+
+
+ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
+
+
 def check_writable(path: Path) -> None:
     """Raise ResultError, before any work is done, where `path` could not be written."""
     if path.is_dir():
@@ -201,10 +221,14 @@ def read(path: Path) -> Result:
         return Result(attributes, variables)
 
 
-def read_kind(path: Path) -> str:
-    """The kind of a result file. Raises ResultError for anything else."""
+def read_sort(path: Path) -> Sort:
+    """The sort of a result file. Raises ResultError for anything else."""
     with _opened(path) as file:
-        return str(_plain(file.attrs["kind"]))
+        method = str(_plain(file.attrs["method"])) if "method" in file.attrs else ""
+        extent = ""
+        if method == "monte-carlo" and "run" in file:
+            extent = SEVERAL_RUNS if file["run"].shape[0] > 1 else ONE_RUN
+        return Sort(str(_plain(file.attrs["kind"])), method, extent)
 
 
 @contextlib.contextmanager

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix
 from navsim.io.results import Result, ResultError, Stream, write_text
+from navsim.report.figure_files import MARK, remove_former
 from navsim.report.tables import runs_of, setting, single
 
 if TYPE_CHECKING:
@@ -452,17 +453,19 @@ def landing(result: Result) -> dict[str, Figure]:
 
 
 def save_figures(draw: Callable[[], dict[str, Figure]], folder: Path, stem: str) -> list[Path]:
-    """Draw figures in the common style and write them as `folder/stem_NAME.png`. Raises ResultError."""
+    """Draw figures in the common style and write them as `folder/stem_NAME.png`, in place of all that an earlier
+    result of this stem left there. Raises ResultError."""
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(_STYLE):
             for name, figure in draw().items():
                 target = folder / f"{stem}_{name}.png"
-                figure.savefig(target)
+                figure.savefig(target, metadata={MARK: stem})
                 written.append(target)
     except OSError as error:
         raise ResultError(f"{folder}: figures cannot be written there: {error.strerror or error}") from None
+    remove_former(folder, stem, written)
     return written
 
 

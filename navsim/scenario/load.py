@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from navsim.scenario.atc import Atc
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import Section, hint, validated
 from navsim.scenario.elevation import Elevation
+from navsim.scenario.kinds import COMMANDS, advice
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.replay import Replay
@@ -46,31 +47,30 @@ def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Docu
     return validated(KINDS[str(kind)], document), document
 
 
-def read_runnable(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
-    """As `read_any`, for scenarios that `navsim run` flies."""
+def _read(path: Path, assignments: Sequence[str], *wanted: str) -> tuple[Any, Document]:
+    """As `read_any`, for the wanted kinds alone; a file of another kind is sent to its command."""
     scenario, document = read_any(path, assignments)
-    if isinstance(scenario, (Sweep, Optimize, Replay)):
-        message = f"`kind: {scenario.kind}` has a command of its own: navsim {scenario.kind} {path}"
+    kind = str(document.data["kind"])
+    if kind not in wanted:
+        allowed = " or ".join(f"`kind: {name}`" for name in wanted)
+        message = f"{allowed} is needed here; this is {advice(kind, path)}"
         raise InputError([Problem(document.place(("kind",)), "kind", message)])
     return scenario, document
+
+
+def read_runnable(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
+    """As `read_any`, for scenarios that `navsim run` flies."""
+    return _read(path, assignments, *(kind for kind, command in COMMANDS.items() if command == "run"))
 
 
 def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
     """As `read_any`, for landings."""
-    scenario, document = read_any(path, assignments)
-    if not isinstance(scenario, Landing):
-        message = f"a landing is needed here, not `kind: {document.data['kind']}`"
-        raise InputError([Problem(document.place(("kind",)), "kind", message)])
-    return scenario, document
+    return _read(path, assignments, "landing")
 
 
 def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Replay, Document]:
     """As `read_any`, for recorded flights."""
-    scenario, document = read_any(path, assignments)
-    if not isinstance(scenario, Replay):
-        message = f"`navsim replay` takes a log of `kind: replay`, not {document.data['kind']}"
-        raise InputError([Problem(document.place(("kind",)), "kind", message)])
-    return scenario, document
+    return _read(path, assignments, "replay")
 
 
 def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tuple[S, Document, Document]:
@@ -78,12 +78,7 @@ def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tu
 
     The base has the study's `set` in it; it need not be whole before the varied keys are in too. Raises InputError.
     """
-    study, document = read_any(path, assignments)
-    if not isinstance(study, kind):
-        given = document.data["kind"]
-        known = next(name for name, section in KINDS.items() if section is kind)
-        message = f"`navsim {known}` takes a study of `kind: {known}`, not {given}"
-        raise InputError([Problem(document.place(("kind",)), "kind", message)])
+    study, document = _read(path, assignments, next(name for name, section in KINDS.items() if section is kind))
     base = load(document.resolve(("base",), study.base))
     for key, value in study.set.items():
         set_value(base, key, copy.deepcopy(value), document.place(("set", key)), document.folder)

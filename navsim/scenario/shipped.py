@@ -1,8 +1,10 @@
-"""The shipped scenarios: `scenarios/*.yaml` of the source tree, packed into the wheel as `templates`."""
+"""The shipped scenarios and the data they name: `scenarios/` of the tree, packed into the wheel as `templates`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 _PACKED = Path(__file__).resolve().parent / "templates"
 _IN_TREE = Path(__file__).resolve().parents[2] / "scenarios"
@@ -25,3 +27,40 @@ def text(name: str) -> str:
 def path(name: str) -> Path:
     """The file of one template."""
     return _folder() / f"{name}.yaml"
+
+
+def kind(name: str) -> str:
+    """The kind of one template."""
+    return str(_data(name)["kind"])
+
+
+def needs(name: str) -> list[str]:
+    """Shipped files that a template names, and those that these name in turn, relative to the template."""
+    found: list[str] = []
+    for value in _values(_data(name)):
+        if value not in found and (_folder() / value).is_file():
+            further = needs(Path(value).stem) if value.endswith(".yaml") else []
+            found += [value, *(other for other in further if other not in found)]
+    return found
+
+
+def content(file: str) -> bytes:
+    """What stands in a file of `needs`."""
+    return (_folder() / file).read_bytes()
+
+
+def _data(name: str) -> Any:
+    import yaml
+
+    return yaml.safe_load(text(name))
+
+
+def _values(node: Any) -> Iterator[str]:
+    """All text values of a tree."""
+    if isinstance(node, dict):
+        node = list(node.values())
+    if isinstance(node, list):
+        for child in node:
+            yield from _values(child)
+    elif isinstance(node, str):
+        yield node

@@ -15,6 +15,8 @@ from typing import Any
 import yaml
 
 KeyPath = tuple[str | int, ...]
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+"""How every HDF5 file begins (HDF5 File Format Specification, section II.A)."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,9 @@ def load(path: Path) -> Document:
         raise InputError([Problem(Place(name), "", "this is a folder; a YAML file is needed")]) from None
     except OSError as error:
         raise InputError([Problem(Place(name), "", f"cannot be read: {error.strerror or error}")]) from None
+    if raw.startswith(_HDF5):
+        message = f"is a result, not a scenario: use navsim show {path} or navsim plot {path}"
+        raise InputError([Problem(Place(name), "", message)])
     try:
         return parse(raw.decode("utf-8"), name, path.resolve().parent)
     except UnicodeDecodeError as error:

@@ -255,7 +255,7 @@ def test_show_and_plot(landing: tuple[subprocess.CompletedProcess[str], Path], p
 
 
 def test_init_schema_validate(place: Path) -> None:
-    assert "landing.yaml written" in navsim("init", cwd=place).stdout
+    assert "landing.yaml written" in navsim("init", "landing", cwd=place).stdout
     assert "valid scenario" in navsim("validate", "landing.yaml", cwd=place).stdout
     schema = json.loads(navsim("schema", "landing", cwd=place).stdout)
     assert schema["additionalProperties"] is False
@@ -367,7 +367,7 @@ def signalled(number: signal.Signals, file: Path, cwd: Path) -> tuple[int, str]:
 def test_a_kill_leaves_no_half_file(place: Path) -> None:
     """SIGKILL in the middle: nothing under the final name but what was there before."""
     file = place / "killed.h5"
-    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "-o", file, cwd=place)
+    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", 2, "-q", "-o", file, cwd=place)
     before = file.read_bytes()
     assert signalled(signal.SIGKILL, file, place)[0] == -signal.SIGKILL
     assert file.read_bytes() == before

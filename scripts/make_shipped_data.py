@@ -1,0 +1,145 @@
+"""The data beside the shipped scenarios, all of it navsim's own: almanacs and messages of the nominal constellations,
+and a recorded flight.
+
+    python scripts/make_shipped_data.py [FOLDER]          # default: scenarios/data
+
+nominal.agl, nominal.alm  GLONASS (the IAC's format) and GPS (YUMA) almanacs of 2018-09-13
+nominal.rnx               broadcast messages of both (RINEX 3.04), usable from 11:00 to 13:00 UTC of that day
+flight_imu.csv.gz         inertial samples of two minutes of S-turns, sensors of the consumer class
+flight_gnss.csv           the fixes of the same flight, two a second, 0.1 s late, antenna off the IMU
+
+The scenario of the flight is `scenarios/s_turn.yaml` with the settings below; the script draws from navsim's own random
+streams, so it writes the same files again.
+"""
+
+from __future__ import annotations
+
+import datetime
+import gzip
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import navsim
+from navsim.io.rinex_write import navigation_lines
+from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
+from navsim.scenario.load import read
+from navsim.scenario.presets import SENSOR_CLASSES
+from navsim.simulation.landing import fixed, measured
+from navsim.simulation.streams import generator
+from navsim.study import landing
+
+SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
+DAY = datetime.date(2018, 9, 13)
+NOON = timescales.posix(2018, 9, 13) + 43200.0
+INCLINATION = np.radians(64.8)
+"""Of the design constellation of GLONASS (ICD 5.1, section 3.3.2)."""
+SEED = 1
+
+SENSORS = SENSOR_CLASSES["consumer"]
+SETTINGS = (
+    "duration_s=120",
+    f"imu={{rate_hz: 50, gyro: {SENSORS['gyro']}, accelerometer: {SENSORS['accelerometer']}}}",
+    "receiver={rate_hz: 2, lever_arm_m: [0.4, 0, -0.3]}",
+    "signals.range_sigma_m=0.2",
+    "signals.range_rate_sigma_m_s=0.05",
+)
+LATENCY = 0.1
+"""From the time a fix is valid to its time in the file, s."""
+
+
+def agl() -> str:
+    """The nominal GLONASS constellation as an almanac: of each satellite the first ascending node of the day."""
+    nominal = glonass.Nominal()
+    # from the state at the start of the day: circles, so the argument of latitude grows evenly
+    start = timescales.posix(DAY.year, DAY.month, DAY.day) - glonass.MOSCOW_MINUS_UTC
+    time = start + np.arange(0.0, 45000.0, 1.0)
+    position, velocity = nominal.state(timescales.gps_from_utc(time))
+    rising = (position[:-1, :, 2] < 0.0) & (position[1:, :, 2] >= 0.0)
+    lines = []
+    for s, slot in enumerate(nominal.slot):
+        k = int(np.flatnonzero(rising[:, s])[0])
+        node = time[k] - position[k, s, 2] / velocity[k, s, 2]
+        at = nominal.state(timescales.gps_from_utc(np.array([node])))[0][0, s]
+        radius = float(np.linalg.norm(at))
+        period = 2.0 * np.pi * np.sqrt(radius**3 / glonass.GM)
+        inclination = INCLINATION - glonass.FDMA_MEAN_INCLINATION
+        moscow = node + glonass.MOSCOW_MINUS_UTC - timescales.posix(DAY.year, DAY.month, DAY.day)
+        first = [moscow, 0.0, 0.0, 0.0]
+        longitude, excess = np.arctan2(at[1], at[0]), period - glonass.FDMA_MEAN_PERIOD
+        second = [longitude / np.pi, inclination / np.pi, 0.0, 0.0, excess, 0.0]
+        lines += [
+            f"{DAY:%d %m %Y}       0",
+            f"{slot:2d} {nominal.channel[s]:3d}   1  {DAY:%d %m %Y}" + "".join(f" {x:16.9E}" for x in first),
+            " ".join(f"{x:16.9E}" for x in second),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def yuma() -> str:
+    """The baseline GPS constellation as a YUMA almanac of noon."""
+    e = gps.nominal(NOON).records
+    lines = []
+    for k, prn in enumerate(e.prn):
+        week, second = divmod(float(e.toe[k]), timescales.WEEK)
+        lines += [
+            f"******** Week {week:.0f} almanac for PRN-{prn:02d} ********",
+            f"ID:                         {prn:02d}",
+            "Health:                     000",
+            f"Eccentricity:               {e.e[k]:.9E}",
+            f"Time of Applicability(s):  {second:.4f}",
+            f"Orbital Inclination(rad):   {e.i0[k]:.9f}",
+            f"Rate of Right Ascen(r/s):  {e.omega_dot[k]:.9E}",
+            f"SQRT(A)  (m 1/2):           {e.sqrt_a[k]:.6f}",
+            f"Right Ascen at Week(rad):  {e.omega0[k]:.9E}",
+            f"Argument of Perigee(rad):   {e.omega[k]:.9f}",
+            f"Mean Anom(rad):            {e.m0[k]:.9E}",
+            f"Af0(s):                     {e.af0[k]:.9E}",
+            f"Af1(s/s):                   {e.af1[k]:.9E}",
+            f"week:                        {week:.0f}",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def rinex() -> str:
+    """The messages both nominal constellations would have sent, an hour to each side of noon."""
+    vectors = glonass_broadcast.messages(glonass.Nominal(), NOON - 3600.0, NOON + 3600.0)
+    made = f"{'navsim ' + navsim.__version__:20s}{'':20s}{DAY:%Y%m%d} 120000 UTC "
+    comments = ("nominal constellations, scripts/make_shipped_data.py",)
+    elements, at = gps.nominal(NOON).records, float(timescales.gps_from_utc(NOON))
+    return "\n".join(navigation_lines(elements, vectors, comments, made, at=at)) + "\n"
+
+
+def flight() -> tuple[bytes, str]:
+    """Samples (gzip) and fixes of the flight."""
+    case = landing.prepare(*read(SCENARIOS / "s_turn.yaml", SETTINGS))
+    world = case.world
+    step = 1.0 / case.scenario.imu.rate_hz
+    dtheta, dv, _ = imu.simulate(generator(SEED, 0, "imu"), world.dtheta, world.dv, step, case.gyro, case.accel)
+    samples = io.StringIO()
+    head = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
+    table = np.column_stack([world.imu_time[1:], dtheta / step, dv / step])
+    np.savetxt(samples, table, ["%.2f", *3 * ["%.5f"], *3 * ["%.4f"]], ",", header=head, comments="")
+    llh, velocity, _, _ = fixed(world, *measured(world, SEED, 0))
+    fixes = io.StringIO()
+    head = "t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s"
+    table = np.column_stack([world.signals.time + LATENCY, np.degrees(llh[:, :2]), llh[:, 2], velocity])
+    np.savetxt(fixes, table, ["%.1f", "%.8f", "%.8f", *4 * ["%.3f"]], ",", header=head, comments="")
+    return gzip.compress(samples.getvalue().encode(), mtime=0), fixes.getvalue()
+
+
+def write(folder: Path) -> None:
+    """Write all files. Raises OSError."""
+    (folder / "nominal.agl").write_text(agl())
+    (folder / "nominal.alm").write_text(yuma())
+    (folder / "nominal.rnx").write_text(rinex())
+    samples, fixes = flight()
+    (folder / "flight_imu.csv.gz").write_bytes(samples)
+    (folder / "flight_gnss.csv").write_text(fixes)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else SCENARIOS / "data")

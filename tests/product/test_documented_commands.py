@@ -1,0 +1,207 @@
+"""Every command of README.md and docs/*.md, run top to bottom as written, in a fresh copy of the tree.
+
+Nothing lies beside the copy. It has what git tracks but for the package: that is the one under test, as an editable
+installation has it. (Machine code is kept by the path of its source, so a copied package would compile for a minute.)
+
+With `--as-written` (part of `make validate`) every number is taken as it stands; without it `SHORTER` makes the long
+commands small.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from navsim.cli.main import app
+from navsim.io.export import export
+from navsim.io.results import read
+from tests.conftest import ROOT
+
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PROGRAMS = ("navsim", "make", "cat", "python")
+"""What a line of a code block must start with to be a command."""
+
+SHORTER = [
+    ("--runs 1000", "--runs 20"),
+    ("runs1000", "runs20"),
+    ("within 2%", "within 50%"),
+    ("navsim table2", "navsim table2 --runs 60"),
+    (" --realtime", ""),  # a landing lasts two minutes
+    ("navsim live", "navsim live --silence 2"),
+    *((f"-o results/{name}.h5", f"-o results/{name}.h5 --figures none") for name in ("wide", "almanac", "run7")),
+    ("--method covariance ", "--method covariance --figures none "),
+    ("scenarios/mls_elevation.yaml", "scenarios/mls_elevation.yaml --set montecarlo.experiments=20"),
+    ("scenarios/atc_tracking.yaml", "scenarios/atc_tracking.yaml --runs 50"),
+    ("scenarios/azimuth_tracking.yaml", "scenarios/azimuth_tracking.yaml --runs 50 --set map.runs=0"),
+]
+"""What stands in the documents, and what is run instead where time is short."""
+
+INSTALLS = ("make run", "make test")
+"""They install from the network; `make -n` says that the targets are there."""
+NO_DEVICE = "serial:///dev/ttyUSB0"
+"""There is no receiver at a serial port; the command must get as far as saying so."""
+
+
+def code_blocks(text: str) -> list[list[str]]:
+    """Blocks of lines, fenced or indented by four columns after a blank line."""
+    blocks: list[list[str]] = []
+    fenced = inside = False
+    before = ""
+    for line in text.splitlines():
+        if line.startswith("```"):
+            fenced = not fenced
+            inside = False
+        elif fenced or (line.startswith("    ") and (inside or not before.strip())):
+            if not inside:
+                blocks.append([])
+            blocks[-1].append(line if fenced else line[4:])
+            inside = True
+        elif line.strip():
+            inside = False
+        before = line
+    return blocks
+
+
+def commands(document: Path) -> list[str]:
+    """Shell commands of a document, continuation lines joined; programs in Python are given to python."""
+    found = []
+    for block in code_blocks(document.read_text(encoding="utf-8")):
+        if block[0].startswith("import "):
+            found.append(f"python -c {shlex.quote(chr(10).join(block))}")
+            continue
+        for line in "\n".join(block).replace("\\\n", "").split("\n"):
+            if line.split(" ")[0] in PROGRAMS:
+                found.append(line)
+    return found
+
+
+WITH_COMMANDS = [path for path in DOCUMENTS if commands(path)]
+
+
+def fresh_copy(target: Path) -> None:
+    """The files a clone would have."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in listed.split("\0"):
+        source = ROOT / name
+        if name and source.is_file() and not name.startswith(("navsim/", "tests/", "benchmarks/")):
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(source, target / name)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def taken(port: int) -> bool:
+    """Whether somebody listens for datagrams."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("0.0.0.0", port))
+        except OSError:
+            return True
+        return False
+
+
+def send_fixes(result: Path, folder: Path, port: int, stop: threading.Event) -> None:
+    """A receiver: the NMEA sentences of a result's fixes, as soon as somebody listens."""
+    (sentences,) = export(read(result), folder / "sent.h5", ["nmea"])
+    lines = sentences.read_text().splitlines()
+    while not taken(port) and not stop.is_set():
+        time.sleep(0.05)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        for line in lines:
+            link.sendto(f"{line}\r\n".encode(), ("127.0.0.1", port))
+            time.sleep(0.0005)
+
+
+def run(command: str, tree: Path, place: Path) -> subprocess.CompletedProcess[str]:
+    """One line by the shell, `navsim` and `python` being those of the tree."""
+    environment = {**os.environ, "PATH": f"{place / 'bin'}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    stop = threading.Event()
+    receiver = None
+    udp = re.search(r"udp://0\.0\.0\.0:(\d+)", command)
+    if udp:
+        port = free_port()
+        command = command.replace(udp[0], f"udp://0.0.0.0:{port}")
+        result = tree / "results" / "landing.h5"
+        receiver = threading.Thread(target=send_fixes, args=(result, place, port, stop))
+        receiver.start()
+    try:
+        return subprocess.run(
+            ["bash", "-o", "pipefail", "-c", command],
+            cwd=tree, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    finally:
+        stop.set()
+        if receiver is not None:
+            receiver.join()
+
+
+@pytest.mark.parametrize("document", WITH_COMMANDS, ids=[path.stem for path in WITH_COMMANDS])
+def test_commands_run_as_written(document: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    tree = tmp_path / "tree"
+    fresh_copy(tree)
+    (tmp_path / "bin").mkdir()
+    for name, start in (("navsim", "-m navsim"), ("python", "")):
+        shim = tmp_path / "bin" / name
+        shim.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {start} "$@"\n')
+        shim.chmod(0o755)
+    whole = pytestconfig.getoption("--as-written")
+    for written in commands(document):
+        command = written
+        if command.split("#")[0].strip() in INSTALLS:
+            command = command.replace("make", "make -n", 1)
+        if not whole:
+            for long, short in SHORTER:
+                command = command.replace(long, short)
+        done = run(command, tree, tmp_path)
+        if NO_DEVICE in command:
+            assert done.returncode == 2, command
+            assert f"{NO_DEVICE}?baud=921600" in done.stderr
+            assert "cannot be opened" in done.stderr
+            continue
+        assert done.returncode == 0, f"{document.name}: {command}\n{done.stdout}{done.stderr}"
+        assert "Traceback" not in done.stderr
+        if "udp://" in command:
+            (used,) = re.findall(r"messages used +(\d+)", done.stdout)
+            assert int(used) >= 1000  # of 1200; a datagram may be lost where the machine is busy
+
+
+def test_there_are_commands_to_run() -> None:
+    """The extraction finds what a reader sees; a document with a command is not passed over."""
+    found = {path.stem: commands(path) for path in WITH_COMMANDS}
+    assert len(found["README"]) >= 20
+    assert any("sky.almanac" in command and "epoch=" in command for command in found["README"])  # joined lines
+    assert any(command.startswith("python -c 'import xarray") for command in found["README"])
+    for path in DOCUMENTS:
+        seen = len(re.findall(r"^    (?:cat .*\| )?navsim ", path.read_text(encoding="utf-8"), re.MULTILINE))
+        assert seen == sum("navsim " in command for command in commands(path) if "python" not in command), path
+
+
+def test_options_named_in_running_text_exist() -> None:
+    """`navsim COMMAND --option` within a sentence names commands and options that are there."""
+    known = {name: {o for p in c.params for o in p.opts} for name, c in typer.main.get_command(app).commands.items()}
+    checked = 0
+    for path in DOCUMENTS:
+        for code in re.findall(r"`navsim ([^`]+)`", path.read_text(encoding="utf-8")):
+            words = code.split()
+            if words[0].startswith("-"):
+                continue
+            assert words[0] in known, f"{path.name}: navsim {code}"
+            for option in (word for word in words[1:] if word.startswith("-")):
+                assert option in known[words[0]], f"{path.name}: navsim {code}"
+            checked += 1
+    assert checked >= 5
