@@ -142,6 +142,20 @@ def read(scenario: Path, assignments: list[str] | None) -> Any:
         leave(BAD_INPUT, *error.problems)
 
 
+def method_given(path: Path, assignments: list[str] | None, method: str | None) -> tuple[list[str], str]:
+    """The assignment for --method, and the suffix of the result's name where it is not the file's own method."""
+    from navsim.scenario.load import own_method
+    from navsim.scenario.source import InputError
+
+    if method is None:
+        return [], ""
+    try:
+        own = own_method(path, assignments or [])
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    return ([], "") if own is None else ([f"method={method}"], "" if own == method else f"_{method}")
+
+
 def target_of(scenario: Path, output: Path | None, sort: Sort, force: bool, suffix: str = "") -> Path:
     """The result's path, found writable and free of other data before anything is computed.
 

@@ -21,6 +21,7 @@ from navsim.cli.common import (
     announce_compiling,
     figure_folder,
     leave,
+    method_given,
     output_option,
     print_result,
     print_summary,
@@ -106,7 +107,8 @@ def run(
     """Fly a scenario: result file, summary table, figures."""
     from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort
 
-    checked, document = read(scenario, set_)
+    assigned, suffix = method_given(scenario, set_, method)
+    checked, document = read(scenario, [*(set_ or []), *assigned])
     if checked.kind != "landing":  # one of the companion papers' systems
         given = {"--until": until, "--keep": keep, "--method": method, "--first-run": first_run, "--workers": workers}
         foreign = [name for name, value in given.items() if value]
@@ -116,10 +118,6 @@ def run(
         target = target_of(scenario, output, Sort(checked.kind), force)
         _run_companion(scenario, checked, target, seed, runs, figures, dry_run, quiet, json_)
         return
-    suffix = ""
-    if method is not None and method != checked.method:
-        checked, document = read(scenario, [*(set_ or []), f"method={method}"])
-        suffix = f"_{method}"
     analytic = checked.method == "covariance"
     if analytic and (runs or until or keep):
         leave(BAD_INPUT, "--runs, --until and --keep belong to method monte-carlo; a covariance analysis has no runs")

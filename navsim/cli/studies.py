@@ -21,6 +21,7 @@ from navsim.cli.common import (
     announce_compiling,
     figure_folder,
     leave,
+    method_given,
     output_option,
     print_console,
     progress,
@@ -75,13 +76,10 @@ def sweep(
     from navsim.scenario.source import InputError
     from navsim.scenario.sweep import Sweep
 
-    extra = [*(set_ or []), *([f"runs={runs}"] if runs else [])]
+    assigned, suffix = method_given(study, set_, method)
+    extra = [*(set_ or []), *assigned, *([f"runs={runs}"] if runs else [])]
     try:
         section, document, base = read_study(study, Sweep, extra)
-        suffix = ""
-        if method is not None and method != section.method:
-            section, document, base = read_study(study, Sweep, [*extra, f"method={method}"])
-            suffix = f"_{method}"
         target = target_of(study, output, Sort("sweep", section.method), force, suffix)
         from navsim.core import jit
         from navsim.report import sweep as report

@@ -36,15 +36,31 @@ def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Docu
 
     Raises InputError listing every problem found.
     """
-    document = load(path)
-    for assignment in assignments:
-        assign(document, assignment)
+    document = _assigned(path, assignments)
     kind = document.data.get("kind")
-    if kind not in KINDS:
+    if str(kind) not in KINDS:  # anything may stand there, a list too
         missing = "kind" not in document.data
         said = "this key is required; " if missing else f"{kind!r} is no kind of scenario; "
         raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(KINDS)))])
     return validated(KINDS[str(kind)], document), document
+
+
+def _assigned(path: Path, assignments: Sequence[str]) -> Document:
+    document = load(path)
+    for assignment in assignments:
+        assign(document, assignment)
+    return document
+
+
+def own_method(path: Path, assignments: Sequence[str] = ()) -> str | None:
+    """The method a file itself asks for, None for kinds that know only one. Raises InputError as `load`.
+
+    Nothing else is validated: a file may be right only under the method that the command line gives instead.
+    """
+    data = _assigned(path, assignments).data
+    kind = str(data.get("kind"))
+    fields = KINDS[kind].model_fields if kind in KINDS else {}
+    return str(data.get("method", fields["method"].default)) if "method" in fields else None
 
 
 def _read(path: Path, assignments: Sequence[str], *wanted: str) -> tuple[Any, Document]:

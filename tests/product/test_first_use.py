@@ -81,6 +81,17 @@ def test_a_method_of_the_scenario_itself_needs_no_name(tmp_path: Path) -> None:
     assert sorted(p.name for p in (tmp_path / "results").iterdir()) == ["mine.h5", "mine_monte-carlo.h5"]
 
 
+def test_a_file_may_be_right_only_under_the_method_given(tmp_path: Path) -> None:
+    """Carrier smoothing has no covariance analysis; the file asks for one, the command line for a run."""
+    own = tmp_path / "mine.yaml"
+    own.write_text(LANDING.read_text().replace("  latency_s: 0\n", "  latency_s: 0\n  smoothing_s: 20\n"))
+    own.write_text(own.read_text() + "method: covariance\n")
+    assert "smoothing_s" in navsim("run", own, *BRIEF, "-q", cwd=tmp_path, code=2).stderr
+    navsim("run", own, *BRIEF, "-q", "--method", "monte-carlo", cwd=tmp_path)
+    foreign = navsim("run", SCENARIOS / "mls_elevation.yaml", "--method", "covariance", cwd=tmp_path, code=2)
+    assert "--method: only for `kind: landing`" in foreign.stderr
+
+
 @pytest.mark.parametrize(
     ("first", "second"),
     [
@@ -200,6 +211,12 @@ def test_scenarios_are_wanted(command: str, files: Path) -> None:
     extra = ("--receiver", "-") if command == "live" else ()
     said = navsim(command, "x.h5", *extra, cwd=files, code=2).stderr
     assert "x.h5: is a result, not a scenario: use navsim show x.h5 or navsim plot x.h5" in said
+
+
+def test_a_kind_that_is_a_list_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("kind: [landing]\nversion: 1\n")
+    for command in (("run", "x.yaml"), ("run", "x.yaml", "--method", "covariance"), ("show", "x.yaml")):
+        assert "x.yaml" in navsim(*command, cwd=tmp_path, code=2).stderr
 
 
 TAKES = {
