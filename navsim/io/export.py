@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core import wgs84
+from navsim.core.rotation import dcm_from_rpy
 from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError, write_text
 from navsim.models import glonass_broadcast, gps, timescales
@@ -426,6 +427,20 @@ def _sentence(body: str) -> str:
 # --- maps
 
 
+def true_antenna(result: Result) -> np.ndarray:
+    """Where the antenna truly is at the fix epochs, ECEF, m (e, 3): the IMU's position with the lever arm turned by
+    the true attitude, both interpolated between the stored instants."""
+    t, when = result["/truth/time"], result["/geometry/time"]
+
+    def at_fixes(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
+
+    llh = at_fixes(result["/truth/position_llh"])
+    attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
+    lever = attitude @ np.array(_scenario(result)["receiver"]["lever_arm_m"], dtype=float)
+    return wgs84.ecef_from_llh(llh) + np.einsum("eij,ei->ej", wgs84.ned_matrix(llh), lever)
+
+
 def _map_features(result: Result) -> list[dict[str, Any]]:
     """Track, error ellipses of fixes, pseudolites, runway: type, name, coordinates (lon, lat, h), properties."""
     if result.attributes["kind"] == "replay":
@@ -448,12 +463,12 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
                 "coordinates": _lonlat(_offset(threshold, corners @ axes[:, :2].T))})  # fmt: skip
     for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
         out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
-    covariance = result["/receiver/covariance_enu"]
+    covariance, antenna = result["/receiver/covariance_enu"], wgs84.llh_from_ecef(true_antenna(result))
     known = np.flatnonzero(np.isfinite(covariance[:, 0, 0]))
     scale = np.sqrt(-2.0 * np.log(1.0 - ELLIPSE_PROBABILITY))
     for e in known[:: max(1, known.size // _ELLIPSES)]:
         t = result["/geometry/time"][e]
-        here = np.array([np.interp(t, result["/truth/time"], llh[:, i]) for i in range(3)])
+        here = antenna[e]
         values, vectors = np.linalg.eigh(covariance[e, :2, :2])
         angle = np.linspace(0.0, 2.0 * np.pi, _ELLIPSE_POINTS + 1)
         circle = np.stack([np.cos(angle), np.sin(angle)]) * (scale * np.sqrt(values))[:, None]

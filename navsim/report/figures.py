@@ -16,8 +16,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix
+from navsim.io.export import true_antenna
 from navsim.io.results import Result, ResultError, Stream, write_text
 from navsim.report.figure_files import MARK, remove_former
 from navsim.report.tables import runs_of, setting, single
@@ -218,20 +218,6 @@ def dop(result: Result) -> Figure:
     ax.set_ylabel("DOP")
     legend_above(fig, ax, 4, _true_for(result).strip(" ()") or None)
     return fig
-
-
-def true_antenna(result: Result) -> np.ndarray:
-    """Where the antenna truly is at the fix epochs, ECEF, m (e, 3): the IMU's position with the lever arm turned by
-    the true attitude, both interpolated between the stored instants."""
-    t, when = result["/truth/time"], result["/receiver/time"]
-
-    def at_fixes(values: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
-
-    llh = at_fixes(result["/truth/position_llh"])
-    attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
-    lever = attitude @ np.array(setting(result, "receiver", "lever_arm_m"), dtype=float)
-    return ecef_from_llh(llh) + np.einsum("eij,ei->ej", ned_matrix(llh), lever)
 
 
 def fix_errors(result: Result) -> np.ndarray:

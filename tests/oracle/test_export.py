@@ -357,6 +357,21 @@ def test_maps(noisy: Result, tmp_path: Path) -> None:
     assert len(root.findall(".//k:Placemark", names)) == len(features)
 
 
+def test_ellipses_lie_about_the_antenna(tmp_path: Path) -> None:
+    """Fixes are of the antenna: five metres ahead of the IMU, to the north, their ellipses are there."""
+    shapely = pytest.importorskip("shapely.geometry")
+    result = flown("receiver.lever_arm_m=[5, 0, 0]", "duration_s=20")
+    export(result, tmp_path / "r.h5", ["geojson"])
+    features = json.loads((tmp_path / "r.geojson").read_text())["features"]
+    ellipses = [f for f in features if f["properties"]["kind"] == "ellipse"]
+    assert ellipses
+    for f in ellipses:
+        here = np.argmin(np.abs(result["/truth/time"] - f["properties"]["t_s"]))
+        latitude = np.radians(shapely.shape(f["geometry"]).centroid.y)
+        ahead = 6.37e6 * (latitude - result["/truth/position_llh"][here, 0])
+        assert ahead == pytest.approx(5.0 * np.cos(result["/truth/attitude_rpy"][here, 1]), abs=0.05)
+
+
 def test_what_cannot_be_exported_is_said(noisy: Result, tmp_path: Path) -> None:
     c = case("receiver.rate_hz=2")
     bare = landing.result(c, landing.fly_all(c, 1, 0, 2, 1, keep="errors"), 1, keep="errors")
