@@ -110,7 +110,8 @@ def run(
     assigned, suffix = method_given(scenario, set_, method)
     checked, document = read(scenario, [*(set_ or []), *assigned])
     if checked.kind != "landing":  # one of the companion papers' systems
-        given = {"--until": until, "--keep": keep, "--method": method, "--first-run": first_run, "--workers": workers}
+        given = {"--until": until, "--keep": keep, "--method": method, "--first-run": first_run, "--workers": workers,
+                 "--fresh": fresh}  # fmt: skip
         foreign = [name for name, value in given.items() if value]
         if foreign or require_fix:
             named = ", ".join(foreign or ["--require-fix"])
@@ -119,8 +120,12 @@ def run(
         _run_companion(scenario, checked, target, seed, runs, figures, dry_run, quiet, json_)
         return
     analytic = checked.method == "covariance"
-    if analytic and (runs or until or keep):
-        leave(BAD_INPUT, "--runs, --until and --keep belong to method monte-carlo; a covariance analysis has no runs")
+    if analytic:
+        given = {"--runs": runs, "--until": until, "--keep": keep, "--first-run": first_run, "--workers": workers,
+                 "--fresh": fresh}  # fmt: skip
+        foreign = [name for name, value in given.items() if value]
+        if foreign:
+            leave(BAD_INPUT, f"{', '.join(foreign)}: only for method monte-carlo; a covariance analysis has no runs")
     runs = runs or (1 if until is None else MOST_RUNS)
     kept = keep or ("all" if runs == 1 else "errors")
     if runs > 1:

@@ -16,19 +16,22 @@ def remove_former(folder: Path, stem: str, kept: Collection[Path] = ()) -> None:
 
     Files without the mark, and those of other stems that begin alike, are not touched. Raises ResultError.
     """
-    from PIL import Image, UnidentifiedImageError
-
     present = {path.resolve() for path in kept}
-    try:
-        for path in folder.glob("*.png"):
-            if not path.name.startswith(f"{stem}_") or path.resolve() in present or not path.is_file():
-                continue
+    for path in folder.glob("*.png"):
+        if path.name.startswith(f"{stem}_") and path.resolve() not in present and _mark(path) == stem:
             try:
-                with Image.open(path) as image:
-                    ours = image.info.get(MARK) == stem
-            except UnidentifiedImageError:
-                continue  # another program's, whatever its name says
-            if ours:
                 path.unlink()
-    except OSError as error:
-        raise ResultError(f"{folder}: old figures cannot be removed: {error.strerror or error}") from None
+            except OSError as error:
+                raise ResultError(f"{path}: an old figure cannot be removed: {error.strerror or error}") from None
+
+
+def _mark(path: Path) -> str | None:
+    """The stem of the result a picture is of; None for what is no picture of navsim's, whatever its name says."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            found = image.info.get(MARK)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return None  # no picture, a damaged or a huge one: ours can be opened
+    return None if found is None else str(found)

@@ -141,6 +141,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
     elif kind == "tuple_type":
         message = "expected a list"
     given = error.get("input")
+    if kind == "value_error" and isinstance(given, (dict, list, tuple)):
+        return Problem(place, key, message)  # what a validator of a whole section found says itself what was given
     shown = repr(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
     return Problem(place, key, f"{message}, not {shown[:60]}")
 

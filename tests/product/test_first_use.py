@@ -7,8 +7,10 @@ import gzip
 import os
 import re
 import shutil
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 from typing import get_args
 
@@ -166,7 +168,11 @@ def test_figures_go_with_their_result(tmp_path: Path, monkeypatch: pytest.Monkey
     assert "r_wide_errors.png" in wide
     Image.new("RGB", (8, 8)).save(tmp_path / "r_photo.png")
     (tmp_path / "r_note.png").write_text("no picture")
-    mine = {"r_photo.png", "r_note.png"}
+    # a picture too large to open, and one cut off: neither ends a run that is finished
+    huge = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
+    (tmp_path / "r_huge.png").write_bytes(huge + struct.pack(">I", zlib.crc32(huge[12:])))
+    (tmp_path / "r_cut.png").write_bytes(huge[:20])
+    mine = {"r_photo.png", "r_note.png", "r_huge.png", "r_cut.png"}
 
     navsim(*run, "--method", "covariance", "--force", cwd=tmp_path)
     now = figures(tmp_path) - wide - mine
