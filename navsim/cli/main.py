@@ -8,12 +8,13 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import INTERRUPTED, OK, say
+from navsim.cli.common import INTERRUPTED, OK, RUN_FAILED, say
 from navsim.cli.files import init, schema, validate
 from navsim.cli.recorded import live, replay
 from navsim.cli.results import export, plot, show
 from navsim.cli.run import run
 from navsim.cli.studies import optimize, sweep, table2
+from navsim.core.defect import Defect
 
 app = typer.Typer(
     name="navsim",
@@ -51,6 +52,9 @@ def main() -> None:
     except KeyboardInterrupt:
         say("interrupted")
         sys.exit(INTERRUPTED)
+    except Defect as error:
+        say(f"error: {error}")
+        sys.exit(RUN_FAILED)
     except BrokenPipeError:
         # the reader of a pipe went away, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -178,7 +178,7 @@ def run(
             found = landing.findings(case, ensemble)
             result = landing.result(case, ensemble, seed, keep=kept)
         written = save(result, target, drawing)
-    except (ResultError, PartialError, landing.AnalysisError) as error:
+    except (ResultError, PartialError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
         if store is not None:

@@ -85,7 +85,7 @@ def sweep(
         from navsim.report import sweep as report
         from navsim.study import sweep as computing
         from navsim.study.ensemble import PartialError
-        from navsim.study.landing import AnalysisError, default_workers
+        from navsim.study.landing import default_workers
 
         planned = computing.plan(section, document, base, seed)
     except InputError as error:
@@ -107,7 +107,7 @@ def sweep(
         table = report.save_csv(result, target.with_suffix(".csv"))
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    except (ResultError, PartialError, AnalysisError) as error:
+    except (ResultError, PartialError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
         say(f"finished combinations are kept in {target}.partial; the same command goes on from there")
@@ -165,7 +165,6 @@ def optimize(
         from navsim.core import jit
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
-        from navsim.study.landing import AnalysisError
         from navsim.study.objective import problem as pose
         from navsim.study.search import NoPlacement
         from navsim.study.sweep import describe
@@ -188,7 +187,7 @@ def optimize(
         written = save(result, target, None if interrupted else drawing)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    except (ResultError, AnalysisError, NoPlacement) as error:
+    except (ResultError, NoPlacement) as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
     if json_:

@@ -276,8 +276,9 @@ def run(
         for node in range(n - 1, -1, -1):
             if node < n - 1:
                 if not _smoothing_gain(carried[node + 1], predicted[node + 1], factor, gains[node]):
-                    nees[:] = np.nan
-                    nees_pv[:] = np.nan
+                    # no covariance, no answer: nothing of what the arrays held before is left in them
+                    error[:], sigma[:], cross[:], estimate[:] = np.nan, np.nan, np.nan, np.nan
+                    nees[:], nees_pv[:], nees_group[:] = np.nan, np.nan, np.nan
                     return
                 for i in range(states.N):
                     t = 0.0

@@ -226,7 +226,7 @@ def nominal(utc: float) -> Constellation:
     n = np.sqrt(GM / _SLOTS_RADIUS**3)
     node_rate = -1.5 * _J2 * n * (_EQUATOR / _SLOTS_RADIUS) ** 2 * np.cos(_SLOTS_INCLINATION)
     toe = np.floor(timescales.gps_from_utc(utc))
-    since = float(timescales.utc_from_gps(toe)) - _SLOTS_TIME
+    since = float(toe - timescales.gps_from_utc(_SLOTS_TIME))
     node, latitude = np.array([(v[0], u) for v in _SLOTS.values() for u in v[1:]]).T
     inertial = np.radians(node) + node_rate * since
     greenwich = timescales.sidereal_angle(timescales.utc_from_gps(toe))

@@ -63,7 +63,7 @@ class Signals:
                       "ionosphere", "space", "fix_sigma"):  # fmt: skip
             values = getattr(self, field)
             if values is not None:
-                finite = np.isfinite(values).reshape(*self.used.shape, -1).all(axis=2)
+                finite = np.isfinite(values).all(axis=tuple(range(2, values.ndim)))
                 out += [(self.names[i], field) for i in np.flatnonzero((self.used & ~finite).any(axis=0))]
         return out
 

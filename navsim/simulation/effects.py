@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh
 from navsim.models import atmosphere, tracking
 from navsim.models.pseudorange import satellites_at_reception
@@ -93,8 +94,8 @@ def propagation(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What ionosphere and troposphere leave in the pseudoranges, and the ionosphere's part of it, (e, s) m.
 
-    gpst: (e,) GPS s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. nan for satellites
-    without a direction, and for those at or below the horizon where there is a troposphere.
+    gpst: (e,) GPS s. llh: (e, 3). azimuth, elevation: (e, s) rad. ratio2: (s,) (L1 / f)^2. Where there is an
+    atmosphere, nan for satellites without a direction; with a troposphere, for those at or below the horizon, too.
     """
     ionosphere, troposphere = np.zeros_like(elevation), np.zeros_like(elevation)
     if effects.ionosphere is not None:
@@ -118,7 +119,7 @@ def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velo
     unit: (e, s, 3) receiver to satellite, ECEF. position, velocity: (e, s, 3) ECEF.
     """
     radial = position / np.linalg.norm(position, axis=2, keepdims=True)
-    across = np.cross(position, velocity)
+    across = np.cross(position, velocity + np.cross([0.0, 0.0, EARTH_RATE], position))
     across /= np.linalg.norm(across, axis=2, keepdims=True)
     axes = np.stack([radial, np.cross(across, radial), across], axis=2)
     # a satellite believed to be farther out than it is makes the pseudorange look short

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from navsim.core.defect import Defect
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
 from navsim.models import atmosphere, pseudorange, timescales, tracking
@@ -177,7 +178,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     return finished
 
 
-class UndefinedSignal(Exception):
+class UndefinedSignal(Defect):
     """A model gives no number for a signal that is received; the message names signals and quantities."""
 
 
@@ -211,7 +212,8 @@ def _affected(
             first = here.stop
             unit, azimuth, elevation = seen_from(group.constellation, earlier, effects.reference.llh)
             there, part = propagation(effects, earlier, place, azimuth, elevation, ratio2[here])
-            used[:, here] &= np.isfinite(there)  # the station does not see it: no correction, no use
+            # the station does not see it, or knows nothing of it: no correction, no use
+            used[:, here] &= np.isfinite(there) & np.isfinite(elevation)
             delay[:, here] -= there
             ionosphere[:, here] -= part
             if space is not None and effects.space is not None:

@@ -14,6 +14,7 @@ and optimization, SIAM Review 60 (2018).
 
 from __future__ import annotations
 
+import datetime
 import itertools
 import math
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.wgs84 import llh_from_ecef
+from navsim.models import timescales
 from navsim.models.kinematics import Motion
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
@@ -126,6 +128,7 @@ def problem(study: Optimize, document: Document, base: Document) -> Problem:
     starts = np.array([scenario.epoch.timestamp()])
     if study.period is not None:
         starts = starts + np.arange(study.period.count) * study.period.hours * 3600.0 / study.period.count
+        _check_known(sources, starts, document)
     fixes, counted = glide_epochs(scenario, trajectory)
     epochs = fixes[counted]
     geometry = glide_geometry(trajectory, sources, starts, fixes, counted)
@@ -148,6 +151,21 @@ def problem(study: Optimize, document: Document, base: Document) -> Problem:
         _screens(study.objective, geometry, epochs, end, kept),
         _features(geometry, epochs, end, kept),
     )  # fmt: skip
+
+
+def _check_known(sources: Environment, starts: np.ndarray, document: Document) -> None:
+    """Raise InputError where a constellation is unknown at some of the starts, POSIX s (n,): the objective would be of
+    fewer satellites there without a word."""
+    for group in sources.satellites:
+        position, _ = group.constellation.state(timescales.gps_from_utc(starts))
+        lost = ~np.isfinite(position[..., 0]).any(axis=1)
+        if lost.any():
+            first = datetime.datetime.fromtimestamp(starts[np.argmax(lost)], datetime.UTC)
+            text = (
+                f"no {group.constellation.system} satellite is known at {lost.sum()} of {starts.size} start times, the "
+                f"first of them {first:%Y-%m-%dT%H:%M:%SZ}: the messages or orbits do not reach over the period"
+            )
+            raise InputError([Complaint(document.place(("period",)), "period", text)])
 
 
 def _ranked(places: np.ndarray, broken: np.ndarray, judge: Judge) -> np.ndarray:
@@ -263,9 +281,11 @@ class _Flight:
         sources = replace(self.case.environment, ground=replace(self.case.ground, names=names, llh=llh))
         signals = build_signals(self.motion, self.case.scenario.epoch.timestamp(), sources)
         signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
+        # fewer epochs have less to smooth already
+        share = self.share if signals.smoothing is None else self.share**2
         signals = replace(
-            signals, sigma=self.share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
-            fix_sigma=self.share * signals.fix_sigma,
+            signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
+            fix_sigma=share * signals.fix_sigma,
         )  # fmt: skip
         return replace(self.case, environment=sources, world=replace(self.case.world, signals=signals))
 

@@ -13,6 +13,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.signals import Pseudolites
+from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
@@ -138,21 +140,13 @@ class Plan:
     def _axis_of(self, key: str) -> int:
         return next(i for i, vary in enumerate(self.study.vary) if key in vary.names())
 
-    @property
+    @cached_property
     def first(self) -> tuple[Landing, Document]:
         """The first valid combination; raises the InputError of the first one where none is valid at once."""
-        return self._first[1]
-
-    @property
-    def _first_index(self) -> int:
-        return self._first[0]
-
-    @cached_property
-    def _first(self) -> tuple[int, tuple[Landing, Document]]:
         error: InputError | None = None
         for index in range(min(self.size, 1000)):
             try:
-                return index, self.scenario(self.settings(index))
+                return self.scenario(self.settings(index))
             except InputError as problem:
                 error = error or problem
         assert error is not None
@@ -206,21 +200,30 @@ class Plan:
 
     @cached_property
     def files(self) -> dict[str, str]:
-        """Checksums of the satellite files that combinations read, by the names the scenarios give them; UNUSABLE for
-        those that cannot be used."""
-        found = files_of(self.pinned)
-        varied = [i for i, axis in enumerate(self.axes) if any(key in NAME_FILES for key in axis.keys)]
-        place = list(np.unravel_index(self._first_index, self.shape))
-        for points in itertools.product(*(range(len(self.axes[i].points)) for i in varied)):
-            for i, point in zip(varied, points, strict=True):
-                place[i] = np.intp(point)
-            settings = self.settings(int(np.ravel_multi_index(tuple(place), self.shape)))
-            try:
-                found |= files_of(environment(*self.scenario(settings))[1])
-            except InputError:
-                named = [settings[key] for key in NAME_FILES if key in settings]
-                found |= {json.dumps(name): UNUSABLE for name in named}
+        """Checksums of the satellite files that combinations name; UNUSABLE for those that cannot be read."""
+        found: dict[str, str] = {}
+        varied = [axis for axis in self.axes if any(key in NAME_FILES for key in axis.keys)]
+        for points in itertools.product(*(axis.points for axis in varied)):
+            document = self.base.copy()
+            for axis, point in zip(varied, points, strict=True):
+                for key, value in zip(axis.keys, point, strict=True):
+                    place = self.document.place(("vary", self._axis_of(key)))
+                    set_value(document, key, copy.deepcopy(value), place, self.document.folder)
+            sky = document.data.get("sky")
+            source = sky.get("source") if isinstance(sky, dict) else None
+            if source in SOURCES_FROM_FILES:
+                names = sky.get(source)
+                for name in names if isinstance(names, list) else [names]:
+                    if isinstance(name, str) and name not in found:
+                        found[name] = _checksum(document.resolve(("sky", str(source)), name))
         return found
+
+
+def _checksum(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return UNUSABLE
 
 
 def _geometry(scenario: Landing, trajectory: Moving, sources: Environment) -> Geometry:
@@ -234,7 +237,7 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
         base = base.copy()
         set_value(base, "method", study.method, document.place(("method",)), document.folder)
     out = Plan(study, document, base, seed, axes(study, seed))
-    _ = out.files
+    _ = out.pinned
     return out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,6 +115,42 @@ def test_a_satellite_below_the_stations_horizon_is_not_used() -> None:
     assert 0.1 < lost.sum() / c.world.signals.used.sum() < 0.9
     assert np.all(np.isnan(s.los[lost]))
     assert not s.unfinished()
+
+
+@pytest.mark.parametrize("more", [(), ("signals.ephemeris={}",), ("signals.ionosphere={}",)])
+def test_a_satellite_that_the_station_knows_nothing_of_is_not_used(more: tuple[str, ...]) -> None:
+    """Its message begins between the time of the corrections and that of the fix: there is no correction for it."""
+    c = case(*BASE, "pseudolites.differential={latency_s: 30}", "duration_s=20", *more)
+    utc = c.scenario.epoch.timestamp()
+    begins = float(timescales.gps_from_utc(utc))
+
+    class Late:
+        def __init__(self, constellation: Any) -> None:
+            self.constellation = constellation
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.constellation, name)
+
+        def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            position, velocity = self.constellation.state(gpst)
+            early = np.broadcast_to(gpst[:, None] if gpst.ndim == 1 else gpst, position.shape[:2]) < begins
+            position[early], velocity[early] = np.nan, np.nan
+            return position, velocity
+
+    glonass, gps = c.environment.satellites
+    late = replace(c.environment, satellites=(replace(glonass, constellation=Late(glonass.constellation)), gps))
+    s = build_signals(c.trajectory.motion(c.world.signals.time), utc, late)
+    is_glonass = np.array([n.startswith("R") for n in s.names])
+    assert c.world.signals.used[:, is_glonass].any()
+    assert not s.used[:, is_glonass].any()
+    np.testing.assert_array_equal(s.used[:, ~is_glonass], c.world.signals.used[:, ~is_glonass])
+
+
+def test_signals_without_epochs_are_whole() -> None:
+    """A flight shorter than a fix interval: warned of, not refused."""
+    c = case(*BASE, "duration_s=0.5")
+    assert c.world.signals.used.shape[0] == 0
+    assert "shorter than one fix interval" in landing.fix_findings(c)[-1]
 
 
 def test_corrections_of_listed_directions() -> None:

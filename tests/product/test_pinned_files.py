@@ -6,6 +6,7 @@ import hashlib
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from navsim.scenario.load import read_study
@@ -87,6 +88,18 @@ def test_an_unusable_file_of_one_combination_is_part_of_the_key(tmp_path: Path) 
     first = partial_key(plan(*read_study(path, Sweep, []), 1))
     almanac(tmp_path / "b.alm")
     assert partial_key(plan(*read_study(path, Sweep, []), 1)) != first
+
+
+def test_files_that_serve_only_some_combinations(tmp_path: Path) -> None:
+    """A file that is of no use at the first epoch has its checksum all the same; its combinations are nan there."""
+    sums = {"a.alm": almanac(tmp_path / "a.alm")}
+    (tmp_path / "b.alm").write_text("nothing of use")
+    sums["b.alm"] = hashlib.sha256(b"nothing of use").hexdigest()
+    path = sweep_of(tmp_path, "- {key: sky.almanac, values: [a.alm, b.alm]}\n")
+    planned = plan(*read_study(path, Sweep, []), 1)
+    assert planned.files == sums
+    rows, _, _ = SweepStudy(planned).batch(0, 4)
+    assert list(np.isfinite(rows["pdop"])) == [True, False, True, False]
 
 
 def test_the_keep_out_file_is_pinned(tmp_path: Path) -> None:
