@@ -56,7 +56,7 @@ def read_imu(
     dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
     if table.shape[0] < 10:
-        raise FileError(0, f"only {table.shape[0]} usable samples", path)
+        raise _too_few(path, table, "samples", dropped)
     if convention.increments:
         table[:, 1:] = increments_as_rates(table[:, 0], table[:, 1:])
     return Samples(table[:, 0], table[:, 1:4].copy(), table[:, 4:7].copy()), dropped
@@ -118,7 +118,7 @@ def read_fixes(
         dropped.add("repeated fixes", stale.sum())
         table = table[~stale]
     if table.shape[0] < 2:
-        raise FileError(0, f"only {table.shape[0]} usable fixes", path)
+        raise _too_few(path, table, "fixes", dropped)
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     return Fixes(table[:, 0], llh, table[:, 4:7].copy()), dropped
 
@@ -209,10 +209,15 @@ def _limited(
     return table[keep]
 
 
+def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> FileError:
+    """The error for a file that leaves too few rows, and where the others went."""
+    return FileError(0, "; ".join([f"only {table.shape[0]} usable {what}", *dropped.said()]), path)
+
+
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:
     """Rows by time, each time once."""
     dropped.add(f"{what} out of order, sorted", int(np.sum(np.diff(table[:, 0]) < 0.0)))
     table = table[np.argsort(table[:, 0], kind="stable")]
-    twice = np.concatenate([[False], np.diff(table[:, 0]) <= 0.0])
+    twice = np.diff(table[:, 0], prepend=-np.inf) <= 0.0
     dropped.add(f"{what} with the time of another", twice.sum())
     return table[~twice]

@@ -802,9 +802,10 @@ class _Judge:
 
     def clocks(
         self, flight: _Carried, offsets: np.ndarray, tolerated: tuple[float, float]
-    ) -> tuple[float, float] | None:
-        """The best offset of those tolerated and the best of all others, with all else as written and without looking
-        for biases; None where no offset that is tolerated can be judged."""
+    ) -> tuple[float, float | None] | None:
+        """The best offset of those tolerated and the best of all others (None where a short recording lets none of them
+        be judged), with all else as written and without looking for biases; None where no offset that is tolerated can
+        be judged."""
         target = self.targets[0]
         squares = np.full((offsets.size, self.windows.shape[0]), np.nan)
         for row, offset in enumerate(offsets):
@@ -823,9 +824,9 @@ class _Judge:
             [float(np.mean(row[np.isfinite(row)])) if np.isfinite(row).any() else np.inf for row in squares]
         )
         home = int(np.argmin(np.where(allowed, means, np.inf)))
-        levels, _ = _levels(squares, squares[home])
-        other = int(np.argmin(np.where(allowed, np.inf, levels)))
-        return float(offsets[home]), float(offsets[other])
+        others = np.where(allowed, np.inf, _levels(squares, squares[home])[0])
+        other = int(np.argmin(others))
+        return float(offsets[home]), float(offsets[other]) if np.isfinite(others[other]) else None
 
     def fit(self, flight: _Carried, hypothesis: _Hypothesis, bias: np.ndarray) -> _Fit | None:
         """The fit of a hypothesis; None with fewer than two windows."""
@@ -877,14 +878,15 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     if best_clocks is None:
         return [], log
     at, apart = best_clocks
-    finer = apart + 0.1 * np.arange(-4, 5)
-    finer = finer[(finer < tolerated[0]) | (finer > tolerated[1])]
-    if finer.size:
-        apart = min(
-            judge.fits(plain, [_Hypothesis(offset=float(offset)) for offset in finer], none),
-            key=lambda fit: float(np.mean(fit.square[np.isfinite(fit.square)])),
-        ).hypothesis.offset
-    fits = judge.fits(plain, [_Hypothesis(offset=offset) for offset in (at, apart)], none)
+    clocks = [_Hypothesis(offset=at)]
+    if apart is not None:
+        finer = apart + 0.1 * np.arange(-4, 5)
+        finer = finer[(finer < tolerated[0]) | (finer > tolerated[1])]
+        around = judge.fits(plain, [_Hypothesis(offset=float(offset)) for offset in finer], none)
+        # `apart` itself is among them and can be judged, so there is a best one
+        best_apart = min(around, key=lambda fit: float(np.mean(fit.square[np.isfinite(fit.square)])))
+        clocks.append(best_apart.hypothesis)
+    fits = judge.fits(plain, clocks, none)
     home = fits[0]
     starts = [at] if abs(at - usual) < 0.25 else [at, usual]
     fits += judge.fits(plain, [_Hypothesis(offset=at, reading=r) for r in range(1, len(readings))], none)
