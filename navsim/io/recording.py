@@ -38,9 +38,9 @@ def read_imu(
 ) -> tuple[Samples, Dropped]:
     """Inertial samples of a table, in order of time, and what was left out.
 
-    lenient: leave out rows that cannot be read or lie outside of physical limits. limited: refuse values outside of
-    them; otherwise the first is left in `Dropped.outside`. Raises FileError, naming the line; OSError where the file
-    cannot be read.
+    lenient: leave out rows that cannot be read or lie outside of physical limits. limited: those outside are refused or
+    left out; otherwise they are kept, and the first is left in `Dropped.outside`. Raises FileError, naming the line;
+    OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
     table, lines = _table(path, read_lines(path, dropped), IMU_COLUMNS, (), dropped, convention.columns)
@@ -190,8 +190,8 @@ def _limited(
     dropped: Dropped,
     limited: bool,
 ) -> np.ndarray:
-    """The rows within physical limits; those outside are left out by a lenient reader, and else refused, or where not
-    `limited` kept and the first noted. What is no finite number is never kept."""
+    """The rows within physical limits; those outside are left out by a lenient reader and else refused, or where not
+    `limited` kept by both and the first noted. What is no finite number is never kept."""
     low, high = np.array(limits).T
     good = ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))
     keep = np.all(good, axis=1)
@@ -201,10 +201,11 @@ def _limited(
         try:
             within(path, int(numbers[row]), value, *limits[first], names[first])
         except FileError as error:
-            if limited or dropped.lenient or not np.all(np.isfinite(table[row]) | good[row]):
+            if limited or not np.all(np.isfinite(table[row]) | good[row]):
                 dropped.damaged("rows left out", error)
             else:
                 keep[row] = True
+                error.salvageable = True
                 dropped.outside = dropped.outside or error
     return table[keep]
 

@@ -300,7 +300,8 @@ def ways(log: Log) -> tuple[list[Mistake], Log]:
     more, log = _level(log)
     found += more
     known = bool(np.isfinite(log.fixes.velocity[:, 2]).all())
-    if more and set(more[-1].remedies[0]) == {"gnss.velocity_axes"} and not (known and _climbs(log)):
+    turned = any(set(remedy) == {"gnss.velocity_axes"} for mistake in more for remedy in mistake.remedies[:1])
+    if turned and not (known and _climbs(log)):
         # east, north, down is rare, but the vertical velocity does not show it
         axes = more[-1].remedies[0]["gnss.velocity_axes"]
         other = axes[:2] + ("U" if axes[2] == "D" else "D")
@@ -862,6 +863,10 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     """Signs, columns and axes of the triads, unit of the gyros, offset of the clocks: by the explanation of the fewest
     changes among those that fit the velocities as well as the best one."""
     readings = _readings(log)
+    if not readings:
+        lat = float(np.degrees(np.abs(log.fixes.llh[:, 0])).max())
+        evidence = f"latitudes reach {lat:.6g} degrees"
+        return [Mistake(evidence, "no known unit of the angles explains it", (), "gnss")], log
     if readings[0].fixes.time.size < PIECES:
         return [], log
     judge = _Judge(log, readings)

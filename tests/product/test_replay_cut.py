@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 from navsim.cli.main import app
 from navsim.io.recording import read_fixes, read_imu
+from navsim.models.conventions import GnssConvention
 from navsim.study.diagnosis import Log, diagnose
 from tests.conftest import SCENARIOS
 
@@ -31,3 +33,47 @@ def test_a_flight_of_any_length_is_judged(last: float) -> None:
     fixes = read_fixes(SCENARIOS / "data" / "flight_gnss.csv")[0]
     log = Log(samples.between(-np.inf, last), fixes.take(fixes.time <= last))
     assert diagnose(log) == []
+
+
+def test_positions_that_nothing_explains() -> None:
+    """Latitudes over 90 degrees in every unit, and positions that contradict the velocities in every unit."""
+    samples = read_imu(SCENARIOS / "data" / "flight_imu.csv.gz")[0]
+    fixes = read_fixes(SCENARIOS / "data" / "flight_gnss.csv")[0]
+    far = replace(fixes, llh=fixes.llh * [3.0, 10.0, 1.0])
+    unknown = replace(far, velocity=np.full_like(far.velocity, np.nan))
+    as_written = GnssConvention(angle_unit="1e-7 deg")
+    (found,) = diagnose(Log(samples, unknown, gnss=as_written))
+    assert str(found) == "latitudes reach 168.087 degrees: no known unit of the angles explains it"
+    assert found.section == "gnss"
+    wild = replace(fixes, velocity=5.0 * np.random.default_rng(3).permuted(fixes.velocity, axis=0))
+    (found,) = diagnose(Log(samples, wild))
+    assert str(found).endswith("position and velocity contradict each other")
+
+
+@pytest.mark.parametrize(
+    ("assignments", "expected"),
+    [
+        (("start_s=1e6",), "start_s: 1e+06 leaves 0 samples and 0 fixes; needed are 10 and 4 (samples 0.0 to"),
+        (("end_s=2", "checks=off"), "end_s: 2 leaves 100 samples and 3 fixes; needed are 10 and 4"),
+        (("end_s=0.3",), "end_s: 0.3 leaves"),
+        (("start_s=90", "end_s=91"), "end_s: 91 leaves"),
+        (("gnss.spacing_s=50",), "gnss.spacing_s: 50 leaves 3 fixes; needed are 4"),
+        (("gnss.time_offset_s=1e5", "checks=warn"), "gnss.time_offset_s: the recordings have no common time (samples"),
+        (("gnss.time_offset_s=119", "checks=off"), "gnss.time_offset_s: the recordings have in common only"),
+    ],
+)
+def test_too_little_in_common_is_wrong_input(assignments: tuple[str, ...], expected: str, tmp_path: Path) -> None:
+    code, said = replayed(tmp_path, *assignments)
+    assert expected in said
+    assert code == 2
+    assert ("no common time" in said) == ("no common time" in expected)
+
+
+def test_the_key_to_blame_is_named(tmp_path: Path) -> None:
+    """Both ends where each alone leaves enough, else the one that does not."""
+    _, said = replayed(tmp_path, "start_s=90", "end_s=91")
+    assert "start_s: 90 leaves" in said
+    assert "end_s: 91 leaves" in said
+    _, said = replayed(tmp_path, "start_s=119.8", "end_s=119.9")
+    assert "start_s: 119.8 leaves" in said
+    assert "end_s: " not in said
