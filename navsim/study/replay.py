@@ -411,7 +411,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     ):
         said = "tuned to the innovations" if was_free else "given"
         v[f"/tuning/{name}"] = Variable((), np.float64(value), unit, f"{name.replace('_', ' ')}, {said}")
-    _summary(v, recording, flight, flown)
+    _summary(v, flight, flown)
     alignment = recording.alignment
     return Result(
         root_attributes(
@@ -514,7 +514,7 @@ def beliefs_without_gate(beliefs: replay.Beliefs) -> replay.Beliefs:
     return replace(beliefs, gate=gate_limits(0.0))
 
 
-def _summary(v: dict[str, Variable], recording: Recording, flight: replay.Flight, flown: replay.Replay) -> None:
+def _summary(v: dict[str, Variable], flight: replay.Flight, flown: replay.Replay) -> None:
     used = flown.degrees > 0
     groups = {"all": used, "moving": used & (flight.speed > MOVING)}
     v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")
