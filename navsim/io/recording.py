@@ -123,6 +123,11 @@ def read_fixes(
     return Fixes(table[:, 0], llh, table[:, 4:7].copy()), dropped
 
 
+def is_nmea(path: Path, lenient: bool = False) -> bool:
+    """Whether `read_fixes` takes a file for NMEA sentences. Raises FileError, OSError as it does."""
+    return has_sentences(read_lines(path, Dropped(lenient)))
+
+
 def _far(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two rows of fixes lie farther apart than anything flies."""
     ecef = wgs84.ecef_from_llh(np.column_stack([np.radians([a[1:3], b[1:3]]), [a[3], b[3]]]))

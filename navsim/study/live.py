@@ -407,8 +407,8 @@ def failures(result: Result) -> list[str]:
     if not used:
         causes = (*_NO_FIX, "other", "before", "early", "late", "doubled", "contradicting")
         why = [f"{count[name]} {COUNTS[name]}" for name in causes if count[name]]
-        came = f"{count['received']} {COUNTS['received']}" if count["received"] else "none came"
-        return [f"not one message could be used: {', '.join(why) or came}"]
+        without_cause = f"{count['received']} {COUNTS['received']}" if count["received"] else "none came"
+        return [f"not one message could be used: {', '.join(why) or without_cause}"]
     out = []
     misplaced = count["late"] + count["contradicting"]
     whole = count["used"] + misplaced

@@ -25,7 +25,7 @@ import numpy as np
 from navsim.core import states
 from navsim.estimation.loosely_coupled import KINDS, REJECTED, TFG
 from navsim.estimation.smoother import PASSES
-from navsim.io.recording import read_fixes, read_imu
+from navsim.io.recording import is_nmea, read_fixes, read_imu
 from navsim.io.results import Result, Variable
 from navsim.io.text import Dropped, FileError
 from navsim.models.imu import Triad
@@ -172,6 +172,7 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
         latency=scenario.gnss.latency_s,
         first=-np.inf if scenario.start_s is None else scenario.start_s,
         last=np.inf if scenario.end_s is None else scenario.end_s,
+        sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
     )
     found = diagnose(log)
     if found and scenario.checks == "refuse":

@@ -14,6 +14,8 @@ from navsim.io.recording import read_fixes, read_imu
 from navsim.models.conventions import GnssConvention
 from navsim.study.diagnosis import Log, diagnose
 from tests.conftest import SCENARIOS
+from tests.mistakes import MISTAKES, Made
+from tests.recordings import circuit, record, sentences_of
 
 SHIPPED = SCENARIOS / "recorded_flight.yaml"
 
@@ -77,3 +79,35 @@ def test_the_key_to_blame_is_named(tmp_path: Path) -> None:
     _, said = replayed(tmp_path, "start_s=119.8", "end_s=119.9")
     assert "start_s: 119.8 leaves" in said
     assert "end_s: " not in said
+
+
+@pytest.mark.parametrize("unit", ["m/s", "km/h"])
+def test_speeds_of_sentences_have_no_key(unit: str, tmp_path: Path) -> None:
+    """What a receiver writes in another unit than NMEA's is said; no key is proposed that is refused."""
+    sentences = sentences_of(SCENARIOS / "data" / "flight_gnss.csv", speed_unit=unit)
+    (tmp_path / "fixes.nmea").write_text("\r\n".join(sentences))
+    code, said = replayed(tmp_path, f"gnss.file={tmp_path / 'fixes.nmea'}")
+    assert code == 2
+    assert f"the sentences seem to give speeds as if {unit} were due, not kn (" in said
+    assert "; write" not in said
+
+
+def test_sentences_in_order_raise_no_alarm(tmp_path: Path) -> None:
+    (tmp_path / "fixes.nmea").write_text("\r\n".join(sentences_of(SCENARIOS / "data" / "flight_gnss.csv")))
+    code, said = replayed(tmp_path, f"gnss.file={tmp_path / 'fixes.nmea'}")
+    assert (code, "warning" in said) == (0, False)
+    code, said = replayed(tmp_path, f"gnss.file={tmp_path / 'fixes.nmea'}", "gnss.time_offset_s=5")
+    assert code == 2
+    assert "write `gnss: {time_offset_s: " in said
+
+
+OF_FIXES = [made for made in MISTAKES if next(iter(made.remedy)).startswith("gnss.")]
+
+
+@pytest.mark.parametrize("made", OF_FIXES, ids=lambda made: made.name)
+def test_no_key_of_tables_is_proposed_for_sentences(made: Made) -> None:
+    """Whatever is wrong with fixes without a vertical velocity."""
+    samples, fixes = record(circuit(), 1, velocities="horizontal")
+    for mistake in diagnose(Log(*made.make(samples, fixes), sentences=True)):
+        keys = {key for remedy in mistake.remedies for key in remedy if key.startswith("gnss.")}
+        assert keys <= {"gnss.time_offset_s"}, mistake
