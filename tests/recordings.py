@@ -10,6 +10,7 @@ import numpy as np
 
 from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import llh_from_ecef, ned_matrix
+from navsim.models.conventions import HEIGHT_UNITS, SPEED_UNITS
 from navsim.models.kinematics import tangent_frame
 from navsim.models.recorded import RecordedTrajectory, recorded_trajectory
 from navsim.models.recording import Fixes, Samples
@@ -68,6 +69,25 @@ def write_flight(
         f"gnss: {{file: gnss.csv, lever_arm_m: {LEVER.tolist()}}}\n"
     )
     return time, motion.llh, motion.velocity_ned, motion.rpy
+
+
+def sentences_of(path: Path, speed_unit: str = "kn", height_unit: str = "m") -> list[str]:
+    """The fixes of a table as GGA and RMC sentences; units: those that a receiver in order has, or others."""
+    out = []
+    for t, lat, lon, h, vn, ve, _ in np.genfromtxt(path, delimiter=",", skip_header=1):
+        clock = f"{int(t // 3600):02d}{int(t // 60) % 60:02d}{t % 60:07.4f}"
+        where = f"{int(lat):02d}{60 * (lat % 1):010.7f},N,{int(lon):03d}{60 * (lon % 1):010.7f},E"
+        speed, course = np.hypot(vn, ve) / SPEED_UNITS[speed_unit], np.degrees(np.arctan2(ve, vn)) % 360
+        factor = HEIGHT_UNITS[height_unit]
+        for body in (
+            f"GPGGA,{clock},{where},1,09,0.9,{(h - 15.0) / factor:.3f},M,{15.0 / factor:.3f},M,,",
+            f"GPRMC,{clock},A,{where},{speed:.4f},{course:.3f},,,,A",
+        ):
+            check = 0
+            for c in body:
+                check ^= ord(c)
+            out.append(f"${body}*{check:02X}")
+    return out
 
 
 def ride(

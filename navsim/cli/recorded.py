@@ -137,6 +137,7 @@ def live(
     Late, lost and corrupt messages are survived and counted. Give --receiver or --imu.
     """
     from navsim.io.results import ResultError, Sort
+    from navsim.scenario.filter import SMOOTHERS
     from navsim.scenario.load import read
     from navsim.scenario.source import InputError
 
@@ -150,7 +151,7 @@ def live(
         from navsim.study import landing, source_clock
         from navsim.study import live as flying
 
-        if section.filter.kind in ("rts", "map"):
+        if section.filter.kind in SMOOTHERS:
             leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
         start = None if start_time is None else source_clock.start_time(start_time)
         announce_compiling()
@@ -176,7 +177,7 @@ def live(
         leave(RUN_FAILED, error)
     jit.mark_warm()
     print_result(result, target, [], quiet, json_, ("/summary", "/stream", "/clock"))
-    say(f"ended: {why}")
+    session.tell(f"ended: {why}")
     for warning in flying.warnings(session, result, lines):
         say(f"warning: {warning}")
     wrong = flying.failures(result)

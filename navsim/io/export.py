@@ -25,6 +25,7 @@ from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError, write_text
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.atmosphere import L1
+from navsim.models.conventions import KNOT
 from navsim.models.glonass import FDMA_L1, FDMA_STEP
 
 ELLIPSE_PROBABILITY = 0.95
@@ -401,7 +402,7 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
             continue
         where = _angle(np.degrees(p[0]), 2, "NS") + "," + _angle(np.degrees(p[1]), 3, "EW")
         speed, course = float(np.hypot(v[0], v[1])), float(np.degrees(np.arctan2(v[1], v[0])) % 360.0)
-        knots = speed * 3600.0 / 1852.0
+        knots = speed / KNOT
         lines += [
             _sentence(f"GPGGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2]:.3f},M,0.000,M,,"),
             _sentence(f"GPRMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),

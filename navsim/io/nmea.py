@@ -19,8 +19,8 @@ import numpy as np
 
 from navsim.io.text import Dropped, FileError
 from navsim.models import timescales
+from navsim.models.conventions import KNOT
 
-KNOT = 1852.0 / 3600.0
 _USED = ("GGA", "RMC", "VTG")
 _SAME_PLACE = 1e-3
 """Fixes of one epoch that differ by more, degrees, are not those of one receiver (whose GPS and GLONASS fixes may both
@@ -63,7 +63,7 @@ class Assembler:
         self._at: tuple[int, float] | None = None
 
     def feed(self, line: str) -> list[np.ndarray]:
-        """Rows (8,) as of `recording.GNSS_COLUMNS` and the number of satellites, of the epochs a line completes."""
+        """Rows (8,) as of `conventions.GNSS_COLUMNS` and the number of satellites, of the epochs a line completes."""
         before, *pieces = line.split("$")
         if not pieces and _BEGIN.search(before):
             self.other += 1  # encapsulated messages, such as those of ships, begin with an exclamation mark

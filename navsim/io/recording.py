@@ -38,9 +38,9 @@ def read_imu(
 ) -> tuple[Samples, Dropped]:
     """Inertial samples of a table, in order of time, and what was left out.
 
-    lenient: leave out rows that cannot be read or lie outside of physical limits. limited: refuse values outside of
-    them; otherwise the first is left in `Dropped.outside`. Raises FileError, naming the line; OSError where the file
-    cannot be read.
+    lenient: leave out rows that cannot be read or lie outside of physical limits. limited: those outside are refused or
+    left out; otherwise they are kept, and the first is left in `Dropped.outside`. Raises FileError, naming the line;
+    OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
     table, lines = _table(path, read_lines(path, dropped), IMU_COLUMNS, (), dropped, convention.columns)
@@ -56,7 +56,7 @@ def read_imu(
     dropped.add("samples of zeros alone (a sensor not yet awake)", silent.sum())
     table = _in_order(table[~silent], dropped, "samples")
     if table.shape[0] < 10:
-        raise FileError(0, f"only {table.shape[0]} usable samples", path)
+        raise _too_few(path, table, "samples", dropped)
     if convention.increments:
         table[:, 1:] = increments_as_rates(table[:, 0], table[:, 1:])
     return Samples(table[:, 0], table[:, 1:4].copy(), table[:, 4:7].copy()), dropped
@@ -118,9 +118,14 @@ def read_fixes(
         dropped.add("repeated fixes", stale.sum())
         table = table[~stale]
     if table.shape[0] < 2:
-        raise FileError(0, f"only {table.shape[0]} usable fixes", path)
+        raise _too_few(path, table, "fixes", dropped)
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     return Fixes(table[:, 0], llh, table[:, 4:7].copy()), dropped
+
+
+def is_nmea(path: Path, lenient: bool = False) -> bool:
+    """Whether `read_fixes` takes a file for NMEA sentences. Raises FileError, OSError as it does."""
+    return has_sentences(read_lines(path, Dropped(lenient)))
 
 
 def _far(a: np.ndarray, b: np.ndarray) -> bool:
@@ -190,8 +195,8 @@ def _limited(
     dropped: Dropped,
     limited: bool,
 ) -> np.ndarray:
-    """The rows within physical limits; those outside are left out by a lenient reader, and else refused, or where not
-    `limited` kept and the first noted. What is no finite number is never kept."""
+    """The rows within physical limits; those outside are left out by a lenient reader and else refused, or where not
+    `limited` kept by both and the first noted. What is no finite number is never kept."""
     low, high = np.array(limits).T
     good = ((table >= low) & (table <= high)) | (np.isnan(table) & np.isin(names, _MAY_BE_EMPTY))
     keep = np.all(good, axis=1)
@@ -201,18 +206,24 @@ def _limited(
         try:
             within(path, int(numbers[row]), value, *limits[first], names[first])
         except FileError as error:
-            if limited or dropped.lenient or not np.all(np.isfinite(table[row]) | good[row]):
+            if limited or not np.all(np.isfinite(table[row]) | good[row]):
                 dropped.damaged("rows left out", error)
             else:
                 keep[row] = True
+                error.salvageable = True
                 dropped.outside = dropped.outside or error
     return table[keep]
+
+
+def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> FileError:
+    """The error for a file that leaves too few rows, and where the others went."""
+    return FileError(0, "; ".join([f"only {table.shape[0]} usable {what}", *dropped.said()]), path)
 
 
 def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:
     """Rows by time, each time once."""
     dropped.add(f"{what} out of order, sorted", int(np.sum(np.diff(table[:, 0]) < 0.0)))
     table = table[np.argsort(table[:, 0], kind="stable")]
-    twice = np.concatenate([[False], np.diff(table[:, 0]) <= 0.0])
+    twice = np.diff(table[:, 0], prepend=-np.inf) <= 0.0
     dropped.add(f"{what} with the time of another", twice.sum())
     return table[~twice]

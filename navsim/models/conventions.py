@@ -17,6 +17,8 @@ IMU_COLUMNS = ("t_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_m_s2", "ay_m_s2", 
 GNSS_COLUMNS = ("t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s")
 """Names of the columns of both tables; fixes may also have `nsat`."""
 STANDARD_GRAVITY = 9.80665
+KNOT = 1852.0 / 3600.0
+"""In m/s."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Each in s."""
 GYRO_UNITS = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "deg/h": math.pi / 648000.0, "mrad/s": 1e-3}
@@ -30,7 +32,7 @@ ANGLE_UNITS = {"deg": 1.0, "rad": 180.0 / math.pi, "1e-7 deg": 1e-7}
 HEIGHT_UNITS = {"m": 1.0, "ft": 0.3048, "mm": 1e-3}
 """Each in m."""
 SPEED_UNITS = {
-    "m/s": 1.0, "km/h": 1.0 / 3.6, "kn": 1852.0 / 3600.0, "mph": 0.44704, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 1e-3,
+    "m/s": 1.0, "km/h": 1.0 / 3.6, "kn": KNOT, "mph": 0.44704, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 1e-3,
 }  # fmt: skip
 """Each in m/s."""
 BODY_AXES, LEVEL_AXES = ("FB", "RL", "DU"), ("NS", "EW", "DU")

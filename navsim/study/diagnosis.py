@@ -115,7 +115,8 @@ def _as_yaml(remedy: Mapping[str, Any]) -> str:
 @dataclass(frozen=True)
 class Log:
     """A recording as it reads under the conventions, SI; latency of the fixes, s, None where it is to be tuned; first
-    and last time, s, of the part that sensors are judged by."""
+    and last time, s, of the part that sensors are judged by; sentences: the fixes are of NMEA, which has units and axes
+    of its own, so no key but that of a time offset cures them."""
 
     samples: Samples
     fixes: Fixes
@@ -124,6 +125,7 @@ class Log:
     latency: float | None = None
     first: float = -np.inf
     last: float = np.inf
+    sentences: bool = False
 
 
 def diagnose(log: Log) -> list[Mistake]:
@@ -169,7 +171,7 @@ def times(log: Log) -> tuple[list[Mistake], Log]:
             log = replace(log, samples=samples, imu=replace(log.imu, time_unit=unit))
             span *= fits[unit]
     apart = float(np.median(np.diff(log.fixes.time)))
-    if apart > RAREST or apart < 2e-3:
+    if not log.sentences and (apart > RAREST or apart < 2e-3):
         fits = {
             unit: factor
             for unit, factor in _relative(conventions.TIME_UNITS, log.gnss.time_unit).items()
@@ -284,23 +286,15 @@ def _strength(samples: Samples, values: np.ndarray) -> tuple[float, float]:
 def ways(log: Log) -> tuple[list[Mistake], Log]:
     """Angles, heights, speeds, axes of the velocity: what positions change by must be what the velocity adds up to."""
     found: list[Mistake] = []
-    lat, lon = np.degrees(np.abs(log.fixes.llh[:, :2])).max(axis=0)
-    if lat > 1e4:
-        unit, factor = "1e-7 deg", conventions.ANGLE_UNITS["1e-7 deg"] / conventions.ANGLE_UNITS[log.gnss.angle_unit]
-        if log.gnss.angle_unit != unit and lat * factor <= 90.0:
-            evidence = f"latitudes reach {lat:.6g} degrees"
-            found.append(Mistake(evidence, f"angles seem to be in {unit}", ({"gnss.angle_unit": unit},)))
-            log = _with_angles(log, unit, factor)
-    elif lat > 90.0 >= lon:
-        evidence = f"latitudes reach {lat:.1f} degrees, longitudes {lon:.1f}"
-        log, remedy = _exchanged(log)
-        found.append(Mistake(evidence, "they seem to be exchanged", (remedy,)))
+    if not log.sentences:  # their positions are on Earth, or they are corrupt
+        found, log = _angles(log)
     if not np.isfinite(log.fixes.velocity[:, :2]).all():
         return found, log
     more, log = _level(log)
     found += more
     known = bool(np.isfinite(log.fixes.velocity[:, 2]).all())
-    if more and set(more[-1].remedies[0]) == {"gnss.velocity_axes"} and not (known and _climbs(log)):
+    turned = any(set(remedy) == {"gnss.velocity_axes"} for mistake in more for remedy in mistake.remedies[:1])
+    if turned and not (known and _climbs(log)):
         # east, north, down is rare, but the vertical velocity does not show it
         axes = more[-1].remedies[0]["gnss.velocity_axes"]
         other = axes[:2] + ("U" if axes[2] == "D" else "D")
@@ -314,6 +308,22 @@ def ways(log: Log) -> tuple[list[Mistake], Log]:
             evidence = f"{level.evidence}, and {vertical.evidence}"
             found[-2:] = [Mistake(evidence, seems, ({**level.remedies[0], **vertical.remedies[0]},))]
     return found, log
+
+
+def _angles(log: Log) -> tuple[list[Mistake], Log]:
+    """Latitudes that cannot be."""
+    lat, lon = np.degrees(np.abs(log.fixes.llh[:, :2])).max(axis=0)
+    if lat > 1e4:
+        unit, factor = "1e-7 deg", conventions.ANGLE_UNITS["1e-7 deg"] / conventions.ANGLE_UNITS[log.gnss.angle_unit]
+        if log.gnss.angle_unit != unit and lat * factor <= 90.0:
+            evidence = f"latitudes reach {lat:.6g} degrees"
+            found = Mistake(evidence, f"angles seem to be in {unit}", ({"gnss.angle_unit": unit},))
+            return [found], _with_angles(log, unit, factor)
+    elif lat > 90.0 >= lon:
+        evidence = f"latitudes reach {lat:.1f} degrees, longitudes {lon:.1f}"
+        log, remedy = _exchanged(log)
+        return [Mistake(evidence, "they seem to be exchanged", (remedy,))], log
+    return [], log
 
 
 def _climbs(log: Log) -> bool:
@@ -379,23 +389,23 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
     as_written, count = _misfit(way[:, :2], summed[:, :2], SHORTEST_WAY)
     if np.isnan(as_written) or as_written <= MISFITS:
         return [], log
-    speeds = {log.gnss.speed_unit: 1.0, **_relative(conventions.SPEED_UNITS, log.gnss.speed_unit)}
+    written = "kn" if log.sentences else log.gnss.speed_unit
+    speeds = {written: 1.0, **_relative(conventions.SPEED_UNITS, written)}
     options: list[tuple[int, float, Log, dict[str, Any], str]] = []
-    exchanged, columns = _exchanged(log)
-    places: list[tuple[int, Log, dict[str, Any], str]] = [
-        (0, log, {}, ""),
-        (1, exchanged, columns, "latitude and longitude seem to be exchanged"),
-    ]
-    for unit, factor in _relative(conventions.ANGLE_UNITS, log.gnss.angle_unit).items():
-        if np.degrees(np.abs(log.fixes.llh[:, 0] * factor)).max() <= 90.0:
-            written = _with_angles(log, unit, factor)
-            places.append((1, written, {"gnss.angle_unit": unit}, f"latitude and longitude seem to be in {unit}"))
+    places: list[tuple[int, Log, dict[str, Any], str]] = [(0, log, {}, "")]
+    if not log.sentences:
+        exchanged, columns = _exchanged(log)
+        places.append((1, exchanged, columns, "latitude and longitude seem to be exchanged"))
+        for unit, factor in _relative(conventions.ANGLE_UNITS, log.gnss.angle_unit).items():
+            if np.degrees(np.abs(log.fixes.llh[:, 0] * factor)).max() <= 90.0:
+                other = _with_angles(log, unit, factor)
+                places.append((1, other, {"gnss.angle_unit": unit}, f"latitude and longitude seem to be in {unit}"))
     axes_now = axes_matrix(log.gnss.velocity_axes, LEVEL_AXES)
     for changes, placed, remedy, seems in places:
         if np.degrees(np.abs(placed.fixes.llh[:, 0])).max() > 90.0:
             continue
         moved, added = _moved(placed.fixes)
-        for matrix, (unit, factor) in itertools.product(_LEVEL, speeds.items()):
+        for matrix, (unit, factor) in itertools.product([np.eye(3)] if log.sentences else _LEVEL, speeds.items()):
             turned = not np.array_equal(matrix, np.eye(3))
             misfit, enough = _misfit(moved[:, :2], factor * added[:, :2] @ matrix[:2, :2].T, SHORTEST_WAY)
             if np.isnan(misfit) or enough < 3:
@@ -405,7 +415,9 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
             if turned:
                 keys["gnss.velocity_axes"] = letters
                 said.append(f"the columns vn, ve, vd seem to point {letters}")
-            if unit != log.gnss.speed_unit:
+            if log.sentences:
+                said.append(f"the sentences seem to give speeds as if {unit} were due, not {written}")
+            elif unit != written:
                 keys["gnss.speed_unit"] = unit
                 said.append(f"speeds seem to be in {unit}")
             velocity = factor * placed.fixes.velocity
@@ -424,7 +436,8 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
     if not chosen:
         return [Mistake(evidence, "position and velocity contradict each other", (), "gnss")], log
     told = " or ".join(options[i][4] for i in chosen)
-    return [Mistake(evidence, told, tuple(options[i][3] for i in chosen))], options[chosen[0]][2]
+    remedies = () if log.sentences else tuple(options[i][3] for i in chosen)
+    return [Mistake(evidence, told, remedies, "gnss")], options[chosen[0]][2]
 
 
 def _ratio(value: float) -> str:
@@ -711,7 +724,7 @@ def _readings(log: Log) -> list[_Reading]:
     same = np.ones(3)
     logs: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = [(log, {}, "", same)]
     known = np.isfinite(log.fixes.velocity)
-    if not known[:, :2].all():
+    if not known[:, :2].all() and not log.sentences:
         for unit, factor in _relative(conventions.ANGLE_UNITS, log.gnss.angle_unit).items():
             said = f"latitude and longitude seem to be in {unit}"
             scale = np.array([factor, factor, 1.0])
@@ -723,7 +736,10 @@ def _readings(log: Log) -> list[_Reading]:
             scale = np.array([1.0, 1.0, factor])
             fixes = replace(log.fixes, llh=log.fixes.llh * scale)
             written = replace(log, fixes=fixes, gnss=replace(log.gnss, height_unit=unit))
-            logs.append((written, {"gnss.height_unit": unit}, f"heights seem to be in {unit}", scale))
+            if log.sentences:
+                logs.append((written, {}, f"the sentences seem to give heights in {unit}", scale))
+            else:
+                logs.append((written, {"gnss.height_unit": unit}, f"heights seem to be in {unit}", scale))
     logs = [entry for entry in logs if np.degrees(np.abs(entry[0].fixes.llh[:, 0])).max() <= 90.0]
     counts = _compared(log)
     return [
@@ -802,9 +818,10 @@ class _Judge:
 
     def clocks(
         self, flight: _Carried, offsets: np.ndarray, tolerated: tuple[float, float]
-    ) -> tuple[float, float] | None:
-        """The best offset of those tolerated and the best of all others, with all else as written and without looking
-        for biases; None where no offset that is tolerated can be judged."""
+    ) -> tuple[float, float | None] | None:
+        """The best offset of those tolerated and the best of all others (None where a short recording lets none of them
+        be judged), with all else as written and without looking for biases; None where no offset that is tolerated can
+        be judged."""
         target = self.targets[0]
         squares = np.full((offsets.size, self.windows.shape[0]), np.nan)
         for row, offset in enumerate(offsets):
@@ -823,9 +840,9 @@ class _Judge:
             [float(np.mean(row[np.isfinite(row)])) if np.isfinite(row).any() else np.inf for row in squares]
         )
         home = int(np.argmin(np.where(allowed, means, np.inf)))
-        levels, _ = _levels(squares, squares[home])
-        other = int(np.argmin(np.where(allowed, np.inf, levels)))
-        return float(offsets[home]), float(offsets[other])
+        others = np.where(allowed, np.inf, _levels(squares, squares[home])[0])
+        other = int(np.argmin(others))
+        return float(offsets[home]), float(offsets[other]) if np.isfinite(others[other]) else None
 
     def fit(self, flight: _Carried, hypothesis: _Hypothesis, bias: np.ndarray) -> _Fit | None:
         """The fit of a hypothesis; None with fewer than two windows."""
@@ -861,6 +878,10 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     """Signs, columns and axes of the triads, unit of the gyros, offset of the clocks: by the explanation of the fewest
     changes among those that fit the velocities as well as the best one."""
     readings = _readings(log)
+    if not readings:
+        lat = float(np.degrees(np.abs(log.fixes.llh[:, 0])).max())
+        evidence = f"latitudes reach {lat:.6g} degrees"
+        return [Mistake(evidence, "no known unit of the angles explains it", (), "gnss")], log
     if readings[0].fixes.time.size < PIECES:
         return [], log
     judge = _Judge(log, readings)
@@ -877,14 +898,15 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     if best_clocks is None:
         return [], log
     at, apart = best_clocks
-    finer = apart + 0.1 * np.arange(-4, 5)
-    finer = finer[(finer < tolerated[0]) | (finer > tolerated[1])]
-    if finer.size:
-        apart = min(
-            judge.fits(plain, [_Hypothesis(offset=float(offset)) for offset in finer], none),
-            key=lambda fit: float(np.mean(fit.square[np.isfinite(fit.square)])),
-        ).hypothesis.offset
-    fits = judge.fits(plain, [_Hypothesis(offset=offset) for offset in (at, apart)], none)
+    clocks = [_Hypothesis(offset=at)]
+    if apart is not None:
+        finer = apart + 0.1 * np.arange(-4, 5)
+        finer = finer[(finer < tolerated[0]) | (finer > tolerated[1])]
+        around = judge.fits(plain, [_Hypothesis(offset=float(offset)) for offset in finer], none)
+        # `apart` itself is among them and can be judged, so there is a best one
+        best_apart = min(around, key=lambda fit: float(np.mean(fit.square[np.isfinite(fit.square)])))
+        clocks.append(best_apart.hypothesis)
+    fits = judge.fits(plain, clocks, none)
     home = fits[0]
     starts = [at] if abs(at - usual) < 0.25 else [at, usual]
     fits += judge.fits(plain, [_Hypothesis(offset=at, reading=r) for r in range(1, len(readings))], none)
@@ -902,8 +924,8 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     order = np.argsort(levels)
     short = [home]
     for kind in (True, False):  # where nothing turns all fit alike, and the usual ones must be among them
-        alike = [i for i in order if i and _always(fits[i].hypothesis, at) == kind]
-        short += [fits[i] for i in alike[:12] if levels[i] <= 4.0 * levels[order[0]]]
+        of_kind = [i for i in order if i and _always(fits[i].hypothesis, at) == kind]
+        short += [fits[i] for i in of_kind[:12] if levels[i] <= 4.0 * levels[order[0]]]
     fits = [
         again
         for fit in short
@@ -930,10 +952,11 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     ]
     # forward is kept where nothing shows it: of several ways to mount both triads the one that changes least
     alternatives.sort(key=lambda e: (_changed_letters(e), e.square))
-    unique = list({"imu.axes" if "imu.axes" in e.remedy else str(e.remedy): e for e in reversed(alternatives)}.values())
-    unique = sorted(unique, key=lambda e: e.square)[:3]
+    alike = {"imu.axes" if "imu.axes" in e.remedy else f"{e.remedy} {e.seems}": e for e in reversed(alternatives)}
+    unique = sorted(alike.values(), key=lambda e: e.square)[:3]
     evidence = _evidence(home, float(levels[0]), unique[0])
-    mistake = Mistake(evidence, " or ".join(e.seems for e in unique), tuple(e.remedy for e in unique))
+    remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
+    mistake = Mistake(evidence, " or ".join(e.seems for e in unique), remedies, "gnss")
     return [mistake], log
 
 

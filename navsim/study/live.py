@@ -17,7 +17,7 @@ import numpy as np
 
 from navsim.core import states, wgs84
 from navsim.estimation.loosely_coupled import REJECTED
-from navsim.io.nmea import Assembler
+from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result, Variable
 from navsim.io.stream import Lines
 from navsim.models import imu
@@ -46,6 +46,8 @@ COUNTS = {
     "strangers": "datagrams of other senders, left out",
     "untimed": "NMEA sentences without a time of day",
     "no_height": "fixes without a height: none in GGA, or RMC without GGA",
+    "no_separation": "fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid",
+    "other": "whole sentences of kinds that have no fix",
 }
 _OF_NMEA = {
     "corrupt": "corrupt",
@@ -53,8 +55,12 @@ _OF_NMEA = {
     "untimed": "untimed",
     "no_height": "no_height",
     "contradicting": "contradicting",
+    "no_separation": "no_separation",
+    "other": "other",
 }
 """What the assembler of sentences counts, by the name it has here."""
+_NO_FIX = ("corrupt", "empty", "untimed", "no_height")
+"""Counts of what a receiver of use sends seldom, and no fix can be made of."""
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
 _OVER = 10
 """Messages in a row from beyond the end of the flight after which it is over."""
@@ -178,7 +184,7 @@ class Session:
             self._header(line)
             return
         self.counts["received"] += 1
-        if self.block == "receiver" and "$" in line:
+        if self.block == "receiver" and ("$" in line or has_sentences([line])):
             self._from_nmea(self.assembler.feed(line))
             return
         row = _row(line, self._places, self.block)
@@ -399,9 +405,10 @@ def failures(result: Result) -> list[str]:
     count = {name: int(result[f"/stream/{name}"]) for name in COUNTS}
     used = result["/innovations/time"].size
     if not used:
-        causes = ("corrupt", "empty", "no_height", "before", "early", "late")
+        causes = (*_NO_FIX, "other", "before", "early", "late", "doubled", "contradicting")
         why = [f"{count[name]} {COUNTS[name]}" for name in causes if count[name]]
-        return [f"not one message could be used: {', '.join(why) or 'none came'}"]
+        without_cause = f"{count['received']} {COUNTS['received']}" if count["received"] else "none came"
+        return [f"not one message could be used: {', '.join(why) or without_cause}"]
     out = []
     misplaced = count["late"] + count["contradicting"]
     whole = count["used"] + misplaced
@@ -410,7 +417,7 @@ def failures(result: Result) -> list[str]:
             f"{misplaced} of {whole} messages are out of order or contradict others of their time: two senders at "
             "once, or several recordings in one?"
         )
-    came = whole + sum(count[name] for name in ("corrupt", "empty", "no_height", "early"))
+    came = whole + sum(count[name] for name in (*_NO_FIX, "early"))
     if count["used"] < FEWEST_USED * came:
         out.append(f"of {came} messages and corrupt lines only {count['used']} could be used")
     if count["early"] > count["used"]:
@@ -443,7 +450,7 @@ def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
         out.append(f"datagrams of other senders than the first were left out: {others}")
     if session.counts["corrupt"] > MANY_CORRUPT * session.counts["received"]:
         out.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are no message")
-    for name in ("dropped", "contradicting"):
+    for name in ("dropped", "contradicting", "no_separation"):
         if session.counts[name]:
             out.append(f"{session.counts[name]} {COUNTS[name]}")
     shift, sigma = float(result["/clock/shift"]), float(result["/clock/shift_sigma"])

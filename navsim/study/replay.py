@@ -25,9 +25,9 @@ import numpy as np
 from navsim.core import states
 from navsim.estimation.loosely_coupled import KINDS, REJECTED, TFG
 from navsim.estimation.smoother import PASSES
-from navsim.io.recording import read_fixes, read_imu
+from navsim.io.recording import is_nmea, read_fixes, read_imu
 from navsim.io.results import Result, Variable
-from navsim.io.text import FileError
+from navsim.io.text import Dropped, FileError
 from navsim.models.imu import Triad
 from navsim.models.recording import Fixes, Samples
 from navsim.scenario.base import DEG
@@ -47,6 +47,10 @@ TRUST = 0.7
 """1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
 STANDSTILL_FACTOR = 5.0
 """In flight a gyro's bias leaves what a standstill showed by this many times its in-run instability."""
+MOST_DAMAGED = 0.1
+"""Share of rows outside of physical limits up to which they are damage; of more, the unit may be another one."""
+LEAST_SAMPLES, LEAST_FIXES = 10, 4
+"""What there must be of both to look for an alignment."""
 _START = (0.3, 0.3)
 """Velocity noise where the tuning starts, and without tuning, m/s."""
 EVALUATIONS = 400
@@ -111,32 +115,18 @@ class Recording:
 def prepare(scenario: Replay, document: Document) -> Recording:
     """Read, check and align. Raises InputError for files that cannot be used or seem to be written otherwise than the
     log says, ReplayError where no alignment is found."""
-    lenient, motion, place = scenario.lenient, scenario.imu.convention(), scenario.gnss.convention()
-    fewest = scenario.gnss.min_satellites
-    samples, lost_samples = _read(
-        document, scenario, "imu", lambda path: read_imu(path, lenient, motion, limited=False)
-    )
-    fixes, lost_fixes = _read(
-        document, scenario, "gnss", lambda path: read_fixes(path, fewest, lenient, place, limited=False)
-    )
+    motion, place, fewest = scenario.imu.convention(), scenario.gnss.convention(), scenario.gnss.min_satellites
+    tables = [
+        _table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1])),
+        _table(document, scenario, "gnss", lambda path, *how: read_fixes(path, fewest, how[0], place, how[1])),
+    ]
     scenario = _pinned(scenario, document)
-    warnings = _checked(scenario, document, samples, fixes)
-    for section, lost in (("imu", lost_samples), ("gnss", lost_fixes)):
-        if lost.outside is not None:
-            raise _refused(document, scenario, section, lost.outside)
-    for lost in (lost_samples, lost_fixes):
-        warnings += lost.said()
-    first = max(samples.time[0], fixes.time[0], -np.inf if scenario.start_s is None else scenario.start_s)
-    last = min(samples.time[-1], np.inf if scenario.end_s is None else scenario.end_s)
-    samples, fixes = (
-        samples.between(first - 1.0, last),
-        _spaced(fixes.take(fixes.time <= last), scenario.gnss.spacing_s),
-    )
-    if samples.time.size < 10 or np.sum(fixes.time >= first) < 4:
-        raise ReplayError(
-            f"the recordings have no common time: samples {samples.time[:1]} to {samples.time[-1:]} s, fixes "
-            f"{fixes.time[:1]} to {fixes.time[-1:]} s, wanted from {first:g} to {last:g} s"
-        )
+    warnings = _checked(scenario, document, *(table.judged for table in tables))
+    for table in tables:
+        if table.refusal is not None:
+            raise table.refusal
+        warnings += table.lost.said()
+    samples, fixes, first = _wanted(scenario, document, *(table.rows for table in tables))
     interval = float(np.median(np.diff(samples.time)))
     longest_gap = 5.0 * interval if scenario.imu.longest_gap_s is None else scenario.imu.longest_gap_s
     gyro_section, accel_section = scenario.imu.resolved()
@@ -151,7 +141,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
     if gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
-    aligned = _align(scenario, samples, fixes, float(first), gyro, accel, settings[4])
+    aligned = _align(scenario, samples, fixes, first, gyro, accel, settings[4])
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
     return Recording(
@@ -182,6 +172,7 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
         latency=scenario.gnss.latency_s,
         first=-np.inf if scenario.start_s is None else scenario.start_s,
         last=np.inf if scenario.end_s is None else scenario.end_s,
+        sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
     )
     found = diagnose(log)
     if found and scenario.checks == "refuse":
@@ -190,6 +181,40 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
             [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
         )
     return [str(mistake) for mistake in found]
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The rows of a file that the recording is judged by; those to be flown, and what was left out of them; why they
+    are not, to be said where the judgement has not said better."""
+
+    judged: Any
+    rows: Any
+    lost: Dropped
+    refusal: InputError | None = None
+
+
+def _table(
+    document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path, bool, bool], Any]
+) -> _Table:
+    """A file by a reader of (path, lenient, limited). Raises InputError.
+
+    Values outside of physical limits are damage, or a wrong unit: where they are many, the recording is judged with
+    them, so that the unit is named.
+    """
+    rows, lost = _read(document, scenario, section, lambda path: reader(path, scenario.lenient, False))
+    if lost.outside is None:
+        return _Table(rows, rows, lost)
+    try:
+        within, left = _read(document, scenario, section, lambda path: reader(path, True, True))
+    except InputError as too_few:
+        lost.outside.salvageable = False
+        refusal = too_few if scenario.lenient else _refused(document, scenario, section, lost.outside)
+        return _Table(rows, rows, lost, refusal)
+    judged = within if within.time.size >= (1.0 - MOST_DAMAGED) * rows.time.size else rows
+    if scenario.lenient:
+        return _Table(judged, within, left)
+    return _Table(judged, rows, lost, _refused(document, scenario, section, lost.outside))
 
 
 def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
@@ -264,13 +289,56 @@ def _align(
     )
 
 
+def _wanted(
+    scenario: Replay, document: Document, samples: Samples, fixes: Fixes
+) -> tuple[Samples, Fixes, float]:
+    """The samples and fixes to be flown, spaced, and the time from which on both are there. Raises InputError, at the
+    key that leaves too few of them."""
+
+    def part(start: float | None, end: float | None) -> tuple[Samples, Fixes, float, str]:
+        """The part from `start` to `end`, and of what it has too few."""
+        first = float(max(samples.time[0], fixes.time[0], -np.inf if start is None else start))
+        last = min(samples.time[-1], np.inf if end is None else end)
+        of_samples, of_fixes = samples.between(first - 1.0, last), fixes.take(fixes.time <= last)
+        common = int(np.sum(of_fixes.time >= first))
+        enough = of_samples.time.size >= LEAST_SAMPLES and common >= LEAST_FIXES
+        counted = f"{of_samples.time.size} samples and {common} fixes"
+        return of_samples, of_fixes, first, "" if enough else f"{counted}; needed are {LEAST_SAMPLES} and {LEAST_FIXES}"
+
+    def refused(key: str, message: str) -> Problem:
+        return Problem(document.place(tuple(key.split("."))), key, message)
+
+    (s_begin, s_end), (f_begin, f_end) = samples.time[[0, -1]], fixes.time[[0, -1]]
+    spans = f"samples {s_begin:.1f} to {s_end:.1f} s, fixes {f_begin:.1f} to {f_end:.1f} s"
+    too_few = part(None, None)[-1]
+    if too_few:
+        key = "gnss.time_offset_s" if scenario.gnss.time_offset_s else "gnss.file"
+        overlap = s_begin <= f_end and f_begin <= s_end
+        said = f"the recordings have in common only {too_few}" if overlap else "the recordings have no common time"
+        raise InputError([refused(key, f"{said} ({spans})")])
+    start, end = scenario.start_s, scenario.end_s
+    of_samples, of_fixes, first, too_few = part(start, end)
+    if too_few:
+        given = {key: value for key, value in (("start_s", start), ("end_s", end)) if value is not None}
+        alone = {"start_s": part(start, None)[-1], "end_s": part(None, end)[-1]}
+        to_blame = [key for key in given if alone[key]] or list(given)
+        message = f"leaves {too_few} ({spans})"
+        raise InputError([refused(key, f"{given[key]:g} {message}") for key in to_blame])
+    spaced = _spaced(of_fixes, scenario.gnss.spacing_s)
+    common = int(np.sum(spaced.time >= first))
+    if common < LEAST_FIXES:
+        message = f"{scenario.gnss.spacing_s:g} leaves {common} fixes; needed are {LEAST_FIXES} ({spans})"
+        raise InputError([refused("gnss.spacing_s", message)])
+    return of_samples, spaced, first
+
+
 def _spaced(fixes: Fixes, spacing: float) -> Fixes:
     """The fixes that come at least `spacing` seconds after the last one kept."""
-    kept = [0]
-    for index in range(1, fixes.time.size):
-        if fixes.time[index] - fixes.time[kept[-1]] >= spacing:
+    kept: list[int] = []
+    for index, time in enumerate(fixes.time):
+        if not kept or time - fixes.time[kept[-1]] >= spacing:
             kept.append(index)
-    return fixes.take(np.array(kept))
+    return fixes.take(np.array(kept, dtype=np.int64))
 
 
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> np.ndarray:
@@ -344,7 +412,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     ):
         said = "tuned to the innovations" if was_free else "given"
         v[f"/tuning/{name}"] = Variable((), np.float64(value), unit, f"{name.replace('_', ' ')}, {said}")
-    _summary(v, recording, flight, flown)
+    _summary(v, flight, flown)
     alignment = recording.alignment
     return Result(
         root_attributes(
@@ -447,7 +515,7 @@ def beliefs_without_gate(beliefs: replay.Beliefs) -> replay.Beliefs:
     return replace(beliefs, gate=gate_limits(0.0))
 
 
-def _summary(v: dict[str, Variable], recording: Recording, flight: replay.Flight, flown: replay.Replay) -> None:
+def _summary(v: dict[str, Variable], flight: replay.Flight, flown: replay.Replay) -> None:
     used = flown.degrees > 0
     groups = {"all": used, "moving": used & (flight.speed > MOVING)}
     v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")

@@ -15,7 +15,7 @@ from navsim.io.results import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay
-from tests.recordings import LATENCY, write_flight
+from tests.recordings import LATENCY, sentences_of, write_flight
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -177,20 +177,7 @@ def test_outages_withheld_and_drift(tmp_path: Path) -> None:
 def test_nmea_is_as_good_as_a_table(tmp_path: Path) -> None:
     """The same fixes as GGA and RMC sentences, whose resolution is a centimetre and 0.005 m/s."""
     write_flight(tmp_path)
-    table = np.genfromtxt(tmp_path / "gnss.csv", delimiter=",", skip_header=1)
-    sentences = []
-    for t, lat, lon, h, vn, ve, _ in table:
-        clock = f"{int(t // 3600):02d}{int(t // 60) % 60:02d}{t % 60:07.4f}"
-        where = f"{int(lat):02d}{60 * (lat % 1):010.7f},N,{int(lon):03d}{60 * (lon % 1):010.7f},E"
-        speed, course = np.hypot(vn, ve) / (1852 / 3600), np.degrees(np.arctan2(ve, vn)) % 360
-        for body in (
-            f"GPGGA,{clock},{where},1,09,0.9,{h - 15.0:.3f},M,15.000,M,,",
-            f"GPRMC,{clock},A,{where},{speed:.4f},{course:.3f},,,,A",
-        ):
-            check = 0
-            for c in body:
-                check ^= ord(c)
-            sentences.append(f"${body}*{check:02X}")
+    sentences = sentences_of(tmp_path / "gnss.csv")
     sentences.insert(7, "$GPGGA,garbled*00")
     (tmp_path / "gnss.nmea").write_text("\r\n".join(sentences))
     by_table = replay.prepare(*read_replay(tmp_path / "log.yaml"))

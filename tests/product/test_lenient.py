@@ -73,3 +73,51 @@ def test_a_replay_of_damaged_tables(tmp_path: Path) -> None:
     assert len(said) == 2
     assert f"1 rows left out; the first: {tmp_path}/imu.csv:41:" in said[0]
     assert f"1 rows left out; the first: {tmp_path}/gnss.csv:" in said[1]
+
+
+@pytest.mark.parametrize("lenient", ["false", "true"])
+@pytest.mark.parametrize(("factor", "said"), [(57.29578, "gyro_unit: deg/s"), (206264.8, "gyro_unit: deg/h")])
+def test_wrong_units_are_named_before_rows_are_left_out(factor: float, said: str, lenient: str, tmp_path: Path) -> None:
+    """Values outside of limits by the hundred are no damage."""
+    times_gyros(tmp_path, factor, slice(None))
+    with pytest.raises(InputError) as caught:
+        replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", f"lenient={lenient}")))
+    assert said in str(caught.value.problems[0])
+
+
+def times_gyros(folder: Path, factor: float, rows: slice, duration: float = 60.0) -> None:
+    """A flight of which the gyros are so many times too large in some rows of samples."""
+    write_flight(folder, duration=duration)
+    head, *lines = (folder / "imu.csv").read_text().strip().split("\n")
+    for k in range(*rows.indices(len(lines))):
+        t, *rates = lines[k].split(",")[:4]
+        lines[k] = ",".join([t, *(f"{factor * float(w):.9g}" for w in rates), *lines[k].split(",")[4:]])
+    (folder / "imu.csv").write_text("\n".join([head, *lines]) + "\n")
+
+
+def test_nothing_but_values_outside_of_limits(tmp_path: Path) -> None:
+    """Without checks a lenient reader is left with nothing, and says so; it is not proposed to one that is not."""
+    times_gyros(tmp_path, 1e9, slice(None))
+    log = tmp_path / "log.yaml"
+    with pytest.raises(InputError, match=r"imu\.file: only 0 usable samples; 2999 rows left out; the first: "):
+        replay.prepare(*read_replay(log, ("checks=off", "lenient=true")))
+    with pytest.raises(InputError, match=r"imu\.csv:2:1: imu\.file: gx_rad_s is ") as caught:
+        replay.prepare(*read_replay(log, ("checks=off",)))
+    assert "lenient" not in str(caught.value.problems[0])
+
+
+def test_a_few_values_outside_of_limits(tmp_path: Path) -> None:
+    """They do not mislead the checks: refused at the first line with the way out, or left out, counted and said."""
+    times_gyros(tmp_path, 1e9, slice(700, 730, 10))
+    log = tmp_path / "log.yaml"
+    with pytest.raises(InputError, match=r"imu\.csv:702:.* `lenient: true` takes what is whole"):
+        replay.prepare(*read_replay(log, ("tuning=none",)))
+    recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
+    assert next(w for w in recording.warnings if "left out" in w).startswith("3 rows left out; the first: ")
+    assert recording.samples.time.size < 2999
+
+    lines = (tmp_path / "gnss.csv").read_text().split("\n")
+    lines[30] = lines[30].replace("56.", "156.", 1)
+    (tmp_path / "gnss.csv").write_text("\n".join(lines))
+    recording = replay.prepare(*read_replay(log, ("tuning=none", "lenient=true")))
+    assert sum("left out" in w for w in recording.warnings) == 2

@@ -469,6 +469,64 @@ def test_a_few_good_lines_among_many_are_no_result(flown) -> None:  # type: igno
     assert any("only 8 could be used" in line for line in flying.failures(result))
 
 
+def without(line: str, kind: str, place: int) -> str:
+    """A sentence of this kind with a field emptied, another as it is."""
+    if kind not in line:
+        return line
+    body = line.strip()[1:-3].split(",")
+    body[place] = ""
+    return sentence(",".join(body)).strip()
+
+
+def test_sentences_without_a_time_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    """A receiver that never learns the time: none of its fixes can be used, and that is what is said."""
+    c, _, _, nmea = flown
+    lines = [without(without(line, "GGA", 1), "RMC", 1) for line in nmea.read_text().splitlines()]
+    session, result, _ = flew(c, lines)
+    untimed = sum("VTG" not in line for line in lines)
+    assert session.counts["untimed"] == untimed
+    assert flying.failures(result) == [
+        f"not one message could be used: {untimed} NMEA sentences without a time of day"
+    ]
+    timed = nmea.read_text().splitlines()[:12]
+    _, result, _ = flew(c, [*timed, *lines])
+    assert any("messages and corrupt lines only 4 could be used" in line for line in flying.failures(result))
+
+
+def test_lines_without_a_fix_are_not_called_none(flown) -> None:  # type: ignore[no-untyped-def]
+    c, _, _, _ = flown
+    assert flying.failures(flew(c, [])[1]) == ["not one message could be used: none came"]
+    satellites = sentence("GPGSV,1,1,01,05,40,083,46").strip()
+    assert flying.failures(flew(c, [satellites] * 3)[1]) == [
+        "not one message could be used: 3 whole sentences of kinds that have no fix"
+    ]
+    course = sentence("GPVTG,84.4,T,,M,22.4,N,41.5,K,A").strip()
+    assert flying.failures(flew(c, [course] * 3)[1]) == ["not one message could be used: 3 lines received"]
+
+
+def test_heights_over_the_geoid_are_warned_of(flown) -> None:  # type: ignore[no-untyped-def]
+    c, expected, _, nmea = flown
+    session, _, warned = flew(c, [without(line, "GGA", 11) for line in nmea.read_text().splitlines()])
+    fixes = expected["/geometry/time"].size
+    assert session.counts["used"] == session.counts["no_separation"] == fixes
+    assert warned == [
+        f"{fixes} fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid"
+    ]
+
+
+def test_messages_of_ships_are_not_corrupt(flown) -> None:  # type: ignore[no-untyped-def]
+    """Of live streams as of files: encapsulated sentences are of another kind, what only begins like one is not."""
+    c, expected, _, nmea = flown
+    ship = "!AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0*23"
+    lines = [each for line in nmea.read_text().splitlines() for each in (ship, line)]
+    session, result, warned = flew(c, ["!!?", *lines])
+    assert session.counts["corrupt"] == 1
+    assert session.counts["other"] == sum(line == ship for line in lines)
+    assert session.counts["used"] == expected["/geometry/time"].size
+    assert not flying.failures(result)
+    assert not warned
+
+
 def test_every_line_twice_is_a_result(flown) -> None:  # type: ignore[no-untyped-def]
     c, expected, table, _ = flown
     rows = table.read_text().splitlines()[1:]
@@ -529,6 +587,14 @@ def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=cwd, text=True, **pipes)
+
+
+def test_quiet_says_nothing_but_warnings(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    told = navsim(*SCENARIO, "--receiver", str(flown[2]), "-o", "a.h5", cwd=tmp_path)
+    assert "ended: the scenario's time is over" in told.stderr
+    done = navsim(*SCENARIO, "--receiver", str(flown[2]), "-o", "a.h5", "-q", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stdout == done.stderr == ""
 
 
 def test_standard_input_may_stay_open(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

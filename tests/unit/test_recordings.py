@@ -140,3 +140,19 @@ def test_a_table_cut_at_its_end(tmp_path: Path) -> None:
     path.write_text(GNSS[0][:-3] + "\n" + "\n".join(GNSS[1:]))
     with pytest.raises(FileError, match="the header lacks vd_m_s"):
         read_fixes(path, lenient=True)
+
+
+def test_tables_of_which_no_row_is_left(tmp_path: Path) -> None:
+    """However the rows went, it ends in words that say where."""
+    few = [GNSS[0] + ",nsat", *(f"{line},2" for line in GNSS[1:])]
+    with pytest.raises(FileError, match="only 0 usable fixes; 8 fixes with fewer than 4 satellites"):
+        read_fixes(written(tmp_path, few))
+    fast = [IMU[0], *(line.replace("0.01,-0.02", "171.9,-0.02") for line in IMU[1:])]
+    with pytest.raises(FileError, match=r"only 0 usable samples; 30 rows left out; the first: .*gx_rad_s is 171\.9"):
+        read_imu(written(tmp_path, fast), lenient=True)
+    silent = [IMU[0], *(line.split(",")[0] + ",0" * 6 for line in IMU[1:])]
+    with pytest.raises(FileError, match="only 0 usable samples; 30 samples of zeros alone"):
+        read_imu(written(tmp_path, silent))
+    far = [GNSS[0], *(line.replace("56.", "156.") for line in GNSS[1:])]
+    with pytest.raises(FileError, match="only 0 usable fixes; 8 rows left out"):
+        read_fixes(written(tmp_path, far), lenient=True)
