@@ -137,9 +137,11 @@ def live(
     Late, lost and corrupt messages are survived and counted. Give --receiver or --imu.
     """
     from navsim.io.results import ResultError, Sort
+    from navsim.io.stream import StreamError, opened
     from navsim.scenario.filter import SMOOTHERS
     from navsim.scenario.load import read
     from navsim.scenario.source import InputError
+    from navsim.study import source_clock
 
     if (receiver is None) == (imu is None):
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
@@ -147,8 +149,7 @@ def live(
         section, document = read(scenario, set_ or [])
         target = target_of(scenario, output, Sort("live"), force, "_live")
         from navsim.core import jit
-        from navsim.io.stream import StreamError, opened
-        from navsim.study import landing, source_clock
+        from navsim.study import landing
         from navsim.study import live as flying
 
         if section.filter.kind in SMOOTHERS:

@@ -158,6 +158,7 @@ def optimize(
     from navsim.scenario.load import read_study
     from navsim.scenario.optimize import Optimize
     from navsim.scenario.source import InputError
+    from navsim.study.search import NoPlacement
 
     try:
         section, document, base = read_study(study, Optimize, set_ or [])
@@ -166,7 +167,6 @@ def optimize(
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
         from navsim.study.objective import problem as pose
-        from navsim.study.search import NoPlacement
         from navsim.study.sweep import describe
         from navsim.study.watch import Watch
 

@@ -74,3 +74,25 @@ def test_validate_compiles_nothing() -> None:
     scenario = PACKAGE.parent / "scenarios" / "landing.yaml"
     code = f"from pathlib import Path\nfrom navsim.scenario.load import read\nread(Path({str(scenario)!r}))"
     assert not {"numba", "scipy", "matplotlib", "h5py"} & modules_after(code)
+
+
+def test_what_a_handler_catches_is_imported_before_its_try() -> None:
+    """A command that leaves early inside `try` must find the names of its handlers: else UnboundLocalError."""
+    for source in sorted((PACKAGE / "cli").glob("*.py")):
+        for node in ast.walk(ast.parse(source.read_text())):
+            if isinstance(node, ast.Try):
+                late = {
+                    alias.asname or alias.name
+                    for statement in node.body
+                    for inner in ast.walk(statement)
+                    if isinstance(inner, (ast.Import, ast.ImportFrom))
+                    for alias in inner.names
+                }
+                caught = {
+                    name.id
+                    for handler in node.handlers
+                    if handler.type is not None
+                    for name in ast.walk(handler.type)
+                    if isinstance(name, ast.Name)
+                }
+                assert not late & caught, f"{source.name}:{node.lineno}: {sorted(late & caught)}"
