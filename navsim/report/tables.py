@@ -213,7 +213,7 @@ def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
             row(f"  share of position within {level:g}σ", lambda r, i=i: _coverage(r, i))
     analysed = next((r for _, r in results if "/summary/budget/source" in r), None)
     if analysed is not None:
-        section("Error budget, same 20 s (share of mean square), m")
+        section("Error budget, same 20 s: horizontal, vertical, m (share of mean square)")
         for i, name in enumerate(analysed["/summary/budget/source"]):
             row(f"  {str(name).replace('_', ' ')}", lambda r, i=i: _budget(r, i))
     return table
