@@ -11,6 +11,7 @@ Sources: [1] RINEX 2.11 (2007), tables A3-A5, A10, A11. [2] RINEX 3.05 (2020), s
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -148,7 +149,7 @@ def _blocks(
     if end > first and (not starts or starts[0] > first):
         error = FileError(first + 1, "expected a record that begins with a satellite", path)
         dropped.damaged("messages left out", error)
-    for start, stop in zip(starts, [*starts[1:], end], strict=True):
+    for start, stop in itertools.pairwise([*starts, end]):
         letter = system if version < 3.0 else lines[start][0]
         if letter.isalpha():
             message = {"G": "LNAV", "R": "FDMA"}.get(letter, "")
@@ -168,7 +169,7 @@ def _framed(
     if end > first and (not starts or starts[0] > first):
         error = FileError(first + 1, "expected a record, a line such as > EPH G01 LNAV", path)
         dropped.damaged("messages left out", error)
-    for start, stop in zip(starts, [*starts[1:], end], strict=True):
+    for start, stop in itertools.pairwise([*starts, end]):
         try:
             words = lines[start][1:].split()
             if len(words) < 3 or words[0] not in _KINDS or not words[1][0].isalpha():

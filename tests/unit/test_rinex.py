@@ -496,3 +496,15 @@ def test_glonass_records_of_a_file_are_of_one_length(version: str, lines_each: i
     (tmp_path / "nav").write_text("\n".join(lines[:-1]) + "\n")
     with pytest.raises(FileError, match=f"breaks off: {lines_each} lines are due, here are {lines_each - 1}"):
         read_nav(tmp_path / "nav")
+
+
+@pytest.mark.parametrize("version", ["3.04", "4.00"])
+@pytest.mark.parametrize("body", ["", "\n\n", "     nothing that begins with a satellite\n"])
+def test_navigation_files_without_a_message(version: str, body: str, tmp_path: Path) -> None:
+    """A header and no record: refused in words, strictly and leniently."""
+    whole = navigation_3(UTC) if version == "3.04" else in_version_4(navigation_3(UTC), "4.00", [])
+    head = whole[: whole.index("END OF HEADER")] + "END OF HEADER\n"
+    (tmp_path / "nav").write_text(head + body)
+    for lenient in (False, True):
+        with pytest.raises(FileError):
+            read_nav(tmp_path / "nav", lenient)
