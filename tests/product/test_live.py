@@ -586,7 +586,12 @@ def test_an_imu_in_the_loop_of_a_late_receiver() -> None:
 def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(command, cwd=cwd, text=True, **pipes)
+    # the tests may themselves run where interrupts are ignored, as in the background of a script
+    return subprocess.Popen(command, cwd=cwd, text=True, preexec_fn=_listening, **pipes)
+
+
+def _listening() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_quiet_says_nothing_but_warnings(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
