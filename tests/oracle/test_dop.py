@@ -110,7 +110,10 @@ def test_nominal_constellation_is_that_of_the_icd() -> None:
     t = timescales.gps_from_utc(np.array([1536840000.0]))
     position, velocity = Nominal().state(t)
     p = position[0]
-    v = velocity[0] + 7.292115e-5 * np.stack([-p[:, 1], p[:, 0], 0 * p[:, 0]], axis=1)
+    # seen from axes that turn with the planes: the Earth's rate, and the secular regression of the nodes
+    mean_motion = np.sqrt(398600.4418e9 / 25_508_000.0**3)
+    regression = -1.5 * 1082.62575e-6 * mean_motion * (6_378_136.0 / 25_508_000.0) ** 2 * np.cos(np.radians(64.8))
+    v = velocity[0] + (7.292115e-5 - regression) * np.stack([-p[:, 1], p[:, 0], 0 * p[:, 0]], axis=1)
     np.testing.assert_allclose(np.linalg.norm(p, axis=1), 25_508_000.0, rtol=1e-12)
     normal = np.cross(p, v)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
