@@ -80,6 +80,17 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, normal, c
             return 0
         if move < _CONVERGED * _CONVERGED:
             invert_factored(normal, n, cofactor)
+            # the velocity takes the unit vectors of this place: a last step of 1 cm turns those of a source 100 m away
+            # by 1e-4, some millimetres per second
+            for s in range(sources):
+                if used[s]:
+                    dx = source[s, 0] - x[0]
+                    dy = source[s, 1] - x[1]
+                    dz = source[s, 2] - x[2]
+                    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+                    los[s, 0] = dx / distance
+                    los[s, 1] = dy / distance
+                    los[s, 2] = dz / distance
             return n
     return 0
 
