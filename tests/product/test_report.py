@@ -240,7 +240,7 @@ def test_panels_of_the_track_share_their_distances(many: Result) -> None:
 def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
     names = [str(name) for name in linear["/budget/source"]]
     styles = figures._source_style(names)
-    assert len(set(styles)) == len(names) == 14
+    assert len(set(styles)) == len(names) == 15
 
 
 # --- commands
