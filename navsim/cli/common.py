@@ -259,7 +259,7 @@ def read_result(path: Path) -> Result:
             from navsim.scenario.kinds import COMMANDS, advice
             from navsim.scenario.source import InputError, load
 
-            with suppress(InputError):
+            with suppress(InputError):  # not even readable as YAML: what it is no result for is said below
                 kind = str(load(path).data.get("kind"))
                 if kind in COMMANDS:
                     leave(BAD_INPUT, f"{path}: is no result but {advice(kind, path)}")
