@@ -84,11 +84,11 @@ def test_a_method_of_the_scenario_itself_needs_no_name(tmp_path: Path) -> None:
 
 
 def test_a_file_may_be_right_only_under_the_method_given(tmp_path: Path) -> None:
-    """Carrier smoothing has no covariance analysis; the file asks for one, the command line for a run."""
+    """A smoother has no covariance analysis; the file asks for one, the command line for a run."""
     own = tmp_path / "mine.yaml"
-    own.write_text(LANDING.read_text().replace("  latency_s: 0\n", "  latency_s: 0\n  smoothing_s: 20\n"))
-    own.write_text(own.read_text() + "method: covariance\n")
-    assert "smoothing_s" in navsim("run", own, *BRIEF, "-q", cwd=tmp_path, code=2).stderr
+    own.write_text(LANDING.read_text() + "method: covariance\n")
+    own.write_text(own.read_text().replace("  kind: tfg ", "  smoother: rts\n  kind: tfg "))
+    assert "smoother" in navsim("run", own, *BRIEF, "-q", cwd=tmp_path, code=2).stderr
     navsim("run", own, *BRIEF, "-q", "--method", "monte-carlo", cwd=tmp_path)
     foreign = navsim("run", SCENARIOS / "mls_elevation.yaml", "--method", "covariance", cwd=tmp_path, code=2)
     assert "--method: only for `kind: landing`" in foreign.stderr
