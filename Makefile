@@ -13,7 +13,7 @@ test: $(STAMP)           ## the whole test suite
 	$(BIN)/python -m pytest -n 2
 
 docs: $(STAMP)           ## docs/validation.md from the oracle tests
-	$(BIN)/python -m pytest tests/oracle --validation docs/validation.md
+	$(BIN)/python -m pytest -n 2 tests/oracle --validation docs/validation.md
 
 table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results/table2.*
 	$(BIN)/navsim table2

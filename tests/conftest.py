@@ -39,22 +39,28 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--as-written", action="store_true", help="run documented commands with their own run counts")
 
 
+Row = tuple[str, int, list[str]]
+_rows: dict[str, Row] = {}
+"""Of each oracle test: its file and line, and claim, oracle, tolerance and result."""
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Gather the results of oracle tests, where several processes run them in the one that hears of all."""
+    claim = dict(report.user_properties).get("validates")
+    if claim is None or not (report.when == "call" or (report.when == "setup" and report.outcome != "passed")):
+        return
+    name = report.nodeid.split("[")[0]
+    file, line, _ = report.location
+    _, _, row = _rows.setdefault(name, (file, line or 0, [*claim, report.outcome]))
+    if report.outcome == "failed":
+        row[3] = report.outcome
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Write docs/validation.md from the oracle tests that ran: claim, oracle, tolerance, result."""
     target = session.config.getoption("--validation")
-    if not target:
+    if not target or hasattr(session.config, "workerinput"):
         return
-    rows: dict[str, list[str]] = {}
-    for item in session.items:
-        marker = item.get_closest_marker("validates")
-        if marker is None:
-            continue
-        report = getattr(item, "final_report", None)
-        outcome = "skipped" if report is None else report.outcome
-        name = item.nodeid.split("[")[0]
-        row = rows.setdefault(name, [marker.args[0], marker.args[1], marker.args[2], outcome])
-        if outcome == "failed":
-            row[3] = outcome
     lines = [
         "# Validation",
         "",
@@ -65,16 +71,14 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         "|---|---|---|---|---|",
         *(
             f"| {claim} | {oracle} | {tolerance} | {outcome} | `{name.split('/')[-1].split('::')[-1]}` |"
-            for name, (claim, oracle, tolerance, outcome) in rows.items()
+            for name, (_, _, (claim, oracle, tolerance, outcome)) in sorted(_rows.items(), key=lambda row: row[1][:2])
         ),
         "",
     ]
     Path(target).write_text("\n".join(lines))
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: Any, call: pytest.CallInfo[None]) -> Any:
-    report = yield
-    if report.when == "call" or (report.when == "setup" and report.outcome != "passed"):
-        item.final_report = report
-    return report
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    marker = item.get_closest_marker("validates")
+    if marker is not None:
+        item.user_properties.append(("validates", list(marker.args[:3])))
