@@ -88,8 +88,8 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
 def workers() -> tuple[str, str, str, bool]:
     """The engine alone, batches kept on disk as they are finished, as in the process."""
     from navsim.scenario.load import read
-    from navsim.study.ensemble import Store
     from navsim.study.landing import fly_all, prepare
+    from navsim.study.partial import Store
 
     case = prepare(*read(SCENARIO))
 

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, options, messages, files found and written, progress."""
+"""What the commands share: options, files found and written, progress."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from navsim.cli import ending
+from navsim.cli.ending import BAD_INPUT, say
+
 if TYPE_CHECKING:
     from navsim.io.results import Result, Sort
+    from navsim.study.partial import Store
 
 MOST_RUNS = 1_000_000
 """Where `--until` gives up, unless --runs says otherwise."""
-
-OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 ScenarioArgument = Annotated[
@@ -61,11 +63,6 @@ SetOption = Annotated[list[str] | None, set_option("scenario")]
 StudySetOption = Annotated[list[str] | None, set_option("study")]
 
 
-def say(message: str) -> None:
-    """Tell the person at the terminal something; standard output is for results alone."""
-    print(message, file=sys.stderr)
-
-
 def leave(code: int, *messages: object) -> NoReturn:
     """End with an exit code and messages on standard error."""
     for message in messages:
@@ -77,7 +74,7 @@ def leave(code: int, *messages: object) -> NoReturn:
 def progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[int], None]]:
     """A progress bar over `total` of something on standard error, or nothing."""
     if not shown or total < 2 or not sys.stderr.isatty():
-        yield lambda _: None
+        yield lambda _: ending.check()
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -85,7 +82,12 @@ def progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[
     columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, completed=done)
+
+        def tell(done: int) -> None:
+            ending.check()
+            bar.update(task, completed=done)
+
+        yield tell
 
 
 SAY_EVERY_S = 10.0
@@ -97,18 +99,24 @@ def search_progress(shown: bool, unit: str) -> Iterator[Callable[[Any], None]]:
     """Where a search stands (`study.watch.Progress`) on standard error: a live line, or a line now and then where it
     is no terminal; nothing where it is not to be shown. unit: of the objective."""
     if not shown:
-        yield lambda _: None
+        yield lambda _: ending.check()
         return
     if sys.stderr.isatty():
         from rich.console import Console
 
         with Console(stderr=True).status("") as line:
-            yield lambda progress: line.update(search_line(progress, unit))
+
+            def show(progress: Any) -> None:
+                ending.check()
+                line.update(search_line(progress, unit))
+
+            yield show
         return
     said = 0.0
 
     def tell(progress: Any) -> None:
         nonlocal said
+        ending.check()
         if progress.used - said >= SAY_EVERY_S:
             said = progress.used
             say(search_line(progress, unit))
@@ -190,10 +198,20 @@ def refuse_other(target: Path, sort: Sort, force: bool) -> None:
         )
 
 
-def announce_compiling() -> None:
-    """Say why the first run ever takes longer."""
+def begin(target: Path) -> None:
+    """The computing of a result begins: no other process works on it until the command ends, leftovers of killed ones
+    are cleaned, and why the first run ever takes longer is said."""
     from navsim.core import jit
+    from navsim.io.whole import Occupied, clean, locked
 
+    try:
+        ending.keep(locked(target))
+    except Occupied as error:
+        leave(BAD_INPUT, f"{error}; wait for it, or choose another -o/--output")
+    except OSError as error:
+        say(f"warning: {target} cannot be locked ({error.strerror or error}): let no other process write it")
+    else:
+        clean(target)
     if not jit.is_warm():
         say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
 
@@ -215,17 +233,28 @@ def save(result: Result, target: Path, figures: Path | None) -> list[Path]:
     return draw(result, figures, target.stem)
 
 
-def store_beside(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Any:
-    """The place for partial work beside the result; None for a study of a single batch."""
-    from navsim.study.ensemble import BATCH, PartialError, Store
+def open_store(target: Path, key: dict[str, Any], fresh: bool) -> Store:
+    """The place for partial work beside the result."""
+    from navsim.study.partial import PartialError, Store
 
-    folder = target.with_name(f"{target.name}.partial")
-    if runs <= (batch or BATCH) and not folder.exists():
-        return None
     try:
-        return Store(folder, key, fresh)
+        return Store(partial_folder(target), key, fresh)
     except PartialError as error:
         leave(BAD_INPUT, error)
+
+
+def partial_folder(target: Path) -> Path:
+    """Where the partial work of a result lies."""
+    return target.with_name(f"{target.name}.partial")
+
+
+def store_beside(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Store | None:
+    """The same for runs in batches; None for a study of a single batch."""
+    from navsim.study.ensemble import BATCH
+
+    if runs <= (batch or BATCH) and not partial_folder(target).exists():
+        return None
+    return open_store(target, key, fresh)
 
 
 def figure_folder(figures: str | None, target: Path, runs: int, quiet: bool) -> Path | None:
@@ -292,7 +321,13 @@ def print_console(table: Any, width: int) -> None:
     """Print a table, in this width where there is no terminal to ask for its own."""
     from rich.console import Console
 
-    Console(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
+    class Piped(Console):
+        """rich would leave with exit code 1 where the reader of a pipe goes away."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    Piped(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
 
 
 def print_result(

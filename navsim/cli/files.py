@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import BAD_INPUT, leave, say, set_option
+from navsim.cli.common import leave, set_option
+from navsim.cli.ending import BAD_INPUT, say
 from navsim.scenario import shipped
 from navsim.scenario.kinds import COMMANDS, noun
 from navsim.scenario.shipped import names

@@ -1,20 +1,17 @@
-"""The `navsim` command. Heavy imports happen inside the commands, so that `--help` answers at once."""
+"""The commands of `navsim`. Heavy imports happen inside the commands, so that `--help` answers at once."""
 
 from __future__ import annotations
 
-import os
-import sys
 from typing import Annotated
 
 import typer
 
-from navsim.cli.common import INTERRUPTED, OK, RUN_FAILED, say
+from navsim.cli.ending import OK, ending
 from navsim.cli.files import init, schema, validate
 from navsim.cli.recorded import live, replay
 from navsim.cli.results import export, plot, show
 from navsim.cli.run import run
 from navsim.cli.studies import optimize, sweep, table2
-from navsim.core.defect import Defect
 
 app = typer.Typer(
     name="navsim",
@@ -25,7 +22,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 for command in (run, table2, sweep, optimize, replay, live, show, plot, export, validate, schema, init):
-    app.command()(command)
+    app.command()(ending(command))
 
 
 def _version(wanted: bool) -> None:
@@ -43,23 +40,3 @@ def _root(
     ] = False,
 ) -> None:
     pass
-
-
-def main() -> None:
-    """Entry point of the `navsim` command."""
-    try:
-        app()
-    except KeyboardInterrupt:
-        say("interrupted")
-        sys.exit(INTERRUPTED)
-    except Defect as error:
-        say(f"error: {error}")
-        sys.exit(RUN_FAILED)
-    except BrokenPipeError:
-        # the reader of a pipe went away, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(OK)
-
-
-if __name__ == "__main__":
-    main()

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from navsim.cli.common import (
-    BAD_INPUT,
-    RUN_FAILED,
     FiguresOption,
     ForceOption,
     JsonOption,
@@ -22,17 +20,17 @@ from navsim.cli.common import (
     ScenarioArgument,
     SeedOption,
     SetOption,
-    announce_compiling,
+    begin,
     figure_folder,
     leave,
     output_option,
     print_result,
     progress,
     save,
-    say,
     set_option,
     target_of,
 )
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
 
 if TYPE_CHECKING:
     from navsim.study.live import Session
@@ -79,7 +77,7 @@ def replay(
             f"{aligned.time:.2f} s with data up to {aligned.until:.2f} s; would write {target}"
         )
         return
-    announce_compiling()
+    begin(target)
     drawing = figure_folder(figures, target, 1, quiet)
     try:
         with progress(flying.extent(recording), not quiet, "tuning flights") as done:
@@ -155,7 +153,7 @@ def live(
         if section.filter.kind in SMOOTHERS:
             leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
         start = None if start_time is None else source_clock.start_time(start_time)
-        announce_compiling()
+        begin(target)
         case = landing.prepare(section, document)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")

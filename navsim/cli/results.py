@@ -8,14 +8,13 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import (
-    BAD_INPUT,
     figure_folder,
     lacks,
     leave,
     print_table,
     read_result,
-    say,
 )
+from navsim.cli.ending import BAD_INPUT, say
 
 
 def show(

@@ -8,9 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from navsim.cli.common import (
-    BAD_INPUT,
     MOST_RUNS,
-    RUN_FAILED,
     FreshOption,
     JsonOption,
     QuietOption,
@@ -18,7 +16,7 @@ from navsim.cli.common import (
     SeedOption,
     SetOption,
     WorkersOption,
-    announce_compiling,
+    begin,
     figure_folder,
     leave,
     method_given,
@@ -28,10 +26,10 @@ from navsim.cli.common import (
     progress,
     read,
     save,
-    say,
     store_beside,
     target_of,
 )
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
 
 Keep = Literal["errors", "all", "none"]
 Method = Literal["monte-carlo", "covariance"]
@@ -138,14 +136,14 @@ def run(
     from navsim.io.results import ResultError
     from navsim.scenario.source import InputError
     from navsim.study import landing
-    from navsim.study.ensemble import PartialError
+    from navsim.study.partial import PartialError
 
     try:
         enough = landing.stopping_rule(until) if until is not None else None
     except ValueError as error:
         leave(BAD_INPUT, f"--until {error}")
     if not dry_run:
-        announce_compiling()
+        begin(target)
     try:
         case = landing.prepare(checked, document)
     except InputError as error:
@@ -228,7 +226,7 @@ def _run_companion(
     if dry_run:
         say(f"{scenario}: a study of kind {checked.kind}; would write {target}")
         return
-    announce_compiling()
+    begin(target)
     companion = COMPANIONS[checked.kind]
     try:
         with progress(companion.extent(checked), not quiet, companion.unit) as done:

@@ -8,9 +8,6 @@ from typing import Annotated, Literal
 import typer
 
 from navsim.cli.common import (
-    BAD_INPUT,
-    CHECK_FAILED,
-    RUN_FAILED,
     FiguresOption,
     ForceOption,
     FreshOption,
@@ -18,20 +15,21 @@ from navsim.cli.common import (
     SeedOption,
     StudySetOption,
     WorkersOption,
-    announce_compiling,
+    begin,
     figure_folder,
     leave,
     method_given,
+    open_store,
     output_option,
     print_console,
     progress,
     refuse_other,
     save,
-    say,
     search_progress,
     store_beside,
     target_of,
 )
+from navsim.cli.ending import BAD_INPUT, CHECK_FAILED, RUN_FAILED, say
 
 SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 
@@ -84,8 +82,8 @@ def sweep(
         from navsim.core import jit
         from navsim.report import sweep as report
         from navsim.study import sweep as computing
-        from navsim.study.ensemble import PartialError
         from navsim.study.landing import default_workers
+        from navsim.study.partial import PartialError
 
         planned = computing.plan(section, document, base, seed)
     except InputError as error:
@@ -96,7 +94,7 @@ def sweep(
     if dry_run:
         say(f"{study}: {planned.size} combinations ({extent}), method {section.method}; would write {target}")
         return
-    announce_compiling()
+    begin(target)
     drawing = figure_folder(figures, target, 1, quiet)
     store = store_beside(target, computing.partial_key(planned), planned.size, fresh, planned.batch)
     try:
@@ -144,6 +142,7 @@ def optimize(
         ),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
+    fresh: FreshOption = False,
     force: ForceOption = False,
     quiet: QuietOption = False,
     json_: Annotated[
@@ -152,7 +151,7 @@ def optimize(
 ) -> None:
     """Find the best placement of pseudolites under constraints.
 
-    For one or several numbers of them.
+    For one or several numbers of them. After a kill the same command goes on from what was analysed.
     """
     from navsim.io.results import ResultError, Sort
     from navsim.scenario.load import read_study
@@ -166,12 +165,14 @@ def optimize(
         from navsim.core import jit
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
+        from navsim.study.journal import Journal
         from navsim.study.objective import problem as pose
+        from navsim.study.partial import PartialError
         from navsim.study.sweep import describe
         from navsim.study.watch import Watch
 
         if not dry_run:
-            announce_compiling()
+            begin(target)
         with search_progress(not quiet and not dry_run, describe(section.objective)[0]) as tell:
             watch = Watch(tell, time_limit)
             problem = pose(section, document, base)
@@ -181,14 +182,19 @@ def optimize(
                 say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
                 return
             drawing = figure_folder(figures, target, 1, quiet)
-            outcome = searching.solve(problem, seed, watch)
+            store = open_store(target, searching.partial_key(problem, seed), fresh)
+            outcome = searching.solve(problem, seed, watch, Journal(store))
         result = searching.optimize_result(problem, outcome, seed)
         interrupted = outcome.stopped == searching.INTERRUPTED
         written = save(result, target, None if interrupted else drawing)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    except (ResultError, NoPlacement) as error:
+    except (ResultError, NoPlacement, PartialError) as error:
         leave(RUN_FAILED, error)
+    if store.redone:
+        say(f"{store.redone} damaged piece(s) of an earlier attempt were computed again")
+    if not outcome.stopped:
+        store.remove()
     jit.mark_warm()
     if json_:
         import json
@@ -202,6 +208,7 @@ def optimize(
     if outcome.stopped:
         why = "interrupted" if interrupted else f"time limit of {time_limit:g} s"
         say(f"warning: stopped early ({why}); {target} holds the best found; undone: {result.attributes['undone']}")
+        say(f"what was analysed is kept in {store.folder}; the same command goes on from there")
     if interrupted:
         raise KeyboardInterrupt
 
@@ -232,7 +239,7 @@ def table2(
         refuse_other(output / "table2.h5", Sort("table2"), force)
     except ResultError as error:
         leave(BAD_INPUT, error)
-    announce_compiling()
+    begin(output / "table2.h5")
     with progress(len(study.CALIBRATIONS) * len(study.ROWS), not quiet, "rows") as done:
         found = study.compute_all(seed, runs, workers or default_workers(), done)
     result = study.result(found, seed, runs)

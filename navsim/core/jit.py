@@ -18,6 +18,8 @@ from typing import Any
 import llvmlite
 import numba
 
+from navsim.core.kernel_cache import CheckedCache
+
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
 _KERNEL_ROOMS = ("core", "models", "estimation", "simulation")
@@ -41,7 +43,7 @@ def _cache_folder() -> Path | None:
     )
     folder = Path(base) / f"kernels-{digest()}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # machine code is run: nobody else writes it
         return folder if os.access(folder, os.W_OK) else None
     except OSError:
         return None
@@ -50,7 +52,6 @@ def _cache_folder() -> Path | None:
 _CACHE = _cache_folder()
 if _CACHE is not None:
     _CONFIG.CACHE_DIR = str(_CACHE)
-_OPTIONS: dict[str, Any] = {"cache": _CACHE is not None, "nogil": True, "error_model": "numpy"}
 
 
 def is_warm() -> bool:
@@ -82,9 +83,16 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     fastmath stays off: it changes the last bits from one compilation to the next. Division by zero gives
     inf or nan as in numpy, which also lets loops vectorise.
     """
-    return numba.njit(**_OPTIONS)(function)
+    return _compiled(function, inline=False)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile like `kernel`, and have LLVM put the code into its callers: passing an array costs ten words."""
-    return numba.njit(**_OPTIONS, forceinline=True)(function)
+    return _compiled(function, inline=True)
+
+
+def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
+    if _CACHE is not None:
+        dispatcher._cache = CheckedCache(function)  # what numba's `cache=True` does, with a cache of our own
+    return dispatcher

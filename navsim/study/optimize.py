@@ -4,14 +4,19 @@ wherever the work is stopped. How placements are judged: `study.objective`; how 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from navsim.core.wgs84 import llh_from_ecef
 from navsim.io.results import Result, Variable
+from navsim.scenario.load import resolved_yaml
+from navsim.study.journal import Journal
 from navsim.study.objective import UNSOLVED, Judge, Problem
+from navsim.study.partial import Arrays, code_key
 from navsim.study.root import root_attributes
 from navsim.study.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
 from navsim.study.sweep import describe, dop_outputs
@@ -62,28 +67,43 @@ def search(here: Problem, seed: int, watch: Watch | None = None) -> dict[int, Fo
     """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
     watch = watch or Watch()
     watch.plan(_search_steps(here))
-    return dict(_searches(here, seed, watch))
+    return dict(_searches(here, seed, watch, Journal()))
 
 
 def _search_steps(here: Problem) -> list[Step]:
     return [step for i, count in enumerate(sorted(here.study.pseudolites)) for step in steps(here, count, i > 0)]
 
 
-def _searches(here: Problem, seed: int, watch: Watch) -> Iterator[tuple[int, Found]]:
+def _searches(here: Problem, seed: int, watch: Watch, journal: Journal) -> Iterator[tuple[int, Found]]:
     earlier: np.ndarray | None = None
     for count in sorted(here.study.pseudolites):
-        found = search_one(here, count, seed, earlier, watch)
+        found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, here, count, seed, earlier, watch)))
         earlier = found.places
         yield count, found
 
 
-def solve(here: Problem, seed: int, watch: Watch | None = None) -> Outcome:
+def _search_arrays(here: Problem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Arrays:
+    return search_one(here, count, seed, earlier, watch).arrays()
+
+
+def partial_key(here: Problem, seed: int) -> dict[str, object]:
+    """What partial work must agree in to be resumed."""
+    text = resolved_yaml(here.study) + resolved_yaml(here.scenario)
+    return {"study_sha256": hashlib.sha256(text.encode()).hexdigest(), "seed": seed, **code_key()}
+
+
+def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal | None = None) -> Outcome:
     """Placements, then their neighbourhoods, then maps. The time limit of the watch or an interrupt ends the work; what
     was found until then is kept, the best of a search in progress with it.
 
-    Raises NoPlacement where there is none; KeyboardInterrupt where there is none yet.
+    journal: of an earlier attempt, which this one goes on from, to the same outcome. Raises NoPlacement where there is
+    none; KeyboardInterrupt where there is none yet; PartialError where the journal cannot be kept.
     """
     watch = watch or Watch()
+    journal = journal or Journal()
+    if here.coarse is not None:
+        full, coarse = journal.remembering(FULL, here.objective), journal.remembering(COARSE, here.coarse)
+        here = replace(here, objective=full, coarse=coarse)
     counts = tuple(sorted(here.study.pseudolites))
     trials = Trials(here, watch, searching=False)
     watch.plan([*_search_steps(here), *_later_steps(here)])
@@ -91,23 +111,27 @@ def solve(here: Problem, seed: int, watch: Watch | None = None) -> Outcome:
     if here.coarse is not None:
         here.coarse(nothing)  # so that what is timed next is not the loading of kernels
     outcome = Outcome(float(here.objective(nothing)[0]))
+
+    def step(what: str, count: int, work: Callable[[Problem, Found, Trials], np.ndarray], best: Found) -> np.ndarray:
+        return journal.step(f"{what}-{count}", lambda: {what: work(here, best, trials)})[what]
+
     try:
         if here.coarse is not None:
             for way, judge in ((FULL, here.objective), (COARSE, here.coarse)):
                 with watch.trying(way, 1):
                     judge(nothing)
-        for count, found in _searches(here, seed, watch):
+        for count, found in _searches(here, seed, watch, journal):
             outcome.found[count] = found
         for count in counts:
             best = outcome.found[count]
             watch.best, watch.places = best.value, best.places
             with watch.step(_around(count)):
-                outcome.neighbourhoods[count] = neighbourhood(here, best, trials)
+                outcome.neighbourhoods[count] = step("around", count, neighbourhood, best)
         for count in counts:
             best = outcome.found[count]
             watch.best, watch.places = best.value, best.places
             with watch.step(_mapping(count)):
-                outcome.maps[count] = objective_map(here, best, trials)
+                outcome.maps[count] = step("map", count, objective_map, best)
     except (TimeUp, KeyboardInterrupt) as stop:
         outcome.stopped = TIME_LIMIT if isinstance(stop, TimeUp) else INTERRUPTED
         _keep_unfinished(here, outcome, counts, watch)

@@ -75,6 +75,21 @@ class Found:
     every: bool
     finished: bool
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """As arrays, of which `of` makes the same again."""
+        return {
+            "places": self.places, "value": np.array(self.value), "every": np.array(self.every),
+            "finished": np.array(self.finished), "way": np.array(list(self.tried)),
+            "tried": np.array(list(self.tried.values())),
+        }  # fmt: skip
+
+    @staticmethod
+    def of(arrays: dict[str, np.ndarray]) -> Found:
+        """What `arrays` was made of."""
+        tried = dict(zip(arrays["way"].tolist(), arrays["tried"].tolist(), strict=True))
+        every, finished = bool(arrays["every"]), bool(arrays["finished"])
+        return Found(arrays["places"], float(arrays["value"]), tried, every, finished)
+
 
 def steps(here: Problem, count: int, earlier: bool) -> list[Step]:
     """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""

@@ -18,8 +18,6 @@ from typing import Any
 
 import numpy as np
 
-import navsim
-from navsim.core.jit import digest as kernel_digest
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
@@ -32,10 +30,11 @@ from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.simulation.signals import Environment
-from navsim.study.ensemble import Arrays, Ensemble, PartialError, Store, fly_all
+from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare, result
 from navsim.study.landing import fly_all as fly_landing
 from navsim.study.landing.case import environment, files_of, glide_epochs
+from navsim.study.partial import Arrays, PartialError, Store, code_key
 from navsim.study.root import root_attributes
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
@@ -355,8 +354,7 @@ def partial_key(planned: Plan) -> dict[str, object]:
         "study_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "files": planned.files,
         "seed": planned.seed,
-        "navsim_version": navsim.__version__,
-        "kernels": kernel_digest(),
+        **code_key(),
     }
 
 

@@ -320,7 +320,7 @@ def test_version(tmp_path: Path) -> None:
 def test_completion_in_the_shell(typed: str, offered: set[str], tmp_path: Path) -> None:
     words = typed.split(" ")
     asked = {"_NAVSIM_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
-    code = "import sys; sys.argv = ['navsim']; from navsim.cli.main import main; main()"
+    code = "import sys; sys.argv = ['navsim']; from navsim.__main__ import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, **asked}, capture_output=True, text=True
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.cli.main import main
+from navsim.__main__ import main
 from navsim.io.results import read
 from navsim.study import watch
 from tests.conftest import SCENARIOS

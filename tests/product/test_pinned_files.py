@@ -14,7 +14,7 @@ from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
 from navsim.scenario.sweep import Sweep
 from navsim.study import objective, optimize
-from navsim.study.ensemble import PartialError
+from navsim.study.partial import PartialError
 from navsim.study.sweep import SweepStudy, compute, partial_key, plan, sweep_result
 from tests.helpers import SCENARIOS
 

@@ -44,7 +44,7 @@ def with_files_limited(size: int, *arguments: object, cwd: Path) -> subprocess.C
     code = (
         "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         f"resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}));"
-        "from navsim.cli.main import main; main()"
+        "from navsim.__main__ import main; main()"
     )
     command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)

@@ -96,7 +96,7 @@ def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> N
     slow = (
         "import time; from navsim.study import sweep; own = sweep.SweepStudy._placements\n"
         "def waited(*a): time.sleep(0.3); return own(*a)\n"
-        "sweep.SweepStudy._placements = waited\nfrom navsim.cli.main import main; main()"
+        "sweep.SweepStudy._placements = waited\nfrom navsim.__main__ import main; main()"
     )
     for attempt in range(3):
         arguments = ["sweep", str(file), "-o", str(target), "-q", "--workers", "1"]

@@ -64,7 +64,7 @@ def modules_after(code: str) -> set[str]:
 
 
 def test_help_imports_nothing_heavy() -> None:
-    code = "import contextlib, io, sys\nsys.argv = ['navsim', '--help']\nfrom navsim.cli.main import main\n"
+    code = "import contextlib, io, sys\nsys.argv = ['navsim', '--help']\nfrom navsim.__main__ import main\n"
     code += "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
     heavy = {"numba", "scipy", "matplotlib", "h5py", "h5netcdf", "pymap3d", "pydantic", "yaml", "numpy"}
     assert not heavy & modules_after(code)

@@ -11,9 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-import navsim
 from navsim.core import states
-from navsim.core.jit import digest as kernel_digest
 from navsim.core.rotation import rpy_error, rpy_jacobian
 from navsim.estimation.loosely_coupled import REJECTED
 from navsim.scenario.base import DEG
@@ -21,9 +19,10 @@ from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import (
     Run,
 )
-from navsim.study.ensemble import Arrays, Ensemble, Store
+from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.landing.case import Case, crossing_times, fix_findings, rms_window
+from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import (
     rms_interval,
 )
@@ -157,8 +156,7 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
         "first_run": first_run,
         "runs": runs,
         "keep": keep,
-        "navsim_version": navsim.__version__,
-        "kernels": kernel_digest(),
+        **code_key(),
     }
 
 

@@ -1,0 +1,184 @@
+"""How a command ends: a signal, a closed pipe or a full disk behind standard output is a message and an exit code.
+
+The first interrupt (SIGINT), termination (SIGTERM) or hangup (SIGHUP) is raised where the command is, so that what is
+finished is kept; a second one ends the process at once, which harms no file, since files are there whole or not at all.
+Exit codes are those of a shell: 128 + the signal's number.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from types import FrameType
+from typing import Any, NoReturn, TypeVar
+
+OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED = 0, 1, 2, 3
+
+WORDS: dict[int, str] = {
+    signal.SIGINT: "interrupted",
+    signal.SIGTERM: "terminated",
+    signal.SIGHUP: "the terminal hung up",
+}
+"""The signals that end a command, and what is said of them."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Ended(KeyboardInterrupt):
+    """A signal that ends the command has come."""
+
+
+_came: list[int] = []
+_held: list[ExitStack] = []
+
+
+def say(message: str) -> None:
+    """Tell the person at the terminal something; standard output is for results alone."""
+    with suppress(OSError):  # where nobody can be told, the work goes on
+        print(message, file=sys.stderr)
+
+
+def prepare_streams() -> None:
+    """See to it that there is a standard input, output and error, and that they take every character.
+
+    A file opened while one of them is closed would get its number, and stray words with it. What an encoding other
+    than UTF-8 does not have becomes a question mark.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # closed by the caller
+            os.open(os.devnull, os.O_RDWR)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115, for as long as the process
+        elif mode == "w" and isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in ("utf-8", "utf8"):
+            stream.reconfigure(errors="replace")
+
+
+def ending(command: F) -> F:
+    """The command, ending as this module says."""
+
+    @functools.wraps(command)
+    def ended(*arguments: Any, **options: Any) -> Any:
+        with ends():
+            return command(*arguments, **options)
+
+    return ended  # type: ignore[return-value]
+
+
+@contextmanager
+def ends() -> Iterator[None]:
+    """While it lasts, what ends a command is made its message and exit code, and what it `keeps` is let go after it."""
+    from navsim.core.defect import Defect
+
+    try:
+        with ExitStack() as held, _listening():
+            _held.append(held)
+            try:
+                yield
+                sys.stdout.flush()
+            finally:
+                _held.pop()
+                _say_notes()
+    except KeyboardInterrupt:
+        _leave_for_signal()
+    except SystemExit as left:
+        if _came and not isinstance(left, _Told) and left.code == 128 + signal.SIGINT:
+            _leave_for_signal()  # typer caught it before a command had begun, and says nothing
+        raise
+    except Defect as error:
+        say(f"error: {error}")
+        sys.exit(RUN_FAILED)
+    except BrokenPipeError:  # the reader went away, as `| head` does
+        _silence(sys.stdout)
+        sys.exit(OK)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        _silence(sys.stdout)
+        say(f"error: standard output cannot be written: {error.strerror or error}")
+        sys.exit(RUN_FAILED)
+
+
+def keep(what: AbstractContextManager[None]) -> None:
+    """Enter a context that lasts to the end of the command."""
+    _held[-1].enter_context(what)
+
+
+def check() -> None:
+    """Raise Ended where a signal came whose first exception was lost, as in a callback from compiled code."""
+    if _came:
+        raise Ended
+
+
+@contextmanager
+def _listening() -> Iterator[None]:
+    """Signals that are ignored, as by nohup or in the background of a script, stay so."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) is _end:
+        yield
+        return
+    _came.clear()
+    before = {number: signal.getsignal(number) for number in WORDS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, _end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def deafen() -> None:
+    """Let a further signal end the process by the system's own way: what is left is the interpreter's."""
+    for number in WORDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _end(number: int, _: FrameType | None) -> None:
+    _came.append(number)
+    if number == signal.SIGHUP:
+        hung_up()
+    if len(_came) > 1:
+        say("ended at once")
+        os._exit(128 + number)
+    raise Ended
+
+
+def hung_up() -> None:
+    """Send what is said from now on to nowhere: a terminal that hung up takes no more words, and fails at each."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream.isatty():
+            _silence(stream)
+
+
+def _silence(stream: Any) -> None:
+    with suppress(OSError, ValueError):  # a stream without a descriptor, as under a test, stays as it is
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _say_notes() -> None:
+    """What the kernels' cache has to tell, where it was used at all."""
+    cache = sys.modules.get("navsim.core.kernel_cache")
+    if cache is not None:
+        while cache.notes:
+            say(f"warning: {cache.notes.pop(0)}")
+
+
+class _Told(SystemExit):
+    """The end after a signal, of which the person at the terminal was told."""
+
+
+def _leave_for_signal() -> NoReturn:
+    number = _came[-1] if _came else signal.SIGINT
+    say(WORDS[number])
+    raise _Told(128 + number) from None

@@ -1,0 +1,96 @@
+"""numba's cache on disk, made safe: a file that is damaged is dropped and compiled again, a full disk does without.
+
+numba loads what it finds. A file cut by a power failure, or with a flipped bit, ends the process within the machine
+code or with a traceback, at every start until somebody removes the folder. Here each file begins with the SHA-256 of
+the rest, and is not looked into before that fits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import pickle
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+_DIGEST = 32
+"""Bytes of a SHA-256."""
+
+notes: list[str] = []
+"""What went wrong with the cache in this process, in words; each once."""
+
+
+def note(text: str) -> None:
+    """Remember something to be said."""
+    if text not in notes:
+        notes.append(text)
+
+
+class Damaged(OSError):
+    """A file of the cache that is not as it was written; it is removed."""
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """The files of one kernel."""
+
+    def _content(self, path: str) -> bytes:
+        """What was written to a file. Raises FileNotFoundError, OSError, Damaged."""
+        with open(path, "rb") as file:
+            digest, content = file.read(_DIGEST), file.read()
+        if hashlib.sha256(content).digest() != digest:
+            with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
+                os.unlink(path)
+            note(f"damaged machine code in {self._cache_path} was dropped and compiled again")
+            raise Damaged(path)
+        return content
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            content = io.BytesIO(self._content(self._index_path))
+        except OSError:  # absent, damaged or unreadable: nothing is known, so it is compiled
+            return {}
+        version, stamp, overloads = pickle.load(content)
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        with self._open_for_write(self._index_path) as file:
+            file.write(self._dump((self._version, self._source_stamp, overloads)))
+
+    def _load_data(self, name: str) -> Any:
+        return pickle.loads(self._content(self._data_path(name)))
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        temporary = Path(f"{filepath}.tmp.{uuid.uuid4().hex[:16]}")
+        try:
+            with open(temporary, "wb") as file:
+                file.write(hashlib.sha256(content.getbuffer()).digest())
+                file.write(content.getbuffer())
+            temporary.replace(filepath)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+class CheckedCache(FunctionCache):
+    """The cache of one kernel, with checked files."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _CheckedFiles(self._cache_path, self._impl.filename_base, stamp)
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Keep machine code; where the disk does not take it, it lives in memory alone."""
+        try:
+            super().save_overload(signature, data)
+        except OSError as error:
+            note(f"machine code could not be kept in {self._cache_path}: {error.strerror or error}")
+            self.disable()

@@ -1,0 +1,98 @@
+"""What a search has found out, on disk: analyses as they are made and steps as they are finished.
+
+A search repeats itself to the bit, so after a kill it is begun again and is told what it asked before: a covariance
+analysis is a line of a journal, a finished step a piece of the study's partial work.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable
+
+import numpy as np
+
+from navsim.study.partial import JOURNAL, Arrays, PartialError, Store
+
+
+class Journal:
+    """The partial work of a search; without a store it forgets. Not for several threads."""
+
+    def __init__(self, store: Store | None = None) -> None:
+        """Raises PartialError where the store's folder does not take the journal."""
+        self._store = store
+        self._known: dict[tuple[str, bytes], bytes] = {}
+        self._file: int | None = None
+        if store is None:
+            return
+        path = store.folder / JOURNAL
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            with open(path, "rb") as file:
+                os.truncate(self._file, self._read(file.read()))
+            os.lseek(self._file, 0, os.SEEK_END)
+        except OSError as error:
+            raise PartialError(f"{path}: cannot be kept: {error.strerror or error}") from None
+
+    def _read(self, content: bytes) -> int:
+        """Take the lines that are whole, up to the first that is not; returns where they end."""
+        assert self._store is not None
+        end = 0
+        for line in content.splitlines(keepends=True):
+            parts = line.decode("ascii", errors="replace").split()
+            if len(parts) != 4 or not line.endswith(b"\n") or parts[3] != self._check(*parts[:3]):
+                self._store.redone += 1
+                break
+            way, places, value = parts[:3]
+            self._known[way, bytes.fromhex(places.strip("."))] = bytes.fromhex(value)
+            end += len(line)
+        return end
+
+    def _check(self, way: str, places: str, value: str) -> str:
+        assert self._store is not None
+        return f"{zlib.crc32(self._store.identity + f'{way} {places} {value}'.encode()):08x}"
+
+    def remembering(self, way: str, judge: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+        """A judge of placements (n, k, 2) that asks the journal first, one placement at a time.
+
+        The judge must be the same for one placement as among many. Raises PartialError where the disk is full.
+        """
+        if self._store is None:
+            return judge
+
+        def remembered(places: np.ndarray) -> np.ndarray:
+            return np.concatenate([self._value(way, judge, places[i : i + 1]) for i in range(len(places))])
+
+        return remembered
+
+    def _value(self, way: str, judge: Callable[[np.ndarray], np.ndarray], place: np.ndarray) -> np.ndarray:
+        key = way, np.ascontiguousarray(place, np.float64).tobytes()
+        known = self._known.get(key)
+        if known is None:
+            value = np.asarray(judge(place), np.float64)
+            known = self._known[key] = value.tobytes()
+            # the empty placement is a dot: a line has four words
+            words = way, key[1].hex() or ".", known.hex()
+            self._append(f"{' '.join(words)} {self._check(*words)}\n")
+        return np.frombuffer(known)
+
+    def _append(self, line: str) -> None:
+        assert self._store is not None
+        assert self._file is not None
+        try:
+            os.write(self._file, line.encode())
+        except OSError as error:
+            raise PartialError(
+                f"{self._store.folder / JOURNAL}: cannot be written: {error.strerror or error}; the analyses before it "
+                "are kept and the same command goes on from there"
+            ) from None
+
+    def step(self, name: str, work: Callable[[], Arrays]) -> Arrays:
+        """The arrays of a finished step: as kept, or worked out and kept. Raises PartialError."""
+        kept = self._store.read(name) if self._store is not None else None
+        if kept is not None:
+            return kept
+        arrays = work()
+        if self._store is not None:
+            self._store.write(name, arrays)
+        return arrays

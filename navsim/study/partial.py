@@ -1,0 +1,131 @@
+"""Partial work on disk: what a study has finished, so that after a kill the same command goes on from there.
+
+The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is; every piece is a file of arrays
+and beside it a checksum of its content, its name and the study, so a piece that is damaged, of another study or under
+another name does not count. Files are written whole, a piece's checksum last; the key comes first, and folders go by
+one renaming, so there are no pieces without a key.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import navsim
+from navsim.core.jit import digest
+from navsim.io.whole import discard, write_whole
+
+_CHECKSUM = ".sha256"
+_KEY_FILE = "key.json"
+JOURNAL = "journal.txt"
+"""The file of `study.journal` in the folder."""
+
+Arrays = dict[str, np.ndarray]
+
+
+class PartialError(Exception):
+    """A folder of partial work that belongs to another study, or cannot be written."""
+
+
+def code_key() -> dict[str, object]:
+    """The part of every key that says which code the work was done by."""
+    return {"navsim_version": navsim.__version__, "kernels": digest()}
+
+
+class Store:
+    """The folder of partial work of one study.
+
+    identity: of the study, 32 bytes. redone: pieces that were there and did not count.
+    """
+
+    def __init__(self, folder: Path, key: dict[str, Any], fresh: bool) -> None:
+        """Open or create the folder. Raises PartialError where another study's work lies there."""
+        self.folder = folder
+        self.redone = 0
+        mine = json.dumps(key, sort_keys=True, indent=1)
+        self.identity = hashlib.sha256(mine.encode()).digest()
+        try:
+            if fresh:
+                discard(folder)
+            if any(file.stat().st_size for kind in (f"*{_CHECKSUM}", JOURNAL) for file in folder.glob(kind)):
+                _compare(folder, mine, key)
+            else:  # at most a key, perhaps cut: nobody's work
+                folder.mkdir(parents=True, exist_ok=True)
+                write_whole(folder / _KEY_FILE, mine.encode())
+            for leftover in folder.glob(".*.tmp"):
+                leftover.unlink()
+            self._known = {file.name for file in folder.glob(f"*{_CHECKSUM}")}
+        except OSError as error:
+            raise PartialError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
+
+    def file(self, name: str) -> Path:
+        """Where a piece is kept."""
+        return self.folder / f"{name}.npz"
+
+    def read(self, name: str, wanted: Callable[[str], bool] = lambda _: True) -> Arrays | None:
+        """The wanted arrays of a piece; None where there is none that counts."""
+        path = self.file(name)
+        if path.with_suffix(_CHECKSUM).name not in self._known:
+            return None
+        try:
+            content = path.read_bytes()
+            if path.with_suffix(_CHECKSUM).read_text() == self._checksum(name, content):
+                return load_arrays(content, wanted)
+        except (OSError, UnicodeDecodeError):  # lost or unreadable: as good as damaged
+            pass
+        self.redone += 1
+        return None
+
+    def write(self, name: str, arrays: Arrays) -> Path:
+        """Keep a finished piece. Raises PartialError where the disk does not take it."""
+        path = self.file(name)
+        memory = io.BytesIO()
+        np.savez(memory, allow_pickle=False, **arrays)
+        content = memory.getbuffer()
+        try:
+            write_whole(path, content)
+            write_whole(path.with_suffix(_CHECKSUM), self._checksum(name, content).encode())
+        except OSError as error:
+            raise PartialError(
+                f"{path}: cannot be written: {error.strerror or error}; what was finished before is kept and the same "
+                "command goes on from there"
+            ) from None
+        return path
+
+    def remove(self) -> None:
+        """Delete the folder: the result is complete."""
+        with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
+            discard(self.folder)
+
+    def _checksum(self, name: str, content: bytes | memoryview) -> str:
+        digest = hashlib.sha256(self.identity)
+        digest.update(name.encode() + b"\0")
+        digest.update(content)
+        return digest.hexdigest()
+
+
+def load_arrays(content: bytes | Path, wanted: Callable[[str], bool]) -> Arrays:
+    """The wanted arrays of a piece's content or file, which is known to be whole."""
+    with np.load(io.BytesIO(content) if isinstance(content, bytes) else content, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files if wanted(name)}
+
+
+def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
+    """Raise PartialError where the folder's key is not this one."""
+    try:
+        theirs = (folder / _KEY_FILE).read_text()
+        if theirs == mine:
+            return
+        other = json.loads(theirs)
+        parts = [f"{k} {other.get(k)!r} there, {v!r} here" for k, v in key.items() if other.get(k) != v]
+        whose = f"partial work of another study lies there ({'; '.join(parts)})"
+    except (OSError, ValueError, AttributeError):
+        whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
+    raise PartialError(f"{folder}: {whose}; --fresh discards it")

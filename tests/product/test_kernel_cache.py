@@ -1,0 +1,84 @@
+"""The kernels' machine code on disk: damage is dropped and compiled again, a disk that takes none costs time alone."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+CODE = (
+    "import numpy as np; from navsim.core import attitude, kernel_cache; m = np.empty((3, 3));"
+    "attitude.dcm(np.array([0.5, 0.5, -0.5, 0.5]), m);"
+    "print(m.ravel().tolist(), sum(attitude.dcm.stats.cache_hits.values()));"
+    "print(*kernel_cache.notes, sep='\\n')"
+)
+"""A small kernel by itself; whether its code came from the cache."""
+RIGHT = "[0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0]"
+
+
+def result(folder: Path, first: str = "") -> tuple[str, int, str]:
+    """The kernel's numbers, how many files of the cache were used, what there was to say."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
+    done = subprocess.run(
+        [sys.executable, "-c", first + CODE], env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    numbers, notes = done.stdout.split("\n", 1)
+    matrix, _, hits = numbers.rpartition(" ")
+    return matrix, int(hits), notes.strip()
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("kernels")
+    matrix, hits, notes = result(folder)
+    assert (matrix, hits, notes) == (RIGHT, 0, "")
+    return folder
+
+
+def files(cache: Path, ending: str) -> list[Path]:
+    return sorted(cache.rglob(f"*.{ending}"))
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:100])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[random.Random(path.name).randrange(len(content))] ^= 16
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(("damage", "ending"), [(empty, "nbc"), (cut, "nbc"), (flip, "nbc"), (flip, "nbi")])
+def test_damage_is_dropped_and_compiled_again(damage: Callable[[Path], None], ending: str, cache: Path) -> None:
+    assert result(cache) == (RIGHT, 1, "")
+    victims = files(cache, ending)
+    assert victims
+    for victim in victims:
+        damage(victim)
+    matrix, hits, notes = result(cache)
+    assert (matrix, hits) == (RIGHT, 0)
+    assert "damaged machine code in" in notes
+    assert "was dropped and compiled again" in notes
+    assert result(cache) == (RIGHT, 1, "")
+
+
+def test_a_full_disk_compiles_in_memory(tmp_path: Path) -> None:
+    limited = (
+        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000));"
+    )
+    matrix, hits, notes = result(tmp_path, limited)
+    assert (matrix, hits) == (RIGHT, 0)
+    assert "machine code could not be kept in" in notes
+    assert not files(tmp_path, "nbc")

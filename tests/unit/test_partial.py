@@ -1,0 +1,218 @@
+"""Partial work: whose it is, what counts of it, and who may write."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.io import whole
+from navsim.io.whole import Occupied, clean, discard, locked, write_whole
+from navsim.study.journal import Journal
+from navsim.study.partial import PartialError, Store
+
+KEY = {"seed": 1, "runs": 50}
+PIECE = {"a": np.arange(3.0), "text": np.array(["x", "yy"])}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    store = Store(tmp_path / "r.h5.partial", KEY, fresh=False)
+    for name in ("one", "two"):
+        store.write(name, {**PIECE, "name": np.array(name)})
+    return store.folder
+
+
+def counted(folder: Path, key: dict[str, int] = KEY) -> tuple[list[str], int]:
+    store = Store(folder, key, fresh=False)
+    found = [name for name in ("one", "two") if store.read(name) is not None]
+    return found, store.redone
+
+
+def test_pieces_come_back(folder: Path) -> None:
+    piece = Store(folder, KEY, fresh=False).read("two", lambda name: name != "a")
+    assert piece is not None
+    assert {name: value.tolist() for name, value in piece.items()} == {"text": ["x", "yy"], "name": "two"}
+
+
+def swap(folder: Path) -> None:
+    for suffix in (".npz", ".sha256"):
+        (folder / f"one{suffix}").rename(folder / "third")
+        (folder / f"two{suffix}").rename(folder / f"one{suffix}")
+        (folder / "third").rename(folder / f"two{suffix}")
+
+
+def rename(folder: Path) -> None:
+    for suffix in (".npz", ".sha256"):
+        (folder / f"one{suffix}").replace(folder / f"two{suffix}")
+
+
+def flip(folder: Path) -> None:
+    content = bytearray((folder / "one.npz").read_bytes())
+    content[60] ^= 4
+    (folder / "one.npz").write_bytes(content)
+
+
+def lose(folder: Path) -> None:
+    (folder / "one.npz").unlink()
+
+
+def blank(folder: Path) -> None:
+    (folder / "one.sha256").write_bytes(b"\xff" * 64)
+
+
+def unfinished(folder: Path) -> None:
+    (folder / "one.sha256").unlink()
+
+
+@pytest.mark.parametrize(
+    ("damage", "left", "redone"),
+    [(swap, [], 2), (rename, [], 1), (flip, ["two"], 1), (lose, ["two"], 1), (blank, ["two"], 1),
+     (unfinished, ["two"], 0)],
+)  # fmt: skip
+def test_a_piece_counts_only_whole_and_in_its_place(
+    damage: Callable[[Path], None], left: list[str], redone: int, folder: Path
+) -> None:
+    damage(folder)
+    assert counted(folder) == (left, redone)
+
+
+def test_pieces_of_another_study_do_not_count(folder: Path) -> None:
+    """A `--fresh` that was killed between the key and the pieces, by a version that deleted one file after another."""
+    (folder / "key.json").write_text(json.dumps({**KEY, "seed": 2}, sort_keys=True, indent=1))
+    assert counted(folder, {**KEY, "seed": 2}) == ([], 2)
+
+
+@pytest.mark.parametrize("key", [None, "", '{"seed": 1', "[]", '"text"'])
+def test_pieces_without_a_key_are_nobodys(key: str | None, folder: Path) -> None:
+    (folder / "key.json").unlink()
+    if key is not None:
+        (folder / "key.json").write_text(key)
+    with pytest.raises(PartialError, match=r"key\.json is missing or damaged; --fresh discards it"):
+        Store(folder, KEY, fresh=False)
+    assert (folder / "one.npz").exists()
+    assert Store(folder, KEY, fresh=True).read("one") is None
+
+
+@pytest.mark.parametrize("key", ["", '{"seed": 1', '{"seed": 7}'])
+def test_a_key_without_pieces_is_written_anew(key: str, tmp_path: Path) -> None:
+    folder = tmp_path / "r.h5.partial"
+    folder.mkdir()
+    (folder / "key.json").write_text(key)
+    Store(folder, KEY, fresh=False).write("one", PIECE)
+    assert counted(folder) == (["one"], 0)
+
+
+def test_another_study_is_refused_with_what_differs(folder: Path) -> None:
+    with pytest.raises(PartialError, match=r"another study lies there \(seed 1 there, 3 here\)"):
+        Store(folder, {**KEY, "seed": 3}, fresh=False)
+    assert counted(folder) == (["one", "two"], 0)
+
+
+def test_fresh_killed_under_way_leaves_nothing_that_counts(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder goes by one renaming; what is left under the other name is cleaned by the next command."""
+
+    class Killed(Exception):
+        pass
+
+    def killed(*_: object, **__: object) -> None:
+        raise Killed
+
+    real = shutil.rmtree
+    monkeypatch.setattr(whole.shutil, "rmtree", lambda path, **how: killed() if path.exists() else real(path, **how))
+    with pytest.raises(Killed):
+        Store(folder, KEY, fresh=True)
+    monkeypatch.undo()
+    assert not folder.exists()
+    assert [path.name for path in folder.parent.iterdir()] == [f"r.h5.partial.{os.getpid()}.gone"]
+    clean(folder.parent / "r.h5")
+    assert not list(folder.parent.iterdir())
+    discard(folder)
+
+
+def test_a_file_is_whole_or_as_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "f"
+    write_whole(file, b"before")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(whole.os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(file, b"after")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("f", b"before")]
+
+
+def test_a_lock_says_who_holds_it_and_ends_with_its_process(tmp_path: Path) -> None:
+    file = tmp_path / "r.h5"
+    code = (
+        "import sys, time; from pathlib import Path; from navsim.io.whole import locked\n"
+        "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, str(file)], stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        who = rf"r\.h5: process {holder.pid} on .*, since .* UTC, is at work on it"
+        with pytest.raises(Occupied, match=who), locked(file):
+            pass
+        with locked(tmp_path / "another.h5"):
+            pass
+        holder.kill()
+    with locked(file):
+        assert (tmp_path / ".r.h5.lock").exists()
+    assert not list(tmp_path.iterdir())
+
+
+# --- the journal of a search
+
+
+def twice(places: np.ndarray) -> np.ndarray:
+    return np.asarray(2.0 * places.sum(axis=(1, 2)))
+
+
+def forbidden(places: np.ndarray) -> np.ndarray:
+    raise AssertionError(places)
+
+
+def test_a_journal_remembers_to_the_bit(tmp_path: Path) -> None:
+    places = np.random.default_rng(1).normal(size=(5, 2, 2))
+    nothing = np.empty((1, 0, 2))
+    first = Journal(Store(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)
+    np.testing.assert_array_equal(first(places), twice(places))
+    assert first(nothing) == [0.0]
+    again = Journal(Store(tmp_path / "p", KEY, fresh=False))
+    np.testing.assert_array_equal(again.remembering("full", forbidden)(places), twice(places))
+    assert again.remembering("full", forbidden)(nothing) == [0.0]
+    with pytest.raises(AssertionError):
+        again.remembering("coarse", forbidden)(places)
+
+
+@pytest.mark.parametrize("cut", [1, 20, 400])
+def test_a_cut_journal_counts_up_to_its_last_whole_line(cut: int, tmp_path: Path) -> None:
+    places = np.arange(40.0).reshape(10, 2, 2)
+    Journal(Store(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
+    file = tmp_path / "p" / "journal.txt"
+    whole_lines = file.read_bytes()
+    file.write_bytes(whole_lines[:-cut])
+    store = Store(tmp_path / "p", KEY, fresh=False)
+    np.testing.assert_array_equal(Journal(store).remembering("full", twice)(places), twice(places))
+    assert store.redone == 1
+    assert file.read_bytes() == whole_lines
+
+
+def test_a_journal_of_another_study_does_not_count(tmp_path: Path) -> None:
+    places = np.arange(4.0).reshape(1, 2, 2)
+    Journal(Store(tmp_path / "p", KEY, fresh=False)).remembering("full", twice)(places)
+    other = {**KEY, "seed": 2}
+    with pytest.raises(PartialError, match="another study"):
+        Store(tmp_path / "p", other, fresh=False)
+    (tmp_path / "p" / "key.json").write_text(json.dumps(other, sort_keys=True, indent=1))
+    with pytest.raises(AssertionError):
+        Journal(Store(tmp_path / "p", other, fresh=False)).remembering("full", forbidden)(places)
