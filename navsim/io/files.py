@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import io
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
 
 _NAMES = (
     (stat.S_ISFIFO, "a named pipe"),
@@ -22,7 +22,7 @@ MOST_ON_DISK = 10_000_000_000
 """Bytes; larger files are refused before anything is read or summed of them."""
 
 
-def opened(path: Path, most: int = MOST_ON_DISK) -> BinaryIO:
+def opened(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
     """A regular file of at most `most` bytes, open for reading.
 
     Raises OSError, whose `strerror` says what is wrong: not there, a folder, no regular file, too large.
@@ -31,7 +31,7 @@ def opened(path: Path, most: int = MOST_ON_DISK) -> BinaryIO:
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags)
     about = os.fstat(descriptor)
-    problem = None
+    problem: OSError | None = None
     if stat.S_ISDIR(about.st_mode):
         problem = IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     elif not stat.S_ISREG(about.st_mode):
