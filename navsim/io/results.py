@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
+import itertools
 import os
 import re
 import stat
@@ -213,7 +214,7 @@ def write_text(path: Path, text: str) -> None:
 _CHECKSUMS = "checksums"
 """Root attribute of files that carry checksums."""
 CHUNK_BYTES = 524_288
-"""Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset while it is written."""
+"""Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset."""
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,39}")
 """Kinds and versions."""
 IN_MEMORY = 64e6
@@ -290,29 +291,35 @@ def _fill(file: Any, result: Result) -> None:
             if data.size:
                 stored[...] = data.astype(object)
         else:
-            stored = group.create_variable(name, variable.dims, data.dtype, **_checked(data.shape, data.dtype.itemsize))
-            _fill_numbers(stored, data)
+            pieces = iter(data.blocks()) if isinstance(data, Stream) else iter([data])
+            first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
+            stored = group.create_variable(name, variable.dims, data.dtype, **_checked(data, first))
+            _fill_numbers(stored, first, pieces)
         _describe(stored, path, variable)
 
 
-def _fill_numbers(stored: Any, data: np.ndarray | Stream) -> None:
-    if not isinstance(data, Stream):
-        if data.size:
-            stored[...] = data
-        return
+def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:
+    """Numbers, block after block along their first axis."""
     start = 0
-    for block in data.blocks():
+    for block in itertools.chain([first], others):
+        if not block.shape:
+            stored[...] = block
+            return
         if block.size:
             stored[start : start + block.shape[0]] = block
         start += block.shape[0]
 
 
-def _checked(shape: tuple[int, ...], width: int) -> dict[str, Any]:
-    """How numbers are stored with checksums, which HDF5 keeps by chunks: rows along the first axis."""
-    if not shape or 0 in shape:
+def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
+    """How numbers are stored with checksums, which HDF5 keeps by chunks of rows along the first axis. Chunks divide the
+    blocks that come: one written in two pieces would be read again for the second."""
+    if not data.shape or 0 in data.shape:
         return {}
-    rows = CHUNK_BYTES // (width * int(np.prod(shape[1:])))
-    return {"chunks": (min(max(1, rows), shape[0]), *shape[1:]), "fletcher32": True}
+    most = max(1, CHUNK_BYTES // (data.dtype.itemsize * int(np.prod(data.shape[1:]))))
+    rows = min(most, data.shape[0])
+    if isinstance(data, Stream):
+        rows = next(n for n in range(min(rows, max(1, first.shape[0])), 0, -1) if first.shape[0] % n == 0)
+    return {"chunks": (rows, *data.shape[1:]), "fletcher32": True}
 
 
 def _describe(stored: Any, path: str, variable: Variable) -> None:
