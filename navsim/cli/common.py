@@ -27,7 +27,9 @@ ScenarioArgument = Annotated[
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Threads. Default: all cores.", show_default=False)
 ]
-SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="Root of all random numbers.")]
+MOST = 2**63 - 1
+"""Largest seed and number of a run: what a result file holds as an integer."""
+SeedOption = Annotated[int, typer.Option(min=0, max=MOST, metavar="N", help="Root of all random numbers.")]
 FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
@@ -308,10 +310,11 @@ def print_table(results: list[tuple[str, Any]]) -> None:
     kinds = {str(result.attributes["kind"]) for _, result in results}
     if len(kinds) > 1:
         leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
-    view = VIEWS.get(kinds.pop())
-    if view is None:
+    kind = kinds.pop()
+    if kind == "landing":
         print_console(summary_table(results), 56 + 60 * len(results))
         return
+    view = VIEWS[kind]
     for name, result in results:
         print(name)
         print_console(view.console(result), view.width)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +18,9 @@ from navsim.cli.common import (
 )
 from navsim.cli.ending import BAD_INPUT, say
 
+if TYPE_CHECKING:
+    from navsim.io.results import Result
+
 
 def show(
     files: Annotated[
@@ -27,18 +32,41 @@ def show(
 ) -> None:
     """Print the summary tables of results, side by side."""
     results = [(path.stem, read_result(path)) for path in files]
-    if json_:
-        import json
+    from navsim.report.views import VIEWS
 
-        from navsim.report.tables import summary_json
+    for file, (_, result) in zip(files, results, strict=True):
+        if result.attributes["kind"] not in ("landing", *VIEWS):
+            leave(BAD_INPUT, f"{file}: not a result of this version: there is no kind {result.attributes['kind']}")
+    with shown_as_stored([result for _, result in results], files):
+        if json_:
+            import json
 
-        summaries = [summary_json(result) for _, result in results]
-        print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=1, allow_nan=False))
-    else:
-        try:
+            from navsim.report.tables import summary_json
+
+            summaries = [summary_json(result) for _, result in results]
+            print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=1, allow_nan=False))
+        else:
             print_table(results)
-        except KeyError as error:
-            leave(BAD_INPUT, *(lacks(result, name, error) for name, result in results))
+
+
+@contextmanager
+def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
+    """Leave with words where the contents of result files do not fit together, or lack what this version shows."""
+    from navsim.io.results import ResultError
+
+    try:
+        yield
+    except ResultError as error:
+        named = any(str(file) in str(error) for file in files)
+        leave(BAD_INPUT, error if named else f"{', '.join(map(str, files))}: {error}")
+    except KeyError as error:
+        leave(BAD_INPUT, *(lacks(result, file, error) for result, file in zip(results, files, strict=True)))
+    except (typer.Exit, OSError, UnicodeEncodeError):
+        raise  # left already, or the terminal's
+    except Exception as error:  # the file's content alone decides what happens here, and it may be anybody's
+        said = (str(error).splitlines() or [""])[0]
+        names = ", ".join(map(str, files))
+        leave(BAD_INPUT, f"{names}: damaged: what it holds does not fit together ({type(error).__name__}: {said})")
 
 
 def plot(
@@ -49,22 +77,16 @@ def plot(
     ] = None,
 ) -> None:
     """Draw the figures of a result again and print their names."""
-    from navsim.io.results import ResultError
-
     folder = figure_folder(figures, file, runs=1, quiet=False)
     result = read_result(file)
     if folder is None:
         say(f"{file}: no figures, as --figures none says")
         return
-    try:
+    with shown_as_stored([result], [file]):
         from navsim.report.views import save
 
         for path in save(result, folder, file.stem):
             print(path)
-    except ResultError as error:
-        leave(BAD_INPUT, error)
-    except KeyError as error:
-        leave(BAD_INPUT, lacks(result, file, error))
 
 
 def export(
@@ -101,7 +123,6 @@ def export(
     """
     from navsim.io.export import approximate_systems, choose_run
     from navsim.io.export import export as convert
-    from navsim.io.results import ResultError
 
     chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
                                         ("csv", csv)) if wanted]  # fmt: skip
@@ -111,19 +132,15 @@ def export(
     if not target.parent.is_dir():
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
     result = read_result(file)
-    try:
+    with shown_as_stored([result], [file]):
         chosen_run, several = choose_run(result, run)
         for path in convert(chosen_run, target, chosen):
             print(path)
         if several is not None:
             say(f"{file}: {several}; --run K takes another")
-    except ResultError as error:
-        leave(BAD_INPUT, f"{file}: {error}" if str(file) not in str(error) else error)
-    except KeyError as error:
-        leave(BAD_INPUT, lacks(result, file, error))
-    if rinex:
-        for system in approximate_systems(result):
-            say(
-                f"warning: the {system} satellites flew by an almanac, and the exported messages only resemble it; fly "
-                "with sky.broadcast: true for exact ones"
-            )
+        approximate = approximate_systems(result) if rinex else []
+    for system in approximate:
+        say(
+            f"warning: the {system} satellites flew by an almanac, and the exported messages only resemble it; fly "
+            "with sky.broadcast: true for exact ones"
+        )

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from navsim.cli.common import (
+    MOST,
     MOST_RUNS,
     FreshOption,
     JsonOption,
@@ -63,7 +64,10 @@ def run(
         ),
     ] = None,
     first_run: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of the first run; run 7 alone: --runs 1 --first-run 7.")
+        int,
+        typer.Option(
+            min=0, max=MOST, metavar="N", help="Number of the first run; run 7 alone: --runs 1 --first-run 7."
+        ),
     ] = 0,
     workers: WorkersOption = None,
     keep: Annotated[
@@ -125,6 +129,8 @@ def run(
         if foreign:
             leave(BAD_INPUT, f"{', '.join(foreign)}: only for method monte-carlo; a covariance analysis has no runs")
     runs = runs or (1 if until is None else MOST_RUNS)
+    if first_run > MOST - runs:
+        leave(BAD_INPUT, f"--first-run {first_run}: the last of {runs} run(s) would have a number beyond {MOST}")
     kept = keep or ("all" if runs == 1 else "errors")
     if runs > 1:
         suffix = f"_runs{runs}" if until is None else "_until"

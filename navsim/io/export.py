@@ -22,7 +22,7 @@ import numpy as np
 from navsim.core import wgs84
 from navsim.core.rotation import dcm_from_rpy
 from navsim.io import rinex_write
-from navsim.io.results import Result, ResultError, write_text
+from navsim.io.results import Result, ResultError, part, write_text
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.atmosphere import L1
 from navsim.models.conventions import KNOT
@@ -32,6 +32,8 @@ ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
 _ELLIPSES = 40
 """At most so many error ellipses are drawn along a track."""
+LONGEST = 30 * 86400.0
+"""No flight lasts longer, s."""
 TOE_SPACING = 7200.0
 """GPS messages of simulated satellites are given reference times at multiples of this, s."""
 
@@ -71,7 +73,7 @@ def choose_run(result: Result, number: int | None) -> tuple[Result, str | None]:
         return result, None
     i = 0 if number is None else int(np.flatnonzero(runs == number)[0])
     of_one = {
-        path: replace(v, data=np.asarray(v.data)[i : i + 1]) if v.dims[:1] == ("run",) else v
+        path: replace(v, data=part(v.data, i, i + 1)) if v.dims[:1] == ("run",) else v
         for path, v in result.variables.items()
     }
     return Result(result.attributes, of_one), f"run {runs[i]} of {runs.size} is written"
@@ -262,6 +264,8 @@ def _near(elements: gps.Elements, result: Result) -> gps.Elements:
     time = _start(result) + result["/geometry/time"][[0, -1]]
     if np.all(np.abs(elements.toe[:, None] - time) < gps.HALF_FIT):
         return elements
+    if not time[0] <= time[1] <= time[0] + LONGEST:
+        raise ResultError(f"damaged: measurements from {time[0]:g} to {time[1]:g} s")
     toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
     parts = [elements.referred_to(np.full(elements.prn.size, toe)) for toe in toes]
     whole = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(gps.Elements)}

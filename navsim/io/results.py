@@ -2,20 +2,34 @@
 
 A result is a tree of variables by path, `/group/name`; a variable named like one of its dimensions is that
 dimension's coordinate. Every dimension has one, so every dataset in the file has units and a long name.
+
+Arrays of numbers carry HDF5's own checksums (fletcher32), the whole file those of `navsim.io.seal`, and the root
+attribute `checksums` says so: a file that lost them is damaged, one of an earlier version has neither.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
+import itertools
 import os
+import re
+import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from navsim.io import files
+from navsim.io.seal import Damaged, blocks, seal
+
+if TYPE_CHECKING:
+    from navsim.io.hdf5 import Dataset, Tree
 
 
 class ResultError(Exception):
@@ -38,6 +52,54 @@ class Stream:
     def nbytes(self) -> int:
         """Size of all blocks together, bytes."""
         return int(np.prod(self.shape)) * self.dtype.itemsize
+
+
+BLOCK_BYTES = 16_000_000
+"""Size of the blocks in which what is stored is read, bytes."""
+
+
+class Stored(Stream):
+    """A variable of a result file, read when it is asked for, by blocks, by rows or all of it.
+
+    Reading raises ResultError where the file is damaged there.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: np.dtype[Any], read: Callable[[int | None, int | None], np.ndarray]
+    ) -> None:
+        """read: rows from the first number up to the second; (None, None) all."""
+        super().__init__(shape, dtype, self._in_blocks)
+        object.__setattr__(self, "_read", read)
+        object.__setattr__(self, "_whole", None)
+
+    def _in_blocks(self) -> Iterator[np.ndarray]:
+        step = max(1, BLOCK_BYTES * self.shape[0] // max(1, self.nbytes))
+        for first in range(0, self.shape[0], step):
+            yield self.rows(first, min(first + step, self.shape[0]))
+
+    def rows(self, first: int, last: int) -> np.ndarray:
+        """Entries first ... last - 1 along the first axis."""
+        return self._read(first, last)  # type: ignore[attr-defined]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """All of it; kept for the next who asks, unless it is large."""
+        whole: np.ndarray | None = self._whole  # type: ignore[attr-defined]
+        if whole is None:
+            whole = self._read(None, None)  # type: ignore[attr-defined]
+            if self.nbytes <= BLOCK_BYTES:
+                object.__setattr__(self, "_whole", whole)
+        return whole.astype(dtype or self.dtype, copy=bool(copy))
+
+
+def part(data: Any, first: int, last: int) -> Any:
+    """Entries first ... last - 1 along the first axis of an array or a Stream; what is stored is still read later."""
+    if not isinstance(data, Stored):
+        return np.asarray(data)[first:last]
+
+    def read(low: int | None, high: int | None) -> np.ndarray:
+        return data.rows(first + (low or 0), last if high is None else first + high)
+
+    return Stored((last - first, *data.shape[1:]), data.dtype, read)
 
 
 @dataclass(frozen=True)
@@ -87,12 +149,18 @@ ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 
 def check_writable(path: Path) -> None:
     """Raise ResultError, before any work is done, where `path` could not be written."""
-    if path.is_dir():
-        raise ResultError(f"{path}: this is a folder; the result needs a file name")
+    try:
+        _target(path)
+    except IsADirectoryError:
+        raise ResultError(f"{path}: this is a folder; the result needs a file name") from None
+    except NotADirectoryError:
+        raise ResultError(f"{path.parent}: is a file, not a folder") from None
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
     folder = path.parent
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=folder):
+        with tempfile.NamedTemporaryFile(dir=_target(path).parent):
             return
     except FileExistsError:
         raise ResultError(f"{folder}: is a file, not a folder") from None
@@ -100,17 +168,55 @@ def check_writable(path: Path) -> None:
         raise ResultError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, line ends as they are. Raises ResultError."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+def _target(path: Path) -> Path:
+    """The file that is written for `path`: behind symbolic links, which stay. Raises OSError for what is no file."""
     try:
-        temporary.write_text(text, encoding="utf-8", newline="")
-        os.replace(temporary, path)
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        mode = stat.S_IFREG
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is a pipe, a device or a socket; a file is needed")
+    return Path(os.path.realpath(path))
+
+
+@contextlib.contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A name beside `path` to write a file under, which takes the place of `path` when all went well; it is on the
+    disk by then. Raises OSError."""
+    target = _target(path)
+    temporary = target.with_name(f".{target.name[:50]}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        with open(temporary, "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+    finally:
+        with contextlib.suppress(OSError):  # it is not there any more, or what went wrong is being told
+            temporary.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
+    """Write a file whole or not at all. Raises ResultError."""
+    try:
+        with _replacing(path) as temporary:
+            temporary.write_bytes(content)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all, line ends as they are. Raises ResultError."""
+    write_bytes(path, text.encode())
+
+
+_CHECKSUMS = "checksums"
+"""Root attribute of files that carry checksums."""
+CHUNK_BYTES = 524_288
+"""Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset."""
+_WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,39}")
+"""Kinds and versions."""
 IN_MEMORY = 64e6
 """Results up to this size, bytes, are built in memory and then written."""
 
@@ -122,30 +228,25 @@ def write(path: Path, result: Result) -> None:
     in memory and written by plain system calls; for a large one, which is written block by block, the space is
     claimed first.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
-        if size < IN_MEMORY:
-            image = _image(result)
-            with open(temporary, "wb") as file:
-                file.write(image)
-                file.flush()
-                os.fsync(file.fileno())
-        else:
-            _claim(temporary, int(1.05 * size + IN_MEMORY))
-            import h5netcdf
+        with _replacing(path) as temporary:
+            if size < IN_MEMORY:
+                image = _image(result)
+                with open(temporary, "wb") as file:
+                    file.write(image)
+                    file.write(seal(blocks(image)))
+            else:
+                _claim(temporary, int(1.05 * size + IN_MEMORY))
+                import h5netcdf
 
-            with h5netcdf.File(temporary, "w") as tree:
-                _fill(tree, result)
-            with open(temporary, "rb") as file:
-                os.fsync(file.fileno())
-        os.replace(temporary, path)
+                with h5netcdf.File(temporary, "w") as tree:
+                    _fill(tree, result)
+                with open(temporary, "r+b") as file:
+                    file.write(seal(blocks(file)))
     except OSError as error:
         reason = error.strerror or str(error)
         raise ResultError(f"{path}: cannot be written: {reason}; an earlier result there is untouched") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _claim(path: Path, size: int) -> None:
@@ -167,8 +268,8 @@ def _image(result: Result) -> memoryview:
 
 
 def _fill(file: Any, result: Result) -> None:
-    for name, value in result.attributes.items():
-        file.attrs[name] = value
+    for name, value in ({_CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"} | result.attributes).items():
+        _set(file, "/", name, value)
 
     # coordinates first: they create the dimensions their neighbours use
     def is_coordinate(item: tuple[str, Variable]) -> bool:
@@ -178,95 +279,122 @@ def _fill(file: Any, result: Result) -> None:
     for path, variable in ordered:
         group_name, _, name = path.rpartition("/")
         group = file if not group_name else file[group_name] if group_name in file else file.create_group(group_name)
-        if isinstance(variable.data, Stream):
-            stream = variable.data
-            stored = group.create_variable(name, variable.dims, stream.dtype)
-            start = 0
-            for block in stream.blocks():
-                if block.size:
-                    stored[start : start + block.shape[0]] = block
-                start += block.shape[0]
-            _describe(stored, variable)
-            continue
-        data = np.asarray(variable.data)
+        data = variable.data
+        if not isinstance(data, Stream) or data.dtype.kind in "UO" or not data.shape:
+            data = np.asarray(data)
         if is_coordinate((path, variable)):
             group.dimensions[name] = data.shape[0]
         if data.dtype.kind in "UO":
             import h5py
 
-            data = data.astype(object)
             stored = group.create_variable(name, variable.dims, h5py.string_dtype())
             if data.size:
-                stored[...] = data
+                stored[...] = data.astype(object)
         else:
-            stored = group.create_variable(name, variable.dims, data.dtype)
-            if data.size:
-                stored[...] = data
-        _describe(stored, variable)
+            pieces = iter(data.blocks()) if isinstance(data, Stream) else iter([data])
+            first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
+            stored = group.create_variable(name, variable.dims, data.dtype, **_checked(data, first))
+            _fill_numbers(stored, first, pieces)
+        _describe(stored, path, variable)
 
 
-def _describe(stored: Any, variable: Variable) -> None:
-    stored.attrs["units"] = variable.units
-    stored.attrs["long_name"] = variable.long_name
-    for key, value in variable.attributes.items():
-        stored.attrs[key] = value
+def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:
+    """Numbers, block after block along their first axis."""
+    start = 0
+    for block in itertools.chain([first], others):
+        if not block.shape:
+            stored[...] = block
+            return
+        if block.size:
+            stored[start : start + block.shape[0]] = block
+        start += block.shape[0]
+
+
+def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
+    """How numbers are stored with checksums, which HDF5 keeps by chunks of rows along the first axis. Chunks divide the
+    blocks that come: one written in two pieces would be read again for the second."""
+    if not data.shape or 0 in data.shape:
+        return {}
+    most = max(1, CHUNK_BYTES // (data.dtype.itemsize * int(np.prod(data.shape[1:]))))
+    rows = min(most, data.shape[0])
+    if isinstance(data, Stream):
+        rows = next(n for n in range(min(rows, max(1, first.shape[0])), 0, -1) if first.shape[0] % n == 0)
+    return {"chunks": (rows, *data.shape[1:]), "fletcher32": True}
+
+
+def _describe(stored: Any, path: str, variable: Variable) -> None:
+    for name, value in ({"units": variable.units, "long_name": variable.long_name} | variable.attributes).items():
+        _set(stored, path, name, value)
+
+
+def _set(node: Any, path: str, name: str, value: Any) -> None:
+    try:
+        node.attrs[name] = value
+    except (ValueError, TypeError, OverflowError) as error:  # text with NUL, numbers beyond 64 bits
+        raise ResultError(f"the result cannot be stored: {path}, attribute {name}: {error}") from None
 
 
 def read(path: Path) -> Result:
-    """Read a result file. Raises ResultError for anything else."""
-    with _opened(path) as file:
-        attributes = {k: _plain(v) for k, v in file.attrs.items() if not k.startswith("_NC")}
-        variables: dict[str, Variable] = {}
-        file.visititems(lambda name, node: _collect(name, node, variables))
-        return Result(attributes, variables)
+    """Read a result file: what it holds now, its numbers when they are asked for. Raises ResultError for anything
+    that is no result of navsim's, or damaged, now and then."""
+    tree = _opened(path)
+    with _damage_of(path):
+        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != _CHECKSUMS}
+        return Result(attributes, {name: _variable(path, tree, found) for name, found in tree.datasets.items()})
+
+
+def _variable(path: Path, tree: Tree, found: Dataset) -> Variable:
+    def rows(first: int | None, last: int | None) -> np.ndarray:
+        with _damage_of(path):
+            return tree.read(found.path, first or 0, last)
+
+    extra = dict(found.attributes)
+    units, long_name = (str(extra.pop(name, "")) for name in ("units", "long_name"))
+    return Variable(found.dims, Stored(found.shape, found.dtype, rows), units, long_name, extra)
 
 
 def read_sort(path: Path) -> Sort:
     """The sort of a result file. Raises ResultError for anything else."""
-    with _opened(path) as file:
-        method = str(_plain(file.attrs["method"])) if "method" in file.attrs else ""
+    tree = _opened(path)
+    with _damage_of(path):
+        method = str(tree.attributes.get("method", ""))
         extent = ""
-        if method == "monte-carlo" and "run" in file:
-            extent = SEVERAL_RUNS if file["run"].shape[0] > 1 else ONE_RUN
-        return Sort(str(_plain(file.attrs["kind"])), method, extent)
+        runs = tree.length("run") if method == "monte-carlo" else None
+        if runs is not None:
+            extent = SEVERAL_RUNS if runs > 1 else ONE_RUN
+        return Sort(tree.attributes["kind"], method, extent)
 
 
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    import h5py
+def _opened(path: Path) -> Tree:
+    from navsim.io.hdf5 import SIGNATURE, Tree
 
     try:
-        with h5py.File(path, "r") as file:
-            if "navsim_version" not in file.attrs or "kind" not in file.attrs:
-                raise ResultError(f"{path}: an HDF5 file, but not a navsim result (no navsim_version and kind)")
-            yield file
-    except (KeyError, RuntimeError, ValueError) as error:
-        raise ResultError(f"{path}: a damaged HDF5 file ({str(error).splitlines()[0]})") from None
+        file = files.opened(path, sys.maxsize)
+        if file.read(len(SIGNATURE)) != SIGNATURE:
+            file.close()
+            raise ResultError(f"{path}: not a readable HDF5 file")
     except FileNotFoundError:
         raise ResultError(f"{path}: no such file") from None
     except IsADirectoryError:
         raise ResultError(f"{path}: this is a folder; a result file is needed") from None
     except OSError as error:
-        raise ResultError(f"{path}: not a readable HDF5 file ({str(error).splitlines()[0]})") from None
+        raise ResultError(f"{path}: not a readable HDF5 file ({error.strerror or error})") from None
+    with _damage_of(path):
+        tree = Tree(file)
+        if "navsim_version" not in tree.attributes or "kind" not in tree.attributes:
+            raise ResultError(f"{path}: an HDF5 file, but not a navsim result (no navsim_version and kind)")
+        for name in ("navsim_version", "kind"):
+            value = tree.attributes[name]
+            if not isinstance(value, str) or not _WORD.fullmatch(value):
+                raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
+        if _CHECKSUMS in tree.attributes and not tree.sealed:
+            raise Damaged("its checksums are gone: cut off, or another program has written to it")
+        return tree
 
 
-def _collect(name: str, node: Any, variables: dict[str, Variable]) -> None:
-    import h5py
-
-    if not isinstance(node, h5py.Dataset):
-        return
-    data = node.asstr()[()] if h5py.check_string_dtype(node.dtype) else node[()]
-    own = {k: _plain(v) for k, v in node.attrs.items()}
-    hidden = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates")
-    extra = {k: v for k, v in own.items() if k not in (*hidden, "units", "long_name")}
-    own_name = name.rsplit("/", 1)[-1]
-    dims = (own_name,) if node.is_scale else tuple(scale[0].name.rsplit("/", 1)[-1] for scale in node.dims)
-    variables[f"/{name}"] = Variable(dims, data, str(own.get("units", "")), str(own.get("long_name", "")), extra)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, bytes):
-        return value.decode()
-    if isinstance(value, np.ndarray) and value.size == 1:
-        return value.reshape(-1)[0]
-    return value
+@contextlib.contextmanager
+def _damage_of(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Damaged as error:
+        raise ResultError(f"{path}: a damaged HDF5 file ({error})") from None

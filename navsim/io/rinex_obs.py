@@ -431,7 +431,14 @@ class _Reader:
                 if code in lost and flag.isdecimal():
                     lost[code][row.epoch, i] = int(flag) & 1
         return Observations(
-            np.array(self.time), satellites, values, lost, h.position, h.antenna, h.channels, self.events,
+            np.array(self.time),
+            satellites,
+            values,
+            lost,
+            h.position,
+            h.antenna,
+            h.channels,
+            self.events,
             self.dropped.said(),
         )
 

@@ -5,6 +5,7 @@ Every figure function takes a result and returns a matplotlib Figure; `save` wri
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from matplotlib.figure import Figure
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix
 from navsim.io.export import true_antenna
-from navsim.io.results import Result, ResultError, Stream, write_text
+from navsim.io.results import Result, ResultError, Stream, write_bytes, write_text
 from navsim.report.figure_files import MARK, remove_former
 from navsim.report.tables import runs_of, setting, single
 
@@ -447,7 +448,9 @@ def save_figures(draw: Callable[[], dict[str, Figure]], folder: Path, stem: str)
         with mpl.rc_context(_STYLE):
             for name, figure in draw().items():
                 target = folder / f"{stem}_{name}.png"
-                figure.savefig(target, metadata={MARK: stem})
+                picture = io.BytesIO()
+                figure.savefig(picture, metadata={MARK: stem})
+                write_bytes(target, picture.getbuffer())
                 written.append(target)
     except OSError as error:
         raise ResultError(f"{folder}: figures cannot be written there: {error.strerror or error}") from None

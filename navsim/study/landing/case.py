@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, field
 
@@ -11,6 +10,7 @@ import numpy as np
 from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.estimation.loosely_coupled import KINDS
+from navsim.io import files
 from navsim.io.results import ResultError, read
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
@@ -85,7 +85,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         return InputError([Problem(place, f"approach.{name}", f"{approach.file}: {message}")])
 
     try:
-        checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+        checksum = files.checksum(path)
         if approach.file_sha256 not in (None, checksum):
             raise wrong(f"has the checksum {checksum}, not the one of approach.file_sha256", "file_sha256")
         result = read(path)
@@ -93,8 +93,14 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
             raise wrong(f"is a result of kind {result.attributes['kind']}; a replay is needed")
         time, llh = result["/filter/time"], result["/filter/position_llh"]
         attitude = result["/filter/attitude_rpy"]
-    except (ResultError, KeyError, OSError) as error:
+    except (ResultError, KeyError) as error:
         raise wrong(str(error)) from None
+    except OSError as error:
+        raise wrong(f"cannot be read: {error.strerror or error}") from None
+    if time.ndim != 1 or llh.shape != (time.size, 3) or attitude.shape != llh.shape or not time.size:
+        raise wrong("damaged: times, positions and attitudes do not belong together")
+    if any(a.dtype.kind != "f" or not np.isfinite(a).all() for a in (time, llh, attitude)):
+        raise wrong("damaged: times, positions and attitudes are finite numbers in a recording")
     start = float(time[0]) if approach.start_s is None else approach.start_s
     if not time[0] - 1e-9 <= start < time[-1]:
         raise wrong(f"the recording lasts from {time[0]:g} to {time[-1]:g} s", "start_s")

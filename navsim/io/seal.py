@@ -1,0 +1,138 @@
+"""Checksums at the end of a file, and reading a file through them.
+
+A sealed file is its content, then the SHA-256 of each block of the content, then a footer: the content's length in
+bytes (8 bytes, little-endian), the SHA-256 of checksums and length, `MARK`. HDF5 does not look beyond its own end, so
+other programs read a sealed result as any. Only the blocks that are read are checked, each before anything of it is
+handed on: what is large need not be read as a whole, and HDF5 never meets a damaged byte.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import struct
+from collections.abc import Iterable, Iterator
+from typing import Any, BinaryIO
+
+BLOCK = 65536
+"""Bytes under one checksum."""
+MARK = b"navsim checksums"
+_DIGEST = hashlib.sha256().digest_size
+_FOOTER = struct.Struct(f"<Q{_DIGEST}s{len(MARK)}s")
+_REMEMBERED = 64
+"""So many blocks are kept, since HDF5 reads what describes data in small pieces."""
+
+
+class Damaged(OSError):
+    """A file that is not as it was written."""
+
+
+def blocks(content: BinaryIO | memoryview) -> Iterator[bytes | memoryview]:
+    """Bytes in memory, or a file from where it stands, in blocks."""
+    if isinstance(content, memoryview):
+        for start in range(0, len(content), BLOCK):
+            yield content[start : start + BLOCK]
+    else:
+        yield from iter(lambda: content.read(BLOCK), b"")
+
+
+def seal(content: Iterable[bytes | memoryview]) -> bytes:
+    """What is to follow a content given in blocks of `BLOCK` bytes, the last one maybe shorter."""
+    length = 0
+    table = bytearray()
+    for block in content:
+        length += len(block)
+        table += hashlib.sha256(block).digest()
+    return bytes(table) + _FOOTER.pack(length, _digest(table, length), MARK)
+
+
+def _digest(table: bytes | bytearray, length: int) -> bytes:
+    return hashlib.sha256(bytes(table) + length.to_bytes(8, "little")).digest()
+
+
+class Reader(io.RawIOBase):
+    """The content of a file, checked as it is read where the file is sealed.
+
+    sealed: whether it is. size: of the content, bytes. damage: what was found wrong so far; callers look here, for
+    HDF5 may hide that a read has failed.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        """file: open for reading, of its own from now on. Raises Damaged where the seal itself is."""
+        super().__init__()
+        self.damage: str | None = None
+        self._file = file
+        self._at = 0
+        self._kept: dict[int, bytes] = {}
+        self._table = b""
+        self.size = os.fstat(file.fileno()).st_size
+        self.sealed = False
+        if self.size >= _FOOTER.size:
+            file.seek(self.size - _FOOTER.size)
+            length, digest, mark = _FOOTER.unpack(file.read(_FOOTER.size))
+            if mark == MARK:
+                self._unseal(length, digest)
+
+    def _unseal(self, length: int, digest: bytes) -> None:
+        count = -(-length // BLOCK)
+        if length + count * _DIGEST + _FOOTER.size != self.size:
+            raise Damaged("its length is not the one it was written with")
+        self._file.seek(length)
+        self._table = self._file.read(count * _DIGEST)
+        if _digest(self._table, length) != digest:
+            raise Damaged("its checksums are damaged")
+        self.size, self.sealed = length, True
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self.size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill the buffer. Raises Damaged where a checksum does not fit, or the file ends before."""
+        wanted = memoryview(buffer).cast("B")
+        try:
+            if self._at < 0 or self._at + len(wanted) > self.size:
+                raise Damaged("it ends before its data do")
+            if self.sealed:
+                done = 0
+                while done < len(wanted):
+                    index, offset = divmod(self._at + done, BLOCK)
+                    piece = self._block(index)[offset : offset + len(wanted) - done]
+                    wanted[done : done + len(piece)] = piece
+                    done += len(piece)
+            else:
+                self._file.seek(self._at)
+                if self._file.readinto(wanted) != len(wanted):  # type: ignore[attr-defined]
+                    raise Damaged("it ends before its data do")
+        except OSError as error:
+            self.damage = self.damage or error.strerror or str(error)
+            raise
+        self._at += len(wanted)
+        return len(wanted)
+
+    def _block(self, index: int) -> bytes:
+        """A block of the content, checked."""
+        found = self._kept.get(index)
+        if found is None:
+            self._file.seek(index * BLOCK)
+            found = self._file.read(min(BLOCK, self.size - index * BLOCK))
+            if hashlib.sha256(found).digest() != self._table[index * _DIGEST : (index + 1) * _DIGEST]:
+                raise Damaged("a checksum does not fit: its content is not as it was written")
+            if len(self._kept) >= _REMEMBERED:
+                del self._kept[next(iter(self._kept))]
+            self._kept[index] = found
+        return found
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
