@@ -21,6 +21,7 @@ import numpy as np
 import navsim
 from navsim.core.jit import digest as kernel_digest
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.io import files
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
 from navsim.scenario.base import DEG, validated
@@ -221,7 +222,7 @@ class Plan:
 
 def _checksum(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return files.checksum(path)
     except OSError:
         return UNUSABLE
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, field
 
@@ -11,6 +10,7 @@ import numpy as np
 from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.estimation.loosely_coupled import KINDS
+from navsim.io import files
 from navsim.io.results import ResultError, read
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
@@ -85,7 +85,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         return InputError([Problem(place, f"approach.{name}", f"{approach.file}: {message}")])
 
     try:
-        checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+        checksum = files.checksum(path)
         if approach.file_sha256 not in (None, checksum):
             raise wrong(f"has the checksum {checksum}, not the one of approach.file_sha256", "file_sha256")
         result = read(path)
