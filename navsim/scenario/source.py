@@ -23,7 +23,7 @@ from navsim.io import files
 KeyPath = tuple[str | int, ...]
 MOST_BYTES = 1_000_000
 """Of a file."""
-MOST_NODES = 50_000
+MOST_NODES = 20_000
 """Keys and values."""
 MOST_DEPTH = 40
 """Mappings and lists one in another."""
@@ -268,8 +268,9 @@ def load(path: Path) -> Document:
     try:
         return parse(raw.decode("utf-8"), name, path.resolve().parent)
     except UnicodeDecodeError as error:
-        message = f"not a text file: byte {error.start} is not UTF-8"
-        raise InputError([Problem(Place(name), "", message)]) from None
+        before = raw[: error.start]
+        place = Place(name, before.count(b"\n") + 1, len(before) - before.rfind(b"\n"))
+        raise InputError([Problem(place, "", f"not a text file: byte {error.start} is not UTF-8")]) from None
 
 
 def parse(text: str, name: str, folder: Path) -> Document:
