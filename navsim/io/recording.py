@@ -155,6 +155,8 @@ def _table(
         raise FileError(1, "the table has no rows", path)
     try:  # the fast way; it cannot tell where it fails, nor read empty cells
         table = np.loadtxt(lines[1:], delimiter=",", usecols=place, ndmin=2, comments=None)
+        if not np.all(np.isfinite(table)):
+            raise ValueError("not finite")
     except ValueError:
         may_be_empty = {columns.get(name, name) for name in _MAY_BE_EMPTY}
         rows, read = [], []

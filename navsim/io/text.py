@@ -1,8 +1,8 @@
 """Text files of others: opened whatever their packing, and refused with a line.
 
-Hatanaka-compressed RINEX (`.crx`, `.??d`) is unpacked by the program of the `hatanaka` package, Unix `.Z` by `ncompress`;
-gzip, bzip2 and zip archives of one file by Python. Packing is told by the content, not by the name. All are unpacked
-piece by piece, and refused as soon as they take more memory than allowed.
+Hatanaka-compressed RINEX (`.crx`, `.??d`) is unpacked by the program of the `hatanaka` package, Unix `.Z` by
+`ncompress`; gzip, bzip2 and zip archives of one file by Python. Packing is told by the content, not by the name. All
+are unpacked piece by piece, and refused as soon as they take more memory than allowed.
 """
 
 from __future__ import annotations

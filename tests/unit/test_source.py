@@ -113,7 +113,7 @@ def test_only_regular_files_are_read(name: str, said: str, tmp_path: Path) -> No
 
 def test_the_folder_of_nobody(tmp_path: Path) -> None:
     document = parse("sky: {almanac: ~nosuchuser/x}", "s.yaml", tmp_path)
-    with pytest.raises(InputError, match="s.yaml:1:7: sky.almanac: there is no user's folder '~nosuchuser'"):
+    with pytest.raises(InputError, match=r"s\.yaml:1:7: sky.almanac: there is no user's folder '~nosuchuser'"):
         document.resolve(("sky", "almanac"), "~nosuchuser/x")
 
 
@@ -121,8 +121,9 @@ def test_the_folder_of_nobody(tmp_path: Path) -> None:
 
 
 WRONG: list[Any] = [
-    None, True, False, 0, -1, 3.0, 1e6, -1e6, 10**30, 2**64, 1e-300, 1e308, "", " ", "x" * 300, "é", "null", "yes", "1e3",
-    "12:30:45", "2018-02-30T00:00:00Z", "0001-01-01T00:00:00Z", "9999-12-31T23:59:59Z", "2016-12-31T23:59:60Z", "~",
+    None, True, False, 0, -1, 3.0, 1e6, -1e6, 10**30, 2**64, 1e-300, 1e308, "", " ", "x" * 300, "é", "null", "yes",
+    "1e3", "12:30:45", "2018-02-30T00:00:00Z", "0001-01-01T00:00:00Z", "9999-12-31T23:59:59Z",
+    "2016-12-31T23:59:60Z", "~",
     "~nosuchuser/x", "../x", "/dev/zero", "[/red]", [], {}, [[]], {"a": 1}, [None], [1, 2, 3], "1", [[[[1]]]],
 ]  # fmt: skip
 KEYS = ["", " ", "title", "kind", "<<", "=", "a.b", "0", "日本", "__class__", "model_fields", "null", "1"]
@@ -177,7 +178,8 @@ def test_mutants_are_refused_with_a_place_or_mean_something(part: int, tmp_path:
             scenario, _ = read_any(path)
         except InputError as error:
             refused += 1
-            assert all(str(problem).startswith(f"{path}:") for problem in error.problems), error
+            if not all(problem.place.line for problem in error.problems):
+                raise
             continue
         accepted += 1
         dumped = scenario.model_dump(mode="json", exclude_none=True)
