@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from navsim.io.text import FileError, number, read_lines, whole, within
+from navsim.io.text import FileError, number, plain_number, read_lines, whole, within
 from navsim.models import glonass, gps, timescales
 
 _EPOCH = datetime.date(1970, 1, 1)
 _AGL_FIELDS, _AGP_FIELDS = {"b": 10, "c": 6}, {"b": 11, "c": 6}
+_MOST_LINES = 200_000
+"""Two-line elements of everything in orbit have less than half of that."""
 ALMANAC_REACH = np.inf
 """An almanac is propagated as far as it is asked to; its age is the caller's business."""
 
@@ -32,9 +34,7 @@ def read_almanac(path: Path, near: float) -> Any:
     near: UTC (POSIX s) that decides between GPS weeks that differ by a multiple of 1024. Returns `glonass.Almanac`,
     `gps.Constellation` or `tle.Constellation`. Raises FileError, naming the line, or OSError.
     """
-    lines = [(n, line) for n, line in enumerate(read_lines(path), 1) if line.strip()]
-    if not lines:
-        raise FileError(0, "the file is empty", path)
+    lines = _numbered(path)
     first = lines[0][1]
     if re.match(r"\s*\**\s*Week\s+\d+\s+almanac", first, re.IGNORECASE):
         return _yuma(path, lines, near)
@@ -54,7 +54,18 @@ def read_agl(path: Path) -> glonass.Almanac:
     Raises FileError, naming the line, for anything but whole and plausible records; OSError where the file cannot be
     read.
     """
-    return _agl(path, [(n, line) for n, line in enumerate(read_lines(path), 1) if line.strip()])
+    return _agl(path, _numbered(path))
+
+
+def _numbered(path: Path) -> list[tuple[int, str]]:
+    """The lines that are not blank, each with its number. Raises FileError where there is none, or too many."""
+    lines = read_lines(path)
+    if len(lines) > _MOST_LINES:
+        raise FileError(0, f"{len(lines):,} lines are no almanac; the longest have {_MOST_LINES:,}", path)
+    numbered = [(n, line) for n, line in enumerate(lines, 1) if line.strip()]
+    if not numbered:
+        raise FileError(0, "the file is empty", path)
+    return numbered
 
 
 def _agl(path: Path, lines: list[tuple[int, str]]) -> glonass.Almanac:
@@ -77,8 +88,6 @@ def _agl(path: Path, lines: list[tuple[int, str]]) -> glonass.Almanac:
 
 
 def _threes(path: Path, lines: list[tuple[int, str]]) -> list[list[tuple[int, str]]]:
-    if not lines:
-        raise FileError(0, "the file is empty", path)
     blocks = [lines[first : first + 3] for first in range(0, len(lines), 3)]
     if len(blocks[-1]) < 3:
         raise FileError(blocks[-1][-1][0], "the file ends within a record: three lines a satellite are due", path)
@@ -138,7 +147,7 @@ def _numbers(path: Path, line: int, text: str) -> list[float]:
     values = []
     for word in text.split():
         try:
-            values.append(float(word))
+            values.append(plain_number(word))
         except ValueError:
             raise FileError(line, f"'{word[:30]}' is not a number", path) from None
         if not np.isfinite(values[-1]):
@@ -265,7 +274,8 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
     """[4]: two lines of elements a satellite, after a line with its name where there is one; lines without comments."""
     from navsim.models import tle
 
-    names, titles, firsts, seconds = [], [], [], []
+    names: dict[str, None] = {}
+    titles, firsts, seconds = [], [], []
     at = 0
     while at < len(lines):
         title = ""
@@ -277,17 +287,18 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
             raise FileError(lines[-1][0], "the file ends within a record: two lines of elements are due", path)
         for due, (line, text) in zip("12", pair, strict=True):
             text = text.rstrip()
-            if not text.startswith(due + " ") or len(text) != 69:
+            if not text.startswith(due + " ") or len(text) != 69 or "_" in text:
                 raise FileError(line, f"expected line {due} of two-line elements, 69 characters", path)
             digits = sum(int(c) if c.isdecimal() else c == "-" for c in text[:68])
             if text[68] != str(digits % 10):
                 raise FileError(line, f"the checksum is {text[68]}, computed {digits % 10}", path)
-        names.append(tle.short_name(title, pair[0][1]))
+        name = tle.short_name(title, pair[0][1])
+        if name in names:
+            raise FileError(pair[0][0], f"{name} stands twice in the file", path)
+        names[name] = None
         titles.append(title)
         firsts.append(pair[0][1].rstrip())
         seconds.append(pair[1][1].rstrip())
-        if names[-1] in names[:-1]:
-            raise FileError(pair[0][0], f"{names[-1]} stands twice in the file", path)
         at += 2
     try:
         return tle.Constellation.of_lines(titles, firsts, seconds)

@@ -218,7 +218,9 @@ def parse(text: str) -> Any:
     if whole is None or not whole.group().isascii() or len(whole.group()) > 120:
         return None
     try:
-        return NMEAReader.parse((whole.group() + "\r\n").encode(), validate=1)
+        parsed = NMEAReader.parse((whole.group() + "\r\n").encode(), validate=1)
+        # the package reads numbers as Python does, with underscores between their digits
+        return None if "_" in whole.group() and parsed.msgID in (*_USED, "ZDA") else parsed
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, IndexError, KeyError, TypeError):
         return None
 

@@ -7,7 +7,6 @@ fix. Rows that came out of order are sorted. Source: [1] `interface.md`, recorde
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -155,7 +154,9 @@ def _table(
     if not numbers:
         raise FileError(1, "the table has no rows", path)
     try:  # the fast way; it cannot tell where it fails, nor read empty cells
-        table = np.loadtxt(io.StringIO("\n".join(lines[1:])), delimiter=",", usecols=place, ndmin=2, comments=None)
+        table = np.loadtxt(lines[1:], delimiter=",", usecols=place, ndmin=2, comments=None)
+        if not np.all(np.isfinite(table)):
+            raise ValueError("not finite")
     except ValueError:
         may_be_empty = {columns.get(name, name) for name in _MAY_BE_EMPTY}
         rows, read = [], []
@@ -176,7 +177,10 @@ def _table(
 def _row(
     path: Path, line: int, text: str, place: list[int], names: tuple[str, ...], width: int, may_be_empty: set[str]
 ) -> list[float]:
-    cells = next(csv.reader([text]))
+    try:
+        cells = next(csv.reader([text]))
+    except csv.Error as error:
+        raise FileError(line, f"not a row of a table: {error}", path) from None
     if len(cells) != width:
         raise FileError(line, f"{width} cells are due by the header, here are {len(cells)}", path)
     out = []

@@ -15,7 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from navsim.io.rinex_nav import rinex_version
-from navsim.io.text import Dropped, FileError, date_and_time, ends_within, number, read_lines, whole, within
+from navsim.io.text import (
+    Dropped,
+    FileError,
+    check_table,
+    date_and_time,
+    ends_within,
+    number,
+    read_lines,
+    whole,
+    within,
+)  # fmt: skip
 from navsim.models import timescales
 
 _SYSTEMS = "GRECJIS"
@@ -422,6 +432,7 @@ class _Reader:
         place = {name: i for i, name in enumerate(satellites)}
         shape = len(self.time), len(satellites)
         codes = sorted({code for row in self.rows for code in row.codes})
+        check_table(path, *shape, len(codes))
         values = {c: np.full(shape, np.nan) for c in codes}
         lost = {c: np.zeros(shape, dtype=bool) for c in codes if c.startswith("L")}
         for row in self.rows:

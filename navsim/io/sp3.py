@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.io.text import Dropped, FileError, column, date_and_time, read_lines, whole, within
+from navsim.io.text import Dropped, FileError, check_table, column, date_and_time, read_lines, whole, within
 from navsim.models import timescales
 from navsim.models.precise import Orbits
 
@@ -92,6 +92,7 @@ def read_sp3(path: Path, lenient: bool = False) -> Orbits:
         dropped.damaged("wrong number of epochs", wrong)
     if not time:
         raise FileError(len(lines), "the file has no epoch", path)
+    check_table(path, len(time), len(names), 4)
     table = np.full((len(time), len(names), 4), np.nan)
     for epoch, record in enumerate(records):
         for i, name in enumerate(names):

@@ -1,28 +1,47 @@
 """Text files of others: opened whatever their packing, and refused with a line.
 
-Hatanaka-compressed RINEX (`.crx`, `.??d`) and Unix `.Z` are unpacked by the `hatanaka` package; gzip, bzip2 and zip
-archives of one file by Python. Packing is told by the content, not by the name.
+Hatanaka-compressed RINEX (`.crx`, `.??d`) is unpacked by the program of the `hatanaka` package, Unix `.Z` by
+`ncompress`; gzip, bzip2 and zip archives of one file by Python. Packing is told by the content, not by the name. All
+are unpacked piece by piece, and refused as soon as they take more memory than allowed.
 """
 
 from __future__ import annotations
 
 import bz2
+import importlib.resources
 import io
+import itertools
 import lzma
 import math
+import re
 import struct
-import warnings
+import subprocess
+import sys
+import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+from navsim.io import files
 from navsim.models import timescales
 
-MOST_BYTES = 2_000_000_000
-"""Larger texts are refused: a damaged header of a packed file may promise anything."""
+MOST_BYTES = 800_000_000
+"""What the lines of a file may take in memory: their bytes, and `LINE` for each. Files that take more are refused, by
+all readers, before more than that is unpacked of them."""
+LINE = 100
+"""Bytes that a line takes beside its text: a Python string's own, its place in the list, and what readers add."""
+MOST_RATIO, _FREE = 200, 50_000_000
+"""Packed files that take more than `_FREE` bytes may take this many times their size on the disk. Text shrinks by 3 to
+30 when it is packed, whatever packs it; files made to fill the memory, by a thousand and more."""
+_LONGEST_LINE = 1_000_000
+"""Bytes; no format has longer ones."""
+_MOST_MEMBERS = 100_000
+"""Files in an archive, or parts that a packed file is put together of; some programs begin one each 64 kB."""
+_CHUNK, _SLICE = 1 << 20, 1 << 14
+"""Bytes read at once, and unpacked at once."""
 _MOST_LAYERS = 4
 """Packings one in another that are undone; an archive can be made that holds itself."""
 _MOST_EPOCH_LINES = 100
@@ -81,74 +100,205 @@ def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:
     """The lines of a text file, without their ends; gzip, bzip2, zip, Unix compress and Hatanaka are unpacked.
 
     dropped: a lenient one takes what a packed file holds that is cut at its end, up to the last whole line. Raises
-    FileError where the file is no text or cannot be unpacked, OSError where it cannot be read.
+    FileError where the file is no text, cannot be unpacked, or takes more memory than `MOST_BYTES`; OSError where it
+    cannot be read.
     """
-    dropped = Dropped() if dropped is None else dropped
-    data = path.read_bytes()
-    for _ in range(_MOST_LAYERS):
-        unpack = _unpacker(data)
-        if unpack is None:
-            break
-        data = unpack(path, data, dropped)
-    else:
-        raise FileError(0, f"packed more than {_MOST_LAYERS - 1} times", path)
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError as error:
-        # names of places and people in comments are often in Latin 1; binary files have zeros
-        if b"\x00" in data:
-            line = data[: error.start].count(b"\n") + 1
-            raise FileError(line, "not a text file", path) from None
-        text = data.decode("latin-1")
-    if "\x00" in text:
-        raise FileError(text[: text.index("\x00")].count("\n") + 1, "not a text file", path)
-    return text.split("\n") if "\r" not in text else text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    with files.opened(path) as file:
+        reading = _Reading(path, file, Dropped() if dropped is None else dropped)
+        return reading.lines()
 
 
-def _unpacker(data: bytes) -> Callable[[Path, bytes, Dropped], bytes] | None:
+def check_table(path: Path, *shape: int) -> None:
+    """Refuse a file whose numbers need a table of this shape, 8 bytes each, that takes more than `MOST_BYTES`.
+
+    Raises FileError.
+    """
+    if 8 * math.prod(shape) > MOST_BYTES:
+        rows = " x ".join(f"{n:,}" for n in shape)
+        raise FileError(0, f"its values fill a table of {rows}, more than {MOST_BYTES:,} bytes in memory", path)
+
+
+class _Reading:
+    """Unpacks a file piece by piece and never holds more of it than is allowed."""
+
+    def __init__(self, path: Path, file: BinaryIO, dropped: Dropped) -> None:
+        self.path = path
+        self.file = file
+        self.dropped = dropped
+        self.cut = False
+        self.packed = False
+        self.on_disk = file.seek(0, io.SEEK_END)
+        file.seek(0)
+
+    @property
+    def most(self) -> int:
+        """Bytes in memory that this file may take."""
+        return min(MOST_BYTES, _FREE + MOST_RATIO * self.on_disk) if self.packed else MOST_BYTES
+
+    def lines(self) -> list[str]:
+        out: list[str] = []
+        held, cost = b"", 0
+        for chunk in _gathered_to(_CHUNK, self._unpacked()):
+            cost += len(chunk) + LINE * max(chunk.count(b"\n"), chunk.count(b"\r"))
+            self.check(cost)
+            data = held + chunk
+            if b"\x00" in chunk:
+                ends = data[: data.index(b"\x00")].replace(b"\r\n", b"\n").replace(b"\r", b"\n").count(b"\n")
+                raise FileError(len(out) + ends + 1, "not a text file", self.path)
+            held = b""
+            if data.endswith(b"\r"):  # of a line end that the next piece may complete
+                data, held = data[:-1], b"\r"
+            # names of places and people in comments are often in Latin 1
+            *whole, last = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").decode("latin-1").split("\n")
+            out += whole
+            held = last.encode("latin-1") + held
+            if len(held) > _LONGEST_LINE:
+                raise FileError(len(out) + 1, f"a line of more than {_LONGEST_LINE:,} bytes", self.path)
+        if self.cut:
+            return [*out, ""]
+        return out + held.replace(b"\r", b"\n").decode("latin-1").split("\n")
+
+    def check(self, size: int) -> None:
+        """Raise FileError for more bytes in memory than this file may take."""
+        if size > self.most:
+            how = "unpacks to" if self.packed else "takes"
+            said = f"{how} more than {self.most:,} bytes in memory"
+            raise FileError(0, f"{said} ({self.on_disk:,} on the disk)" if self.packed else said, self.path)
+
+    def gathered(self, pieces: Iterator[bytes]) -> bytes:
+        """All pieces at once, for what cannot be unpacked piece by piece."""
+        out, size = [], 0
+        for piece in pieces:
+            size += len(piece)
+            self.check(size)
+            out.append(piece)
+        return b"".join(out)
+
+    def _unpacked(self) -> Iterator[bytes]:
+        pieces = iter(lambda: self.file.read(_CHUNK), b"")
+        for _ in range(_MOST_LAYERS):
+            head = b""
+            while len(head) < 80 and (piece := next(pieces, b"")):
+                head += piece
+            pieces = itertools.chain([head] if head else [], pieces)
+            unpack = _unpacker(head)
+            if unpack is None:
+                return pieces
+            self.packed = True
+            pieces = unpack(self, pieces)
+        raise FileError(0, f"packed more than {_MOST_LAYERS - 1} times", self.path)
+
+    def ends_early(self, what: str, message: str) -> None:
+        """A packed file that is cut: raise its error, or go on with what there is. Raises FileError."""
+        self.dropped.damaged(what, FileError(0, message, self.path))
+        self.cut = True
+
+
+def _gathered_to(size: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Pieces put together to at least this size, but for the last."""
+    out, gathered = [], 0
+    for piece in pieces:
+        out.append(piece)
+        gathered += len(piece)
+        if gathered >= size:
+            yield b"".join(out)
+            out, gathered = [], 0
+    if out:
+        yield b"".join(out)
+
+
+_Unpacker = Callable[[_Reading, Iterator[bytes]], Iterator[bytes]]
+
+
+def _unpacker(head: bytes) -> _Unpacker | None:
     """What undoes the outermost packing; None for data that are not packed."""
-    if data[:2] == b"\x1f\x8b":
+    if head[:2] == b"\x1f\x8b":
         return _gunzip
-    if data[:3] == b"BZh" and data[3:4].isdigit():
+    if head[:3] == b"BZh" and head[3:4].isdigit():
         return _bunzip
-    if data[:4] in (b"PK\x03\x04", b"PK\x05\x06", b"PK\x07\x08"):
+    if head[:4] in (b"PK\x03\x04", b"PK\x05\x06", b"PK\x07\x08"):
         return _unzip
-    if data[:2] == b"\x1f\x9d" or b"CRINEX VERS" in data[:80]:
+    if head[:2] == b"\x1f\x9d":
+        return _uncompress
+    if b"CRINEX VERS" in head[:80]:
         return _by_hatanaka
     return None
 
 
-def _gunzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
-    return _inflated(path, data, dropped, "gzip", b"\x1f\x8b", lambda: zlib.decompressobj(wbits=31))
+def _gunzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    return _inflated(reading, pieces, "gzip", b"\x1f\x8b", lambda: _Inflate(wbits=31))
 
 
-def _bunzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
-    return _inflated(path, data, dropped, "bzip2", b"BZh", bz2.BZ2Decompressor)
+def _bunzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    return _inflated(reading, pieces, "bzip2", b"BZh", bz2.BZ2Decompressor)
 
 
-def _inflated(path: Path, data: bytes, dropped: Dropped, kind: str, magic: bytes, unpacker: Callable[[], Any]) -> bytes:
+class _Inflate:
+    """zlib's decompressor with the manners of bzip2's: what is left of the input is its own business."""
+
+    def __init__(self, wbits: int) -> None:
+        self._inner = zlib.decompressobj(wbits=wbits)
+
+    def decompress(self, data: bytes, most: int) -> bytes:
+        return self._inner.decompress(self._inner.unconsumed_tail + data, most)
+
+    @property
+    def needs_input(self) -> bool:
+        return not self._inner.unconsumed_tail
+
+    @property
+    def eof(self) -> bool:
+        return self._inner.eof
+
+    @property
+    def unused_data(self) -> bytes:
+        return self._inner.unused_data
+
+
+def _inflated(
+    reading: _Reading, pieces: Iterator[bytes], kind: str, magic: bytes, unpacker: Callable[[], Any]
+) -> Iterator[bytes]:
     """All members of a packed file: several one after another are rare, and legal."""
-    out, size = [], 0
-    while data:
-        if not data.startswith(magic):
-            raise FileError(0, f"cannot be unpacked: {len(data)} bytes after the end of the {kind} data", path)
-        member = unpacker()
+    # in small pieces: what follows a member is copied at its end
+    pieces = (piece[at : at + _SLICE] for piece in pieces for at in range(0, len(piece), _SLICE))
+    rest, member, members = b"", None, 0
+    while True:
+        if member is None:
+            while len(rest) < len(magic) and (piece := next(pieces, b"")):
+                rest += piece
+                rest = rest.lstrip(b"\x00") if members else rest  # tapes and disks pad with zeros
+            if not rest:
+                return
+            if not rest.startswith(magic):
+                after = len(rest) + sum(map(len, pieces))
+                message = f"cannot be unpacked: {after} bytes after the end of the {kind} data"
+                raise FileError(0, message, reading.path)
+            member, members = unpacker(), members + 1
+            if members > _MOST_MEMBERS:
+                raise FileError(0, f"the {kind} file has more than {_MOST_MEMBERS:,} members", reading.path)
+        ended = False
+        if not rest and member.needs_input:
+            rest = next(pieces, b"")
+            ended = not rest
         try:
-            out.append(member.decompress(data, MOST_BYTES + 1 - size))
+            out = member.decompress(rest, _CHUNK)
         except (zlib.error, OSError, EOFError) as error:
-            raise FileError(0, f"cannot be unpacked: {error}", path) from None
-        size += len(out[-1])
-        if size > MOST_BYTES:
-            raise _too_large(path)
-        if not member.eof:
-            dropped.damaged("end of a packed file", FileError(0, f"the {kind} file ends too early", path))
-            whole = b"".join(out)
-            return whole[: whole.rfind(b"\n") + 1]
-        data = member.unused_data.lstrip(b"\x00")  # tapes and disks pad with zeros
-    return b"".join(out)
+            raise FileError(0, f"cannot be unpacked: {error}", reading.path) from None
+        rest = b""
+        if out:
+            yield out
+        elif ended and not member.eof:
+            reading.ends_early("end of a packed file", f"the {kind} file ends too early")
+            return
+        if member.eof:
+            rest, member = member.unused_data.lstrip(b"\x00"), None
 
 
-def _unzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
+def _unzip(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    path = reading.path
+    data = reading.gathered(pieces)
+    if data.count(_ENTRY) > _MOST_MEMBERS:  # each would take half a kilobyte
+        raise FileError(0, f"the zip archive holds more than {_MOST_MEMBERS:,} files; allowed is exactly one", path)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [member for member in archive.infolist() if not member.is_dir()]
@@ -157,7 +307,8 @@ def _unzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
                 said = f"{len(members)} files ({some})" if members else "no file"
                 raise FileError(0, f"the zip archive holds {said}; allowed is exactly one", path)
             with archive.open(members[0]) as file:
-                out = file.read(MOST_BYTES + 1)
+                while out := file.read(_CHUNK):
+                    yield out
     except FileError:
         raise
     except (
@@ -165,47 +316,93 @@ def _unzip(path: Path, data: bytes, dropped: Dropped) -> bytes:
     ) as error:  # fmt: skip
         # damaged lists of members make zipfile raise nearly anything; RuntimeError: encrypted, or unknown methods
         raise FileError(0, f"cannot be unpacked: {error}", path) from None
-    if len(out) > MOST_BYTES:
-        raise _too_large(path)
-    return out
 
 
-def _too_large(path: Path) -> FileError:
-    return FileError(0, f"unpacks to more than {MOST_BYTES:,} bytes", path)
+_ENTRY = b"PK\x01\x02"
+"""How each file of a zip archive begins in its list."""
 
 
-def _by_hatanaka(path: Path, data: bytes, dropped: Dropped) -> bytes:
+def _uncompress(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Unix compress, into a file: its programs unpack all at once."""
+    import ncompress
+
+    with tempfile.TemporaryFile() as out:
+        bounded = _Bounded(reading, out)
+        try:
+            ncompress.decompress(io.BytesIO(reading.gathered(pieces)), bounded)
+        except (ValueError, OSError, RuntimeError) as error:
+            raise bounded.refused or FileError(0, f"cannot be unpacked: {error}", reading.path) from None
+        out.seek(0)
+        yield from iter(lambda: out.read(_CHUNK), b"")
+
+
+class _Bounded(io.RawIOBase):
+    """A file to write to that takes no more than a reading may."""
+
+    def __init__(self, reading: _Reading, out: BinaryIO) -> None:
+        self._reading, self._out, self._size = reading, out, 0
+        self.refused: FileError | None = None
+
+    def write(self, data: Any) -> int:
+        self._size += len(data)
+        try:
+            self._reading.check(self._size)
+        except FileError as error:
+            self.refused = error
+            raise OSError("refused") from None
+        return self._out.write(data)
+
+
+def _by_hatanaka(reading: _Reading, pieces: Iterator[bytes]) -> Iterator[bytes]:
+    data = reading.gathered(pieces)
     try:
-        return _hatanaka(data)
-    except _Refused as refused:
-        error = FileError(0, f"cannot be unpacked: {refused}", path)
-        if "truncated" not in str(refused):
-            raise error from None
-    dropped.damaged("end of a Hatanaka-compressed file", error)
+        return iter([_hatanaka(reading, data)])
+    except _Damaged as damaged:
+        message = f"cannot be unpacked: {damaged}"
+        if "truncated" not in str(damaged):
+            raise FileError(0, message, reading.path) from None
+    reading.ends_early("end of a Hatanaka-compressed file", message)
     # differences build on one another from the beginning, so a cut file is whole up to its last whole epoch
     lines = data.split(b"\n")
     for last in range(len(lines) - 1, max(len(lines) - 1 - _MOST_EPOCH_LINES, 0), -1):
         try:
-            return _hatanaka(b"\n".join(lines[:last]) + b"\n")
-        except _Refused:
+            return iter([_hatanaka(reading, b"\n".join(lines[:last]) + b"\n")])
+        except _Damaged:
             continue
-    raise error
+    raise FileError(0, message, reading.path)
 
 
-class _Refused(Exception):
-    """What the programs for Hatanaka's compression said."""
+class _Damaged(Exception):
+    """What the program for Hatanaka's compression said."""
 
 
-def _hatanaka(data: bytes) -> bytes:
-    import hatanaka
+def _hatanaka(reading: _Reading, data: bytes) -> bytes:
+    """What the program for Hatanaka's compression makes of a file, no more than allowed. Raises _Damaged, FileError.
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a repaired file would be wrong numbers without a word
-            return hatanaka.decompress(data)
-    except (hatanaka.HatanakaException, UserWarning, ValueError, OSError) as error:
-        said = str(error).strip().splitlines()
-        raise _Refused(said[-1][:200] if said else type(error).__name__) from None
+    Its Python interface would take all that the program gives: a hundred bytes may become a hundred kilobytes.
+    """
+    name = "crx2rnx.exe" if sys.platform == "win32" else "crx2rnx"
+    with (
+        importlib.resources.as_file(importlib.resources.files("hatanaka.bin") / name) as program,
+        tempfile.TemporaryFile() as source,
+        tempfile.TemporaryFile() as said,
+    ):
+        source.write(data)
+        source.seek(0)
+        with subprocess.Popen([str(program), "-"], stdin=source, stdout=subprocess.PIPE, stderr=said) as running:
+            assert running.stdout is not None
+            output = running.stdout
+            try:
+                out = reading.gathered(iter(lambda: output.read(_CHUNK), b""))
+            except FileError:
+                running.kill()
+                raise
+        said.seek(0)
+        words = re.sub(r"^ *(ERROR|WARNING) *:? *", "", said.read(10_000).decode("ascii", "replace"), flags=re.M)
+    last = [line.strip() for line in words.splitlines() if line.strip()]
+    if running.returncode or last:  # a warning is of a repaired file: wrong numbers without a word
+        raise _Damaged(" ".join(last)[:200] if last else f"status {running.returncode}")
+    return out
 
 
 def column(path: Path, line: int, text: str, start: int, width: int, name: str) -> float:
@@ -221,13 +418,20 @@ def ends_within(path: Path, line: int, piece: str, name: str) -> FileError:
     return FileError(line, f"the line ends within {name}: '{piece.strip()}'", path)
 
 
+def plain_number(text: str) -> float:
+    """A number as Python reads it, but for underscores between its digits. Raises ValueError."""
+    if "_" in text:
+        raise ValueError(f"could not convert string to float: {text!r}")
+    return float(text)
+
+
 def number(path: Path, line: int, text: str, name: str) -> float:
     """A finite number, also with Fortran's D for the exponent. Raises FileError."""
     try:
-        value = float(text)
+        value = plain_number(text)
     except ValueError:
         try:
-            value = float(text.strip().replace("D", "E").replace("d", "e"))
+            value = plain_number(text.strip().replace("D", "E").replace("d", "e"))
         except ValueError:
             said = repr(text.strip()[:30]) if text.strip() else "nothing"
             raise FileError(line, f"expected a number for {name}, found {said}", path) from None

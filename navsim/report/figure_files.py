@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
+from navsim.io import files
 from navsim.io.results import ResultError
 
 MARK = "navsim result"
@@ -30,7 +31,7 @@ def _mark(path: Path) -> str | None:
     from PIL import Image
 
     try:
-        with Image.open(path) as image:
+        with files.opened(path) as file, Image.open(file) as image:
             found = image.info.get(MARK)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         return None  # no picture, a damaged or a huge one: ours can be opened

@@ -12,9 +12,11 @@ from navsim.scenario.base import (
     Azimuth,
     Checksum,
     Latitude,
+    LogTime,
     Longitude,
-    Positive,
     Section,
+    Size,
+    Stretch,
 )
 
 if TYPE_CHECKING:
@@ -42,9 +44,9 @@ class Runway(Section):
     """direction of landing, clockwise from true north"""
     height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
     """height above the WGS-84 ellipsoid"""
-    length_m: Positive = 1000.0
+    length_m: Size = 1000.0
     """for drawings only"""
-    width_m: Positive = 30.0
+    width_m: Size = 30.0
     """for drawings only"""
     aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
     """touchdown point beyond the threshold"""
@@ -55,7 +57,7 @@ class Runway(Section):
 class _Approach(Section):
     start: Point | None = None
     """where the simulation begins; leave out to derive it from runway.threshold"""
-    start_height_m: Annotated[float, Field(gt=0.0, le=5000.0)] = 153.0
+    start_height_m: Annotated[float, Field(ge=0.1, le=5000.0)] = 153.0
     """height above the runway at the start"""
     glide_slope_deg: Annotated[float, Field(ge=1.0, le=15.0)] = 5.0
     speed_start_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 130.0
@@ -72,10 +74,10 @@ class STurn(_Approach):
     """Level flight turning right and left, not a landing: for filters to prove themselves in."""
 
     profile: Literal["s-turn"]
-    turn_rate_deg_s: Annotated[float, Field(gt=0.0, le=45.0)] = 6.0
-    period_s: Positive = 30.0
+    turn_rate_deg_s: Annotated[float, Field(ge=1e-3, le=45.0)] = 6.0
+    period_s: Stretch = 30.0
     """one turn to the right and one to the left"""
-    roll_s: Positive = 2.0
+    roll_s: Stretch = 2.0
     """time to roll from one side to the other"""
 
     def path(self) -> Path:
@@ -116,16 +118,16 @@ class SmoothApproach(_Approach):
     """A profile an aircraft can fly: level lead-in, capture, decelerated glide, exponential flare, roll-out."""
 
     profile: Literal["smooth"]
-    lead_in_s: Positive = 35.0
+    lead_in_s: Stretch = 35.0
     """level flight before the capture of the glide slope"""
-    capture_s: Positive = 6.0
+    capture_s: Stretch = 6.0
     """duration of the transition onto the slope"""
-    flare_height_m: Positive = 6.0
-    flare_blend_s: Positive = 1.0
+    flare_height_m: Annotated[float, Field(ge=0.01, le=1000.0)] = 6.0
+    flare_blend_s: Stretch = 1.0
     """transition from the slope into the exponential flare"""
-    touchdown_sink_m_s: Positive = 0.5
+    touchdown_sink_m_s: Annotated[float, Field(ge=0.001, le=50.0)] = 0.5
     """rate of descent at touchdown"""
-    settle_s: Positive = 1.0
+    settle_s: Stretch = 1.0
     """time in which the landing gear takes up the sink rate and the brakes come on"""
     rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
 
@@ -156,9 +158,9 @@ class RecordedApproach(Section):
     """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
-    start_s: float | None = None
+    start_s: LogTime | None = None
     """time of the log that becomes time 0; default: the first there is"""
-    touchdown_s: float | None = None
+    touchdown_s: LogTime | None = None
     """time of the log at touchdown, for the figures there"""
 
     @property

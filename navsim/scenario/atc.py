@@ -7,31 +7,31 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from navsim.scenario.base import Positive, Section, Utc, list_of
+from navsim.scenario.base import Decay, ScanPeriod, Section, Sigma, Utc, Version, list_of
 from navsim.scenario.circuit import CircuitSection
 
 
 class Sigmas(Section):
     """1 sigma of what is measured each scan."""
 
-    range_m: Positive = 30.0
-    speed_m_s: Positive = 1.0
-    path_angle_deg: Positive = 0.1
-    track_deg: Positive = 0.25
-    elevation_deg: Positive = 0.08
-    azimuth_deg: Positive = 0.08
-    speed_rate_m_s2: Positive = 0.1
+    range_m: Sigma = 30.0
+    speed_m_s: Sigma = 1.0
+    path_angle_deg: Sigma = 0.1
+    track_deg: Sigma = 0.25
+    elevation_deg: Sigma = 0.08
+    azimuth_deg: Sigma = 0.08
+    speed_rate_m_s2: Sigma = 0.1
     """this and the next two where onboard rates are measured"""
-    path_angle_rate_deg_s: Positive = 0.1
-    track_rate_deg_s: Positive = 0.1
+    path_angle_rate_deg_s: Sigma = 0.1
+    track_rate_deg_s: Sigma = 0.1
 
 
 class Group(Section):
     """How a rate varies: exponentially correlated."""
 
-    alpha_1_s: Positive
+    alpha_1_s: Decay
     """decay"""
-    rate_sigma: Positive
+    rate_sigma: Sigma
     """1 sigma of the rate: m/s2 for speed, else deg/s"""
 
 
@@ -48,14 +48,14 @@ class Groups(Section):
 class SingerSection(Section):
     """A Singer acceleration."""
 
-    alpha_1_s: Positive = 0.05
-    sigma_m_s2: Positive = 1.074264684
+    alpha_1_s: Decay = 0.05
+    sigma_m_s2: Sigma = 1.074264684
 
 
 class AtcCase(Section):
     """A case computed beside the main one."""
 
-    period_s: Positive
+    period_s: ScanPeriod
     onboard_rates: bool = False
 
 
@@ -63,12 +63,12 @@ class Atc(Section):
     """Range and angles of an aircraft in the circuit."""
 
     kind: Literal["atc-tracking"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     epoch: Utc = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
     """UTC of time 0; nothing depends on it"""
     circuit: CircuitSection = CircuitSection()
-    period_s: Positive = 1.0
+    period_s: ScanPeriod = 1.0
     onboard_rates: bool = False
     """whether V' and the rates of path angle and track are measured as well"""
     further_cases: list_of(AtcCase) = (  # type: ignore[valid-type]
@@ -81,9 +81,9 @@ class Atc(Section):
     """none: the deterministic run"""
     sigmas: Sigmas = Sigmas()
     groups: Groups = Groups()
-    residual_m_s2: Positive = 0.3
+    residual_m_s2: Sigma = 0.3
     """1 sigma of the range acceleration beyond the formula"""
-    start_range_rate_m_s: Positive = 5.0
-    start_range_acceleration_m_s2: Positive = 2.0
+    start_range_rate_m_s: Sigma = 5.0
+    start_range_acceleration_m_s2: Sigma = 2.0
     singer: SingerSection = SingerSection()
     cartesian: SingerSection = SingerSection(sigma_m_s2=2.5)

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import datetime
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from navsim.scenario.base import NonNegative, Pair, Positive, Section, Utc, list_of, reject
+from navsim.scenario.base import (
+    Decay,
+    NonNegative,
+    ScanPeriod,
+    Section,
+    Sigma,
+    Utc,
+    Version,
+    list_of,
+    pair_of,
+)
 from navsim.scenario.circuit import CircuitSection
 
 Latency = Annotated[float, Field(ge=0.0, le=30.0)]
@@ -16,7 +26,7 @@ Latency = Annotated[float, Field(ge=0.0, le=30.0)]
 class Radar(Section):
     """The plots."""
 
-    azimuth_sigma_deg: Positive = 0.08
+    azimuth_sigma_deg: Sigma = 0.08
     range_sigma_m: NonNegative = 30.0
 
 
@@ -41,28 +51,22 @@ class Report(Section):
 class Filters(Section):
     """How the filters are tuned."""
 
-    alpha_1_s: Positive = 0.05
+    alpha_1_s: Decay = 0.05
     """decay of Singer's acceleration"""
-    singer_sigma_m_s2: Pair = (1.074264684, 2.504689245)
+    singer_sigma_m_s2: pair_of(Sigma) = (1.074264684, 2.504689245)  # type: ignore[valid-type]
     """of S1 (0.2 g in Singer's formula) and S2 (the turn's own g tan 25 deg)"""
-    residual_sigma_m_s2: Positive = 0.2
+    residual_sigma_m_s2: Sigma = 0.2
     """what reported accelerations leave over, L1-L4"""
-
-    @model_validator(mode="after")
-    def _positive(self) -> Self:
-        if min(self.singer_sigma_m_s2) <= 0.0:
-            raise reject("both must be positive", "singer_sigma_m_s2")
-        return self
 
 
 class Map(Section):
     """The map of Singer over onboard-driven, each with its best tuning."""
 
-    periods_s: list_of(Positive) = (0.5, 1.0, 2.0, 4.0, 6.0, 10.0)  # type: ignore[valid-type]
-    azimuth_sigmas_deg: list_of(Positive) = (0.03, 0.05, 0.08, 0.15, 0.30)  # type: ignore[valid-type]
+    periods_s: list_of(ScanPeriod) = (0.5, 1.0, 2.0, 4.0, 6.0, 10.0)  # type: ignore[valid-type]
+    azimuth_sigmas_deg: list_of(Sigma) = (0.03, 0.05, 0.08, 0.15, 0.30)  # type: ignore[valid-type]
     latencies_s: list_of(Latency) = (0.0, 0.25, 0.5, 1.0, 2.0)  # type: ignore[valid-type]
-    singer_sigmas_m_s2: list_of(Positive) = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5)  # type: ignore[valid-type]
-    residual_sigmas_m_s2: list_of(Positive) = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5)  # type: ignore[valid-type]
+    singer_sigmas_m_s2: list_of(Sigma) = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5)  # type: ignore[valid-type]
+    residual_sigmas_m_s2: list_of(Sigma) = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5)  # type: ignore[valid-type]
     runs: Annotated[int, Field(ge=0, le=10_000)] = 60
     """0: no map"""
 
@@ -71,14 +75,14 @@ class Azimuth(Section):
     """Azimuth of an aircraft in the circuit."""
 
     kind: Literal["azimuth-tracking"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     epoch: Utc = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
     """UTC of time 0; nothing depends on it"""
     circuit: CircuitSection = CircuitSection()
-    period_s: Positive = 1.0
+    period_s: ScanPeriod = 1.0
     """of the radar's scan"""
-    further_periods_s: list_of(Positive) = (4.0,)  # type: ignore[valid-type]
+    further_periods_s: list_of(ScanPeriod) = (4.0,)  # type: ignore[valid-type]
     """cases computed beside it"""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     noise: Literal["as-given", "none"] = "as-given"

@@ -8,7 +8,7 @@ import math
 import re
 import types
 import typing
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
@@ -39,12 +39,31 @@ def one_or_list(value: tuple[Any, ...]) -> Any:
     return value[0] if len(value) == 1 else list(value)
 
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
+# Every number of every section has both ends (tests/unit/test_bounds.py): wide enough for anything that flies, narrow
+# enough that no square, quotient or sum of them overflows or vanishes.
+Sigma = Annotated[float, Field(ge=1e-9, le=1e6)]
+"""A standard deviation that is not 0, or another size, in the unit of its key."""
+NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
+Signed = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""A place, an offset, an error, in the unit of its key."""
+Variance = Annotated[float, Field(ge=1e-18, le=1e12)]
+Stretch = Annotated[float, Field(ge=0.01, le=3600.0)]
+"""How long a part of a flight takes, s."""
+ScanPeriod = Annotated[float, Field(ge=0.001, le=60.0)]
+"""Between measurements, s."""
+CorrelationTime = Annotated[float, Field(ge=1e-3, le=1e9)]
+"""Of an exponentially correlated error, s."""
+Decay = Annotated[float, Field(ge=1e-9, le=1e3)]
+"""Its reciprocal, 1/s."""
+Size = Annotated[float, Field(ge=0.1, le=1e5)]
+"""A length on the ground, m."""
+LogTime = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""A time as a recording counts it, s."""
 Latitude = Annotated[float, Field(ge=-89.0, le=89.0)]
 Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
 Azimuth = Annotated[float, Field(ge=0.0, le=360.0)]
 Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
+_FIRST_YEAR, _LAST_YEAR = 1970, 2199
 _UTC_FORMAT = re.compile(r"\d{4}-\d{2}-\d{2}T\d{2}:\d{2}(:\d{2}(\.\d{1,6})?)?Z")
 
 
@@ -52,7 +71,10 @@ def _utc(value: Any) -> Any:
     if isinstance(value, str):
         if not _UTC_FORMAT.fullmatch(value):
             raise ValueError("expected a UTC time such as 2018-09-13T12:00:00Z")
-        return datetime.datetime.fromisoformat(value)
+        time = datetime.datetime.fromisoformat(value)
+        if not _FIRST_YEAR <= time.year <= _LAST_YEAR:
+            raise ValueError(f"expected a time in the years {_FIRST_YEAR} to {_LAST_YEAR}")
+        return time
     return value
 
 
@@ -62,8 +84,24 @@ def utc_text(time: datetime.datetime) -> str:
 
 
 Utc = Annotated[datetime.datetime, BeforeValidator(_utc), PlainSerializer(utc_text, when_used="json")]
-Triple = Annotated[tuple[float, float, float], BeforeValidator(_as_tuple)]
-Pair = Annotated[tuple[float, float], BeforeValidator(_as_tuple)]
+Triple = Annotated[tuple[Signed, Signed, Signed], BeforeValidator(_as_tuple)]
+Pair = Annotated[tuple[Signed, Signed], BeforeValidator(_as_tuple)]
+
+
+def pair_of(item: Any) -> Any:
+    """The type of a YAML list of two, kept as a tuple."""
+    return Annotated[tuple[item, item], BeforeValidator(_as_tuple)]
+
+
+def _no_boolean(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("expected a whole number")
+    return value
+
+
+whole = BeforeValidator(_no_boolean)
+"""For choices of whole numbers, among which Python finds false and true too."""
+Version = Annotated[Literal[1], whole]
 
 
 class Section(BaseModel):
@@ -209,7 +247,8 @@ def _models_in(annotation: Any) -> list[Any]:
 
 
 __all__ = [
-    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "Elevation", "Latitude", "Longitude",
-    "NonNegative", "Pair", "Positive", "Section", "Triple", "Utc", "hint", "list_of", "one_or_list", "one_or_more",
-    "reject", "validated",
+    "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "CorrelationTime", "Decay", "Elevation",
+    "Latitude", "LogTime", "Longitude", "NonNegative", "Pair", "ScanPeriod", "Section", "Sigma", "Signed", "Size",
+    "Stretch", "Triple", "Utc", "Variance", "Version", "hint", "list_of", "one_or_list", "one_or_more", "pair_of",
+    "reject", "validated", "whole",
 ]  # fmt: skip

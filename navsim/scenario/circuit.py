@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from navsim.scenario.base import DEG, Pair, Positive, Section, Triple, list_of
+from navsim.scenario.base import DEG, Pair, Section, Signed, Triple, list_of
 
 if TYPE_CHECKING:
     from navsim.models.circuit import Circuit
@@ -18,11 +18,11 @@ Command = Triple
 class CircuitSection(Section):
     """A right-hand circuit about the radar, base and final turns; angles start from level flight without roll."""
 
-    north_m: float = 4000.0
-    east_m: float = 7600.0
-    height_m: Annotated[float, Field(ge=0.0)] = 450.0
-    track_deg: float = 180.0
-    speed_m_s: Positive = 100.0
+    north_m: Signed = 4000.0
+    east_m: Signed = 7600.0
+    height_m: Annotated[float, Field(ge=0.0, le=1e5)] = 450.0
+    track_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 180.0
+    speed_m_s: Annotated[float, Field(ge=1.0, le=2000.0)] = 100.0
     roll_deg: list_of(Command) = (  # type: ignore[valid-type]
         (160.0, 6.0, 25.0),
         (189.346, 6.0, -25.0),

@@ -7,7 +7,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import Pair, Positive, Section, Utc, list_of, reject
+from navsim.scenario.base import (
+    CorrelationTime,
+    Pair,
+    ScanPeriod,
+    Section,
+    Utc,
+    Variance,
+    Version,
+    list_of,
+    pair_of,
+    reject,
+)
 
 Steps = Annotated[int, Field(ge=1, le=1_000_000)]
 
@@ -17,22 +28,16 @@ class Filter(Section):
 
     model: Literal["paper", "full", "singer"] = "paper"
     """paper: process noise of the rate alone; full: with all powers of the period; singer: exact, three states"""
-    period_s: Positive = 0.0247
-    measurement_variance_deg2: Positive = 0.0036
-    rate_variance_deg2_s2: Positive = 1e-4
+    period_s: ScanPeriod = 0.0247
+    measurement_variance_deg2: Variance = 0.0036
+    rate_variance_deg2_s2: Variance = 1e-4
     """variance of the rate's increment over a period, the paper's Q"""
-    correlation_time_s: Positive = 1.0
+    correlation_time_s: CorrelationTime = 1.0
     """of the angle's acceleration; for the singer model"""
     initial_deg: Pair = (2.4, 0.0042)
     """angle, and rate in deg/s, the filter starts with"""
-    initial_variance: Pair = (0.625, 0.006)
+    initial_variance: pair_of(Variance) = (0.625, 0.006)  # type: ignore[valid-type]
     """deg2, deg2/s2"""
-
-    @model_validator(mode="after")
-    def _positive(self) -> Self:
-        if min(self.initial_variance) <= 0.0:
-            raise reject("variances are positive", "initial_variance")
-        return self
 
 
 class MonteCarlo(Section):
@@ -41,18 +46,18 @@ class MonteCarlo(Section):
     runs: Annotated[int, Field(ge=2, le=1_000_000)] = 50
     steps: Steps = 200
     experiments: Annotated[int, Field(ge=1, le=100_000)] = 200
-    band: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.2
+    band: Annotated[float, Field(ge=0.001, le=0.999)] = 0.2
     """half width of the band about the standard deviation, as a share of it"""
-    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    confidence: Annotated[float, Field(ge=0.001, le=0.999999)] = 0.95
     """for which the smallest number of runs is looked up"""
 
 
 class Nominal(Section):
     """The run on the nominal trajectory, where truth does not follow the filter's model."""
 
-    from_s: Annotated[float, Field(ge=0.0)] = 60.0
-    to_s: Positive = 110.0
-    rate_variances_deg2_s2: list_of(Positive) = (1e-4, 7.462188e-6, 1.19395e-8)  # type: ignore[valid-type]
+    from_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 60.0
+    to_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 110.0
+    rate_variances_deg2_s2: list_of(Variance) = (1e-4, 7.462188e-6, 1.19395e-8)  # type: ignore[valid-type]
     """the paper's Q, and what its formula gives for accelerations up and along"""
 
     @model_validator(mode="after")
@@ -68,7 +73,7 @@ class Elevation(Section):
     """The elevation angle of an aircraft on an MLS approach."""
 
     kind: Literal["mls-elevation"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     epoch: Utc = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
     """UTC of time 0; nothing depends on it"""

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from navsim.scenario.base import (
-    Positive,
     Section,
+    Sigma,
     Triple,
 )
 from navsim.scenario.sensors import Accelerometer, Gyro
@@ -17,9 +17,9 @@ from navsim.scenario.sensors import Accelerometer, Gyro
 class FilterInitial(Section):
     """1 sigma the filter starts from; what is left out is that of initial_errors."""
 
-    attitude_deg: Positive | None = None
-    position_m: Positive | None = None
-    velocity_m_s: Positive | None = None
+    attitude_deg: Sigma | None = None
+    position_m: Sigma | None = None
+    velocity_m_s: Sigma | None = None
 
 
 class FilterSensors(Section):
@@ -34,7 +34,7 @@ class Gate(Section):
 
     probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
     """chance of rejecting a good fix; 0: no gate"""
-    max_rejected: Annotated[int, Field(ge=0)] = 10
+    max_rejected: Annotated[int, Field(ge=0, le=1_000_000)] = 10
     """rejections in a row after which a fix is taken nevertheless"""
 
 
@@ -54,7 +54,7 @@ class Filter(Section):
     """default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
     """default: receiver.lever_arm_m"""
-    fix_sigma_scale: Positive = 1.0
+    fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma"""
     initial: FilterInitial = FilterInitial()
     imu: FilterSensors = FilterSensors()

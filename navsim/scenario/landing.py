@@ -16,6 +16,7 @@ from navsim.scenario.base import (
     DEG,
     Section,
     Utc,
+    Version,
     reject,
 )
 from navsim.scenario.filter import SMOOTHERS, Filter
@@ -34,7 +35,7 @@ class Landing(Section):
     """A landing: INS corrected by satellites and pseudolites."""
 
     kind: Literal["landing"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     epoch: Utc
     """UTC of time 0"""

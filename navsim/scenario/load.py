@@ -95,7 +95,11 @@ def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tu
     The base has the study's `set` in it; it need not be whole before the varied keys are in too. Raises InputError.
     """
     study, document = _read(path, assignments, next(name for name, section in KINDS.items() if section is kind))
-    base = load(document.resolve(("base",), study.base))
+    try:
+        base = load(document.resolve(("base",), study.base))
+    except InputError as error:
+        named = f" (named at {document.place(('base',))})"
+        raise InputError([Problem(p.place, p.key, p.message + named) for p in error.problems]) from None
     for key, value in study.set.items():
         set_value(base, key, copy.deepcopy(value), document.place(("set", key)), document.folder)
     if base.data.get("kind") != "landing":

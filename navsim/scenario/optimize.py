@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import Checksum, NonNegative, Pair, Positive, Section, list_of, reject
+from navsim.scenario.base import Checksum, NonNegative, Pair, Section, Signed, Size, Version, list_of, reject
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Dotted
 
 DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
@@ -34,7 +34,7 @@ class Area(Section):
 class Strip(Section):
     """The runway strip, kept clear (ICAO Annex 14, 3.4)."""
 
-    half_width_m: Positive = 75.0
+    half_width_m: Size = 75.0
     beyond_m: NonNegative = 60.0
     """before the threshold and past the end of the runway"""
 
@@ -42,19 +42,19 @@ class Strip(Section):
 class Surfaces(Section):
     """Obstacle limitation surfaces antennas stay under (ICAO Annex 14, table 4-1, precision approach, code 1 or 2)."""
 
-    inner_edge_m: Positive = 150.0
+    inner_edge_m: Size = 150.0
     from_threshold_m: NonNegative = 60.0
     divergence_percent: NonNegative = 15.0
-    approach_slope_percent: Positive = 2.5
-    transitional_slope_percent: Positive = 14.3
+    approach_slope_percent: Annotated[float, Field(ge=0.01, le=1000.0)] = 2.5
+    transitional_slope_percent: Annotated[float, Field(ge=0.01, le=1000.0)] = 14.3
 
 
 class SiteChoice(Section):
     """A place where a pseudolite could be put up."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
-    s_m: float
-    l1_m: float
+    s_m: Signed
+    l1_m: Signed
 
 
 class Constraints(Section):
@@ -70,7 +70,7 @@ class Constraints(Section):
     """least distance between pseudolites"""
     distance_m: Pair | None = None
     """least and largest distance from the aircraft during the glide"""
-    near_far_db: Positive | None = None
+    near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
 
     @model_validator(mode="after")
@@ -85,7 +85,7 @@ class Constraints(Section):
 class Period(Section):
     """Start times of the approach over which the objective is taken."""
 
-    hours: Positive
+    hours: Annotated[float, Field(ge=1e-3, le=1e5)]
     """GLONASS repeats its ground track after 7.99 days, 191.5 h"""
     count: Annotated[int, Field(ge=2, le=10_000)]
     """start times, evenly spread from the base scenario's epoch on"""
@@ -95,7 +95,7 @@ class Optimize(Section):
     """The best placement of pseudolites for a base scenario."""
 
     kind: Literal["optimize"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     base: str
     """scenario file, relative to this one"""
@@ -108,7 +108,7 @@ class Optimize(Section):
     area: Area | None = None
     sites: list_of(SiteChoice) = ()  # type: ignore[valid-type]
     """instead of area: the places there are; the choice is then combinatorial"""
-    height_m: float = 0.0
+    height_m: Signed = 0.0
     """of the antennas above the runway"""
     constraints: Constraints = Constraints()
     period: Period | None = None

@@ -11,16 +11,18 @@ from navsim.models import conventions
 from navsim.models.conventions import GnssConvention, ImuConvention
 from navsim.scenario.base import (
     Checksum,
+    LogTime,
     NonNegative,
-    Pair,
-    Positive,
     Section,
+    Sigma,
     Triple,
     Utc,
+    Version,
     hint,
     list_of,
     one_or_list,
     one_or_more,
+    pair_of,
     reject,
 )  # fmt: skip
 from navsim.scenario.filter import Gate
@@ -28,7 +30,7 @@ from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro
 
 Times = Annotated[
-    tuple[NonNegative, ...],
+    tuple[Annotated[float, Field(ge=0.0, le=1e12)], ...],
     BeforeValidator(one_or_more),
     PlainSerializer(one_or_list),
 ]
@@ -95,7 +97,7 @@ class Sensors(Section):
     samples: Literal["instantaneous", "averaged", "increments"] = "instantaneous"
     """what a sample is: the value at its time, the mean since the sample before, or the angle and velocity gained since
     then, in the units times s"""
-    longest_gap_s: Positive | None = None
+    longest_gap_s: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
     """samples farther apart are a gap; default: five sample intervals"""
 
     @model_validator(mode="after")
@@ -137,7 +139,7 @@ class Gnss(Section):
     columns: _columns((*conventions.GNSS_COLUMNS, "nsat")) = Field(default_factory=dict)  # type: ignore[valid-type]
     """names of the columns in the file where they are others; not for NMEA, as the units and axes"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
-    time_offset_s: float = 0.0
+    time_offset_s: LogTime = 0.0
     """added to the times of the fixes: GPS time less UTC is 18 s since 2017"""
     angle_unit: _unit(conventions.ANGLE_UNITS) = "deg"  # type: ignore[valid-type]
     height_unit: _unit(conventions.HEIGHT_UNITS) = "m"  # type: ignore[valid-type]
@@ -148,13 +150,13 @@ class Gnss(Section):
     """from the time a fix is valid to its time in the file; untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """IMU to antenna: forward, right, down"""
-    velocity_sigma_m_s: Pair | None = None
+    velocity_sigma_m_s: pair_of(Sigma) | None = None  # type: ignore[valid-type]
     """1 sigma: horizontal per axis, vertical; untuned 0.3 and 0.3"""
-    position_sigma_m: Pair | None = None
+    position_sigma_m: pair_of(Sigma) | None = None  # type: ignore[valid-type]
     """1 sigma: horizontal per axis, vertical; default 2.5 s times the velocity's: receivers smooth positions with it"""
     spacing_s: NonNegative = 0.45
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
-    min_satellites: Annotated[int, Field(ge=0)] = 4
+    min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
     """fixes from fewer (column nsat) are left out"""
 
     def convention(self) -> GnssConvention:
@@ -169,21 +171,13 @@ class Gnss(Section):
             columns=self.columns,
         )
 
-    @model_validator(mode="after")
-    def _positive(self) -> Self:
-        for key in ("velocity_sigma_m_s", "position_sigma_m"):
-            pair = getattr(self, key)
-            if pair is not None and min(pair) <= 0.0:
-                raise reject("standard deviations are positive", key)
-        return self
-
 
 class Alignment(Section):
     """How the attitude is found: level at rest, heading from the changes of velocity once it moves."""
 
     heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
     """heading at the start, where it is known; needs a standstill"""
-    heading_sigma_deg: Annotated[float, Field(gt=0.0, le=30.0)] = 10.0
+    heading_sigma_deg: Annotated[float, Field(ge=1e-6, le=30.0)] = 10.0
     """the heading must be good to this, 1 sigma; with heading_deg: how good it is"""
     longest_s: Annotated[float, Field(ge=5.0, le=600.0)] = 120.0
     """give up an attempt after this time and try later"""
@@ -195,7 +189,7 @@ class Filter(Section):
     kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"
     """as in landings; rts and map are smoothers"""
     gate: Gate = Gate(probability=0.0)
-    output_rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
+    output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] = 10.0
 
 
 class Outage(Section):
@@ -211,7 +205,7 @@ class Replay(Section):
     """A recorded flight through the filter."""
 
     kind: Literal["replay"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     epoch: Utc = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     """UTC of t_s = 0"""
@@ -219,9 +213,9 @@ class Replay(Section):
     gnss: Gnss
     lenient: bool = False
     """take what is whole of damaged files, and warn of what was left out"""
-    start_s: float | None = None
+    start_s: LogTime | None = None
     """look for the alignment from here on; default: the first fix"""
-    end_s: float | None = None
+    end_s: LogTime | None = None
     checks: Literal["refuse", "warn", "off"] = "refuse"
     """what becomes of a recording that seems to have wrong units, axes, signs or times"""
     alignment: Alignment = Alignment()

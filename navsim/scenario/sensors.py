@@ -11,8 +11,8 @@ from navsim.scenario.base import (
     DEG_H,
     DEG_SQRT_H,
     MG,
+    CorrelationTime,
     NonNegative,
-    Positive,
     Section,
     Triple,
     reject,
@@ -36,7 +36,7 @@ class Gyro(Section):
     """angle random walk: the density of the same white noise"""
     markov_deg_h: NonNegative | None = None
     """1 sigma of the exponentially correlated drift"""
-    markov_time_s: Positive | None = None
+    markov_time_s: CorrelationTime | None = None
     """its correlation time"""
 
     @model_validator(mode="after")
@@ -78,7 +78,7 @@ class Accelerometer(Section):
     """velocity random walk: the density of the same white noise"""
     markov_mg: NonNegative | None = None
     """1 sigma of the exponentially correlated bias"""
-    markov_time_s: Positive | None = None
+    markov_time_s: CorrelationTime | None = None
     """its correlation time"""
 
     @model_validator(mode="after")
@@ -142,7 +142,7 @@ class _Sensors(Section):
         """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
         if not isinstance(data, dict):
             return data
-        preset = IMU_PRESETS.get(data.get("preset", "paper"))
+        preset = IMU_PRESETS.get(str(data.get("preset", "paper")))  # anything may stand there, a list too
         if preset is None:
             return data
         filled = dict(data)

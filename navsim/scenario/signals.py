@@ -10,29 +10,33 @@ from navsim.scenario.base import (
     Latitude,
     Longitude,
     NonNegative,
-    Positive,
     Section,
+    Sigma,
+    Signed,
+    Size,
     Triple,
     list_of,
     one_or_more,
     reject,
+    whole,
 )
 from navsim.scenario.sky import Clock
 
-Four = Annotated[tuple[float, float, float, float], BeforeValidator(one_or_more)]
+Klobuchar = Annotated[float, Field(ge=-1e8, le=1e8)]
+Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(one_or_more)]
 
 
 class Site(Section):
     """One pseudolite, by s_m and l1_m or by coordinates."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
-    s_m: float | None = None
+    s_m: Signed | None = None
     """distance from the runway axis, positive to the right in the runway frame"""
-    l1_m: float | None = None
+    l1_m: Signed | None = None
     """distance before the threshold"""
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
-    height_m: float | None = None
+    height_m: Signed | None = None
     """above the runway; default pseudolites.height_m"""
 
     @model_validator(mode="after")
@@ -50,7 +54,7 @@ class Ionosphere(Section):
     alpha: Four = (1.1176e-8, 1.4901e-8, -5.9605e-8, -5.9605e-8)
     """coefficients of the message, s, s/semicircle, ...; default: a day of moderate activity"""
     beta: Four = (9.0112e4, 1.6384e4, -1.9661e5, -6.5536e4)
-    truth_scale: NonNegative = 1.5
+    truth_scale: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.5
     """the real delay is this many times the model's: the model takes off half to two thirds"""
     corrected: bool = True
     """the receiver takes the model off"""
@@ -59,7 +63,7 @@ class Ionosphere(Section):
 class Troposphere(Section):
     """The troposphere by the seasonal climatology of DO-229 with Niell's mapping, for satellites."""
 
-    truth_scale: NonNegative = 1.02
+    truth_scale: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.02
     """the real delay is this many times the climatology's"""
     correction: Literal["none", "saastamoinen", "mops"] = "saastamoinen"
     """what the receiver takes off: nothing, Saastamoinen's standard atmosphere, or the climatology itself"""
@@ -76,11 +80,11 @@ class Ephemeris(Section):
 class Tracking(Section):
     """The code loop; with `range_law: cn0` it makes the noise of satellite ranges, and of multipath the error."""
 
-    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    spacing_chips: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.5
     """early to late"""
-    bandwidth_hz: Positive = 1.0
+    bandwidth_hz: Annotated[float, Field(ge=1e-4, le=1e4)] = 1.0
     """one-sided"""
-    integration_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
+    integration_s: Annotated[float, Field(ge=1e-6, le=1.0)] = 0.02
     gain_horizon_db: Annotated[float, Field(ge=-40.0, le=0.0)] = -10.0
     """gain of the receiving antenna at its horizon relative to the zenith, where cn0_dbhz is meant"""
 
@@ -108,29 +112,29 @@ class Differential(Section):
 class Pseudolites(Section):
     """Ground transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
-    count: Literal[0, 1, 2] = 0
+    count: Annotated[Literal[0, 1, 2], whole] = 0
     """one stands at +s_m, two stand at +s_m and -s_m, l1_m before the threshold"""
-    s_m: float | None = None
+    s_m: Signed | None = None
     """distance from the runway axis"""
-    l1_m: float | None = None
+    l1_m: Signed | None = None
     """distance from the threshold"""
     sites: list_of(Site) = ()  # type: ignore[valid-type]
     """instead of count, s_m and l1_m: each pseudolite by itself"""
     frame: Literal["table1", "runway"] = "runway"
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
-    height_m: float = 0.0
+    height_m: Signed = 0.0
     """above the runway"""
     clock: Clock = "glonass"
     """time scale the pseudolites keep; own: one unknown more"""
-    clock_offset_ns: float = 0.0
+    clock_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """of the transmitters against that scale, unknown to the receiver"""
     survey_error_m: Triple = (0.0, 0.0, 0.0)
     """north, east, down: true minus surveyed position"""
-    range_sigma_m: Positive = 2.23606797749979
-    range_rate_sigma_m_s: Positive = 0.1
+    range_sigma_m: Sigma = 2.23606797749979
+    range_rate_sigma_m_s: Sigma = 0.1
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
     """carrier to noise density ratio, reported with the measurements"""
-    cn0_reference_m: Positive | None = None
+    cn0_reference_m: Size | None = None
     """distance at which cn0_dbhz is meant; it then falls with distance. Left out: the same everywhere"""
     multipath: GroundMultipath | None = None
     """reflection by the ground; left out: none"""
@@ -181,13 +185,13 @@ class Pseudolites(Section):
 class Signals(Section):
     """Errors of the ranging signals of satellites."""
 
-    range_sigma_m: Positive = 2.23606797749979
+    range_sigma_m: Sigma = 2.23606797749979
     """1 sigma at the zenith (the paper's variance of 5 m2)"""
     range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"
     """growth towards the horizon; cn0: thermal noise of the code loop, from cn0_dbhz and the antenna's gain"""
-    range_scale_deg: Positive = 10.0
+    range_scale_deg: Annotated[float, Field(ge=0.1, le=1000.0)] = 10.0
     """scale of the exponential law"""
-    range_rate_sigma_m_s: Positive = 0.1
+    range_rate_sigma_m_s: Sigma = 0.1
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
     """carrier to noise density ratio, reported with the measurements; with `range_law: cn0` at the zenith"""
     tracking: Tracking = Tracking()
@@ -197,21 +201,21 @@ class Signals(Section):
     """left out: none"""
     ephemeris: Ephemeris | None = None
     """errors of orbits and clocks; left out: none"""
-    gps_offset_ns: float = 0.0
+    gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
 
 
 class Receiver(Section):
     """The satellite receiver: epochs, antenna, clock."""
 
-    rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = 10.0
+    rate_hz: Annotated[float, Field(ge=1e-3, le=100.0)] = 10.0
     """fixes a second"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
     """from the time a fix is valid to the time the filter gets it"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """IMU to antenna: forward, right, down"""
-    clock_offset_us: float = 100.0
-    clock_drift_ppb: float = 50.0
+    clock_offset_us: Signed = 100.0
+    clock_drift_ppb: Signed = 50.0
     smoothing_s: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """memory of the carrier-smoothed code; 0: bare code"""
     one_clock: bool = False

@@ -5,19 +5,18 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BeforeValidator, PlainSerializer, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from navsim.scenario.base import (
     DEG,
     Azimuth,
     Checksum,
     Elevation,
-    Pair,
-    Positive,
     Section,
     list_of,
     one_or_list,
     one_or_more,
+    pair_of,
     reject,
 )
 
@@ -48,17 +47,13 @@ class Direction(Section):
 class Interference(Section):
     """A jammed part of the sky: sources inside are lost."""
 
-    azimuth_deg: Pair = (0.0, 360.0)
+    azimuth_deg: pair_of(Azimuth) = (0.0, 360.0)  # type: ignore[valid-type]
     """from, to, clockwise; 350 to 10 goes through north"""
-    elevation_deg: Pair = (-90.0, 90.0)
+    elevation_deg: pair_of(Elevation) = (-90.0, 90.0)  # type: ignore[valid-type]
     """from, to"""
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:
-        for key, low, high in (("azimuth_deg", 0.0, 360.0), ("elevation_deg", -90.0, 90.0)):
-            pair = getattr(self, key)
-            if not all(low <= v <= high for v in pair):
-                raise reject(f"both ends must lie within {low:g} to {high:g}", key)
         if self.elevation_deg[0] >= self.elevation_deg[1]:
             raise reject("the lower end comes first", "elevation_deg")
         return self
@@ -111,7 +106,7 @@ class Sky(Section):
     """names of satellites not to use, such as R05"""
     use_unhealthy: bool = False
     """use satellites that the almanac marks as unhealthy"""
-    almanac_warning_days: Positive = 14.0
+    almanac_warning_days: Annotated[float, Field(ge=1e-3, le=1e5)] = 14.0
     """age of an almanac from which on a warning is given"""
 
     @model_validator(mode="after")

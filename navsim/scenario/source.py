@@ -1,20 +1,41 @@
 """YAML 1.2 text to plain data that remembers where every key and value stands.
 
 PyYAML reads YAML 1.1, where `yes` is a boolean, `1e-3` a string and a key may stand twice; the resolver and
-the constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/, section 10.3.2).
+the constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/, section 10.3.2). Tags are refused,
+and what a text may hold is bounded, here and nowhere else, for files and `--set` alike: bytes, depth, nodes (aliases
+count with all that they repeat), the length of texts, the digits and the size of numbers.
 """
 
 from __future__ import annotations
 
 import copy
+import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from navsim.io import files
+
 KeyPath = tuple[str | int, ...]
+MOST_BYTES = 1_000_000
+"""Of a file."""
+MOST_NODES = 20_000
+"""Keys and values."""
+MOST_DEPTH = 40
+"""Mappings and lists one in another."""
+MOST_CHARACTERS = 4096
+"""Of a key or a value that is text."""
+MOST_DIGITS = 60
+"""Characters of a number."""
+LARGEST, SMALLEST = 1e50, 1e-50
+"""Sizes of numbers other than 0: what is beyond them overflows or vanishes when squared twice. Each key has bounds of
+its own besides."""
+_CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+"""What is no text: control characters but tabs and line ends, halves of surrogate pairs, noncharacters."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 """How every HDF5 file begins (HDF5 File Format Specification, section II.A)."""
 
@@ -79,11 +100,46 @@ class Document:
     def resolve(self, path: KeyPath, name: str) -> Path:
         """A file named at `path`: relative to the document, or to the working folder if set from outside."""
         folder = next((self.folders[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self.folders), None)
-        return (folder or self.folder) / Path(name).expanduser()
+        try:
+            return (folder or self.folder) / Path(name).expanduser()
+        except RuntimeError:
+            user = Path(name).parts[0]
+            raise InputError([Problem(self.place(path), dotted(path), f"there is no user's folder {user!r}")]) from None
+
+
+class _Refused(yaml.MarkedYAMLError):
+    """YAML, and more than a scenario may hold."""
 
 
 class _Loader(yaml.SafeLoader):
+    """Composes nodes, no deeper and no more than allowed, and none with a tag."""
+
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._count = 0
+        self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        if getattr(event, "tag", None) is not None:
+            raise _Refused(problem="tags (words with !) are not used here; write the plain value",
+                           problem_mark=event.start_mark)  # fmt: skip
+        self._count += 1
+        if self._count > MOST_NODES:
+            raise _Refused(problem=_TOO_MANY, problem_mark=event.start_mark)
+        if self._depth > MOST_DEPTH:
+            raise _Refused(problem=_TOO_DEEP, problem_mark=event.start_mark)
+        self._depth += 1
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._depth -= 1
+
+
+_TOO_MANY = f"more than {MOST_NODES:,} keys and values, counting what aliases repeat"
+_TOO_DEEP = f"nested too deeply: mappings and lists more than {MOST_DEPTH} one in another"
 
 
 for _tag, _pattern, _first in (
@@ -97,13 +153,32 @@ for _tag, _pattern, _first in (
 
 
 def _number(text: str) -> int | float:
+    """A number of the core schema. Raises ValueError for one too long, too large, too small, or not finite."""
+    if len(text) > MOST_DIGITS:
+        raise ValueError(f"a number of {len(text)} characters; allowed are {MOST_DIGITS}")
     plain = text.lower().lstrip("+")
     if plain.startswith(("0x", "0o")):
         return int(plain, 0)
     try:
-        return int(plain)
+        value: int | float = int(plain)
     except ValueError:
-        return float(plain.replace(".inf", "inf").replace(".nan", "nan"))
+        value = float(plain.replace(".inf", "inf").replace(".nan", "nan"))
+    if math.isnan(value):
+        raise ValueError("a finite number is needed, not nan")
+    vanished = value == 0 and any(digit in plain.partition("e")[0] for digit in "123456789")
+    if vanished or abs(value) > LARGEST or 0 < abs(value) < SMALLEST:
+        raise ValueError(f"a finite number is needed, 0 or of a size from {SMALLEST:g} to {LARGEST:g}, not {text}")
+    return value + 0  # no negative zero
+
+
+def _text(value: str) -> str:
+    """Text as it is. Raises ValueError for what is none, or too long."""
+    if len(value) > MOST_CHARACTERS:
+        raise ValueError(f"a text of {len(value)} characters; allowed are {MOST_CHARACTERS}")
+    found = _CONTROL.search(value)
+    if found:
+        raise ValueError(f"the character U+{ord(found.group()):04X} is not allowed in a text")
+    return value
 
 
 def _scalar(node: yaml.Node) -> Any:
@@ -114,26 +189,38 @@ def _scalar(node: yaml.Node) -> Any:
         return node.value.lower() == "true"
     if kind in ("int", "float"):
         return _number(node.value)
-    return node.value
+    return _text(node.value)
 
 
 class _Builder:
     """Turns the node graph into data, noting places and finding duplicate keys on the way."""
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Document, place: Callable[[yaml.Mark], Place]) -> None:
         self.document = document
         self.problems: list[Problem] = []
+        self._place = place
+        self._count = 0
 
     def place(self, node: yaml.Node) -> Place:
-        return Place(self.document.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        return self._place(node.start_mark)
 
     def build(self, node: yaml.Node, path: KeyPath) -> Any:
+        """The data of a node. Raises _Refused where aliases make more of it than allowed."""
+        self._count += 1
+        if self._count > MOST_NODES:
+            raise _Refused(problem=_TOO_MANY, problem_mark=node.start_mark)
+        if len(path) > MOST_DEPTH:
+            raise _Refused(problem=_TOO_DEEP, problem_mark=node.start_mark)
         self.document.values[path] = self.place(node)
         if isinstance(node, yaml.MappingNode):
             return self.mapping(node, path)
         if isinstance(node, yaml.SequenceNode):
             return [self.build(child, (*path, i)) for i, child in enumerate(node.value)]
-        return _scalar(node)
+        try:
+            return _scalar(node)
+        except ValueError as error:
+            self.problems.append(Problem(self.place(node), dotted(path), str(error)))
+            return None
 
     def mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         out: dict[str, Any] = {}
@@ -141,7 +228,11 @@ class _Builder:
             if not isinstance(key_node, yaml.ScalarNode):
                 self.problems.append(Problem(self.place(key_node), dotted(path), "a key must be plain text"))
                 continue
-            key = key_node.value
+            try:
+                key = _text(key_node.value)
+            except ValueError as error:
+                self.problems.append(Problem(self.place(key_node), dotted(path), f"a key is wrong: {error}"))
+                continue
             here = (*path, key)
             if key in out:
                 first = self.document.keys[here]
@@ -159,10 +250,12 @@ def dotted(path: KeyPath) -> str:
 
 
 def load(path: Path) -> Document:
-    """Read a YAML file. Raises InputError: unreadable, not YAML, several documents, duplicate keys."""
+    """Read a YAML file. Raises InputError: unreadable, not YAML, several documents, duplicate keys, more in it than
+    this module allows."""
     name = str(path)
     try:
-        raw = path.read_bytes()
+        with files.opened(path) as file:
+            raw = file.read(MOST_BYTES + 1)
     except IsADirectoryError:
         raise InputError([Problem(Place(name), "", "this is a folder; a YAML file is needed")]) from None
     except OSError as error:
@@ -170,55 +263,73 @@ def load(path: Path) -> Document:
     if raw.startswith(_HDF5):
         message = f"is a result, not a scenario: use navsim show {path} or navsim plot {path}"
         raise InputError([Problem(Place(name), "", message)])
+    if len(raw) > MOST_BYTES:
+        raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is no scenario")])
     try:
         return parse(raw.decode("utf-8"), name, path.resolve().parent)
     except UnicodeDecodeError as error:
-        message = f"not a text file: byte {error.start} is not UTF-8"
-        raise InputError([Problem(Place(name), "", message)]) from None
+        before = raw[: error.start]
+        place = Place(name, before.count(b"\n") + 1, len(before) - before.rfind(b"\n"))
+        raise InputError([Problem(place, "", f"not a text file: byte {error.start} is not UTF-8")]) from None
 
 
 def parse(text: str, name: str, folder: Path) -> Document:
     """Parse YAML text; `name` stands for it in messages. Raises InputError as `load`."""
     document = Document(file=name, folder=folder, data=None)
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = Place(name, mark.line + 1, mark.column + 1) if mark else Place(name, 1, 1)
-        raise InputError([Problem(place, "", f"not YAML: {error.problem or error.context}")]) from None
-    except yaml.YAMLError as error:
-        raise InputError([Problem(Place(name, 1, 1), "", f"not YAML: {error}".splitlines()[0])]) from None
-    if node is None:
+
+    def place(line: int, column: int) -> Place:
+        return Place(name, line + 1, column + 1)
+
+    if not _built(text, document, place):
         raise InputError([Problem(Place(name, 1, 1), "", "the file is empty; `navsim init` writes one to start from")])
-    builder = _Builder(document)
-    try:
-        document.data = builder.build(node, ())
-    except RecursionError:
-        raise InputError([Problem(Place(name, 1, 1), "", "not YAML: nested too deeply")]) from None
-    if builder.problems:
-        raise InputError(builder.problems)
     if not isinstance(document.data, dict):
         message = "a scenario is a mapping of keys to values, `kind: landing` among them"
         raise InputError([Problem(Place(name, 1, 1), "", message)])
     return document
 
 
-def assign(document: Document, assignment: str) -> None:
-    """Set one value from the command line, `a.b.0.c=value`, the value read as YAML. Raises InputError."""
-    label = f"--set {assignment}"
-    key, equals, text = assignment.partition("=")
-    if not equals:
-        raise InputError([Problem(Place(label), "", "expected dotted.key=value")])
+def _built(text: str, document: Document, place: Callable[[int, int], Place]) -> bool:
+    """Put what a YAML text holds into a document; False for a text that holds nothing.
+
+    place: where a line and a column, both from 0, are said to be. Raises InputError.
+    """
+
+    def of(mark: yaml.Mark | None) -> Place:
+        return place(mark.line, mark.column) if mark else place(0, 0)
+
+    builder = _Builder(document, of)
     try:
         node = yaml.compose(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        reason = f"the value is not YAML: {getattr(error, 'problem', None) or error}"
-        raise InputError([Problem(Place(label), "", reason)]) from None
-    builder = _Builder(Document(label, Path.cwd(), None))
-    value = builder.build(node, ()) if node is not None else None
+        if node is not None:
+            document.data = builder.build(node, ())
+    except _Refused as error:
+        raise InputError([Problem(of(error.problem_mark), "", str(error.problem))]) from None
+    except yaml.MarkedYAMLError as error:
+        where = of(error.problem_mark or error.context_mark)
+        raise InputError([Problem(where, "", f"not YAML: {error.problem or error.context}")]) from None
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        where = place(before.count("\n"), len(before) - before.rfind("\n") - 1)
+        message = f"not YAML: the character U+{ord(text[error.position]):04X} is not allowed"
+        raise InputError([Problem(where, "", message)]) from None
     if builder.problems:
         raise InputError(builder.problems)
-    set_value(document, key, value, Place(label), Path.cwd())
+    return node is not None
+
+
+_LONGEST_LABEL = 100
+
+
+def assign(document: Document, assignment: str) -> None:
+    """Set one value from the command line, `a.b.0.c=value`, the value read as YAML. Raises InputError."""
+    shown = assignment if len(assignment) <= _LONGEST_LABEL else assignment[:_LONGEST_LABEL] + "..."
+    label = Place(f"--set {shown}")
+    key, equals, text = assignment.partition("=")
+    if not equals:
+        raise InputError([Problem(label, "", "expected dotted.key=value")])
+    value = Document(str(label), Path.cwd(), None)
+    _built(text, value, lambda line, column: label)
+    set_value(document, key, value.data, label, Path.cwd())
 
 
 def set_value(document: Document, key: str, value: Any, place: Place, folder: Path) -> None:
@@ -233,12 +344,14 @@ def set_value(document: Document, key: str, value: Any, place: Place, folder: Pa
     parts = key.split(".")
     if any(not part for part in parts):
         raise fail("expected a dotted.key")
+    if len(parts) > MOST_DEPTH:
+        raise fail(_TOO_DEEP)
     target = document.data
     path: KeyPath = ()
     for depth, part in enumerate(parts):
         step: str | int = part
         if isinstance(target, list):
-            if not part.isdecimal() or int(part) >= len(target):
+            if not part.isdecimal() or len(part) > len(str(MOST_NODES)) or int(part) >= len(target):
                 raise fail(f"'{dotted(path)}' is a list of {len(target)}: '{part}' is not one of its indices from 0")
             step = int(part)
         elif not isinstance(target, dict):

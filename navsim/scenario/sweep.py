@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import Positive, Section, list_of, reject
+from navsim.scenario.base import Section, Version, list_of, reject
 
 DOP_OUTPUTS = (
     "pdop",
@@ -29,15 +29,15 @@ FILTER_OUTPUTS = (
 """Outputs of the methods that fly a filter, m: root mean square errors over 20 s to touchdown and at heights."""
 OUTPUTS = (*DOP_OUTPUTS, *FILTER_OUTPUTS)
 
-Scalar = float | int | bool | str
+Value = Annotated[float, Field(ge=-1e12, le=1e12)]
 Dotted = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$")]
 
 
 class Grid(Section):
     """Evenly spaced values, both ends included."""
 
-    first: float
-    last: float
+    first: Value
+    last: Value
     count: Annotated[int, Field(ge=2, le=100_000)]
 
     def numbers(self) -> tuple[float, ...]:
@@ -49,9 +49,9 @@ class Grid(Section):
 class Range(Section):
     """Values by a step, up to the last."""
 
-    first: float
-    last: float
-    step: Positive
+    first: Value
+    last: Value
+    step: Annotated[float, Field(ge=1e-12, le=1e12)]
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -68,8 +68,8 @@ class Range(Section):
 class Interval(Section):
     """What a Latin hypercube spreads its samples over."""
 
-    first: float
-    last: float
+    first: Value
+    last: Value
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -117,7 +117,7 @@ class Sweep(Section):
     """Every combination of the listed settings of a base scenario."""
 
     kind: Literal["sweep"]
-    version: Literal[1]
+    version: Version
     title: str = ""
     base: str
     """scenario file, relative to this one"""
@@ -128,7 +128,7 @@ class Sweep(Section):
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     outputs: list_of(Literal[OUTPUTS]) = ()  # type: ignore[valid-type]
     """what is stored; default: everything the method gives"""
-    runs: Annotated[int, Field(ge=1)] = 100
+    runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     """points of the Latin hypercube"""

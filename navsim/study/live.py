@@ -20,6 +20,7 @@ from navsim.estimation.loosely_coupled import REJECTED
 from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result, Variable
 from navsim.io.stream import Lines
+from navsim.io.text import plain_number
 from navsim.models import imu
 from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.simulation.landing import fixed, initial_estimate, measured
@@ -509,7 +510,7 @@ def _row(line: str, places: list[int], block: Block) -> np.ndarray | None:
     if len(cells) <= max(places):
         return None
     try:
-        row = np.array([float(cells[k]) if cells[k].strip() else np.nan for k in places])
+        row = np.array([plain_number(cells[k]) if cells[k].strip() else np.nan for k in places])
     except ValueError:
         return None
     needed = row[:4] if block == "receiver" else row

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.io import files
 from navsim.models.pseudolite import NEAREST, clearance, runway_positions
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
@@ -121,7 +122,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
         key = ("constraints", "keep_out")
         path = document.resolve(key, given.keep_out)
         try:
-            content = path.read_bytes()
+            content = files.content(path, _MOST_BYTES)
             checksum = hashlib.sha256(content).hexdigest()
             if given.keep_out_sha256 not in (None, checksum):
                 key = ("constraints", "keep_out_sha256")
@@ -140,37 +141,74 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
 def _polygons(content: bytes, ground: Ground, height: float) -> Any:
     """The polygons of a GeoJSON file's content, in (s, l1), as one geometry. Raises ValueError for all else in it."""
     import shapely
-    from shapely.geometry import shape
 
     try:
         data = json.loads(content.decode("utf-8"))
+    except RecursionError:
+        raise ValueError("not a GeoJSON file: nested too deeply") from None
     except ValueError as error:
         raise ValueError(f"not a GeoJSON file: {error}") from None
     if not isinstance(data, dict):
         raise ValueError("not a GeoJSON file: its top is no object")
-    features = data["features"] if data.get("type") == "FeatureCollection" else [data]
-    found = []
+    features = data.get("features") if data.get("type") == "FeatureCollection" else [data]
+    if not isinstance(features, list):
+        raise ValueError("not a GeoJSON file: its features are no list")
+    found, pieces = [], 0.0
     for i, feature in enumerate(features):
         geometry = feature.get("geometry", feature) if isinstance(feature, dict) else None
         kind = geometry.get("type") if isinstance(geometry, dict) else None
-        if kind not in ("Polygon", "MultiPolygon"):
-            raise ValueError(f"feature {i}: {kind!r} is not a Polygon or MultiPolygon")
+        if not isinstance(geometry, dict) or kind not in ("Polygon", "MultiPolygon"):
+            raise ValueError(f"feature {i}: {kind!r:.40} is not a Polygon or MultiPolygon")
         try:
-            polygon = shape(geometry)
-        except Exception as error:  # shapely raises many kinds for malformed coordinates
+            polygon = _geometry(kind, geometry.get("coordinates"))
+        except (ValueError, shapely.errors.ShapelyError) as error:
             raise ValueError(f"feature {i}: not a polygon: {error}") from None
 
         def to_plane(coordinates: np.ndarray) -> np.ndarray:
             llh = np.column_stack([coordinates[:, 1] * DEG, coordinates[:, 0] * DEG, np.full(len(coordinates), height)])
             return ground.places(llh)
 
-        bounds = np.array(polygon.bounds)
-        if not np.all(np.isfinite(bounds)) or np.any(np.abs(bounds[[1, 3]]) > 90.0) or np.any(np.abs(bounds) > 360.0):
-            raise ValueError(f"feature {i}: coordinates are longitude, latitude in degrees")
         if not polygon.is_valid:
             raise ValueError(f"feature {i}: {shapely.is_valid_reason(polygon)}")
-        # edges are straight in longitude and latitude (RFC 7946): short pieces keep them so to 0.1 mm
-        found.append(shapely.transform(shapely.segmentize(polygon, 5e-4), to_plane))
+        pieces += shapely.get_num_coordinates(polygon) + polygon.length / _STEP_DEG
+        if pieces > _MOST_POINTS:
+            message = f"more than {_MOST_POINTS:,} points, in steps of {_STEP_DEG:g} degrees along the outlines"
+            raise ValueError(f"feature {i}: {message}")
+        found.append(shapely.transform(shapely.segmentize(polygon, _STEP_DEG), to_plane))
     if not found:
         raise ValueError("no polygons in it")
     return shapely.unary_union(found)
+
+
+_MOST_BYTES = 10_000_000
+"""Of a keep-out file."""
+_STEP_DEG = 5e-4
+"""Edges are straight in longitude and latitude (RFC 7946): pieces as short as this keep them so to 0.1 mm."""
+_MOST_POINTS = 500_000
+"""Of all outlines in a file: some 25 000 km of them."""
+
+
+def _geometry(kind: str, coordinates: Any) -> Any:
+    """The shapely geometry of a GeoJSON geometry's coordinates. Raises ValueError, or shapely's own."""
+    import shapely
+
+    def parts(value: Any, what: str) -> list[Any]:
+        if not isinstance(value, list) or not value:
+            raise ValueError(f"{what} are due in a list that is not empty")
+        return value
+
+    def point(value: Any) -> tuple[float, float]:
+        numbers = isinstance(value, list) and all(type(x) in (int, float) for x in value)  # false is no number
+        if not numbers or len(value) not in (2, 3):
+            raise ValueError("a point is a list of numbers: longitude, latitude, and height where it is given")
+        if not (abs(value[0]) <= 360.0 and abs(value[1]) <= 90.0):
+            raise ValueError("coordinates are longitude, latitude in degrees")
+        return value[0], value[1]
+
+    def polygon(value: Any) -> Any:
+        shell, *holes = ([point(p) for p in parts(ring, "points")] for ring in parts(value, "rings"))
+        return shapely.Polygon(shell, holes)
+
+    if kind == "Polygon":
+        return polygon(coordinates)
+    return shapely.MultiPolygon([polygon(value) for value in parts(coordinates, "polygons")])

@@ -13,7 +13,6 @@ Forecasting, structural time series models and the Kalman filter (1989), section
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,6 +24,7 @@ import numpy as np
 from navsim.core import states
 from navsim.estimation.loosely_coupled import KINDS, REJECTED, TFG
 from navsim.estimation.smoother import PASSES
+from navsim.io import files
 from navsim.io.recording import is_nmea, read_fixes, read_imu
 from navsim.io.results import Result, Variable
 from navsim.io.text import Dropped, FileError
@@ -245,7 +245,7 @@ def _pinned(scenario: Replay, document: Document) -> Replay:
     update = {}
     for name in ("imu", "gnss"):
         section = getattr(scenario, name)
-        checksum = hashlib.sha256(document.resolve((name, "file"), section.file).read_bytes()).hexdigest()
+        checksum = files.checksum(document.resolve((name, "file"), section.file))
         if section.file_sha256 not in (None, checksum):
             place = document.place((name, "file_sha256"))
             message = f"{section.file} has the checksum {checksum}, not this one"

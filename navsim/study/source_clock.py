@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from navsim.io.text import plain_number
 from navsim.models import timescales
 
 Kind = Literal["dated", "undated", "count"]
@@ -93,7 +94,7 @@ def start_time(text: str) -> Start | Literal["first"]:
     if text == FIRST:
         return FIRST
     try:
-        seconds = float(text)
+        seconds = plain_number(text)
         if np.isfinite(seconds):
             return Start(seconds, False)
     except ValueError:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.io import files
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
 from navsim.scenario.base import DEG, validated
@@ -220,7 +221,7 @@ class Plan:
 
 def _checksum(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return files.checksum(path)
     except OSError:
         return UNUSABLE
 

@@ -54,7 +54,7 @@ CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("wrong unit in a key", ("  speed_start_kmh: 130", "  speed_start_ms: 36"), ["approach.speed_start_ms", "speed_start_kmh"]),
     ("duplicate key", ("duration_s: 120", "duration_s: 120\nduration_s: 60"), ["duration_s", "twice"]),
     ("duplicate key in a section", ("  mask_deg: 5", "  mask_deg: 5\n  mask_deg: 7"), ["sky.mask_deg", "twice"]),
-    ("negative sigma", ("  range_sigma_m: 2.23606797749979\n  range_rate_sigma_m_s: 0.1\n\nsignals", "  range_sigma_m: -2\n  range_rate_sigma_m_s: 0.1\n\nsignals"), ["pseudolites.range_sigma_m", "greater than 0", "-2"]),
+    ("negative sigma", ("  range_sigma_m: 2.23606797749979\n  range_rate_sigma_m_s: 0.1\n\nsignals", "  range_sigma_m: -2\n  range_rate_sigma_m_s: 0.1\n\nsignals"), ["pseudolites.range_sigma_m", "greater than or equal to 0.000000001", "-2"]),
     ("not a number", ("  start_height_m: 153 ", "  start_height_m: .nan "), ["approach.start_height_m", "finite"]),
     ("infinite", ("duration_s: 120", "duration_s: .inf"), ["duration_s", "finite"]),
     ("text for a number", ("duration_s: 120", "duration_s: two minutes"), ["duration_s", "number", "two minutes"]),

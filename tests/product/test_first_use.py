@@ -172,7 +172,8 @@ def test_figures_go_with_their_result(tmp_path: Path, monkeypatch: pytest.Monkey
     huge = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
     (tmp_path / "r_huge.png").write_bytes(huge + struct.pack(">I", zlib.crc32(huge[12:])))
     (tmp_path / "r_cut.png").write_bytes(huge[:20])
-    mine = {"r_photo.png", "r_note.png", "r_huge.png", "r_cut.png"}
+    os.mkfifo(tmp_path / "r_pipe.png")
+    mine = {"r_photo.png", "r_note.png", "r_huge.png", "r_cut.png", "r_pipe.png"}
 
     navsim(*run, "--method", "covariance", "--force", cwd=tmp_path)
     now = figures(tmp_path) - wide - mine

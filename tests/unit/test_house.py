@@ -15,7 +15,7 @@ ALLOWED = {
     "models": {"core"},
     "estimation": {"core"},
     "simulation": {"models", "estimation", "core"},
-    "scenario": {"models", "estimation", "core"},
+    "scenario": {"models", "estimation", "core", "io"},
     "io": {"core", "models"},
     "study": {"simulation", "scenario", "io", "models", "estimation", "core"},
     "report": {"core", "io"},

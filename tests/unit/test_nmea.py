@@ -112,3 +112,12 @@ def test_one_epoch_is_of_one_receiver() -> None:
     assert row is not None
     assert row[1] == pytest.approx(48.0 + 7.03 / 60.0)
     assert assembler.contradicting == 1
+
+
+def test_underscores_are_no_part_of_a_number() -> None:
+    """They are of other sentences' texts."""
+    assembler = Assembler()
+    assembler.feed(sentence("GPGGA,120001.00,4807.0300000,N,01131.0000000,E,1,08,0.9,54_5.400,M,46.900,M,,"))
+    assert assembler.corrupt == 1
+    assembler.feed(sentence("GPTXT,01,01,02,u_blox"))
+    assert (assembler.corrupt, assembler.other) == (1, 1)

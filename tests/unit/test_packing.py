@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import io
+import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -56,9 +57,10 @@ def test_no_packing_unpacks_to_more_than_allowed(
 ) -> None:  # fmt: skip
     path = tmp_path / "file"
     path.write_bytes(PACKED[kind])
-    monkeypatch.setattr(text, "MOST_BYTES", len(DATA))
+    held = len(DATA) + text.LINE * TEXT.count("\n")
+    monkeypatch.setattr(text, "MOST_BYTES", held)
     read_lines(path)
-    monkeypatch.setattr(text, "MOST_BYTES", len(DATA) - 1)
+    monkeypatch.setattr(text, "MOST_BYTES", held - 1)
     with pytest.raises(FileError, match="unpacks to more than"):
         read_lines(path)
 
@@ -136,3 +138,78 @@ def test_observations_in_a_zip(tmp_path: Path) -> None:
     (tmp_path / "zip").write_bytes(zipped(("S.crx", packed)))
     a, b = read_obs(tmp_path / "plain"), read_obs(tmp_path / "zip")
     np.testing.assert_array_equal(a.values["C1C"], b.values["C1C"])
+
+
+LINES, LETTERS = b"\n" * 60_000_000, b"0" * 60_000_000
+BOMBS = {
+    "of line ends": (gzip.compress(LINES, 1), "unpacks to more than"),
+    "of rows": (bz2.compress(b"12\n" * 20_000_000), "unpacks to more than"),
+    "in a bomb": (gzip.compress(gzip.compress(LINES, 1) * 20), "unpacks to more than"),
+    "in an archive": (zipped(("a", LINES)), "unpacks to more than"),
+    "of one line": (gzip.compress(LETTERS, 1), "file:1: a line of more than 1,000,000 bytes"),
+    "of nothing": (gzip.compress(bytes(10_000_000)), "file:1: not a text file"),
+    "of members": (gzip.compress(b"") * 110_000, "more than 100,000 members"),
+    "of files": (b"PK\x03\x04" + b"PK\x01\x02" * 100_001, "more than 100,000 files"),
+}
+
+
+@pytest.mark.parametrize("kind", BOMBS)
+def test_bombs_are_refused_before_they_fill_the_memory(kind: str, tmp_path: Path) -> None:
+    data, said = BOMBS[kind]
+    path = tmp_path / "file"
+    path.write_bytes(data)
+    tracemalloc.start()
+    try:
+        with pytest.raises(FileError, match=said):
+            read_lines(path)
+        assert tracemalloc.get_traced_memory()[1] < 100_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_bomb_of_unix_compress(tmp_path: Path) -> None:
+    import ncompress
+
+    path = tmp_path / "file"
+    path.write_bytes(ncompress.compress(DATA))
+    assert read_lines(path) == TEXT.split("\n")
+    path.write_bytes(ncompress.compress(b"0\n" * 60_000_000))
+    with pytest.raises(FileError, match="unpacks to more than"):
+        read_lines(path)
+    path.write_bytes(b"\x1f\x9d\x90" + bytes(range(256)))
+    with pytest.raises(FileError, match="cannot be unpacked"):
+        read_lines(path)
+
+
+def test_a_bomb_of_hatanaka(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import hatanaka
+
+    path = tmp_path / "file"
+    path.write_text(hatanaka.rnx2crx(observations_3()))
+    monkeypatch.setattr(text, "MOST_BYTES", len(observations_3()) - 1)
+    with pytest.raises(FileError, match="unpacks to more than"):
+        read_lines(path)
+
+
+def test_lines_are_the_same_however_the_pieces_fall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ends of lines of all three kinds, Latin 1, no end at the end."""
+    data = "a\r\nb\rc\n\r\n\u00e9\r\r\nlast\r".encode("latin-1")
+    due = ["a", "b", "c", "", "\u00e9", "", "last", ""]
+    path = tmp_path / "file"
+    for content, lines in ((data, due), (data[:-1], due[:-1]), (b"", [""]), (b"\n", ["", ""])):
+        path.write_bytes(content)
+        for size in (1, 2, 3, 7, 1 << 20):
+            monkeypatch.setattr(text, "_CHUNK", size)
+            assert read_lines(path) == lines
+
+
+def test_a_table_larger_than_the_memory_is_refused() -> None:
+    text.check_table(Path("a"), 1000, 1000, 100)
+    with pytest.raises(FileError, match="a table of 1,000,000 x 1,000 x 4"):
+        text.check_table(Path("a"), 1_000_000, 1000, 4)
+
+
+@pytest.mark.parametrize("cell", ["0.1_0", "1_000", "1_0D3"])
+def test_underscores_are_no_part_of_a_number(cell: str) -> None:
+    with pytest.raises(FileError, match="expected a number for x, found"):
+        text.number(Path("a"), 1, cell, "x")

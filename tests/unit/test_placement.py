@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +13,7 @@ from navsim.scenario.load import read
 from navsim.scenario.optimize import Surfaces
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.landing.case import environment
-from navsim.study.placement import surface_height
+from navsim.study.placement import Ground, _polygons, surface_height
 from tests.conftest import SCENARIOS
 
 EPOCHS = np.linspace(0.0, 60.0, 7)
@@ -88,3 +91,59 @@ def test_surfaces_rise_outwards_from_the_strip() -> None:
     s = np.array([0.0, 75.0, 0.0, 75.0 + 150.0 + 10.0, 175.0, 0.0])
     l1 = np.array([60.0, 60.0, 1060.0, 1060.0, -500.0, -2060.0])
     np.testing.assert_allclose(surface_height(surfaces, 1000.0, s, l1), [0, 0, 25, 25 + 1.43, 14.3, 25], atol=1e-12)
+
+
+SQUARE = [[37.0, 56.0], [37.01, 56.0], [37.01, 56.01], [37.0, 56.01], [37.0, 56.0]]
+GROUND = Ground(np.array([np.radians(56.0), np.radians(37.0), 0.0]), 0.0, 0.0)
+
+
+def feature(coordinates: Any, kind: str = "Polygon") -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}}
+
+
+def collection(features: Any) -> bytes:
+    return json.dumps({"type": "FeatureCollection", "features": features}).encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (collection(None), "its features are no list"),
+        (b'{"type": "FeatureCollection"}', "its features are no list"),
+        (collection([None]), "feature 0: None is not a Polygon"),
+        (collection([feature([SQUARE]), {"geometry": None}]), "feature 1: None is not a Polygon"),
+        (collection([feature([SQUARE], "x" * 1000)]), "feature 0: 'xxx"),
+        (collection([]), "no polygons"),
+        (b"[" * 100_000 + b"]" * 100_000, "nested too deeply"),
+        (b'{"a": ' * 100_000, "nested too deeply"),
+        (b"\xff", "not a GeoJSON file"),
+        (b"9" * 5000, "not a GeoJSON file"),
+        (collection([feature(None)]), "feature 0: not a polygon: rings are due"),
+        (collection([feature([])]), "rings are due"),
+        (collection([feature([None])]), "points are due"),
+        (collection([feature([[[True, 56.0], *SQUARE[1:]]])]), "a point is a list of numbers"),
+        (collection([feature([[["37", 56.0], *SQUARE[1:]]])]), "a point is a list of numbers"),
+        (collection([feature([[[37.0], *SQUARE[1:]]])]), "a point is a list of numbers"),
+        (collection([feature([[SQUARE]])]), "a point is a list of numbers"),
+        (collection([feature([SQUARE[:2]])]), "feature 0: not a polygon"),
+        (collection([feature([[[37.0, 96.0], *SQUARE[1:]]])]), "longitude, latitude in degrees"),
+        (collection([feature([[[37.0, float("nan")], *SQUARE[1:]]])]), "longitude, latitude in degrees"),
+        (collection([feature([[[10**400, 56.0], *SQUARE[1:]]])]), "longitude, latitude in degrees"),
+        (collection([feature([[[-180, -89], [180, -89], [180, 89], [-180, 89], [-180, -89]]])]), "more than 500,000"),
+    ],
+)  # fmt: skip
+def test_what_is_no_keep_out(content: bytes, said: str) -> None:
+    with pytest.raises(ValueError, match=said) as caught:
+        _polygons(content, GROUND, 0.0)
+    assert len(str(caught.value)) < 300
+
+
+def test_keep_outs_of_both_kinds() -> None:
+    """A square with a hole, 1113.5 m from south to north (an arc of 0.01 degrees on the ellipsoid)."""
+    hole = [[x * 0.5 + 18.5025, y * 0.5 + 28.0025] for x, y in SQUARE]
+    one = _polygons(collection([feature([SQUARE, hole])]), GROUND, 0.0)
+    several = _polygons(collection([feature([[SQUARE, hole]], "MultiPolygon")]), GROUND, 0.0)
+    assert one.equals(several)
+    low, high = one.bounds[1::2]
+    assert high - low == pytest.approx(1113.5, abs=1.0)
+    assert one.area == pytest.approx(0.75 * 1113.5 * 622.9, rel=0.01)

@@ -156,3 +156,15 @@ def test_tables_of_which_no_row_is_left(tmp_path: Path) -> None:
     far = [GNSS[0], *(line.replace("56.", "156.") for line in GNSS[1:])]
     with pytest.raises(FileError, match="only 0 usable fixes; 8 rows left out"):
         read_fixes(written(tmp_path, far), lenient=True)
+
+
+def test_cells_no_table_has(tmp_path: Path) -> None:
+    """Longer than the csv module reads, and numbers as only Python writes them."""
+    path = tmp_path / "log"
+    for cell, said in (("9" * 200_000, "field larger"), ("0.1_0", "expected a number for gx_rad_s, found '0.1_0'")):
+        lines = [*IMU]
+        lines[4] = ",".join([lines[4].split(",")[0], cell, *lines[4].split(",")[2:]])
+        path.write_text("\n".join(lines))
+        with pytest.raises(FileError, match=said) as caught:
+            read_imu(path)
+        assert caught.value.line == 5

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from navsim.io import files
 from navsim.io.almanac import read_almanac
 from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3
@@ -131,7 +131,7 @@ class _Files:
         place = ("sky", self.key)
         path = self.document.resolve(place, name)
         try:
-            checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+            checksum = files.checksum(path)
             constellations, remarks = reader(path, utc, self.scenario.sky)
         except FileError as error:
             curable = error.salvageable and self.key in LENIENT

@@ -1,0 +1,84 @@
+"""Every number of every section has both ends, wherever it stands; no boolean passes for one."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from navsim.scenario import shipped
+from navsim.scenario.base import Section, validated
+from navsim.scenario.load import KINDS, read_any
+from navsim.scenario.source import Document, InputError
+
+FREE = ("set", "values")
+"""Keys whose values are those of another file, which has the bounds."""
+
+
+def unbounded(node: Any, path: tuple[str, ...] = ()) -> Iterator[str]:
+    """Places of a JSON schema with a number that lacks an end."""
+    if isinstance(node, dict):
+        if node.get("type") in ("number", "integer") and not {"const", "enum"} & node.keys():
+            low, high = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
+            if not low & node.keys() or not high & node.keys():
+                yield ".".join(path)
+        for key, value in node.items():
+            yield from unbounded(value, (*path, key))
+    elif isinstance(node, list):
+        for i, value in enumerate(node):
+            yield from unbounded(value, (*path, str(i)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_number_has_both_ends(kind: str) -> None:
+    assert list(unbounded(KINDS[kind].model_json_schema())) == []
+
+
+def test_the_walk_finds_what_it_is_for() -> None:
+    """In lists, unions and values that may be left out."""
+
+    class Inner(Section):
+        x: float | str = 0.0
+
+    class Outer(Section):
+        inner: tuple[Inner, ...] = ()
+        y: int | None = None
+        z: tuple[float, ...] = ()
+
+    assert len(list(unbounded(Outer.model_json_schema()))) == 3
+
+
+def leaves(node: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, (list, tuple)) else ()
+    for key, value in items:
+        if key not in FREE:
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                yield (*path, key)
+            yield from leaves(value, (*path, key))
+
+
+@pytest.mark.parametrize("name", shipped.names())
+def test_no_boolean_and_no_absurd_number_is_accepted(name: str, tmp_path: Path) -> None:
+    """In place of each number of the resolved scenario, `pseudolites.count` and `version` among them."""
+    scenario, _ = read_any(shipped.path(name))
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    found = list(leaves(data))
+    assert ("version",) in found
+    for path in found:
+        for wrong in (False, True, 1e300, -1e300, 5e-324 if path[-1] == "version" else 10**30):
+            changed = copy.deepcopy(data)
+            target = changed
+            for part in path[:-1]:
+                target = target[part]
+            target[path[-1]] = wrong
+            with pytest.raises(InputError):
+                validated(type(scenario), Document("s.yaml", tmp_path, changed))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_whole_numbers_to_choose_from_are_still_numbers(count: int, tmp_path: Path) -> None:
+    scenario, _ = read_any(shipped.path("landing"), [f"pseudolites.count={count}"])
+    assert scenario.model_dump()["pseudolites"]["count"] == count
