@@ -108,12 +108,12 @@ class Plan:
     @property
     def shape(self) -> tuple[int, ...]:
         """Points of each axis."""
-        return tuple(len(axis.points) for axis in self.axes)
+        return self.study.shape
 
     @property
     def size(self) -> int:
         """Number of combinations."""
-        return int(np.prod(self.shape))
+        return self.study.combinations
 
     @property
     def batch(self) -> int:
