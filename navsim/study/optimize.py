@@ -65,6 +65,11 @@ def search(here: Problem, seed: int, watch: Watch | None = None) -> dict[int, Fo
     return dict(_searches(here, seed, watch))
 
 
+def planned(here: Problem) -> list[Step]:
+    """All steps of the work, each with the most placements it may judge."""
+    return [*_search_steps(here), *_later_steps(here)]
+
+
 def _search_steps(here: Problem) -> list[Step]:
     return [step for i, count in enumerate(sorted(here.study.pseudolites)) for step in steps(here, count, i > 0)]
 
@@ -86,7 +91,7 @@ def solve(here: Problem, seed: int, watch: Watch | None = None) -> Outcome:
     watch = watch or Watch()
     counts = tuple(sorted(here.study.pseudolites))
     trials = Trials(here, watch, searching=False)
-    watch.plan([*_search_steps(here), *_later_steps(here)])
+    watch.plan(planned(here))
     nothing = np.empty((1, 0, 2))
     if here.coarse is not None:
         here.coarse(nothing)  # so that what is timed next is not the loading of kernels

@@ -37,7 +37,8 @@ ALL_CHOICES = 2_000_000
 ALL_FLOWN = 50
 GEOMETRY, COARSE, FULL = "geometry", "coarse", "full"
 """Ways of judging a placement: by the geometry kernel, by coarse and by full covariance analysis."""
-_CHUNK = 65_536
+CHUNK = 65_536
+"""Choices of sites judged at a time."""
 _POPULATION, _GENERATIONS = 30, 400
 """Of differential evolution by an objective of geometry: members a coordinate, generations at most."""
 _FINISHING = (100.0, 10.0, 1.0)
@@ -302,7 +303,7 @@ def _sites(here: Problem, count: int) -> np.ndarray:
 def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
     """All choices of `count` out of a number of sites, as indices (n, count)."""
     choices = itertools.combinations(range(number), count)
-    while chunk := list(itertools.islice(choices, _CHUNK)):
+    while chunk := list(itertools.islice(choices, CHUNK)):
         yield np.array(chunk)
 
 
