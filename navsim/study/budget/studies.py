@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.landing import Landing
@@ -43,18 +46,24 @@ from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
 from navsim.study.objective import COARSE_FIXES, COARSE_IMU, Problem
 from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY
-from navsim.study.sweep import MOST_MAP_SITES, Plan, columns
+from navsim.study.sweep import MOST_MAP_SITES, Axis, Plan, columns
 
+_WIDTHS = 100
+"""Values of an axis that are written to see how long they are."""
 _SAMPLED = 20
 """Combinations of a sweep that are looked at for its sizes."""
 _PLACEMENT_TIME, _POINT_TIME = 0.6e-3, 25e-9
 """Seconds a placement of a sweep, and a placement at an epoch in the kernel."""
-_TABLE_ROW = 13
-"""Characters of a number in the table of a sweep."""
+_OUTPUT_WIDTH = 12
+"""Characters of an output in the table of a sweep."""
+_TEXTS = 6400
+"""Scenario and study in the attributes of a result, bytes."""
 _JUDGED_MEMORY = 70
 """A site of a placement at an epoch while rules are judged, bytes."""
 _READ_MEMORY = 600
 """A sample or fix of a recording while it is read and judged, bytes."""
+_SPAN_MEMORY = 400
+"""An outage, bytes."""
 _REPLAYED_MEMORY = 1000
 """An output or fix of a replayed flight, bytes."""
 
@@ -66,9 +75,10 @@ def sweep(planned: Plan, workers: int) -> Budget:
     keys = sum(len(axis.keys) for axis in planned.axes)
     of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
     axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
-    variables = len(names) + keys + len(planned.axes) + 8
-    table = _TABLE_ROW * planned.size * (len(names) + keys)
-    file = planned.size * of_one + NUMBER * (axes + 600) + variables * VARIABLE
+    variables = len(names) + keys + len(planned.axes) + 6
+    row = _OUTPUT_WIDTH * len(names) + sum(_width(axis, i) for axis in planned.axes for i in range(len(axis.keys)))
+    table = planned.size * row
+    file = planned.size * of_one + NUMBER * (axes + 600) + variables * VARIABLE + _TEXTS
     workers = max(1, min(workers, -(-planned.size // planned.batch)))
     memory, time = 0.0, 0.0
     if planned.geometry_alone:
@@ -85,6 +95,16 @@ def sweep(planned: Plan, workers: int) -> Budget:
         file + table,
         planned.size * of_one + batches * BATCH_FILE if batches > 1 else 0.0,
     )
+
+
+def _width(axis: Axis, number: int) -> float:
+    """Mean width of the values of a key in the table, characters."""
+    some = axis.points[:: max(len(axis.points) // _WIDTHS, 1)]
+    return 1.0 + sum(len(_written(point[number])) for point in some) / len(some)
+
+
+def _written(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def _combination(planned: Plan, scenario: Landing) -> Budget:
@@ -162,12 +182,15 @@ def recorded(recording: replay.Recording) -> Budget:
     """A recorded flight that was read and aligned."""
     samples, fixes = recording.samples.time.size, recording.fixes.time.size
     lasts = float(recording.samples.time[-1]) - recording.alignment.time
-    outputs = lasts * recording.scenario.filter.output_rate_hz
+    rate = recording.scenario.filter.output_rate_hz
+    # what lies on an output's time is stored before and after the fix
+    late = recording.fixes.time[recording.fixes.time > recording.alignment.time]
+    outputs = lasts * rate + float(np.sum(late == np.round(late * rate) / rate))
     outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
     once = SAMPLE_TIME * samples + FIX_TIME * fixes
     final = SMOOTHING.get(recording.scenario.filter.kind, 1.0) * (once + SAMPLE_TIME * outputs)
     time = once * (replay.extent(recording) + outages) + final
     smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
-    result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 61 * VARIABLE
-    memory = _READ_MEMORY * (samples + fixes) + smoothed * _REPLAYED_MEMORY * (outputs + fixes) + WRITING * result
+    result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
+    memory = _READ_MEMORY * (samples + fixes) + _SPAN_MEMORY * outages + smoothed * _REPLAYED_MEMORY * (outputs + fixes) + WRITING * result
     return Budget(BASE_TIME + time, BASE_MEMORY + memory, result)
