@@ -18,9 +18,7 @@ OverBudgetOption = Annotated[
 ]
 
 
-def afford(
-    name: object, estimate: Budget, target: Path, over_budget: bool, shown: bool, at_most: bool = False
-) -> None:
+def afford(name: object, estimate: Budget, target: Path, over_budget: bool, shown: bool, at_most: bool = False) -> None:
     """Tell the estimate where it is to be shown; leave where the machine lacks memory or disk, unless `over_budget`.
 
     name: of the scenario or study. target: the result's path. at_most: the work may end earlier by itself, so the

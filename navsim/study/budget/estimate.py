@@ -23,7 +23,6 @@ BATCH_FILE = 12_000
 """What a file of partial work takes beside its numbers, bytes."""
 
 
-
 @dataclass(frozen=True)
 class Budget:
     """What a study will take.

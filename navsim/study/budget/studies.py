@@ -192,5 +192,10 @@ def recorded(recording: replay.Recording) -> Budget:
     time = once * (replay.extent(recording) + outages) + final
     smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
     result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
-    memory = _READ_MEMORY * (samples + fixes) + _SPAN_MEMORY * outages + smoothed * _REPLAYED_MEMORY * (outputs + fixes) + WRITING * result
+    memory = (
+        _READ_MEMORY * (samples + fixes)
+        + _SPAN_MEMORY * outages
+        + smoothed * _REPLAYED_MEMORY * (outputs + fixes)
+        + WRITING * result
+    )
     return Budget(BASE_TIME + time, BASE_MEMORY + memory, result)
