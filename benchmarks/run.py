@@ -62,9 +62,20 @@ def command(*arguments: str, environment: dict[str, str] | None = None) -> Calla
 
 
 def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
+    from navsim.scenario.load import read
+    from navsim.study.budget.estimate import SPREAD
+    from navsim.study.budget.landing import landing
+    from navsim.study.budget.studies import tables
+    from navsim.study.landing import default_workers, prepare
+
     scenario = str(SCENARIO)
     flown = ["run", scenario, "--figures", "none"]
     command(*flown)()
+    case, cores = prepare(*read(SCENARIO)), default_workers()
+    told = {
+        "1000 landings, statistics, file": landing(case.scenario, case.environment, 1000, "errors", cores).time_s,
+        "`navsim table2`, 400 runs a row": tables(400, cores).time_s,
+    }
     for name, arguments, must, repeat in (
         ("`navsim --help`", ["--help"], 0.3, 9),
         ("`navsim validate`", ["validate", scenario], 0.4, 9),
@@ -75,6 +86,10 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
     ):
         seconds = timed(command(*arguments), repeat)  # type: ignore[arg-type]
         rows.append((name, shown(seconds, "s", 1.0), f"{must} s", statistics.median(seconds) <= must))
+        if name in told:
+            factor = told[name] / statistics.median(seconds)
+            held = 1.0 / SPREAD <= factor <= SPREAD
+            rows.append((f"the estimate of its time: {name}", f"{factor:.2f}×", f"within {SPREAD}×", held))
     one = timed(command(*flown, "--runs", "1000", "--workers", "1"), 3)
     two = timed(command(*flown, "--runs", "1000", "--workers", "2"), 3)
     ratio = statistics.median(one) / statistics.median(two)

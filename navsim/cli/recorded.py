@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from navsim.cli.budget import OverBudgetOption, afford
 from navsim.cli.common import (
     FiguresOption,
     ForceOption,
@@ -43,6 +44,7 @@ def replay(
     figures: FiguresOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Read, check and align; fly nothing.")] = False,
     force: ForceOption = False,
+    over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
     json_: JsonOption = False,
 ) -> None:
@@ -61,6 +63,7 @@ def replay(
     target = target_of(log, output, Sort("replay"), force)
     from navsim.core import jit
     from navsim.study import replay as flying
+    from navsim.study.budget.studies import recorded
 
     try:
         recording = flying.prepare(section, document)
@@ -68,6 +71,7 @@ def replay(
         leave(BAD_INPUT, *error.problems)
     except flying.ReplayError as error:
         leave(RUN_FAILED, f"{log}: {error}")
+    afford(log, recorded(recording), target, over_budget, shown=dry_run)
     if dry_run:
         for warning in recording.warnings:
             say(f"warning: {warning}")
@@ -127,6 +131,7 @@ def live(
         float, typer.Option(min=0.1, metavar="SECONDS", help="End after so many seconds without a line.")
     ] = 10.0,
     force: ForceOption = False,
+    over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
     json_: JsonOption = False,
 ) -> None:
@@ -149,12 +154,17 @@ def live(
         from navsim.core import jit
         from navsim.study import landing
         from navsim.study import live as flying
+        from navsim.study.budget.landing import landing as estimated
 
         if section.filter.kind in SMOOTHERS:
             leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
         start = None if start_time is None else source_clock.start_time(start_time)
         begin(target)
-        case = landing.prepare(section, document)
+
+        def ask(section: Any, sources: Any) -> None:
+            afford(scenario, estimated(section, sources), target, over_budget, shown=False)
+
+        case = landing.prepare(section, document, ask)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
         session = flying.Session(case, "receiver" if receiver is not None else "imu", seed, realtime, start)

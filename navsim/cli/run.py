@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from navsim.cli.budget import OverBudgetOption, afford
 from navsim.cli.common import (
     MOST,
     MOST_RUNS,
@@ -103,6 +104,7 @@ def run(
             "--force", help="Overwrite a result of another kind or method, one run by several or the reverse."
         ),
     ] = False,
+    over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
     json_: JsonOption = False,
 ) -> None:
@@ -119,7 +121,7 @@ def run(
             named = ", ".join(foreign or ["--require-fix"])
             leave(BAD_INPUT, f"{named}: only for `kind: landing`; {scenario} is of kind {checked.kind}")
         target = target_of(scenario, output, Sort(checked.kind), force)
-        _run_companion(scenario, checked, target, seed, runs, figures, dry_run, quiet, json_)
+        _run_companion(scenario, checked, target, seed, runs, figures, dry_run, over_budget, quiet, json_)
         return
     analytic = checked.method == "covariance"
     if analytic:
@@ -142,7 +144,14 @@ def run(
     from navsim.io.results import ResultError
     from navsim.scenario.source import InputError
     from navsim.study import landing
+    from navsim.study.budget.landing import landing as estimated
     from navsim.study.partial import PartialError
+
+    threads = workers or landing.default_workers()
+
+    def ask(section: Any, sources: Any) -> None:
+        budget = estimated(section, sources, runs, kept, threads)
+        afford(scenario, budget, target, over_budget, shown=dry_run, at_most=until is not None)
 
     try:
         enough = landing.stopping_rule(until) if until is not None else None
@@ -151,7 +160,7 @@ def run(
     if not dry_run:
         begin(target)
     try:
-        case = landing.prepare(checked, document)
+        case = landing.prepare(checked, document, ask)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     if dry_run:
@@ -173,7 +182,6 @@ def run(
             result = landing.covariance_result(case, landing.covariance_analysis(case), seed)
         else:
             with progress(runs, not quiet) as done:
-                threads = workers or landing.default_workers()
                 ensemble = landing.fly_all(
                     case, seed, first_run, runs, threads, keep=kept, store=store, done=done, enough=enough
                 )
@@ -220,15 +228,18 @@ def _run_companion(
     runs: int | None,
     figures: str | None,
     dry_run: bool,
+    over_budget: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
     """One of the companion papers' systems: computed, written, shown."""
     from navsim.core import jit
     from navsim.io.results import ResultError
+    from navsim.study.budget.companions import COMPANIONS as ESTIMATES
     from navsim.study.companions import COMPANIONS
 
     drawing = figure_folder(figures, target, 1, quiet)
+    afford(scenario, ESTIMATES[checked.kind](checked, runs), target, over_budget, shown=dry_run)
     if dry_run:
         say(f"{scenario}: a study of kind {checked.kind}; would write {target}")
         return

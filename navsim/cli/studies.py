@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
+from navsim.cli.budget import OverBudgetOption, afford
 from navsim.cli.common import (
     FiguresOption,
     ForceOption,
@@ -60,6 +62,7 @@ def sweep(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, compute nothing.")] = False,
     fresh: FreshOption = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind or method.")] = False,
+    over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
     json_: Annotated[
         bool, typer.Option("--json", help="Print the best combinations as JSON, and nothing else, on standard output.")
@@ -73,6 +76,7 @@ def sweep(
     from navsim.scenario.load import read_study
     from navsim.scenario.source import InputError
     from navsim.scenario.sweep import Sweep
+    from navsim.study.partial import PartialError
 
     assigned, suffix = method_given(study, set_, method)
     extra = [*(set_ or []), *assigned, *([f"runs={runs}"] if runs else [])]
@@ -82,14 +86,16 @@ def sweep(
         from navsim.core import jit
         from navsim.report import sweep as report
         from navsim.study import sweep as computing
+        from navsim.study.budget.studies import sweep as estimated
         from navsim.study.landing import default_workers
-        from navsim.study.partial import PartialError
 
         planned = computing.plan(section, document, base, seed)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     for warning in planned.warnings:
         say(f"warning: {warning}")
+    threads = workers or default_workers()
+    afford(study, estimated(planned, threads), target, over_budget, shown=dry_run)
     extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in planned.axes)
     if dry_run:
         say(f"{study}: {planned.size} combinations ({extent}), method {section.method}; would write {target}")
@@ -99,7 +105,7 @@ def sweep(
     store = store_beside(target, computing.partial_key(planned), planned.size, fresh, planned.batch)
     try:
         with progress(planned.size, not quiet, "combinations") as done:
-            found = computing.compute(planned, workers or default_workers(), store, done)
+            found = computing.compute(planned, threads, store, done)
         result = computing.sweep_result(planned, found)
         written = save(result, target, drawing)
         table = report.save_csv(result, target.with_suffix(".csv"))
@@ -144,6 +150,7 @@ def optimize(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
     fresh: FreshOption = False,
     force: ForceOption = False,
+    over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
     json_: Annotated[
         bool, typer.Option("--json", help="Print the placements as JSON, and nothing else, on standard output.")
@@ -157,6 +164,7 @@ def optimize(
     from navsim.scenario.load import read_study
     from navsim.scenario.optimize import Optimize
     from navsim.scenario.source import InputError
+    from navsim.study.partial import PartialError
     from navsim.study.search import NoPlacement
 
     try:
@@ -165,9 +173,9 @@ def optimize(
         from navsim.core import jit
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
+        from navsim.study.budget import studies as estimates
         from navsim.study.journal import Journal
         from navsim.study.objective import problem as pose
-        from navsim.study.partial import PartialError
         from navsim.study.sweep import describe
         from navsim.study.watch import Watch
 
@@ -175,10 +183,18 @@ def optimize(
             begin(target)
         with search_progress(not quiet and not dry_run, describe(section.objective)[0]) as tell:
             watch = Watch(tell, time_limit)
-            problem = pose(section, document, base)
+            needed: list[Any] = []
+
+            def ask(scenario: Any, sources: Any) -> None:
+                needed.append(estimates.posing(section, scenario, sources))
+                afford(study, needed[0], target, over_budget, shown=False)
+
+            problem = pose(section, document, base, ask)
             for warning in problem.warnings:
                 say(f"warning: {warning}")
             if dry_run:
+                whole = replace(needed[0], time_s=needed[0].time_s + estimates.search_time(problem))
+                afford(study, whole, target, over_budget=True, shown=True, at_most=True)
                 say(f"{study}: {section.objective} for {list(section.pseudolites)} pseudolites; would write {target}")
                 return
             drawing = figure_folder(figures, target, 1, quiet)
@@ -220,7 +236,9 @@ def table2(
     seed: SeedOption = 1,
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Monte Carlo runs of each row.")] = 400,
     workers: WorkersOption = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
     force: ForceOption = False,
+    over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Set the paper's Table 2 beside the computed one.
@@ -232,6 +250,7 @@ def table2(
     from navsim.report.table2 import console
     from navsim.report.table2 import save as save_tables
     from navsim.study import table2 as study
+    from navsim.study.budget.studies import tables
     from navsim.study.landing import default_workers
 
     try:
@@ -239,9 +258,15 @@ def table2(
         refuse_other(output / "table2.h5", Sort("table2"), force)
     except ResultError as error:
         leave(BAD_INPUT, error)
+    threads = workers or default_workers()
+    afford("table2", tables(runs, threads), output / "table2.h5", over_budget, shown=dry_run)
+    if dry_run:
+        rows = len(study.CALIBRATIONS) * len(study.ROWS)
+        say(f"table2: {rows} rows of {runs} run(s); would write {output}/table2.h5")
+        return
     begin(output / "table2.h5")
     with progress(len(study.CALIBRATIONS) * len(study.ROWS), not quiet, "rows") as done:
-        found = study.compute_all(seed, runs, workers or default_workers(), done)
+        found = study.compute_all(seed, runs, threads, done)
     result = study.result(found, seed, runs)
     try:
         write(output / "table2.h5", result)

@@ -11,6 +11,8 @@ from navsim.scenario.base import DEG, Pair, Section, Signed, Triple, list_of
 if TYPE_CHECKING:
     from navsim.models.circuit import Circuit
 
+MOST_SCANS = 1e11
+"""Where scans are no longer counted: no machine holds them."""
 Command = Triple
 """Start s, duration s, increment."""
 
@@ -40,6 +42,10 @@ class CircuitSection(Section):
     manoeuvre_s: list_of(Pair) = ((160.0, 195.346), (241.652, 273.907))  # type: ignore[valid-type]
     """stretches in which errors are counted as those of the manoeuvre"""
     straight_s: list_of(Pair) = ((60.0, 160.0),)  # type: ignore[valid-type]
+
+    def scans(self, period: float) -> int:
+        """Number of scans of this period, s, within the circuit; a period that is next to nothing gives MOST_SCANS."""
+        return int(min(self.duration_s / period + 1e-9, MOST_SCANS)) + 1
 
     def circuit(self) -> Circuit:
         """The circuit in SI units."""

@@ -20,6 +20,8 @@ from navsim.scenario.base import (
     reject,
 )
 
+MOST_STEPS = 1e11
+"""Where steps are no longer counted: no machine holds them."""
 Steps = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
@@ -80,3 +82,9 @@ class Elevation(Section):
     filter: Filter = Filter()
     montecarlo: MonteCarlo = MonteCarlo()
     nominal: Nominal = Nominal()
+
+    @property
+    def nominal_steps(self) -> int:
+        """Measurements of the nominal run; of a period that is next to nothing MOST_STEPS."""
+        span = self.nominal.to_s - self.nominal.from_s
+        return int(min(span / self.filter.period_s + 1e-9, MOST_STEPS))

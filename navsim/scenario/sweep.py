@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -29,8 +30,21 @@ FILTER_OUTPUTS = (
 """Outputs of the methods that fly a filter, m: root mean square errors over 20 s to touchdown and at heights."""
 OUTPUTS = (*DOP_OUTPUTS, *FILTER_OUTPUTS)
 
+MOST_VALUES = 100_000
+"""Most values an axis may have, counted before they are made."""
+MOST_COMBINATIONS = 100_000_000
+"""Most combinations of a study."""
+MOST_AXES = 31
+"""Most axes: a variable of a result has up to 32 dimensions (HDF5, H5S_MAX_RANK), one of them for the sites."""
+
 Value = Annotated[float, Field(ge=-1e12, le=1e12)]
 Dotted = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$")]
+
+
+def _check_span(first: float, last: float) -> None:
+    """Raise where the way from the first to the last value is no number."""
+    if not math.isfinite(last - first):
+        raise reject("lies too far from first: the difference is no finite number", "last")
 
 
 class Grid(Section):
@@ -38,7 +52,7 @@ class Grid(Section):
 
     first: Value
     last: Value
-    count: Annotated[int, Field(ge=2, le=100_000)]
+    count: Annotated[int, Field(ge=2, le=MOST_VALUES)]
 
     def numbers(self) -> tuple[float, ...]:
         """The values."""
@@ -57,12 +71,24 @@ class Range(Section):
     def _upwards(self) -> Self:
         if self.last < self.first:
             raise reject("must not lie below first", "last")
+        _check_span(self.first, self.last)
+        steps = self._steps()
+        if steps >= MOST_VALUES:
+            many = f"gives {steps + 1.0:.4g} values" if math.isfinite(steps) else "gives no finite number of values"
+            raise reject(f"{many}; at most {MOST_VALUES} are allowed on an axis", "step")
         return self
+
+    def _steps(self) -> float:
+        return (self.last - self.first) / self.step + 1e-9
+
+    @property
+    def count(self) -> int:
+        """How many values there are."""
+        return int(self._steps()) + 1
 
     def numbers(self) -> tuple[float, ...]:
         """The values."""
-        count = int((self.last - self.first) / self.step + 1e-9) + 1
-        return tuple(self.first + i * self.step for i in range(count))
+        return tuple(self.first + i * self.step for i in range(self.count))
 
 
 class Interval(Section):
@@ -75,6 +101,7 @@ class Interval(Section):
     def _upwards(self) -> Self:
         if self.last <= self.first:
             raise reject("must lie above first", "last")
+        _check_span(self.first, self.last)
         return self
 
 
@@ -106,6 +133,8 @@ class Vary(Section):
                     raise reject(f"expected a list of {len(self.keys)} values, one a key", "values", i)
         if self.values is not None and not self.values:
             raise reject("an empty list", "values")
+        if self.values is not None and len(self.values) > MOST_VALUES:
+            raise reject(f"{len(self.values)} values; at most {MOST_VALUES} are allowed on an axis", "values")
         return self
 
     def names(self) -> tuple[str, ...]:
@@ -146,11 +175,34 @@ class Sweep(Section):
             raise reject("a Latin hypercube needs its number of points here", "samples")
         if not sampled and self.samples is not None:
             raise reject("no axis has `lhs`", "samples")
+        if len(self.shape) > MOST_AXES:
+            raise reject(f"{len(self.shape)} axes; at most {MOST_AXES} are allowed", "vary")
+        if self.combinations > MOST_COMBINATIONS:
+            counts = " x ".join(map(str, self.shape))
+            many = f"{self.combinations:.4g}" if self.combinations > 10**12 else str(self.combinations)
+            raise reject(f"{many} combinations ({counts}); at most {MOST_COMBINATIONS} are allowed", "vary")
         if self.method == "dop":
             for i, name in enumerate(self.outputs):
                 if name not in DOP_OUTPUTS:
                     raise reject(f"method dop flies no filter: '{name}' needs covariance or monte-carlo", "outputs", i)
         return self
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points of each axis, counted without making them; those of a Latin hypercube are one axis."""
+        counts: list[int] = []
+        for i, axis in enumerate(self.vary):
+            spread = axis.grid or axis.range
+            if axis.lhs is None:
+                counts.append(spread.count if spread is not None else len(axis.values or ()))
+            elif all(earlier.lhs is None for earlier in self.vary[:i]):
+                counts.append(self.samples or 0)
+        return tuple(counts)
+
+    @property
+    def combinations(self) -> int:
+        """How many combinations there are."""
+        return math.prod(self.shape)
 
     def wanted(self) -> tuple[str, ...]:
         """The outputs to store."""

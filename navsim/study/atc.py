@@ -63,14 +63,14 @@ def truth(flight: Flight) -> np.ndarray:
 def fly_case(scenario: Atc, flight: Flight, case: Settings, seed: int, runs: int) -> tuple[np.ndarray, dict[str, tuple[
     np.ndarray, np.ndarray]]]:  # fmt: skip
     """Time (k,) and, by filter, errors (run, k, m) and the filter's sigma in the first run (k, m)."""
-    time = np.arange(int(scenario.circuit.duration_s / case.period + 1e-9) + 1) * case.period
+    time = np.arange(scenario.circuit.scans(case.period)) * case.period
     states = truth(at(flight, time))
     true = states[:, [0, 3, 5, 7, 9, 11, 4, 6, 8]]
     sigma = np.zeros(MEASURED) if scenario.noise == "none" else np.sqrt(case.variance)
     k = time.size
-    error = {name: np.empty((runs, k, _size(name))) for name in FILTERS}
-    deviation = {name: np.empty((k, _size(name))) for name in FILTERS}
-    scratch = {name: np.empty((k, _size(name))) for name in FILTERS}
+    error = {name: np.empty((runs, k, states_of(name))) for name in FILTERS}
+    deviation = {name: np.empty((k, states_of(name))) for name in FILTERS}
+    scratch = {name: np.empty((k, states_of(name))) for name in FILTERS}
     start_sigma = np.array([scenario.start_range_rate_m_s, scenario.start_range_acceleration_m_s2])
     own = singer(case.period, scenario.singer.alpha_1_s, scenario.singer.sigma_m_s2)
     plain = singer(case.period, scenario.cartesian.alpha_1_s, scenario.cartesian.sigma_m_s2)
@@ -94,7 +94,8 @@ def fly_case(scenario: Atc, flight: Flight, case: Settings, seed: int, runs: int
     return time, {name: (error[name], deviation[name]) for name in FILTERS}
 
 
-def _size(name: str) -> int:
+def states_of(name: str) -> int:
+    """Number of states that a filter leaves a history of."""
     return {"singer": 3, "cartesian": len(CARTESIAN)}.get(name, N)
 
 
@@ -118,9 +119,14 @@ def multiplications(states: int, measurements: int) -> int:
     return 2 * states**3 + measurements * (states**2 + states)
 
 
+def run_count(scenario: Atc, runs: int | None) -> int:
+    """How many runs are flown; runs: instead of the scenario's."""
+    return 1 if scenario.noise == "none" else runs or scenario.runs
+
+
 def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
     """The whole study as a result tree; runs: instead of the scenario's."""
-    count = 1 if scenario.noise == "none" else runs or scenario.runs
+    count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     cases = [(scenario.period_s, scenario.onboard_rates),
              *((c.period_s, c.onboard_rates) for c in scenario.further_cases)]  # fmt: skip

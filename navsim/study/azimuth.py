@@ -125,9 +125,19 @@ def ratio(over: np.ndarray, under: np.ndarray) -> np.ndarray:
     return np.array([value, value - reach, value + reach])
 
 
+def run_count(scenario: Azimuth, runs: int | None) -> int:
+    """How many runs are flown; runs: instead of the scenario's."""
+    return 1 if scenario.noise == "none" else runs or scenario.runs
+
+
+def mapped(scenario: Azimuth) -> bool:
+    """Whether there is a map."""
+    return scenario.map.runs > 0 and scenario.noise != "none"
+
+
 def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
     """The whole study as a result tree; runs: instead of the scenario's."""
-    count = 1 if scenario.noise == "none" else runs or scenario.runs
+    count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     v: dict[str, Variable] = {}
     v["/run"] = Variable(("run",), np.arange(count), "1", "number of the run in the ensemble of the seed")
@@ -140,7 +150,7 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
     v["/latency"] = Variable(("latency",), np.array(scenario.latencies_s), "s", "age of reports")
     tables, ratios, nis, sweep = [], [], [], []
     for i, period in enumerate(periods):
-        draws = draw(seed, count, int(scenario.circuit.duration_s / period + 1e-9) + 1)
+        draws = draw(seed, count, scenario.circuit.scans(period))
         case = scans(scenario, flight, period, draws, scenario.report.latency_s, scenario.radar.azimuth_sigma_deg)
         found = {name: _tuned(scenario, name, case) for name in (*FILTERS, *SOURCES)}
         place = "" if i == 0 else f"/cases/T{period:g}"
@@ -165,14 +175,14 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
         ("period", "latency", "age"), np.degrees(np.array(sweep)), "deg", "RMSE of L4 in the manoeuvre"
     )
     _model_errors(v, scenario, flight)
-    if scenario.map.runs and scenario.noise != "none":
+    if mapped(scenario):
         _maps(v, scenario, flight, seed, lambda n: done(len(periods) + n))
     return Result(root_attributes("azimuth-tracking", seed, scenario), v)
 
 
 def extent(scenario: Azimuth) -> int:
     """Steps of progress: cases, then rows of the maps."""
-    rows = len(scenario.map.periods_s) if scenario.map.runs and scenario.noise != "none" else 0
+    rows = len(scenario.map.periods_s) if mapped(scenario) else 0
     return 1 + len(scenario.further_periods_s) + rows
 
 
@@ -261,7 +271,7 @@ def _maps(v: dict[str, Variable], scenario: Azimuth, flight: Flight, seed: int, 
     by_latency = np.empty((len(section.periods_s), len(section.latencies_s)))
 
     for i, period in enumerate(section.periods_s):
-        draws = draw(seed, section.runs, int(scenario.circuit.duration_s / period + 1e-9) + 1)
+        draws = draw(seed, section.runs, scenario.circuit.scans(period))
 
         def best(name: str, sigmas: tuple[float, ...], case: Scans) -> float:
             inside = window(scenario.circuit, "manoeuvre", case.time)

@@ -139,7 +139,7 @@ class NominalRun:
 def nominal(scenario: Elevation) -> NominalRun:
     """Without a random number: the bias is a run free of noise, the noise a covariance."""
     f, section = scenario.filter, scenario.nominal
-    steps = int((section.to_s - section.from_s) / f.period_s + 1e-9)
+    steps = scenario.nominal_steps
     time = section.from_s + f.period_s * np.arange(1, steps + 1)
     beta = mls.approach(time)[0]
     bias, noise = [], []

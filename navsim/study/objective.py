@@ -36,7 +36,15 @@ from navsim.scenario.sweep import HEIGHTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.simulation.signals import Environment, build_signals
 from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare
-from navsim.study.landing.case import RMS_WINDOW, crossing_times, environment, glide_epochs, touchdown_time, world_of
+from navsim.study.landing.case import (
+    RMS_WINDOW,
+    Ask,
+    crossing_times,
+    environment,
+    glide_epochs,
+    touchdown_time,
+    world_of,
+)
 from navsim.study.placement import Rules, rules
 from navsim.study.sweep import filter_outputs
 
@@ -113,8 +121,9 @@ class Problem:
         return np.array([[site.s_m, site.l1_m] for site in self.study.sites])
 
 
-def problem(study: Optimize, document: Document, base: Document) -> Problem:
-    """The base scenario, the rules and the objective of a study. Raises InputError."""
+def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> Problem:
+    """The base scenario, the rules and the objective of a study, once `ask` has let it pass. Raises InputError, and
+    what `ask` raises."""
     bare = base.copy()
     for key in ("count", "s_m", "l1_m", "sites"):
         if isinstance(bare.data.get("pseudolites"), dict):
@@ -124,6 +133,7 @@ def problem(study: Optimize, document: Document, base: Document) -> Problem:
         set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
     scenario = validated(Landing, bare)
     sources, scenario, warnings = environment(scenario, bare)
+    ask(scenario, sources)
     trajectory = scenario.trajectory()
     starts = np.array([scenario.epoch.timestamp()])
     if study.period is not None:

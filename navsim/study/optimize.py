@@ -70,6 +70,11 @@ def search(here: Problem, seed: int, watch: Watch | None = None) -> dict[int, Fo
     return dict(_searches(here, seed, watch, Journal()))
 
 
+def planned(here: Problem) -> list[Step]:
+    """All steps of the work, each with the most placements it may judge."""
+    return [*_search_steps(here), *_later_steps(here)]
+
+
 def _search_steps(here: Problem) -> list[Step]:
     return [step for i, count in enumerate(sorted(here.study.pseudolites)) for step in steps(here, count, i > 0)]
 
@@ -106,7 +111,7 @@ def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal
         here = replace(here, objective=full, coarse=coarse)
     counts = tuple(sorted(here.study.pseudolites))
     trials = Trials(here, watch, searching=False)
-    watch.plan([*_search_steps(here), *_later_steps(here)])
+    watch.plan(planned(here))
     nothing = np.empty((1, 0, 2))
     if here.coarse is not None:
         here.coarse(nothing)  # so that what is timed next is not the loading of kernels
@@ -281,9 +286,7 @@ def optimize_result(here: Problem, outcome: Outcome, seed: int) -> Result:
     v["/loss"] = Variable(("loss",), np.array(LOSSES), "1", "relative loss of the objective")
     unit, meaning = describe(study.objective)
     values = np.array([found[c].value for c in counts])
-    v["/front/objective"] = Variable(
-        ("pseudolites",), values, unit, meaning, {"without_pseudolites": outcome.without}
-    )
+    v["/front/objective"] = Variable(("pseudolites",), values, unit, meaning, {"without_pseudolites": outcome.without})
     by_number("/front/evaluations", [sum(found[c].tried.values()) for c in counts], "1", "placements tried")
     for way, text in ((COARSE, "coarse covariance analysis"), (FULL, "covariance analysis")):
         tried = [found[c].tried.get(way, 0) for c in counts]

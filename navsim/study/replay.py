@@ -289,9 +289,7 @@ def _align(
     )
 
 
-def _wanted(
-    scenario: Replay, document: Document, samples: Samples, fixes: Fixes
-) -> tuple[Samples, Fixes, float]:
+def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[Samples, Fixes, float]:
     """The samples and fixes to be flown, spaced, and the time from which on both are there. Raises InputError, at the
     key that leaves too few of them."""
 

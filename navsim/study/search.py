@@ -37,7 +37,8 @@ ALL_CHOICES = 2_000_000
 ALL_FLOWN = 50
 GEOMETRY, COARSE, FULL = "geometry", "coarse", "full"
 """Ways of judging a placement: by the geometry kernel, by coarse and by full covariance analysis."""
-_CHUNK = 65_536
+CHUNK = 65_536
+"""Choices of sites judged at a time."""
 _POPULATION, _GENERATIONS = 30, 400
 """Of differential evolution by an objective of geometry: members a coordinate, generations at most."""
 _FINISHING = (100.0, 10.0, 1.0)
@@ -245,7 +246,11 @@ def _bounds(here: Problem, count: int) -> Bounds:
 
 
 def _evolve(
-    judge: Judge, bounds: Bounds, rng: np.random.Generator, generations: int, popsize: int,
+    judge: Judge,
+    bounds: Bounds,
+    rng: np.random.Generator,
+    generations: int,
+    popsize: int,
     init: np.ndarray | None = None,
 ) -> np.ndarray:
     """Differential evolution: the last population (n, k, 2), the best first."""
@@ -317,7 +322,7 @@ def _sites(here: Problem, count: int) -> np.ndarray:
 def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
     """All choices of `count` out of a number of sites, as indices (n, count)."""
     choices = itertools.combinations(range(number), count)
-    while chunk := list(itertools.islice(choices, _CHUNK)):
+    while chunk := list(itertools.islice(choices, CHUNK)):
         yield np.array(chunk)
 
 
@@ -337,9 +342,7 @@ def _choose(here: Problem, count: int, seed: int, trials: Trials, watch: Watch) 
         return usable[ranked[0][1]], ranked[0][0], False
 
 
-def _exchanged(
-    usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge
-) -> list[tuple[float, list[int]]]:
+def _exchanged(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> list[tuple[float, list[int]]]:
     """Greedy choices of sites from several starts, each improved by exchanging one site at a time: values and choices,
     the best first."""
 
@@ -402,9 +405,7 @@ class Surrogate:
         x = (features - self._middle) / self._spread
         alike = self._alike(x)
         unknown = np.maximum(1.0 - np.einsum("ij,ij->i", alike @ self._inverse, alike), 0.0)
-        return np.exp(
-            self._mean + x @ self._slope + alike @ self._weights - hope * self._scale * np.sqrt(unknown)
-        )
+        return np.exp(self._mean + x @ self._slope + alike @ self._weights - hope * self._scale * np.sqrt(unknown))
 
     def _alike(self, x: np.ndarray) -> np.ndarray:
         square = np.sum((x[:, None] - self._known[None]) ** 2, axis=2)
@@ -540,9 +541,7 @@ def _place_flown(
     return _decided(learner, count, here, trials, watch)
 
 
-def _decided(
-    learner: _Learner, count: int, here: Problem, trials: Trials, watch: Watch
-) -> tuple[np.ndarray, float]:
+def _decided(learner: _Learner, count: int, here: Problem, trials: Trials, watch: Watch) -> tuple[np.ndarray, float]:
     """The best by the full analysis of the best by the coarse one, 10 m apart."""
     with watch.step(_deciding(count)):
         best = learner.apart(here.study.effort + 1, 10.0)
@@ -577,8 +576,7 @@ def _choose_flown(here: Problem, count: int, seed: int, trials: Trials, watch: W
         return choices[best], float(values[best]), True
     with watch.step(_choosing(count)):
         ranked = [
-            _screened_choices(usable, count, seed, here.study.effort, trials.by(screen))
-            for screen in here.screens
+            _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
         ]
     learner = _Learner(here, trials)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
@@ -611,6 +609,4 @@ def _neighbours(usable: np.ndarray, places: np.ndarray) -> np.ndarray:
     """All choices that differ from one by one site, as sorted indices (n, count)."""
     chosen = [int(np.flatnonzero(np.all(usable == place, axis=1))[0]) for place in places]
     free = [i for i in range(len(usable)) if i not in chosen]
-    return np.sort(
-        [[*chosen[:slot], i, *chosen[slot + 1 :]] for slot in range(len(chosen)) for i in free], axis=1
-    )
+    return np.sort([[*chosen[:slot], i, *chosen[slot + 1 :]] for slot in range(len(chosen)) for i in free], axis=1)

@@ -108,17 +108,17 @@ class Plan:
     @property
     def shape(self) -> tuple[int, ...]:
         """Points of each axis."""
-        return tuple(len(axis.points) for axis in self.axes)
+        return self.study.shape
 
     @property
     def size(self) -> int:
         """Number of combinations."""
-        return int(np.prod(self.shape))
+        return self.study.combinations
 
     @property
     def batch(self) -> int:
         """Combinations a batch: tenths of a second to seconds of work."""
-        return 1000 if self.geometry is not None else 50 if self.study.method == "dop" else 1
+        return 1000 if self.geometry_alone else 50 if self.study.method == "dop" else 1
 
     def settings(self, index: int) -> dict[str, Any]:
         """Keys and values of one combination, the last axis fastest."""
@@ -175,11 +175,15 @@ class Plan:
         out[: len(shown)] = self.plane(shown)
         return out
 
+    @property
+    def geometry_alone(self) -> bool:
+        """Whether all combinations only move pseudolites and fly no filter."""
+        return self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
+
     @cached_property
     def geometry(self) -> Geometry | None:
         """What all combinations share where they only move pseudolites and fly no filter, else None."""
-        keys = [key for axis in self.axes for key in axis.keys]
-        if self.study.method != "dop" or not all(key in MOVES for key in keys):
+        if not self.geometry_alone:
             return None
         sources, scenario, _ = self._environment
         return _geometry(scenario, scenario.trajectory(), sources)
@@ -187,6 +191,21 @@ class Plan:
     @cached_property
     def _environment(self) -> tuple[Environment, Landing, list[str]]:
         return environment(*self.first)
+
+    @property
+    def sources(self) -> Environment:
+        """The sources of signals of the first combination."""
+        return self._environment[0]
+
+    def spread(self, most: int) -> list[Landing]:
+        """Scenarios of up to `most` combinations spread evenly over the study, the first valid one among them."""
+        found = [self.first[0]]
+        for i in range(most):
+            try:
+                found.append(self.scenario(self.settings(i * (self.size - 1) // max(most - 1, 1)))[0])
+            except InputError:
+                continue  # no valid scenario: it will be nan in the result
+        return found
 
     @property
     def pinned(self) -> Landing:

@@ -239,9 +239,7 @@ def test_surrogate_keeps_the_optimum_of_two(tmp_path: Path) -> None:
     assert search(here, 1)[2].value <= float(here.value(pairs).min()) * 1.01
 
 
-@pytest.mark.validates(
-    "The choice of sites for an error of the filter", "all choices by covariance analysis", "0.5 %"
-)
+@pytest.mark.validates("The choice of sites for an error of the filter", "all choices by covariance analysis", "0.5 %")
 def test_surrogate_chooses_sites(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     places = rng.uniform([-700, -200], [700, 1500], (13, 2)).round(1)

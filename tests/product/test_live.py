@@ -485,9 +485,7 @@ def test_sentences_without_a_time_are_no_result(flown) -> None:  # type: ignore[
     session, result, _ = flew(c, lines)
     untimed = sum("VTG" not in line for line in lines)
     assert session.counts["untimed"] == untimed
-    assert flying.failures(result) == [
-        f"not one message could be used: {untimed} NMEA sentences without a time of day"
-    ]
+    assert flying.failures(result) == [f"not one message could be used: {untimed} NMEA sentences without a time of day"]
     timed = nmea.read_text().splitlines()[:12]
     _, result, _ = flew(c, [*timed, *lines])
     assert any("messages and corrupt lines only 4 could be used" in line for line in flying.failures(result))

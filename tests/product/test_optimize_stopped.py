@@ -91,9 +91,7 @@ def test_time_limit_after_the_search_says_what_is_left(
     assert "not computed" not in out, "the neighbourhood was"
 
 
-def test_no_time_for_anything(
-    study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_time_for_anything(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "2")
     assert code == 3
     assert "time limit passed before any placement" in err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -199,8 +200,15 @@ def _effects(scenario: Landing, ground: Ground) -> Effects:
     )
 
 
-def prepare(scenario: Landing, document: Document) -> Case:
-    """Build everything the runs share. Raises InputError for a file of satellites that cannot be used."""
+Ask = Callable[[Landing, Environment], None]
+"""Told a scenario and its sources of signals before anything of their size is made; raises where it is not to be."""
+
+
+def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -> Case:
+    """Build everything the runs share, once `ask` has let it pass.
+
+    Raises InputError for a file of satellites that cannot be used, and what `ask` raises.
+    """
     trajectory, scenario = trajectory_of(scenario, document)
     if isinstance(scenario.approach, RecordedApproach):  # of others the scenario itself knows the track
         try:
@@ -210,6 +218,7 @@ def prepare(scenario: Landing, document: Document) -> Case:
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     sources, scenario, warnings = environment(scenario, document, trajectory)
+    ask(scenario, sources)
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = world_of(scenario, trajectory, sources)

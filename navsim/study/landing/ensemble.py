@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import re
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.core import states
+from navsim.core.dop import MAX_CLOCKS
 from navsim.core.rotation import rpy_error, rpy_jacobian
 from navsim.estimation.loosely_coupled import REJECTED
 from navsim.scenario.base import DEG
@@ -40,6 +42,21 @@ HISTORIES = {
     "all": tuple(Run.__dataclass_fields__),
 }
 """Histories of a run that are stored, by `--keep`."""
+
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "pseudorange": ("epoch", "source"), "range_rate": ("epoch", "source"), "fix_llh": ("epoch", 3),
+    "fix_velocity": ("epoch", 3), "fix_clock": ("epoch", MAX_CLOCKS), "error": ("output", states.N),
+    "sigma": ("output", states.N), "cross": ("output", 6), "nees": ("output",), "nees_position_velocity": ("output",),
+    "nees_group": ("output", len(GROUPS)), "innovation_squared": ("epoch",), "degrees": ("epoch",),
+    "status": ("epoch",),
+}  # fmt: skip
+"""Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
+
+
+def history_bytes(name: str, epochs: int, sources: int) -> int:
+    """Size of a history of one run, told before one is flown, bytes."""
+    sizes = {"epoch": epochs, "output": epochs + 1, "source": sources}
+    return 8 * math.prod(sizes[d] if isinstance(d, str) else d for d in _SHAPES[name])
 
 
 @dataclass(frozen=True)

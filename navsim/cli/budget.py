@@ -1,0 +1,52 @@
+"""What a command will take, told and held against the machine before anything is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from navsim.cli.common import leave
+from navsim.cli.ending import BAD_INPUT, say
+
+if TYPE_CHECKING:
+    from navsim.study.budget.estimate import Budget
+
+OverBudgetOption = Annotated[
+    bool,
+    typer.Option("--over-budget", help="Compute even what this machine seems to have too little memory or disk for."),
+]
+
+
+def afford(name: object, estimate: Budget, target: Path, over_budget: bool, shown: bool, at_most: bool = False) -> None:
+    """Tell the estimate where it is to be shown; leave where the machine lacks memory or disk, unless `over_budget`.
+
+    name: of the scenario or study. target: the result's path. at_most: the work may end earlier by itself, so the
+    estimate alone refuses nothing.
+    """
+    from navsim.study.budget.estimate import lacking, said
+    from navsim.study.budget.machine import machine
+
+    here = machine(target.parent)
+    if shown:
+        say(f"{name}: {'at most ' if at_most else ''}{said(estimate, here)}")
+    lack = lacking(estimate, here, _kept(target) if estimate.partial_bytes else 0.0)
+    wanting = f"{name}: needs {', and '.join(lack)}"
+    if not lack or (at_most and not shown):
+        return
+    if at_most:
+        say(f"warning: {wanting}, where it does not end early")
+    elif over_budget:
+        say(f"warning: {wanting}")
+    else:
+        leave(BAD_INPUT, f"{wanting}; --over-budget computes it nevertheless")
+
+
+def _kept(target: Path) -> float:
+    """Size of the partial work that lies beside the target already, bytes."""
+    folder = target.with_name(f"{target.name}.partial")
+    try:
+        return float(sum(file.stat().st_size for file in folder.iterdir()))
+    except OSError:  # none there, or another process is at work in it: then all of it is still to come
+        return 0.0

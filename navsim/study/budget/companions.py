@@ -1,0 +1,92 @@
+"""Estimates of the companion papers' systems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from navsim.scenario.atc import Atc
+from navsim.scenario.azimuth import Azimuth
+from navsim.scenario.elevation import Elevation
+from navsim.study import atc, azimuth
+from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, NUMBER, VARIABLE, WRITING, Budget
+
+_RUN_TIME = 20e-6
+"""Seconds a run of a companion's filter takes whatever its length."""
+_STEP_TIME, _ATC_TIME, _AZIMUTH_TIME, _MAP_TIME = 0.1e-6, 7e-6, 9e-6, 0.6e-6
+"""Seconds a step of the elevation filter; a scan of all filters of a tracking case; a scan of a filter of the map."""
+_AZIMUTH_MEMORY = 850
+"""A scan of a run of the azimuth scenario: draws, reports, ten filters' histories, bytes."""
+
+
+def mls_elevation(scenario: Elevation, runs: int | None = None) -> Budget:
+    """The elevation filter; runs: of each experiment, instead of the scenario's."""
+    section = scenario.montecarlo
+    n = 3 if scenario.filter.model == "singer" else 2
+    flown = (runs or section.runs) * section.steps
+    nominal, filters = scenario.nominal_steps, len(scenario.nominal.rate_variances_deg2_s2)
+    steps = section.steps * (1 + 3 * n * n + 2 * n) + 4 * section.experiments
+    result = NUMBER * (steps + nominal * (2 + 2 * filters) + 4200) + 38 * VARIABLE
+    # covariances are made one filter after the other
+    memory = flown * (n + 3) + section.steps * 8 * n * n + nominal * (2 * filters + 4 * n * n + 8)
+    experiments = section.experiments
+    time = experiments * (flown * _STEP_TIME + (runs or section.runs) * _RUN_TIME) + 1e-6 * (nominal * filters)
+    return Budget(
+        BASE_TIME + 1.0 + time + 1e-5 * section.steps, BASE_MEMORY + NUMBER * memory + WRITING * result, result
+    )
+
+
+def atc_tracking(scenario: Atc, runs: int | None = None) -> Budget:
+    """Range and angles; runs: instead of the scenario's."""
+    count = atc.run_count(scenario, runs)
+    numbers = sum(atc.states_of(name) for name in atc.FILTERS)
+    periods = [scenario.period_s, *(case.period_s for case in scenario.further_cases)]
+    scans = [scenario.circuit.scans(period) for period in periods]
+    # the first case is stored whole, the further ones in single precision
+    errors = [count * numbers * k * (NUMBER if i == 0 else NUMBER // 2) for i, k in enumerate(scans)]
+    deviations = NUMBER * sum(k * (numbers + 2) for k in scans)
+    result = sum(errors) + deviations + NUMBER * count + 18_000 + (22 + 11.5 * len(scans)) * VARIABLE
+    present = max(NUMBER * count * numbers * k for k in scans)
+    return Budget(
+        BASE_TIME + count * sum(scans) * _ATC_TIME,
+        BASE_MEMORY + present + (1.0 + WRITING) * result + _circuit_memory(scenario.circuit.duration_s),
+        result,
+    )
+
+
+def azimuth_tracking(scenario: Azimuth, runs: int | None = None) -> Budget:
+    """Azimuth with and without reports; runs: instead of the scenario's."""
+    count = azimuth.run_count(scenario, runs)
+    scans = [scenario.circuit.scans(period) for period in (scenario.period_s, *scenario.further_periods_s)]
+    every = len(azimuth.FILTERS) + len(azimuth.SOURCES)
+    filters = [every if i == 0 else len(azimuth.FILTERS) for i in range(len(scans))]
+    errors = NUMBER * sum(k * f * (count + 1) for k, f in zip(scans, filters, strict=True))
+    truth = NUMBER * 9 * (1 + int(scenario.circuit.duration_s * 10.0))
+    result = errors + NUMBER * (2 * sum(scans) + count) + truth + 3000 + (28 + 17.5 * len(scans)) * VARIABLE
+    ages = len(scenario.latencies_s)
+    time = count * sum(scans) * _AZIMUTH_TIME * (every + 2 * ages) / 18.0
+    present = count * max(scans)
+    if azimuth.mapped(scenario):
+        section = scenario.map
+        of_map = [section.runs * scenario.circuit.scans(period) for period in section.periods_s]
+        cases = len(section.azimuth_sigmas_deg) + len(section.latencies_s)
+        tunings = len(section.singer_sigmas_m_s2) + len(section.residual_sigmas_m_s2)
+        time += sum(of_map) * cases * tunings * _MAP_TIME
+        present = max(present, *of_map)
+    return Budget(
+        BASE_TIME + time,
+        BASE_MEMORY + present * _AZIMUTH_MEMORY + WRITING * result + _circuit_memory(scenario.circuit.duration_s),
+        result,
+    )
+
+
+def _circuit_memory(duration: float) -> float:
+    """The true circuit, in hundredths of a second, bytes."""
+    return duration * 100.0 * 40 * NUMBER
+
+
+COMPANIONS: dict[str, Callable[..., Budget]] = {
+    "mls-elevation": mls_elevation,
+    "atc-tracking": atc_tracking,
+    "azimuth-tracking": azimuth_tracking,
+}
+"""Estimates of the companion papers' systems by kind, of (scenario, runs)."""

@@ -1,0 +1,82 @@
+"""An estimate of time, memory and disk, and how it is said."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from navsim.study.budget.machine import Machine
+
+SPREAD = 3
+"""The factor within which the time is told: machines, caches and what else runs on them differ by that."""
+
+NUMBER = 8
+BASE_MEMORY = 200e6
+"""The process with its libraries and kernels, bytes."""
+BASE_TIME = 1.5
+VARIABLE = 1075
+"""What a variable adds to a file beside its numbers, bytes: name, units, meaning, dimensions."""
+BUILT_IN_MEMORY = 64e6
+WRITING = 1.3
+"""Size of a file in the making over that of its numbers, where it is built in memory."""
+BATCH_FILE = 12_000
+"""What a file of partial work takes beside its numbers, bytes."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a study will take.
+
+    time_s: from start to end, s, within a factor of SPREAD. memory_bytes: the most the process holds at once, within a
+    factor of two. result_bytes: the files that stay, without figures. partial_bytes: what finished work takes beside
+    the result until it is complete.
+    """
+
+    time_s: float
+    memory_bytes: float
+    result_bytes: float
+    partial_bytes: float = 0.0
+
+    @property
+    def disk_bytes(self) -> float:
+        """The most that lies on disk at once."""
+        return self.result_bytes + self.partial_bytes
+
+
+def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
+    """What the machine has too little of, in words; kept: bytes of partial work that lie there already."""
+    out = []
+    if here.memory_bytes is not None and estimate.memory_bytes > here.memory_bytes:
+        out.append(f"about {size(estimate.memory_bytes)} of memory, where {size(here.memory_bytes)} are free")
+    if here.disk_bytes is not None and estimate.disk_bytes - kept > here.disk_bytes:
+        out.append(f"about {size(estimate.disk_bytes)} on disk, where {size(here.disk_bytes)} are free")
+    return out
+
+
+def said(estimate: Budget, here: Machine) -> str:
+    """The estimate in words."""
+    parts = f", {size(estimate.partial_bytes)} of it until the result is complete" if estimate.partial_bytes else ""
+    cores = f"{here.cores} core{'' if here.cores == 1 else 's'}"
+    return (
+        f"{duration(estimate.time_s)} on this machine's {cores} (within a factor of {SPREAD}), about "
+        f"{size(estimate.memory_bytes)} of memory, {size(estimate.disk_bytes)} on disk{parts}"
+    )
+
+
+def size(count: float) -> str:
+    """Bytes as people say them."""
+    units = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+    which = int(min(math.log10(max(count, 1.0)) / 3.0 + 1e-9, len(units) - 1))
+    return f"{_significant(count / 1000.0**which, 2):.12g} {units[which]}"
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them."""
+    for unit, length, most in (("s", 1.0, 90.0), ("min", 60.0, 90.0), ("h", 3600.0, 48.0), ("days", 86400.0, 700.0)):
+        if seconds < most * length:
+            return f"about {max(_significant(seconds / length, 1), 1.0):g} {unit}"
+    return f"about {_significant(seconds / 3.156e7, 1):g} years"
+
+
+def _significant(value: float, digits: int) -> float:
+    return float(f"{value:.{digits - 1}e}")

@@ -1,0 +1,146 @@
+"""Estimates of landings: runs, and covariance analysis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from navsim.scenario.landing import Landing
+from navsim.simulation.landing import epochs, fix_epochs
+from navsim.simulation.signals import Environment
+from navsim.study.budget.estimate import (
+    BASE_MEMORY,
+    BASE_TIME,
+    BATCH_FILE,
+    BUILT_IN_MEMORY,
+    NUMBER,
+    VARIABLE,
+    WRITING,
+    Budget,
+)  # fmt: skip
+from navsim.study.ensemble import BATCH
+from navsim.study.landing.covariance import BUDGET as SOURCES_OF_ERROR
+from navsim.study.landing.ensemble import HISTORIES, history_bytes
+
+SAMPLE_MEMORY = 3200
+"""A sample of the inertial sensors in what all runs share and in what leads there, bytes."""
+SIGNAL_MEMORY = 300
+"""A source of signals at an epoch, bytes."""
+ANALYSED_MEMORY = 12_000
+"""An epoch of a covariance analysis, bytes."""
+STATISTICS = 544
+"""What is kept of every run for its statistics, bytes; three times while they are computed."""
+SUMS = 8 * NUMBER
+"""Sums over the runs of a batch at every output of the filter, bytes."""
+
+SAMPLE_TIME, FIX_TIME = 0.55e-6, 8e-6
+"""Seconds a sample, and a fix, of one run of a filter."""
+SMOOTHING = {"rts": 3.0, "map": 8.0}
+"""Times as long a run of a smoother takes."""
+_PREPARED_TIME = 16e-6
+"""Seconds a sample of what all runs share."""
+_EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
+"""Seconds an epoch of the covariance analysis, a source of signals at it, and a sample."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
+    a fix."""
+
+    samples: int
+    epochs: int
+    sources: int
+    clocks: int
+
+
+def extent(scenario: Landing, sources: Environment) -> Extent:
+    """The numbers of a scenario under a sky."""
+    receiver = scenario.receiver
+    fixes = fix_epochs(scenario.duration_s, scenario.imu.rate_hz, receiver.rate_hz, receiver.latency_s)
+    clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
+    names = sum(len(group.names) for group in sources.satellites) + len(sources.ground.names)
+    if sources.listed is not None:
+        clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
+        names += len(sources.listed.names)
+    if sources.ground.names:
+        clocks.add(sources.ground.clock)
+    return Extent(
+        epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names,
+        1 if sources.effects.one_clock else len(clocks),
+    )  # fmt: skip
+
+
+def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1) -> Budget:
+    """A landing by its own method; runs, keep, workers: of Monte Carlo alone."""
+    here = extent(scenario, sources)
+    if scenario.method == "covariance":
+        return _analysed(scenario, here)
+    workers = max(1, min(workers, -(-runs // BATCH)))
+    of_run = sum(history_bytes(name, here.epochs, here.sources) for name in HISTORIES[keep])
+    stored = _stored(here, keep)
+    batches = -(-runs // BATCH)
+    sums = batches * SUMS * (here.epochs + 1)
+    held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1))
+    streamed = runs * stored
+    result = _common_bytes(scenario, here) + streamed + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
+    result += {"none": 91, "errors": 100, "all": 109}[keep] * VARIABLE + NUMBER * (here.epochs + here.sources)
+    image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
+    return Budget(
+        BASE_TIME + prepared(here) + runs * run_time(scenario, here) / workers + 2e-9 * streamed,
+        shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
+        result,
+        runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
+    )
+
+
+def run_time(scenario: Landing, here: Extent) -> float:
+    """Seconds of one run on one core."""
+    once = SAMPLE_TIME * here.samples + FIX_TIME * here.epochs
+    return SMOOTHING.get(scenario.filter.kind, 1.0) * once
+
+
+def prepared(here: Extent) -> float:
+    return _PREPARED_TIME * here.samples
+
+
+def shared_memory(here: Extent) -> float:
+    return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources
+
+
+def _stored(here: Extent, keep: str) -> float:
+    """What a run adds to the result file by what is kept of it, bytes."""
+
+    def of(*names: str) -> int:
+        return sum(history_bytes(name, here.epochs, here.sources) for name in names)
+
+    if keep == "none":
+        return 0
+    errors = of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared") + here.epochs
+    if keep == "errors":
+        return errors
+    # the carrier to noise ratio has the shape of the ranges
+    ranges = of("pseudorange", "range_rate", "pseudorange")
+    return errors + ranges + of("fix_llh", "fix_velocity") + NUMBER * here.epochs * here.clocks
+
+
+def _common_bytes(scenario: Landing, here: Extent) -> float:
+    """Truth, geometry, messages: what every result of a landing has, bytes."""
+    truth = 10 * (here.samples + 1)
+    geometry = here.epochs * (16 + 3 * here.sources) + 2 * here.sources
+    messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
+    return NUMBER * (truth + geometry + messages) + 7000
+
+
+def _analysed(scenario: Landing, here: Extent) -> Budget:
+    """A covariance analysis."""
+    outputs = here.epochs + 1
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (3 + len(SOURCES_OF_ERROR)) * 15) + 94 * VARIABLE
+    return Budget(
+        BASE_TIME + prepared(here) + analysis_time(here),
+        shared_memory(here) + ANALYSED_MEMORY * outputs + WRITING * result,
+        result,
+    )
+
+
+def analysis_time(here: Extent) -> float:
+    return here.epochs * (_EPOCH_TIME + _SLOPE_TIME * here.sources) + _ANALYSED_TIME * here.samples

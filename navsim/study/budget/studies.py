@@ -1,0 +1,201 @@
+"""Estimates of studies over many scenarios, and of recorded flights."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from navsim.scenario.filter import SMOOTHERS
+from navsim.scenario.landing import Landing
+from navsim.scenario.load import read
+from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
+from navsim.scenario.shipped import path
+from navsim.simulation.landing import epochs, fix_epochs
+from navsim.simulation.signals import Environment
+from navsim.study import optimize, replay, table2
+from navsim.study.budget.estimate import (
+    BASE_MEMORY,
+    BASE_TIME,
+    BATCH_FILE,
+    NUMBER,
+    VARIABLE,
+    WRITING,
+    Budget,
+)  # fmt: skip
+from navsim.study.budget.landing import (
+    ANALYSED_MEMORY,
+    FIX_TIME,
+    SAMPLE_MEMORY,
+    SAMPLE_TIME,
+    SIGNAL_MEMORY,
+    SMOOTHING,
+    STATISTICS,
+    SUMS,
+    Extent,
+    analysis_time,
+    extent,
+    landing,
+    prepared,
+    run_time,
+    shared_memory,
+)  # fmt: skip
+from navsim.study.ensemble import BATCH
+from navsim.study.landing.case import environment, glide_epochs
+from navsim.study.landing.ensemble import HISTORIES, history_bytes
+from navsim.study.objective import COARSE_FIXES, COARSE_IMU, Problem
+from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY
+from navsim.study.sweep import MOST_MAP_SITES, Axis, Plan, columns
+
+_WIDTHS = 100
+"""Values of an axis that are written to see how long they are."""
+_SAMPLED = 20
+"""Combinations of a sweep that are looked at for its sizes."""
+_PLACEMENT_TIME, _POINT_TIME = 0.6e-3, 25e-9
+"""Seconds a placement of a sweep, and a placement at an epoch in the kernel."""
+_OUTPUT_WIDTH = 12
+"""Characters of an output in the table of a sweep."""
+_TEXTS = 6400
+"""Scenario and study in the attributes of a result, bytes."""
+_JUDGED_MEMORY = 70
+"""A site of a placement at an epoch while rules are judged, bytes."""
+_READ_MEMORY = 600
+"""A sample or fix of a recording while it is read and judged, bytes."""
+_SPAN_MEMORY = 400
+"""An outage, bytes."""
+_REPLAYED_MEMORY = 1000
+"""An output or fix of a replayed flight, bytes."""
+
+
+def sweep(planned: Plan, workers: int) -> Budget:
+    """All combinations of a study. Sizes are those of combinations spread over it that are valid."""
+    study = planned.study
+    names = columns(study)
+    keys = sum(len(axis.keys) for axis in planned.axes)
+    of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
+    axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
+    variables = len(names) + keys + len(planned.axes) + 6
+    row = _OUTPUT_WIDTH * len(names) + sum(_width(axis, i) for axis in planned.axes for i in range(len(axis.keys)))
+    table = planned.size * row
+    file = planned.size * of_one + NUMBER * (axes + 600) + variables * VARIABLE + _TEXTS
+    workers = max(1, min(workers, -(-planned.size // planned.batch)))
+    memory, time = 0.0, 0.0
+    if planned.geometry_alone:
+        time = planned.size * _PLACEMENT_TIME
+    else:
+        scenarios = planned.spread(_SAMPLED)
+        costs = [_combination(planned, scenario) for scenario in scenarios]
+        time = planned.size / workers * sum(cost.time_s for cost in costs) / len(costs)
+        memory = workers * max(cost.memory_bytes for cost in costs)
+    batches = -(-planned.size // planned.batch)
+    return Budget(
+        BASE_TIME + time,
+        BASE_MEMORY + memory + (2.0 + WRITING) * file + 6 * table + 200 * axes,
+        file + table,
+        planned.size * of_one + batches * BATCH_FILE if batches > 1 else 0.0,
+    )
+
+
+def _width(axis: Axis, number: int) -> float:
+    """Mean width of the values of a key in the table, characters."""
+    some = axis.points[:: max(len(axis.points) // _WIDTHS, 1)]
+    return 1.0 + sum(len(_written(point[number])) for point in some) / len(some)
+
+
+def _written(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+def _combination(planned: Plan, scenario: Landing) -> Budget:
+    """What one combination takes beside the process itself."""
+    here = extent(scenario, planned.sources)
+    study = planned.study
+    if study.method == "monte-carlo":
+        runs = study.runs
+        sums = -(-runs // BATCH) * SUMS * (here.epochs + 1)
+        time, memory = runs * run_time(scenario, here), float(3 * STATISTICS * runs + sums)
+    elif study.method == "covariance":
+        time, memory = analysis_time(here), float(ANALYSED_MEMORY * here.epochs)
+    else:
+        time, memory = 0.0, 0.0
+    return Budget(prepared(here) + time, shared_memory(here) - BASE_MEMORY + memory, 0.0)
+
+
+def posing(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
+    """What a search for placements takes but for its time, which is told by `search_time` once it is posed."""
+    here = extent(scenario, sources)
+    starts = 1 if study.period is None else study.period.count
+    most = max(study.pseudolites)
+    # a map is judged at one go, choices of sites in chunks
+    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.pseudolites}
+    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.pseudolites)
+    signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
+    glide = glide_epochs(scenario, scenario.trajectory())[0].size
+    judged = _JUDGED_MEMORY * judged_places * glide
+    result = NUMBER * len(study.pseudolites) * (optimize.MAP_POINTS**2 + 30 * most) + 36 * VARIABLE
+    flown = 0.0
+    if study.objective not in DOP_OBJECTIVES:
+        flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
+    return Budget(
+        BASE_TIME + 0.2 * starts * here.epochs * here.sources * 1e-5,
+        BASE_MEMORY + signals + judged + flown,
+        result,
+    )
+
+
+def search_time(here: Problem) -> float:
+    """The most time a search takes, s."""
+    case = here.scenario
+    points = len(here.geometry.receiver)
+    fixes = fix_epochs(case.duration_s, case.imu.rate_hz, case.receiver.rate_hz, case.receiver.latency_s).size
+    heard = 24 + max(here.study.pseudolites)
+    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1)
+    rough = Extent(int(case.duration_s * COARSE_IMU), int(case.duration_s * COARSE_FIXES), heard, 1)
+    cost = {
+        GEOMETRY: 4.0 * points * _POINT_TIME, FULL: analysis_time(whole), COARSE: analysis_time(rough),
+    }  # fmt: skip
+    return sum(cost[way] * most for step in optimize.planned(here) for way, most in step.most.items())
+
+
+def tables(runs: int, workers: int) -> Budget:
+    """Table 2 of the paper: every row under every calibration."""
+    time, memory, points = 0.0, 0.0, 0
+    for calibration in table2.CALIBRATIONS:
+        scenario, document = read(path(calibration.name), table2.ROWS[-1].assignments())
+        sources, scenario, _ = environment(scenario, document)
+        here = extent(scenario, sources)
+        for i in range(len(table2.ROWS)):
+            keep = "errors" if i in table2.CURVES else "none"
+            one = landing(scenario, sources, runs, keep, workers)
+            time += one.time_s - BASE_TIME
+            # no partial work is kept: histories stay in memory
+            held = runs * sum(history_bytes(name, here.epochs, here.sources) for name in HISTORIES[keep])
+            sums = -(-runs // BATCH) * SUMS * (here.epochs + 1)
+            memory = max(memory, shared_memory(here) + held + sums + 3 * STATISTICS * runs)
+        points = max(points, here.epochs)
+    result = NUMBER * points * (1 + 2 * len(table2.CURVES)) + 10_000 + 44 * VARIABLE
+    return Budget(BASE_TIME + time, memory + WRITING * result, result)
+
+
+def recorded(recording: replay.Recording) -> Budget:
+    """A recorded flight that was read and aligned."""
+    samples, fixes = recording.samples.time.size, recording.fixes.time.size
+    lasts = float(recording.samples.time[-1]) - recording.alignment.time
+    rate = recording.scenario.filter.output_rate_hz
+    # what lies on an output's time is stored before and after the fix
+    late = recording.fixes.time[recording.fixes.time > recording.alignment.time]
+    outputs = lasts * rate + float(np.sum(late == np.round(late * rate) / rate))
+    outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
+    once = SAMPLE_TIME * samples + FIX_TIME * fixes
+    final = SMOOTHING.get(recording.scenario.filter.kind, 1.0) * (once + SAMPLE_TIME * outputs)
+    time = once * (replay.extent(recording) + outages) + final
+    smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
+    result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
+    memory = (
+        _READ_MEMORY * (samples + fixes)
+        + _SPAN_MEMORY * outages
+        + smoothed * _REPLAYED_MEMORY * (outputs + fixes)
+        + WRITING * result
+    )
+    return Budget(BASE_TIME + time, BASE_MEMORY + memory, result)
