@@ -16,6 +16,7 @@ from navsim.cli.common import (
     read_result,
     say,
 )
+from navsim.cli.findings import tell
 
 
 def show(
@@ -26,7 +27,9 @@ def show(
         bool, typer.Option("--json", help="Print the summaries as JSON, a list of them for several results.")
     ] = False,
 ) -> None:
-    """Print the summary tables of results, side by side."""
+    """Print the summary tables of results, side by side, and what their studies warned of."""
+    from navsim.io.results import ResultError
+
     results = [(path.stem, read_result(path)) for path in files]
     if json_:
         import json
@@ -40,6 +43,11 @@ def show(
             print_table(results)
         except KeyError as error:
             leave(BAD_INPUT, *(lacks(result, name, error) for name, result in results))
+    try:
+        for name, result in results:
+            tell(result, name if len(results) > 1 else "")
+    except ResultError as error:
+        leave(BAD_INPUT, error)
 
 
 def plot(

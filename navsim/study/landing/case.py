@@ -308,23 +308,6 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
     )
 
 
-def fix_findings(case: Case) -> list[str]:
-    """Warnings about the input and about epochs without a fix."""
-    out = list(case.warnings)
-    lost = np.isnan(case.world.dop[:, 1])
-    total = lost.size
-    if total == 0:
-        out.append("the simulation is shorter than one fix interval: the filter never gets a fix")
-    elif np.all(lost):
-        out.append(f"no fix at all: too few usable sources at each of the {total} epochs")
-    elif np.any(lost):
-        times = case.world.signals.time[lost]
-        out.append(
-            f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
-        )
-    return out
-
-
 def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndarray:
     """Which times (e,), s, lie between the start of the glide and touchdown (e,) bool."""
     first = trajectory.path.events.get(GLIDE_START, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import re
 from collections.abc import Callable
@@ -15,15 +16,17 @@ import navsim
 from navsim.core import states
 from navsim.core.jit import digest as kernel_digest
 from navsim.core.rotation import rpy_error, rpy_jacobian
-from navsim.estimation.loosely_coupled import REJECTED
+from navsim.estimation.loosely_coupled import NO_FIX, REJECTED
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import (
     Run,
 )
+from navsim.study import findings as judging
 from navsim.study.ensemble import Arrays, Ensemble, Store
 from navsim.study.ensemble import fly_all as fly_ensemble
-from navsim.study.landing.case import Case, crossing_times, fix_findings, rms_window
+from navsim.study.findings import CONSISTENT, FIX, Finding, Flaws
+from navsim.study.landing.case import Case, crossing_times, rms_window
 from navsim.study.statistics import (
     rms_interval,
 )
@@ -63,6 +66,11 @@ class LandingStudy:
         return rpy, rpy_jacobian(rpy)
 
     @cached_property
+    def solvable(self) -> np.ndarray:
+        """At which fix epochs the geometry has a solution (e,)."""
+        return np.isfinite(self.case.world.dop[:, 1])
+
+    @cached_property
     def crossings(self) -> list[float]:
         """Times at the decision heights, s."""
         return crossing_times(self.case)
@@ -79,6 +87,7 @@ class LandingStudy:
         for i in range(count):
             # one run at a time: holding all of a batch costs more in memory traffic than flying them
             run = self.case.fly(self.seed, first + i)
+            fixes, outputs = fix_flaws(run, self.solvable, self.case.settings.with_velocity), output_flaws(run)
             rows.append(
                 {
                     "mean_square": _mean_square(run.error[window]),
@@ -88,9 +97,12 @@ class LandingStudy:
                     "at_height": at_heights(self.case, crossings, run.error),
                     "at_variance": variances_at_heights(self.case, crossings, covariances(run, "position")),
                     "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
-                    "lost": np.sum(np.isnan(run.fix_llh[:, 0])),
-                    "rejected": np.sum(run.status == REJECTED),
-                    "broken": ~np.all(np.isfinite(run.nees)),
+                    **{f"fix_flaws_{part}": getattr(fixes, part) for part in _PARTS},
+                    **{f"output_flaws_{part}": getattr(outputs, part) for part in _PARTS},
+                    "nees_mean": np.float64(_finite_mean(run.nees[1:]) / states.N),
+                    "nees_position_velocity_mean": np.float64(_finite_mean(run.nees_position_velocity[1:]) / 6),
+                    "innovations": np.nansum(run.innovation_squared),
+                    "weighed": run.degrees.sum(),
                     "degrees": run.degrees.max(initial=0),
                     "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
                 }
@@ -167,17 +179,112 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def findings(case: Case, ensemble: Ensemble) -> list[str]:
-    """Warnings about what happened, beside those about the input."""
-    out = fix_findings(case)
-    rejected = int(ensemble.per_run("rejected").sum())
-    if rejected:
-        share = f" of {ensemble.runs} runs" if ensemble.runs > 1 else ""
-        out.append(f"{rejected} fixes{share} were rejected by the innovation gate")
-    broken = int(ensemble.per_run("broken").sum())
-    if broken:
-        out.append(f"the filter's covariance lost positive definiteness in {broken} of {ensemble.runs} runs")
+_PARTS = tuple(Flaws.__dataclass_fields__)
+UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED = range(5)
+"""Flaws of a fix epoch: too few usable sources; sources enough but no solution of the least squares; a position without
+the velocity the filter wants; a fix that could not be weighed; one that the gate rejected."""
+NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
+"""Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
+beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose
+the filter knows them worse than it believes in some runs in a hundred (docs/filter.md)."""
+FOLLOWED = slice(0, 6)
+"""States whose errors and sigmas follow the fixes: position and velocity."""
+
+
+def fix_flaws(run: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
+    """Flaws of the fix epochs of a run. solvable: (e,) where the geometry has a solution."""
+    none = np.isnan(run.fix_llh[:, 0])
+    masks = np.empty((none.size, 5), bool)
+    masks[:, UNHEARD] = none & ~solvable
+    masks[:, UNSOLVED] = none & solvable
+    masks[:, NO_VELOCITY] = with_velocity & ~none & np.isnan(run.fix_velocity[:, 0])
+    masks[:, UNWEIGHED] = ~none & (run.status == NO_FIX)
+    masks[:, GATED] = run.status == REJECTED
+    return judging.tally(masks)
+
+
+def output_flaws(run: Run) -> Flaws:
+    """Flaws of the filter's outputs of a run."""
+    masks = np.empty((run.nees.size, 3), bool)
+    finite = np.isfinite(run.error).all(axis=1)
+    masks[:, NOT_FINITE] = ~finite
+    masks[:, NOT_POSITIVE] = finite & ~np.isfinite(run.nees)
+    masks[:, FAR_OFF] = (np.abs(run.error[:, FOLLOWED]) > judging.BEYOND * run.sigma[:, FOLLOWED]).any(axis=1)
+    return judging.tally(masks)
+
+
+def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
+    """What was wrong with the input and with what was flown."""
+    fixes, outputs = (
+        Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in _PARTS)) for which in ("fix", "output")
+    )
+    runs = ensemble.runs
+    out = judging.notes(case.warnings)
+    out += of_fixes(case, fixes)
+    epochs = case.world.signals.time
+    if rejected := judging.spread(fixes, GATED, epochs):
+        when = judging.times(rejected.first, rejected.last, rejected.runs, runs)
+        fixed = int(ensemble.per_run("fixes").sum())
+        probability = case.scenario.filter.gate.probability
+        out += judging.rejections(rejected.count, fixed, probability, when, rejected.runs, rejected.first)
+    out += of_outputs(case, outputs)
+    position_velocity = ensemble.per_run("nees_position_velocity_mean")
+    out += judging.sigmas_doubted(
+        "sigma_position_velocity", "position and velocity", _finite_mean(position_velocity), 6 * runs, runs
+    )
+    if runs > 1:  # of the lower half of runs: the few with a wrong heading are known, see `FAR_OFF`
+        all_states = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
+        out += judging.sigmas_doubted("sigma_all_states", "half of the runs in 15 states", all_states, 15 * runs, runs)
+    weighed = int(ensemble.per_run("weighed").sum())
+    if weighed:
+        out += judging.innovations_doubted(float(ensemble.per_run("innovations").sum()) / weighed, weighed, runs)
     return out
+
+
+def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
+    """Findings about fixes that are not there; flaws (run, flaw), see `UNHEARD`."""
+    epochs = case.world.signals.time
+    runs, total = flaws.count.shape[0], flaws.count.shape[0] * epochs.size
+    if total == 0:
+        text = "the simulation is shorter than one fix interval: the filter never gets a fix"
+        return [Finding("no_fix", text, (FIX,))]
+    out = []
+    for which, name, text in (
+        (UNHEARD, "epochs_without_fix", "epochs without a fix: too few usable sources"),
+        (UNSOLVED, "lost_fixes", "epochs without a fix: sources enough, but the least squares found no solution"),
+        (NO_VELOCITY, "fixes_without_velocity", "fixes without the velocity that the filter wants"),
+        (UNWEIGHED, "unweighed_fixes", "fixes could not be weighed: the innovations' covariance is not positive"),
+    ):
+        if found := judging.spread(flaws, which, epochs):
+            every = "no fix at all: " if found.count == total and which in (UNHEARD, UNSOLVED) else ""
+            when = judging.times(found.first, found.last, found.runs, runs)
+            said = f"{every}{found.count} of {total} {text}{when}"
+            out.append(Finding(name, said, (FIX,), found.count, total, found.runs, found.first))
+    return out
+
+
+def of_outputs(case: Case, flaws: Flaws) -> list[Finding]:
+    """Findings about the filter's outputs; flaws (run, flaw), see `NOT_FINITE`."""
+    time = case.world.filter_time
+    runs, total = flaws.count.shape[0], flaws.count.shape[0] * time.size
+    out = []
+    for which, name, text in (
+        (NOT_FINITE, "not_finite", "outputs are not finite numbers"),
+        (NOT_POSITIVE, "covariance_not_positive", "outputs have a covariance that is not positive definite"),
+        (FAR_OFF, "errors_beyond_sigma",
+         f"outputs have a position or velocity error beyond {judging.BEYOND:g} sigma"),
+    ):  # fmt: skip
+        if found := judging.spread(flaws, which, time):
+            when = judging.times(found.first, found.last, found.runs, runs)
+            said = f"{found.count} of {total} {text}{when}"
+            out.append(Finding(name, said, (CONSISTENT,), found.count, total, found.runs, found.first))
+    return out
+
+
+def _finite_mean(values: np.ndarray) -> float:
+    """Mean of what is finite; nan where nothing is."""
+    finite = np.isfinite(values)
+    return float(np.mean(values, where=finite)) if finite.any() else math.nan
 
 
 def _mean(values: np.ndarray) -> np.ndarray:
