@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,20 +25,20 @@ RequireConsistentOption = Annotated[
 ]
 
 
-def tell(result: Result, name: str = "") -> None:
-    """Say what a result has to warn of. name: of the result, where there are several."""
-    from navsim.study.findings import of
+def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
+    """Say what a result has to warn of. name: of the result, where there are several. known: what was said before."""
+    from navsim.io.findings import of
 
-    found = of(result)
-    for finding in found:
-        say(f"warning: {name}{': ' if name else ''}{finding.text}")
+    found = [finding.text for finding in of(result) if finding.text not in known]
+    for text in found:
+        say(f"warning: {name}{': ' if name else ''}{text}")
     if found:
         say(f"{len(found)} warning(s)")
 
 
 def require(result: Result, target: Path, fix: bool, consistent: bool) -> None:
     """Leave with the findings that speak against what was asked for, if there are any."""
-    from navsim.study.findings import CONSISTENT, FIX, of
+    from navsim.io.findings import CONSISTENT, FIX, of
 
     wanted = [kind for kind, asked in ((FIX, fix), (CONSISTENT, consistent)) if asked]
     wrong = [f"--require-{kind}: {found.text}" for kind in wanted for found in of(result) if kind in found.against]

@@ -16,7 +16,7 @@ from navsim.cli.common import (
     read_result,
     say,
 )
-from navsim.cli.findings import tell
+from navsim.cli.findings import warn
 
 
 def show(
@@ -45,7 +45,7 @@ def show(
             leave(BAD_INPUT, *(lacks(result, name, error) for name, result in results))
     try:
         for name, result in results:
-            tell(result, name if len(results) > 1 else "")
+            warn(result, name if len(results) > 1 else "")
     except ResultError as error:
         leave(BAD_INPUT, error)
 

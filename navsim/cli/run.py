@@ -32,7 +32,7 @@ from navsim.cli.common import (
     store_beside,
     target_of,
 )
-from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, tell
+from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 Keep = Literal["errors", "all", "none"]
 Method = Literal["monte-carlo", "covariance"]
@@ -196,7 +196,7 @@ def run(
         if written:
             names = ",".join(path.stem.removeprefix(f"{target.stem}_") for path in written)
             print(f"figures  {drawing}/{target.stem}_{{{names}}}.png")
-    tell(result)
+    warn(result)
     require(result, target, require_fix, require_consistent)
 
 
@@ -231,5 +231,5 @@ def _run_companion(
         leave(RUN_FAILED, error)
     jit.mark_warm()
     print_result(result, target, written, quiet, as_json, companion.summary)
-    tell(result)
+    warn(result)
     require(result, target, False, require_consistent)

@@ -32,6 +32,7 @@ from navsim.cli.common import (
     store_beside,
     target_of,
 )
+from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 
@@ -59,6 +60,8 @@ def sweep(
     ] = None,
     set_: StudySetOption = None,
     figures: FiguresOption = None,
+    require_fix: RequireFixOption = False,
+    require_consistent: RequireConsistentOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, compute nothing.")] = False,
     fresh: FreshOption = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind or method.")] = False,
@@ -126,9 +129,8 @@ def sweep(
         print(f"result   {target}, {table}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
-    refused = int(result.attributes["refused"])
-    if refused:
-        say(f"warning: {refused} of {planned.size} combinations are no valid scenario or have no solution: nan")
+    warn(result, known=planned.warnings)
+    require(result, target, require_fix, require_consistent)
 
 
 def optimize(
@@ -199,6 +201,7 @@ def optimize(
         print(f"result   {target}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
+    warn(result, known=problem.warnings)
     if outcome.stopped:
         why = "interrupted" if interrupted else f"time limit of {time_limit:g} s"
         say(f"warning: stopped early ({why}); {target} holds the best found; undone: {result.attributes['undone']}")
@@ -244,6 +247,7 @@ def table2(
     if not quiet:
         print_console(console(result), 170)
         print(f"files    {output}/table2.h5, {', '.join(path.name for path in written)}")
+    warn(result)
     jit.mark_warm()
     held = dict(zip(result["/claims/claim"], result["/claims/holds"][0], strict=True))
     broken = [name for name in ("C3", "C4") if not held[name]]

@@ -1,24 +1,20 @@
-"""What of a study its user must hear about, judged by what was flown, and kept in the result.
+"""What of a study its user must hear about, judged by what was flown.
 
-A finding is a warning with counts. It goes to standard error when the study is done, and into `/findings` of the
-result, so that whoever opens the file later hears the same. Thresholds are such that a filter which is right, or
-known to be off as docs/filter.md says, never causes one.
+Thresholds are such that a filter which is right, or known to be off as docs/filter.md says, never causes a finding.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.io.results import Result, ResultError, Variable
+from navsim.estimation.loosely_coupled import NO_FIX, REJECTED
+from navsim.io.findings import CONSISTENT, FIX, Finding
+from navsim.io.results import Result
 from navsim.study.statistics import chi_square_quantile, poisson_exceedance
-
-FIX, CONSISTENT = "fix", "consistent"
-"""What a finding speaks against: that there are fixes (`--require-fix`), that the filter is consistent
-(`--require-consistent`)."""
 
 FALSE_ALARM = 1e-6
 """Chance that a filter which is right causes a finding that rests on chance."""
@@ -28,19 +24,53 @@ reach 1.6 over ensembles of the shipped scenarios (docs/filter-consistency.md)."
 BEYOND = 10.0
 """Sigmas an error never reaches: a Gaussian one does with a chance of 1e-23."""
 
+LANDING: dict[str, tuple[tuple[str, ...], str]] = {
+    "no_fix": ((FIX,), "no fix epoch: shorter than one fix interval"),
+    "epochs_without_fix": ((FIX,), "epochs without a fix: too few usable sources"),
+    "lost_fixes": ((FIX,), "epochs without a fix: sources enough, but the least squares found no solution"),
+    "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter wants"),
+    "unweighed_fixes": ((FIX,), "fixes could not be weighed: the innovations' covariance is not positive"),
+    "rejected_fixes": ((FIX, CONSISTENT), "fixes were rejected by the innovation gate"),
+    "not_finite": ((CONSISTENT,), "outputs are not finite numbers"),
+    "covariance_not_positive": ((CONSISTENT,), "outputs have a covariance that is not positive definite"),
+    "errors_beyond_sigma": ((CONSISTENT,), f"outputs have a position or velocity error beyond {BEYOND:g} sigma"),
+    "sigma_position_velocity": ((CONSISTENT,), "errors of position and velocity are larger than the filter believes"),
+    "sigma_all_states": ((CONSISTENT,), "errors of all states are larger than the filter believes"),
+    "innovations": ((CONSISTENT,), "innovations are larger than the filter believes"),
+}
+"""What can be found in flown landings: what it speaks against, and its words."""
 
-@dataclass(frozen=True)
-class Finding:
-    """A warning. count: how many of `of` (fixes, outputs, runs, combinations) it is about, in how many runs; first:
-    time of the first of them, s, nan where it has none. All 0 and nan for one without counts."""
 
-    name: str
-    text: str
-    against: tuple[str, ...] = ()
-    count: int = 0
-    of: int = 0
-    runs: int = 0
-    first: float = math.nan
+def counted(name: str, count: int, of: int, first: float, last: float, runs: int = 1, of_runs: int = 1) -> Finding:
+    """One of `LANDING` with its counts and times, s: how many of how many, in how many of how many runs."""
+    against, words = LANDING[name]
+    every = "no fix at all: " if count == of and name in ("epochs_without_fix", "lost_fixes") else ""
+    text = f"{every}{count} of {of} {words}{times(first, last, runs, of_runs)}"
+    return Finding(name, text, against, count, of, runs, first)
+
+
+def marks(names: Iterable[str]) -> np.ndarray:
+    """Which of `LANDING` are among names of findings (name,) bool: all that a study of many flights keeps of each."""
+    known = set(names)
+    return np.array([name in known for name in LANDING])
+
+
+def without_fix(found: Sequence[Finding]) -> bool:
+    """Whether findings say that there was no fix at any epoch of any run."""
+    share = sum(f.count / f.of for f in found if f.name in ("epochs_without_fix", "lost_fixes", "unweighed_fixes"))
+    return share > 1.0 - 1e-9 or any(f.name == "no_fix" for f in found)
+
+
+def among(marked: np.ndarray, what: str, label: Callable[[int], str]) -> list[Finding]:
+    """The findings of a study of many flights, by the `marks` (flight, name) of each: in how many of them, and which is
+    the first. what: the flights are called; label: of one of them, by its number."""
+    out = []
+    for (name, (against, words)), some in zip(LANDING.items(), marked.T, strict=True):
+        count = int(some.sum())
+        if count:
+            text = f"in {count} of {some.size} {what}: {words}; the first: {label(int(np.argmax(some)))}"
+            out.append(Finding(name, text, against, count, some.size, count))
+    return out
 
 
 def limit(degrees: float) -> float:
@@ -61,35 +91,20 @@ def times(first: float, last: float, runs: int = 1, of_runs: int = 1) -> str:
     return f"{where}, the first at {first:g} s" + (f", the last at {last:g} s" if last != first else "")
 
 
-def doubted(name: str, what: str, mean: float, degrees: float, runs: int = 1) -> list[Finding]:
-    """The finding of a mean normalised square per degree of freedom that is beyond its `limit`, if it is.
-
-    what: says so, of sigmas `{factor}` times too small.
-    """
+def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -> list[Finding]:
+    """The finding of a mean normalised square per degree of freedom beyond its `limit`, if it is; whose: in words."""
     if not degrees or not mean > limit(degrees):
         return []
-    text = f"{what.format(factor=f'{math.sqrt(mean):.3g}')} (mean normalised square {mean:.3g}, 1 is due)"
-    return [Finding(name, text, (CONSISTENT,), runs, runs, runs)]
+    size = f"{math.sqrt(mean):.3g} times what the filter believes (mean normalised square {mean:.3g}, 1 is due)"
+    text = f"{whose} are {size}"
+    return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
 
 
-def sigmas_doubted(name: str, states: str, mean: float, degrees: float, runs: int = 1) -> list[Finding]:
-    """`doubted` of estimation errors."""
-    return doubted(name, f"errors of {states} are {{factor}} times what the filter believes", mean, degrees, runs)
-
-
-def innovations_doubted(mean: float, degrees: float, runs: int = 1) -> list[Finding]:
-    """`doubted` of innovations."""
-    return doubted("innovations", "innovations are {factor} times what the filter believes", mean, degrees, runs)
-
-
-def rejections(
-    count: int, of: int, probability: float, when: str, runs: int = 1, first: float = math.nan
-) -> list[Finding]:
+def rejections(found: Spread | None, of: int, probability: float, of_runs: int = 1) -> list[Finding]:
     """The finding of fixes rejected by a gate of this probability, where they are more than chance makes them."""
-    if not count or not too_many(count, of * probability):
+    if found is None or not too_many(found.count, of * probability):
         return []
-    text = f"{count} of {of} fixes were rejected by the innovation gate{when}"
-    return [Finding("rejected_fixes", text, (FIX, CONSISTENT), count, of, runs, first)]
+    return [counted("rejected_fixes", found.count, of, found.first, found.last, found.runs, of_runs)]
 
 
 def notes(texts: Iterable[str]) -> list[Finding]:
@@ -97,41 +112,37 @@ def notes(texts: Iterable[str]) -> list[Finding]:
     return [Finding("input", text) for text in texts]
 
 
-def kept(found: list[Finding]) -> dict[str, Variable]:
-    """The group `/findings` of a result."""
+def of_flight(result: Result, probability: float, withheld: np.ndarray | None = None) -> list[Finding]:
+    """Findings about a flight whose truth is not known, by `/filter` and `/innovations` of its result.
 
-    def column(values: list[object], kind: type, units: str, meaning: str) -> Variable:
-        return Variable(("finding",), np.array(values, dtype=kind), units, meaning)
+    probability: of the gate. withheld: (e,) bool, fixes that the filter was not given on purpose.
+    """
+    time, status = result["/innovations/time"], result["/innovations/status"]
+    given = np.full(time.shape, True) if withheld is None else ~withheld
+    answers = result["/filter/time"]
+    finite = np.isfinite(result["/filter/position_llh"]).all(axis=1)
+    finite &= np.isfinite(result["/filter/velocity_ned"]).all(axis=1)
+    sigma = result["/filter/sigma"]
+    out = []
+    for name, mask, when, total in (
+        ("unweighed_fixes", given & (status == NO_FIX), time, int(given.sum())),
+        ("not_finite", ~finite, answers, answers.size),
+        ("covariance_not_positive", finite & ~(sigma > 0.0).all(axis=1), answers, answers.size),
+    ):
+        if some := _instants(mask, when):
+            out.append(counted(name, some.count, total, some.first, some.last))
+    out += rejections(_instants(status == REJECTED, time), int(given.sum()), probability)
+    degrees = int(result["/innovations/degrees"].sum())
+    if degrees:
+        mean = float(np.nansum(result["/innovations/normalized_squared"])) / degrees
+        out += doubted("innovations", "innovations", mean, degrees)
+    return out
 
-    return {
-        "/findings/finding": column([f.name for f in found], object, "1", "names of what the user must hear about"),
-        "/findings/text": column([f.text for f in found], object, "1", "what was found"),
-        "/findings/against": column(
-            [", ".join(f.against) for f in found], object, "1", "what it speaks against: fix, consistent, or neither"
-        ),
-        "/findings/count": column([f.count for f in found], np.int64, "1", "how many it is about"),
-        "/findings/of": column([f.of for f in found], np.int64, "1", "of how many"),
-        "/findings/runs": column([f.runs for f in found], np.int64, "1", "in how many runs"),
-        "/findings/first": column(
-            [f.first for f in found], np.float64, "s", "time of the first, nan where it has none"
-        ),
-    }
 
-
-def of(result: Result) -> list[Finding]:
-    """The findings kept in a result; none in one of an earlier version. Raises ResultError for a damaged group."""
-    if "/findings/finding" not in result:
-        return []
-    names = ("finding", "text", "against", "count", "of", "runs", "first")
-    try:
-        columns = [np.atleast_1d(result[f"/findings/{name}"]) for name in names]
-        return [
-            Finding(str(name), str(text), tuple(str(against).split(", ")) if against else (), int(count), int(total),
-                    int(runs), float(first))
-            for name, text, against, count, total, runs, first in zip(*columns, strict=True)
-        ]  # fmt: skip
-    except (KeyError, ValueError, TypeError) as error:
-        raise ResultError(f"/findings is damaged ({error})") from None
+def _instants(mask: np.ndarray, time: np.ndarray) -> Spread | None:
+    """What happened at some times of one run."""
+    flaws = tally(mask[:, None])
+    return spread(Flaws(flaws.count[None], flaws.first[None], flaws.last[None]), 0, time)
 
 
 @dataclass(frozen=True)

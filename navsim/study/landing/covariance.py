@@ -8,16 +8,14 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.rotation import rpy_jacobian
+from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
 from navsim.simulation.landing_covariance import SOURCES, Analysis, analyse, folded_quantile
 from navsim.study.findings import (
     BEYOND,
-    Finding,
     Flaws,
-    innovations_doubted,
-    kept,
+    doubted,
     notes,
-    sigmas_doubted,
     tally,
 )
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
@@ -101,14 +99,14 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     if outputs[:, NOT_POSITIVE].any():
         return found  # no normalised square is defined
     for name, states_, words in (
-        ("sigma_position_velocity", slice(0, 6), "position and velocity"),
-        ("sigma_all_states", slice(0, states.N), "15 states"),
+        ("sigma_position_velocity", slice(0, 6), "errors of position and velocity"),
+        ("sigma_all_states", slice(0, states.N), "errors of 15 states"),
     ):
         mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
-        found += sigmas_doubted(name, words, mean, math.inf)
+        found += doubted(name, words, mean, math.inf)
     degrees = analysis.degrees.sum()
     if degrees:
-        found += innovations_doubted(float(np.nansum(analysis.nis)) / degrees, math.inf)
+        found += doubted("innovations", "innovations", float(np.nansum(analysis.nis)) / degrees, math.inf)
     return found
 
 

@@ -17,6 +17,7 @@ from navsim.core import states
 from navsim.core.jit import digest as kernel_digest
 from navsim.core.rotation import rpy_error, rpy_jacobian
 from navsim.estimation.loosely_coupled import NO_FIX, REJECTED
+from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import (
@@ -25,7 +26,7 @@ from navsim.simulation.landing import (
 from navsim.study import findings as judging
 from navsim.study.ensemble import Arrays, Ensemble, Store
 from navsim.study.ensemble import fly_all as fly_ensemble
-from navsim.study.findings import CONSISTENT, FIX, Finding, Flaws
+from navsim.study.findings import Flaws
 from navsim.study.landing.case import Case, crossing_times, rms_window
 from navsim.study.statistics import (
     rms_interval,
@@ -222,63 +223,47 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     out = judging.notes(case.warnings)
     out += of_fixes(case, fixes)
     epochs = case.world.signals.time
-    if rejected := judging.spread(fixes, GATED, epochs):
-        when = judging.times(rejected.first, rejected.last, rejected.runs, runs)
-        fixed = int(ensemble.per_run("fixes").sum())
-        probability = case.scenario.filter.gate.probability
-        out += judging.rejections(rejected.count, fixed, probability, when, rejected.runs, rejected.first)
+    fixed, probability = int(ensemble.per_run("fixes").sum()), case.scenario.filter.gate.probability
+    out += judging.rejections(judging.spread(fixes, GATED, epochs), fixed, probability, runs)
     out += of_outputs(case, outputs)
-    position_velocity = ensemble.per_run("nees_position_velocity_mean")
-    out += judging.sigmas_doubted(
-        "sigma_position_velocity", "position and velocity", _finite_mean(position_velocity), 6 * runs, runs
-    )
+    mean = _finite_mean(ensemble.per_run("nees_position_velocity_mean"))
+    out += judging.doubted("sigma_position_velocity", "errors of position and velocity", mean, 6 * runs, runs)
     if runs > 1:  # of the lower half of runs: the few with a wrong heading are known, see `FAR_OFF`
-        all_states = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
-        out += judging.sigmas_doubted("sigma_all_states", "half of the runs in 15 states", all_states, 15 * runs, runs)
+        half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
+        out += judging.doubted("sigma_all_states", "errors of 15 states in half of the runs", half, 15 * runs, runs)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
-        out += judging.innovations_doubted(float(ensemble.per_run("innovations").sum()) / weighed, weighed, runs)
+        mean = float(ensemble.per_run("innovations").sum()) / weighed
+        out += judging.doubted("innovations", "innovations", mean, weighed, runs)
     return out
 
 
 def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
     """Findings about fixes that are not there; flaws (run, flaw), see `UNHEARD`."""
     epochs = case.world.signals.time
-    runs, total = flaws.count.shape[0], flaws.count.shape[0] * epochs.size
-    if total == 0:
+    if not epochs.size:
         text = "the simulation is shorter than one fix interval: the filter never gets a fix"
         return [Finding("no_fix", text, (FIX,))]
-    out = []
-    for which, name, text in (
-        (UNHEARD, "epochs_without_fix", "epochs without a fix: too few usable sources"),
-        (UNSOLVED, "lost_fixes", "epochs without a fix: sources enough, but the least squares found no solution"),
-        (NO_VELOCITY, "fixes_without_velocity", "fixes without the velocity that the filter wants"),
-        (UNWEIGHED, "unweighed_fixes", "fixes could not be weighed: the innovations' covariance is not positive"),
-    ):
-        if found := judging.spread(flaws, which, epochs):
-            every = "no fix at all: " if found.count == total and which in (UNHEARD, UNSOLVED) else ""
-            when = judging.times(found.first, found.last, found.runs, runs)
-            said = f"{every}{found.count} of {total} {text}{when}"
-            out.append(Finding(name, said, (FIX,), found.count, total, found.runs, found.first))
-    return out
+    names = {UNHEARD: "epochs_without_fix", UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
+             UNWEIGHED: "unweighed_fixes"}  # fmt: skip
+    return _spreads(flaws, names, epochs)
 
 
 def of_outputs(case: Case, flaws: Flaws) -> list[Finding]:
     """Findings about the filter's outputs; flaws (run, flaw), see `NOT_FINITE`."""
-    time = case.world.filter_time
-    runs, total = flaws.count.shape[0], flaws.count.shape[0] * time.size
-    out = []
-    for which, name, text in (
-        (NOT_FINITE, "not_finite", "outputs are not finite numbers"),
-        (NOT_POSITIVE, "covariance_not_positive", "outputs have a covariance that is not positive definite"),
-        (FAR_OFF, "errors_beyond_sigma",
-         f"outputs have a position or velocity error beyond {judging.BEYOND:g} sigma"),
-    ):  # fmt: skip
-        if found := judging.spread(flaws, which, time):
-            when = judging.times(found.first, found.last, found.runs, runs)
-            said = f"{found.count} of {total} {text}{when}"
-            out.append(Finding(name, said, (CONSISTENT,), found.count, total, found.runs, found.first))
-    return out
+    names = {NOT_FINITE: "not_finite", NOT_POSITIVE: "covariance_not_positive", FAR_OFF: "errors_beyond_sigma"}
+    return _spreads(flaws, names, case.world.filter_time)
+
+
+def _spreads(flaws: Flaws, names: dict[int, str], time: np.ndarray) -> list[Finding]:
+    """Findings of flaws (run, flaw) by their names, at times (index,), s."""
+    runs = flaws.count.shape[0]
+    spreads = ((name, judging.spread(flaws, which, time)) for which, name in names.items())
+    return [
+        judging.counted(name, found.count, runs * time.size, found.first, found.last, found.runs, runs)
+        for name, found in spreads
+        if found
+    ]
 
 
 def _finite_mean(values: np.ndarray) -> float:

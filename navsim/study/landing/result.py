@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.core import states
+from navsim.io.findings import kept
 from navsim.io.results import Result, Stream, Variable
 from navsim.scenario.sky import CLOCKS
 from navsim.simulation.landing import (
     World,
 )
 from navsim.study.ensemble import Ensemble
-from navsim.study.findings import kept
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, GROUPS, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, base, belief
