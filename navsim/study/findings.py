@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,6 +136,39 @@ def of_flight(result: Result, probability: float, withheld: np.ndarray | None = 
     if degrees:
         mean = float(np.nansum(result["/innovations/normalized_squared"])) / degrees
         out += doubted("innovations", "innovations", mean, degrees)
+    return out
+
+
+def positive(covariance: np.ndarray) -> np.ndarray:
+    """Which of matrices (t, n, n) are positive definite (t,), judged without their units."""
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = covariance / (sigma[:, :, None] * sigma[:, None, :])
+    sound = np.isfinite(correlation).all(axis=(1, 2))
+    least = np.full(sigma.shape[0], -1.0)
+    least[sound] = np.linalg.eigvalsh(correlation[sound])[:, 0]
+    return least > 0.0
+
+
+def of_filter(name: str, time: np.ndarray, error: np.ndarray, sigma: np.ndarray) -> list[Finding]:
+    """Findings about a filter of many runs: error (run, k, ...) and its 1 sigma (k, ...) at times (k,), s.
+
+    Only what no filter may do: those of the companion papers are compared because some have wrong models, and by how
+    much they err is their summary's.
+    """
+    runs, k = error.shape[:2]
+    wrong = {
+        "not_finite": ~np.isfinite(error).reshape(runs, k, -1).all(axis=2),
+        "covariance_not_positive": ~(sigma > 0.0).reshape(1, k, -1).all(axis=2),
+    }
+    out = []
+    for which, mask in wrong.items():
+        of_runs = mask.shape[0]
+        flaws = [tally(one[:, None]) for one in mask]
+        many = Flaws(*(np.stack([getattr(one, part) for one in flaws]) for part in Flaws.__dataclass_fields__))
+        if found := spread(many, 0, time):
+            said = counted(which, found.count, mask.size, found.first, found.last, found.runs, of_runs)
+            out.append(replace(said, text=f"{name}: {said.text}"))
     return out
 
 

@@ -16,6 +16,7 @@ from navsim.study.findings import (
     Flaws,
     doubted,
     notes,
+    positive,
     tally,
 )
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
@@ -114,17 +115,6 @@ def _one(masks: np.ndarray) -> Flaws:
     """Flaws of masks (index, flaw) as those of a single run."""
     flaws = tally(masks)
     return Flaws(flaws.count[None], flaws.first[None], flaws.last[None])
-
-
-def positive(covariance: np.ndarray) -> np.ndarray:
-    """Which of matrices (t, n, n) are positive definite (t,), judged without their units."""
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = covariance / (sigma[:, :, None] * sigma[:, None, :])
-    sound = np.isfinite(correlation).all(axis=(1, 2))
-    least = np.full(sigma.shape[0], -1.0)
-    least[sound] = np.linalg.eigvalsh(correlation[sound])[:, 0]
-    return least > 0.0
 
 
 def covariance_summary(case: Case, analysis: Analysis) -> Result:
