@@ -429,7 +429,7 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
     _places(v, planned, found, dims)
     outcome = found.per_run("outcome")
     meaning = ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES))
-    v["/sweep/outcome"] = Variable(dims, outcome.reshape(planned.shape), "1", meaning)
+    v["/outcome/combination"] = Variable(dims, outcome.reshape(planned.shape), "1", meaning)
     v.update(kept(_findings(planned, found, outcome)))
     attributes = root_attributes(
         "sweep",

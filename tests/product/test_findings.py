@@ -13,8 +13,10 @@ from navsim.estimation.loosely_coupled import NO_FIX
 from navsim.io.findings import CONSISTENT, FIX, Finding, kept, of
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.scenario.load import read as read_scenario
+from navsim.scenario.load import read_study
+from navsim.scenario.sweep import Sweep
 from navsim.study import findings as judging
-from navsim.study import landing
+from navsim.study import landing, sweep
 from navsim.study.ensemble import Batch, Ensemble
 from navsim.study.landing.ensemble import LandingStudy
 from tests.conftest import SCENARIOS
@@ -166,3 +168,67 @@ def test_require_consistent(tmp_path: Path) -> None:
     command = ("run", SCENARIOS / "landing.yaml", *tiny, "--set", "duration_s=65", "-q", "--require-consistent")
     done = navsim(*command, "-o", tmp_path / "tiny.h5", cwd=tmp_path, code=3)
     assert "error: --require-consistent: errors of position and velocity are" in done.stderr
+
+
+def test_combinations_without_a_fix(tmp_path: Path) -> None:
+    """By what was flown: their geometry has a solution at every epoch."""
+    (tmp_path / "lost.yaml").write_text(
+        f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\nmethod: monte-carlo\nruns: 2\n"
+        "set: {duration_s: 20, receiver.rate_hz: 1}\noutputs: [pdop, horizontal]\n"
+        "vary: [{key: pseudolites.clock_offset_ns, values: [0, 1000000]}]\n"
+    )
+    for method in ("monte-carlo", "covariance"):
+        section, document, base = read_study(tmp_path / "lost.yaml", Sweep, [f"method={method}"])
+        planned = sweep.plan(section, document, base, 1)
+        result = sweep.sweep_result(planned, sweep.compute(planned, 1))
+        np.testing.assert_array_equal(result["/outcome/combination"], [sweep.COMPUTED, sweep.NO_FIX])
+        np.testing.assert_array_equal(np.isnan(result["/sweep/pdop"]), [False, True])
+        assert int(result.attributes["refused"]) == 1
+        found = {f.name: f for f in of(result)}
+        assert found["refused"].against == (FIX,)
+        assert "1 of 2 combinations are nan: no fix at all" in found["refused"].text
+        assert "the first: pseudolites.clock_offset_ns 1000000" in found["lost_fixes"].text
+        assert (found["lost_fixes"].count, found["lost_fixes"].of) == (1, 2)
+
+
+def test_a_flight_whose_truth_is_not_known() -> None:
+    time = np.arange(1.0, 101.0)
+    status = np.full(100, 1)
+    status[:2], status[10:13], status[50:] = NO_FIX, NO_FIX, 1
+    status[20:24] = 2
+    llh = np.zeros((100, 3))
+    llh[7] = np.nan
+    sigma = np.ones((100, 15))
+    sigma[30:32, 3] = np.nan
+    v = {
+        "/innovations/time": time, "/innovations/status": status, "/innovations/degrees": np.full(100, 6),
+        "/innovations/normalized_squared": np.full(100, 60.0), "/filter/time": time, "/filter/position_llh": llh,
+        "/filter/velocity_ned": np.zeros((100, 3)), "/filter/sigma": sigma,
+    }  # fmt: skip
+    result = Result({}, {path: Variable((), data, "1", "x") for path, data in v.items()})
+    withheld = time < 3.0  # these were kept back on purpose
+    found = {f.name: (f.count, f.of, f.first) for f in judging.of_flight(result, 1e-6, withheld)}
+    assert found.pop("innovations")[:2] == (1, 1)
+    assert found == {
+        "unweighed_fixes": (3, 98, 11.0),
+        "not_finite": (1, 100, 8.0),
+        "covariance_not_positive": (2, 100, 31.0),
+        "rejected_fixes": (4, 98, 21.0),
+    }
+
+
+def test_filters_of_the_companion_papers() -> None:
+    error, sigma = np.zeros((3, 10, 2)), np.ones((10, 2))
+    assert judging.of_filter("full", np.arange(10.0), 50.0 + error, sigma) == []
+    error[1, 4:, 1], sigma[8, 0] = np.nan, np.nan
+    found = {f.name: f for f in judging.of_filter("full", np.arange(10.0), error, sigma)}
+    assert (found["not_finite"].count, found["not_finite"].of, found["not_finite"].runs) == (6, 30, 1)
+    assert found["not_finite"].text.startswith("full: 6 of 30 outputs are not finite numbers, in 1 of 3 runs")
+    assert (found["covariance_not_positive"].count, found["covariance_not_positive"].first) == (1, 8.0)
+
+
+def test_no_fix_is_the_sum_of_its_causes() -> None:
+    half = Finding("epochs_without_fix", "", (FIX,), 5, 10), Finding("lost_fixes", "", (FIX,), 5, 10)
+    assert judging.without_fix(half)
+    assert not judging.without_fix(half[:1])
+    assert judging.without_fix([Finding("no_fix", "", (FIX,))])
