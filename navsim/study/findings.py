@@ -164,7 +164,7 @@ def of_filter(name: str, time: np.ndarray, error: np.ndarray, sigma: np.ndarray)
     out = []
     for which, mask in wrong.items():
         of_runs = mask.shape[0]
-        flaws = [tally(one[:, None]) for one in mask]
+        flaws = [tally(one[None]) for one in mask]
         many = Flaws(*(np.stack([getattr(one, part) for one in flaws]) for part in Flaws.__dataclass_fields__))
         if found := spread(many, 0, time):
             said = counted(which, found.count, mask.size, found.first, found.last, found.runs, of_runs)
@@ -174,7 +174,7 @@ def of_filter(name: str, time: np.ndarray, error: np.ndarray, sigma: np.ndarray)
 
 def _instants(mask: np.ndarray, time: np.ndarray) -> Spread | None:
     """What happened at some times of one run."""
-    flaws = tally(mask[:, None])
+    flaws = tally(mask[None])
     return spread(Flaws(flaws.count[None], flaws.first[None], flaws.last[None]), 0, time)
 
 
@@ -189,15 +189,14 @@ class Flaws:
 
 
 def tally(masks: np.ndarray) -> Flaws:
-    """`Flaws` of masks (index, flaw) bool."""
-    found = masks.any(axis=0)
-    size = masks.shape[0]
+    """`Flaws` of masks (flaw, index) bool."""
+    found = masks.any(axis=1)
     if not found.any():
-        none = np.full(masks.shape[1], -1, np.int32)
-        return Flaws(np.zeros(masks.shape[1], np.int32), none, none)
-    first = np.where(found, masks.argmax(axis=0), -1)
-    last = np.where(found, size - 1 - masks[::-1].argmax(axis=0), -1)
-    return Flaws(masks.sum(axis=0).astype(np.int32), first.astype(np.int32), last.astype(np.int32))
+        none = np.full(found.size, -1, np.int32)
+        return Flaws(np.zeros(found.size, np.int32), none, none)
+    first = np.where(found, masks.argmax(axis=1), -1)
+    last = np.where(found, masks.shape[1] - 1 - masks[:, ::-1].argmax(axis=1), -1)
+    return Flaws(masks.sum(axis=1).astype(np.int32), first.astype(np.int32), last.astype(np.int32))
 
 
 @dataclass(frozen=True)

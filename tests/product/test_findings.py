@@ -86,11 +86,12 @@ def test_each_flaw_of_a_run() -> None:
     """Flaws no scenario is known to cause, put into a run by hand."""
     c = case("duration_s=5")
     run = c.fly(1, 0)
-    for name in ("error", "sigma", "nees", "fix_velocity", "status"):
+    for name in ("error", "sigma", "nees", "nees_position_velocity", "fix_velocity", "status"):
         run = replace(run, **{name: getattr(run, name).copy()})
     run.error[10] = np.inf
     run.nees[20:23] = np.nan
     run.sigma[30, 4] = abs(run.error[30, 4]) / 11.0
+    run.nees_position_velocity[30] = 121.0
     run.fix_velocity[40] = np.nan
     run.status[45:47] = NO_FIX
 

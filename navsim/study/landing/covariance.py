@@ -88,16 +88,16 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     """What was wrong with the input, with the fixes of the error-free flight and with what the filter would believe."""
     none, e = analysis.degrees == 0, analysis.degrees.size
     solvable = np.isfinite(case.world.dop[:, 1])
-    fixes = np.zeros((e, GATED + 1), bool)
-    fixes[:, UNHEARD], fixes[:, UNSOLVED] = none & ~solvable, none & solvable
-    fixes[:, NO_VELOCITY] = case.settings.with_velocity & (analysis.degrees == 3)
-    outputs = np.zeros((e + 1, FAR_OFF + 1), bool)
+    fixes = np.zeros((GATED + 1, e), bool)
+    fixes[UNHEARD], fixes[UNSOLVED] = none & ~solvable, none & solvable
+    fixes[NO_VELOCITY] = case.settings.with_velocity & (analysis.degrees == 3)
+    outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
     rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]
     believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
-    outputs[:, NOT_POSITIVE] = ~positive(analysis.believed)
-    outputs[:, FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
+    outputs[NOT_POSITIVE] = ~positive(analysis.believed)
+    outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
     found = notes(case.warnings) + of_fixes(case, _one(fixes)) + of_outputs(case, _one(outputs))
-    if outputs[:, NOT_POSITIVE].any():
+    if outputs[NOT_POSITIVE].any():
         return found  # no normalised square is defined
     for name, states_, words in (
         ("sigma_position_velocity", slice(0, 6), "errors of position and velocity"),
@@ -112,7 +112,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
 
 
 def _one(masks: np.ndarray) -> Flaws:
-    """Flaws of masks (index, flaw) as those of a single run."""
+    """Flaws of masks (flaw, index) as those of a single run."""
     flaws = tally(masks)
     return Flaws(flaws.count[None], flaws.first[None], flaws.last[None])
 

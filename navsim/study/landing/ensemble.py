@@ -195,22 +195,24 @@ FOLLOWED = slice(0, 6)
 def fix_flaws(run: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
     """Flaws of the fix epochs of a run. solvable: (e,) where the geometry has a solution."""
     none = np.isnan(run.fix_llh[:, 0])
-    masks = np.empty((none.size, 5), bool)
-    masks[:, UNHEARD] = none & ~solvable
-    masks[:, UNSOLVED] = none & solvable
-    masks[:, NO_VELOCITY] = with_velocity & ~none & np.isnan(run.fix_velocity[:, 0])
-    masks[:, UNWEIGHED] = ~none & (run.status == NO_FIX)
-    masks[:, GATED] = run.status == REJECTED
+    masks = np.empty((5, none.size), bool)
+    masks[UNHEARD], masks[UNSOLVED] = none & ~solvable, none & solvable
+    masks[NO_VELOCITY] = with_velocity & ~none & np.isnan(run.fix_velocity[:, 0])
+    masks[UNWEIGHED] = ~none & (run.status == NO_FIX)
+    masks[GATED] = run.status == REJECTED
     return judging.tally(masks)
 
 
 def output_flaws(run: Run) -> Flaws:
     """Flaws of the filter's outputs of a run."""
-    masks = np.empty((run.nees.size, 3), bool)
+    masks = np.zeros((3, run.nees.size), bool)
+    # no error is more sigmas off than the root of a normalised square it is in, and one is finite only with the rest
+    if np.isfinite(run.nees).all() and run.nees_position_velocity.max() <= judging.BEYOND**2:
+        return judging.tally(masks)
     finite = np.isfinite(run.error).all(axis=1)
-    masks[:, NOT_FINITE] = ~finite
-    masks[:, NOT_POSITIVE] = finite & ~np.isfinite(run.nees)
-    masks[:, FAR_OFF] = (np.abs(run.error[:, FOLLOWED]) > judging.BEYOND * run.sigma[:, FOLLOWED]).any(axis=1)
+    masks[NOT_FINITE] = ~finite
+    masks[NOT_POSITIVE] = finite & ~np.isfinite(run.nees)
+    masks[FAR_OFF] = (np.abs(run.error[:, FOLLOWED]) > judging.BEYOND * run.sigma[:, FOLLOWED]).any(axis=1)
     return judging.tally(masks)
 
 
@@ -268,8 +270,8 @@ def _spreads(flaws: Flaws, names: dict[int, str], time: np.ndarray) -> list[Find
 
 def _finite_mean(values: np.ndarray) -> float:
     """Mean of what is finite; nan where nothing is."""
-    finite = np.isfinite(values)
-    return float(np.mean(values, where=finite)) if finite.any() else math.nan
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else math.nan
 
 
 def _mean(values: np.ndarray) -> np.ndarray:
