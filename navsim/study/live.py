@@ -466,7 +466,7 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
             f"clock that is off? --start-time {session.clock.option(-periods)} takes it off"
         )
     gate = session.case.scenario.filter.gate.probability
-    return [*notes(session.case.warnings), *(Finding("stream", text) for text in said), *of_flight(result, gate)]
+    return [*notes(session.case.sky_warnings), *(Finding("stream", text) for text in said), *of_flight(result, gate)]
 
 
 def _explains(session: Session, result: Result, shift: float) -> bool:

@@ -57,7 +57,19 @@ class Case:
     gyro: Triad
     accel: Triad
     settings: FilterSettings
-    warnings: list[str] = field(default_factory=list)
+    sky_warnings: list[str] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the input has to be warned of: its sky, and a landing that does not end on the ground."""
+        touchdown = self.trajectory.path.events.get(TOUCHDOWN, -math.inf)
+        if touchdown <= self.scenario.duration_s:
+            return self.sky_warnings
+        return [
+            *self.sky_warnings,
+            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
+            f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined",
+        ]
 
     @property
     def ground(self) -> Ground:
@@ -207,12 +219,6 @@ def prepare(scenario: Landing, document: Document) -> Case:
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = world_of(scenario, trajectory, sources)
-    touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
-    if touchdown > scenario.duration_s:
-        warnings.append(
-            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
-            f"(duration_s: {scenario.duration_s:g}); figures at touchdown are not defined"
-        )
     return Case(
         scenario,
         trajectory,
