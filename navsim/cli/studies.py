@@ -123,7 +123,9 @@ def sweep(
     if json_:
         import json
 
-        print(json.dumps(report.best_json(result), indent=1, allow_nan=False))
+        from navsim.report.tables import FINDINGS, plain_tree
+
+        print(json.dumps(report.best_json(result) | plain_tree(result, (FINDINGS,)), indent=1, allow_nan=False))
     elif not quiet:
         print_console(report.console(result), 150)
         print(f"result   {target}, {table}")
@@ -195,7 +197,9 @@ def optimize(
     if json_:
         import json
 
-        print(json.dumps(report.plain(result), indent=1, allow_nan=False))
+        from navsim.report.tables import FINDINGS, plain_tree
+
+        print(json.dumps(report.plain(result) | plain_tree(result, (FINDINGS,)), indent=1, allow_nan=False))
     elif not quiet:
         print_console(report.console(result), 140)
         print(f"result   {target}")

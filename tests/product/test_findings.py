@@ -14,11 +14,13 @@ from navsim.io.findings import CONSISTENT, FIX, Finding, kept, of
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
+from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep
 from navsim.study import findings as judging
 from navsim.study import landing, sweep
 from navsim.study.ensemble import Batch, Ensemble
 from navsim.study.landing.ensemble import LandingStudy
+from navsim.study.objective import problem
 from tests.conftest import SCENARIOS
 from tests.product.test_run import navsim, warnings_of
 
@@ -233,3 +235,15 @@ def test_no_fix_is_the_sum_of_its_causes() -> None:
     assert judging.without_fix(half)
     assert not judging.without_fix(half[:1])
     assert judging.without_fix([Finding("no_fix", "", (FIX,))])
+
+
+def test_a_placement_without_a_fix(tmp_path: Path) -> None:
+    """What the full analysis of a best placement finds, here of any."""
+    (tmp_path / "lost.yaml").write_text(
+        f"kind: optimize\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\n"
+        "set: {receiver.rate_hz: 1, pseudolites.clock_offset_ns: 1000000}\n"
+        "pseudolites: [1]\nobjective: horizontal\narea: {s_m: [100, 900], l1_m: [1000, 2000]}\n"
+    )
+    posed = problem(*read_study(tmp_path / "lost.yaml", Optimize, []))
+    assert posed.found is not None
+    assert [f.name for f in posed.found(np.array([[300.0, 1500.0]]))] == ["lost_fixes"]
