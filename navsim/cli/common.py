@@ -340,9 +340,9 @@ def print_result(
     if as_json:
         import json
 
-        from navsim.report.tables import plain_tree
+        from navsim.report.tables import FINDINGS, plain_tree
 
-        print(json.dumps(plain_tree(result, prefixes), indent=1, allow_nan=False))
+        print(json.dumps(plain_tree(result, (*prefixes, FINDINGS)), indent=1, allow_nan=False))
     elif not quiet:
         from navsim.report.views import VIEWS
 

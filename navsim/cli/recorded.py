@@ -32,6 +32,7 @@ from navsim.cli.common import (
     target_of,
 )
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
+from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 if TYPE_CHECKING:
     from navsim.study.live import Session
@@ -43,6 +44,8 @@ def replay(
     set_: Annotated[list[str] | None, set_option("log")] = None,
     figures: FiguresOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Read, check and align; fly nothing.")] = False,
+    require_fix: RequireFixOption = False,
+    require_consistent: RequireConsistentOption = False,
     force: ForceOption = False,
     over_budget: OverBudgetOption = False,
     quiet: QuietOption = False,
@@ -91,8 +94,8 @@ def replay(
         leave(RUN_FAILED, error)
     jit.mark_warm()
     print_result(result, target, written, quiet, json_, ("/summary", "/tuning", "/outages"))
-    for warning in flying.findings(recording, result):
-        say(f"warning: {warning}")
+    warn(result)
+    require(result, target, require_fix, require_consistent)
 
 
 def live(
@@ -139,6 +142,7 @@ def live(
 
     Late, lost and corrupt messages are survived and counted. Give --receiver or --imu.
     """
+    from navsim.io.findings import kept
     from navsim.io.results import ResultError, Sort
     from navsim.io.stream import StreamError, opened
     from navsim.scenario.filter import SMOOTHERS
@@ -179,6 +183,7 @@ def live(
             with _ended_by_signals(session) as came:
                 why = session.pump(lines, silence, done)
         result = session.result()
+        result.variables.update(kept(flying.findings(session, result, lines)))
         save(result, target, None)
     except StreamError as error:
         leave(BAD_INPUT, error)
@@ -187,8 +192,7 @@ def live(
     jit.mark_warm()
     print_result(result, target, [], quiet, json_, ("/summary", "/stream", "/clock"))
     session.tell(f"ended: {why}")
-    for warning in flying.warnings(session, result, lines):
-        say(f"warning: {warning}")
+    warn(result)
     wrong = flying.failures(result)
     for failure in wrong:
         say(f"error: {failure}")

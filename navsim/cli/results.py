@@ -17,6 +17,7 @@ from navsim.cli.common import (
     read_result,
 )
 from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.findings import warn
 
 if TYPE_CHECKING:
     from navsim.io.results import Result
@@ -30,7 +31,7 @@ def show(
         bool, typer.Option("--json", help="Print the summaries as JSON, a list of them for several results.")
     ] = False,
 ) -> None:
-    """Print the summary tables of results, side by side."""
+    """Print the summary tables of results, side by side, and what their studies warned of."""
     results = [(path.stem, read_result(path)) for path in files]
     from navsim.report.views import VIEWS
 
@@ -47,6 +48,8 @@ def show(
             print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=1, allow_nan=False))
         else:
             print_table(results)
+        for name, result in results:
+            warn(result, name if len(results) > 1 else "")
 
 
 @contextmanager

@@ -32,6 +32,7 @@ from navsim.cli.common import (
     target_of,
 )
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
+from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 Keep = Literal["errors", "all", "none"]
 Method = Literal["monte-carlo", "covariance"]
@@ -95,7 +96,8 @@ def run(
             show_default=False,
         ),
     ] = None,
-    require_fix: Annotated[bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix.")] = False,
+    require_fix: RequireFixOption = False,
+    require_consistent: RequireConsistentOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
     fresh: FreshOption = False,
     force: Annotated[
@@ -121,7 +123,9 @@ def run(
             named = ", ".join(foreign or ["--require-fix"])
             leave(BAD_INPUT, f"{named}: only for `kind: landing`; {scenario} is of kind {checked.kind}")
         target = target_of(scenario, output, Sort(checked.kind), force)
-        _run_companion(scenario, checked, target, seed, runs, figures, dry_run, over_budget, quiet, json_)
+        _run_companion(
+            scenario, checked, target, seed, runs, figures, dry_run, require_consistent, over_budget, quiet, json_
+        )
         return
     analytic = checked.method == "covariance"
     if analytic:
@@ -178,7 +182,6 @@ def run(
     )
     try:
         if analytic:
-            found = landing.fix_findings(case)
             result = landing.covariance_result(case, landing.covariance_analysis(case), seed)
         else:
             with progress(runs, not quiet) as done:
@@ -187,7 +190,6 @@ def run(
                 )
             if enough is not None and not enough(ensemble):
                 say(f"warning: --until {until}: not reached within {runs} runs")
-            found = landing.findings(case, ensemble)
             result = landing.result(case, ensemble, seed, keep=kept)
         written = save(result, target, drawing)
     except (ResultError, PartialError) as error:
@@ -208,16 +210,8 @@ def run(
         if written:
             names = ",".join(path.stem.removeprefix(f"{target.stem}_") for path in written)
             print(f"figures  {drawing}/{target.stem}_{{{names}}}.png")
-    for warning in found:
-        say(f"warning: {warning}")
-    if found:
-        say(f"{len(found)} warning(s)")
-    lost = case.world.signals.time[case.world.dop[:, 1] != case.world.dop[:, 1]]
-    if require_fix and lost.size:
-        leave(
-            RUN_FAILED,
-            f"--require-fix: {lost.size} epochs without a fix, the first at {lost[0]:g} s ({target} is complete)",
-        )
+    warn(result)
+    require(result, target, require_fix, require_consistent)
 
 
 def _run_companion(
@@ -228,6 +222,7 @@ def _run_companion(
     runs: int | None,
     figures: str | None,
     dry_run: bool,
+    require_consistent: bool,
     over_budget: bool,
     quiet: bool,
     as_json: bool,
@@ -253,3 +248,5 @@ def _run_companion(
         leave(RUN_FAILED, error)
     jit.mark_warm()
     print_result(result, target, written, quiet, as_json, companion.summary)
+    warn(result)
+    require(result, target, False, require_consistent)

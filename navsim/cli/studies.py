@@ -32,6 +32,7 @@ from navsim.cli.common import (
     target_of,
 )
 from navsim.cli.ending import BAD_INPUT, CHECK_FAILED, RUN_FAILED, say
+from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 
@@ -59,6 +60,8 @@ def sweep(
     ] = None,
     set_: StudySetOption = None,
     figures: FiguresOption = None,
+    require_fix: RequireFixOption = False,
+    require_consistent: RequireConsistentOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, compute nothing.")] = False,
     fresh: FreshOption = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind or method.")] = False,
@@ -124,15 +127,16 @@ def sweep(
     if json_:
         import json
 
-        print(json.dumps(report.best_json(result), indent=1, allow_nan=False))
+        from navsim.report.tables import FINDINGS, plain_tree
+
+        print(json.dumps(report.best_json(result) | plain_tree(result, (FINDINGS,)), indent=1, allow_nan=False))
     elif not quiet:
         print_console(report.console(result), 150)
         print(f"result   {target}, {table}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
-    refused = int(result.attributes["refused"])
-    if refused:
-        say(f"warning: {refused} of {planned.size} combinations are no valid scenario or have no solution: nan")
+    warn(result, known=planned.warnings)
+    require(result, target, require_fix, require_consistent)
 
 
 def optimize(
@@ -215,12 +219,15 @@ def optimize(
     if json_:
         import json
 
-        print(json.dumps(report.plain(result), indent=1, allow_nan=False))
+        from navsim.report.tables import FINDINGS, plain_tree
+
+        print(json.dumps(report.plain(result) | plain_tree(result, (FINDINGS,)), indent=1, allow_nan=False))
     elif not quiet:
         print_console(report.console(result), 140)
         print(f"result   {target}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
+    warn(result, known=problem.warnings)
     if outcome.stopped:
         why = "interrupted" if interrupted else f"time limit of {time_limit:g} s"
         say(f"warning: stopped early ({why}); {target} holds the best found; undone: {result.attributes['undone']}")
@@ -276,6 +283,7 @@ def table2(
     if not quiet:
         print_console(console(result), 170)
         print(f"files    {output}/table2.h5, {', '.join(path.name for path in written)}")
+    warn(result)
     jit.mark_warm()
     held = dict(zip(result["/claims/claim"], result["/claims/holds"][0], strict=True))
     broken = [name for name in ("C3", "C4") if not held[name]]

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+FINDINGS = "/findings/"
+"""Where a result keeps what its user must hear about."""
 _DEGREE = 180.0 / math.pi
 
 
@@ -225,7 +227,7 @@ def summary_json(result: Result) -> dict[str, Any]:
         k: result.attributes[k] for k in ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
     }
     out["seed"] = int(out["seed"])
-    return out | plain_tree(result, ("/summary/",), ("/summary/consistency/time",))
+    return out | plain_tree(result, ("/summary/", FINDINGS), ("/summary/consistency/time",))
 
 
 def plain_tree(result: Result, prefixes: tuple[str, ...], left_out: tuple[str, ...] = ()) -> dict[str, Any]:

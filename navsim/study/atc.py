@@ -12,6 +12,7 @@ import numpy as np
 
 from navsim.core.kalman import singer, steady_state
 from navsim.estimation.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
+from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
 from navsim.models.circuit import Flight, at, fly
 from navsim.scenario.atc import Atc
@@ -19,6 +20,7 @@ from navsim.scenario.base import DEG
 from navsim.simulation.streams import generator
 from navsim.study.azimuth import ratio, rmse
 from navsim.study.azimuth import window as _window
+from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
@@ -145,9 +147,12 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
     tables = np.full((len(cases), len(FILTERS), len(WINDOWS), N, 3), np.nan)
     to_full = np.full((len(cases), 2, len(WINDOWS), N, 3), np.nan)
     to_adapt = np.full((len(cases), len(WINDOWS), 2, 3), np.nan)
+    warned: list[Finding] = []
     for i, (period, rates) in enumerate(cases):
         case = settings(scenario, period, rates)
         time, found = fly_case(scenario, flight, case, seed, count)
+        for name, (error, deviation) in found.items():
+            warned += of_filter(f"{name}, {labels[i]}", time, error, deviation)
         _case(v, "" if i == 0 else f"/cases/{labels[i]}", labels[i], time, found, keep=i == 0)
         for w, name in enumerate(WINDOWS):
             inside = _window(scenario.circuit, name, time)
@@ -181,6 +186,7 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
         ("stored_decoupled", 5 * 3 + 6, "the same of the six groups"),
     ):
         v[f"/summary/{name}"] = Variable((), np.int64(value), "1", meaning)
+    v.update(kept(warned))
     return Result(root_attributes("atc-tracking", seed, scenario), v)
 
 

@@ -12,12 +12,14 @@ import numpy as np
 
 from navsim.core.kalman import singer
 from navsim.estimation.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
+from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
 from navsim.models.circuit import Flight, at, fly
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import DEG
 from navsim.scenario.circuit import CircuitSection
 from navsim.simulation.azimuth import Draws, Onboard, draw, nodes, reported, stamped
+from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
 from navsim.study.statistics import mean_interval
 
@@ -149,10 +151,13 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
     v["/period"] = Variable(("period",), np.array(periods), "s", "scan periods of the cases")
     v["/latency"] = Variable(("latency",), np.array(scenario.latencies_s), "s", "age of reports")
     tables, ratios, nis, sweep = [], [], [], []
+    warned: list[Finding] = []
     for i, period in enumerate(periods):
         draws = draw(seed, count, scenario.circuit.scans(period))
         case = scans(scenario, flight, period, draws, scenario.report.latency_s, scenario.radar.azimuth_sigma_deg)
         found = {name: _tuned(scenario, name, case) for name in (*FILTERS, *SOURCES)}
+        for name, errors in found.items():
+            warned += of_filter(f"{name}, T = {period:g} s", case.time, errors.error, errors.deviation)
         place = "" if i == 0 else f"/cases/T{period:g}"
         _case(v, place, case, found, keep=i == 0)
         masks = [window(scenario.circuit, name, case.time) for name in WINDOWS]
@@ -177,6 +182,7 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
     _model_errors(v, scenario, flight)
     if mapped(scenario):
         _maps(v, scenario, flight, seed, lambda n: done(len(periods) + n))
+    v.update(kept(warned))
     return Result(root_attributes("azimuth-tracking", seed, scenario), v)
 
 

@@ -12,10 +12,12 @@ import numpy as np
 
 from navsim.core.kalman import covariance_sequence, driven_covariance, singer_sigma, steady_state
 from navsim.estimation.elevation import Model, fly, follow, model
+from navsim.io.findings import CONSISTENT, Finding, kept
 from navsim.io.results import Result, Variable
 from navsim.models import mls
 from navsim.scenario.elevation import Elevation
 from navsim.simulation.streams import generator
+from navsim.study.findings import doubted, positive
 from navsim.study.root import root_attributes
 from navsim.study.statistics import chi_square_probability
 
@@ -273,7 +275,21 @@ def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[in
         ("verdict", [r.verdict for r in rows], "verdicts"),
     ):
         v[f"/audit/{name}"] = Variable(("statement",), np.array(words, dtype=object), "1", meaning)
+    v.update(kept(_findings(proof, section.steps, count * section.experiments)))
     return Result(root_attributes("mls-elevation", seed, scenario), v)
+
+
+def _findings(proof: Proof, steps: int, runs: int) -> list[Finding]:
+    """What the Monte Carlo says against the filter's covariance; errors within a run count as one."""
+    size = proof.covariance.shape[1]
+    out = []
+    bad = ~positive(proof.covariance) | ~np.isfinite(proof.mean_error).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad)) + 1
+        text = f"{bad.sum()} of {steps} covariances are not positive definite, the first at step {first}"
+        out.append(Finding("covariance_not_positive", text, (CONSISTENT,), int(bad.sum()), steps))
+    out += doubted("sigma_all_states", "errors of all states", proof.nees / size, size * runs, runs)
+    return out + doubted("innovations", "innovations", proof.nis, steps * runs, runs)
 
 
 def _approach(v: dict[str, Variable]) -> None:

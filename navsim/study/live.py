@@ -17,6 +17,7 @@ import numpy as np
 
 from navsim.core import states, wgs84
 from navsim.estimation.loosely_coupled import REJECTED
+from navsim.io.findings import Finding
 from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result, Variable
 from navsim.io.stream import Lines
@@ -28,6 +29,7 @@ from navsim.simulation.live import Increments, LiveFilter
 from navsim.simulation.signals import antenna_ecef
 from navsim.simulation.streams import generator
 from navsim.study import source_clock
+from navsim.study.findings import notes, of_flight
 from navsim.study.landing.case import Case
 from navsim.study.root import root_attributes
 
@@ -84,8 +86,6 @@ MOST_NIS = 100.0
 """Median normalised innovation squared per degree of freedom, ten sigmas, beyond which what was flown is no landing."""
 MOST_OFF = 10.0
 """Median distance of the fixes from the flight, in sigmas of a fix, beyond which they are not of this landing."""
-DOUBTED_NIS = 4.0
-"""Mean normalised innovation squared per degree of freedom, two sigmas, from which the user is warned."""
 _SPANS = 12
 """Spans in which the stream's shift along the track is taken, for their scatter; at least half must have fixes."""
 _SHORTEST_SPAN = 1.0
@@ -443,17 +443,17 @@ def failures(result: Result) -> list[str]:
     return out
 
 
-def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
-    """What of a run the user should hear about."""
-    out = []
+def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
+    """What of a run the user should hear about, beside `failures`."""
+    said = []
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
-        out.append(f"datagrams of other senders than the first were left out: {others}")
+        said.append(f"datagrams of other senders than the first were left out: {others}")
     if session.counts["corrupt"] > MANY_CORRUPT * session.counts["received"]:
-        out.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are no message")
+        said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are no message")
     for name in ("dropped", "contradicting", "no_separation"):
         if session.counts[name]:
-            out.append(f"{session.counts[name]} {COUNTS[name]}")
+            said.append(f"{session.counts[name]} {COUNTS[name]}")
     shift, sigma = float(result["/clock/shift"]), float(result["/clock/shift_sigma"])
     if (
         session.clock is not None
@@ -461,15 +461,13 @@ def warnings(session: Session, result: Result, lines: Lines) -> list[str]:
         and _explains(session, result, shift)
     ):
         periods = round(shift / session.period) * session.period
-        out.append(
+        said.append(
             f"along the track the fixes lie {abs(shift):.3f} s {'ahead of' if shift > 0.0 else 'behind'} the flight "
             f"(sigma {sigma:.3f} s), {abs(shift) / session.period:.1f} periods: lines lost before the first, or a "
             f"clock that is off? --start-time {session.clock.option(-periods)} takes it off"
         )
-    nis = float(result["/summary/nis"])
-    if nis > DOUBTED_NIS:
-        out.append(f"innovations are {np.sqrt(nis):.1f} times what the filter believes (NIS {nis:.3g}, 1 is due)")
-    return out
+    gate = session.case.scenario.filter.gate.probability
+    return [*notes(session.case.sky_warnings), *(Finding("stream", text) for text in said), *of_flight(result, gate)]
 
 
 def _explains(session: Session, result: Result, shift: float) -> bool:

@@ -24,7 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from navsim.core.dop import dops
 from navsim.core.wgs84 import llh_from_ecef
+from navsim.io.findings import Finding
 from navsim.models import timescales
 from navsim.models.kinematics import Motion
 from navsim.scenario.base import validated
@@ -35,7 +37,7 @@ from navsim.scenario.source import Problem as Complaint
 from navsim.scenario.sweep import HEIGHTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.simulation.signals import Environment, build_signals
-from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare
+from navsim.study.landing import Case, covariance_analysis, covariance_findings, covariance_summary, prepare
 from navsim.study.landing.case import (
     RMS_WINDOW,
     Ask,
@@ -73,7 +75,8 @@ class Problem:
     """An objective with its rules, and warnings about the sky.
 
     For an error of the filter: coarse, its quick judge; screens and features, what the geometry says of it (features:
-    (n, f) of placements (n, k, 2), finite). None and none for objectives of geometry.
+    (n, f) of placements (n, k, 2), finite); found, the findings of a placement (k, 2). None and none for objectives of
+    geometry.
     """
 
     study: Optimize
@@ -85,6 +88,7 @@ class Problem:
     coarse: Judge | None = None
     screens: tuple[Judge, ...] = ()
     features: Judge | None = None
+    found: Callable[[np.ndarray], list[Finding]] | None = None
 
     @property
     def flown(self) -> bool:
@@ -153,13 +157,15 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         place = document.place(("objective",))
         text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
         raise InputError([Complaint(place, "objective", f"{text}: {case.scenario.duration_s:g}")])
+    flight = _flight(case, end, case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz)
     return Problem(
         study, scenario, kept, geometry,
-        _flight(case, end, case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz).judge(study.objective, kept),
+        flight.judge(study.objective, kept),
         warnings,
         _flight(case, end, COARSE_FIXES, COARSE_IMU).judge(study.objective, kept),
         _screens(study.objective, geometry, epochs, end, kept),
         _features(geometry, epochs, end, kept),
+        partial(flight.findings, kept),
     )  # fmt: skip
 
 
@@ -284,6 +290,13 @@ class _Flight:
             return filter_outputs(covariance_summary(here, covariance_analysis(here)))[name]
 
         return lambda places: np.array([one(p) for p in places])
+
+    def findings(self, kept: Rules, places: np.ndarray) -> list[Finding]:
+        """What the covariance analysis of a placement (k, 2) finds."""
+        here = self.with_pseudolites(llh_from_ecef(kept.ground.ecef(places)))
+        signals = here.world.signals
+        here = replace(here, world=replace(here.world, dop=dops(signals.los, signals.clock)))
+        return covariance_findings(here, covariance_analysis(here))
 
     def with_pseudolites(self, llh: np.ndarray) -> Case:
         """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""

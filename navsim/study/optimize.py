@@ -12,8 +12,10 @@ from functools import partial
 import numpy as np
 
 from navsim.core.wgs84 import llh_from_ecef
+from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
 from navsim.scenario.load import resolved_yaml
+from navsim.study import findings as judging
 from navsim.study.journal import Journal
 from navsim.study.objective import UNSOLVED, Judge, Problem
 from navsim.study.partial import Arrays, code_key
@@ -333,8 +335,18 @@ def optimize_result(here: Problem, outcome: Outcome, seed: int) -> Result:
         ("pseudolites", "s", "l1"), np.stack([outcome.maps.get(c, unknown) for c in counts]), unit,
         f"{meaning}, the first pseudolite moved, the others kept{how}; nan where a rule is broken",
     )  # fmt: skip
+    v.update(kept(judging.notes(here.warnings) + _findings(here, outcome)))
     attributes = root_attributes(
         "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
         undone="; ".join(outcome.undone(study.pseudolites)),
     )  # fmt: skip
     return Result(attributes, v)
+
+
+def _findings(here: Problem, outcome: Outcome) -> list[Finding]:
+    """What the full analysis finds in the best placements; nothing in those judged by geometry."""
+    if here.found is None:
+        return []
+    counts = sorted(outcome.found)
+    marked = np.array([judging.marks(f.name for f in here.found(outcome.found[c].places)) for c in counts])
+    return judging.among(marked, "best placements", lambda i: named(counts[i]))

@@ -36,7 +36,11 @@ class PartialError(Exception):
 
 def code_key() -> dict[str, object]:
     """The part of every key that says which code the work was done by."""
-    return {"navsim_version": navsim.__version__, "kernels": digest()}
+    package = Path(navsim.__file__).parent
+    sources = hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):  # what a piece holds is decided by more than the kernels
+        sources.update(f"{source.relative_to(package)}\0".encode() + source.read_bytes())
+    return {"navsim_version": navsim.__version__, "kernels": digest(), "sources": sources.hexdigest()[:16]}
 
 
 class Store:

@@ -25,6 +25,7 @@ from navsim.core import states
 from navsim.estimation.loosely_coupled import KINDS, REJECTED, TFG
 from navsim.estimation.smoother import PASSES
 from navsim.io import files
+from navsim.io.findings import Finding, kept
 from navsim.io.recording import is_nmea, read_fixes, read_imu
 from navsim.io.results import Result, Variable
 from navsim.io.text import Dropped, FileError
@@ -36,6 +37,7 @@ from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
 from navsim.study.diagnosis import Log, diagnose
+from navsim.study.findings import notes, of_flight
 from navsim.study.root import root_attributes
 from navsim.study.statistics import gate_limits
 
@@ -412,25 +414,26 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         v[f"/tuning/{name}"] = Variable((), np.float64(value), unit, f"{name.replace('_', ' ')}, {said}")
     _summary(v, flight, flown)
     alignment = recording.alignment
-    return Result(
+    out = Result(
         root_attributes(
             "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
             alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
         ),
         v,
     )  # fmt: skip
+    v.update(kept(findings(recording, out, withheld)))
+    return out
 
 
-def findings(recording: Recording, result: Result) -> list[str]:
-    """What the user should hear about."""
-    out = list(recording.warnings)
+def findings(recording: Recording, result: Result, withheld: np.ndarray) -> list[Finding]:
+    """What the user should hear about; withheld: (e,) bool, fixes withheld by outages."""
+    out = notes(recording.warnings)
     flight = recording.flight(float(result["/tuning/latency"]))
     for first, length in flight.gaps:
-        out.append(f"no samples for {length:.3g} s from {flight.imu_time[first]:.3f} s on; the covariance was widened")
-    rejected = int(np.sum(result["/innovations/status"] == REJECTED))
-    if rejected:
-        out.append(f"{rejected} of {flight.arrival.size} fixes rejected by the gate")
-    return out
+        begin = float(flight.imu_time[first])
+        text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
+        out.append(Finding("gap", text, (), 1, 1, 1, begin))
+    return out + of_flight(result, recording.scenario.filter.gate.probability, withheld)
 
 
 def _spans(outage: Outage) -> list[tuple[float, float]]:

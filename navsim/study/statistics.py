@@ -29,6 +29,13 @@ def chi_square_exceedance(probability: float, degrees: int) -> float:
     return float(2.0 * gammainccinv(0.5 * degrees, probability)) if probability > 0.0 else np.inf
 
 
+def poisson_exceedance(count: int, expected: float) -> float:
+    """Chance of so many or more of what happens by chance with this expectation."""
+    from scipy.special import gammainc
+
+    return float(gammainc(count, expected)) if count else 1.0
+
+
 def gate_limits(probability: float) -> np.ndarray:
     """The largest normalised innovation squared that a gate lets pass, by the number of measurements (7,)."""
     return np.array([np.inf, *(chi_square_exceedance(probability, m) for m in range(1, 7))])

@@ -20,6 +20,7 @@ import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io import files
+from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
 from navsim.scenario.base import DEG, validated
@@ -32,7 +33,15 @@ from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, V
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.simulation.signals import Environment
 from navsim.study.ensemble import Ensemble, fly_all
-from navsim.study.landing import Case, covariance_analysis, covariance_summary, prepare, result
+from navsim.study.findings import LANDING, among, marks, notes, without_fix
+from navsim.study.landing import (
+    Case,
+    covariance_analysis,
+    covariance_findings,
+    covariance_summary,
+    prepare,
+    result,
+)
 from navsim.study.landing import fly_all as fly_landing
 from navsim.study.landing.case import environment, files_of, glide_epochs
 from navsim.study.partial import Arrays, PartialError, Store, code_key
@@ -44,6 +53,10 @@ NAME_FILES = ("sky", "sky.source", "sky.almanac", "sky.navigation", "sky.orbits"
 """Keys that say which files of satellites are read."""
 UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
+COMPUTED, INVALID, NO_FIX = range(3)
+OUTCOMES = ("computed", "no valid scenario", "no fix at all")
+"""What became of a combination."""
+_UNHEARD = list(LANDING).index("epochs_without_fix")
 
 
 @dataclass(frozen=True)
@@ -270,18 +283,24 @@ class SweepStudy:
         """Combinations first ... first + count - 1."""
         names = columns(self.plan.study)
         rows = {name: np.full(count, np.nan) for name in names}
+        rows["outcome"] = np.full(count, INVALID, np.int8)
+        rows["findings"] = np.zeros((count, len(LANDING)), bool)
         rows["site"] = np.full((count, MOST_MAP_SITES, 2), np.nan)
         if self.plan.geometry is not None:
             self._placements(first, count, self.plan.geometry, rows)
             return rows, {}, {}
         for i in range(count):
             try:
-                found, site = self._one(first + i)
+                found, site, what = self._one(first + i)
             except InputError:
                 continue  # not a valid scenario: nan
-            for name in names:
-                rows[name][i] = found[name]
             rows["site"][i] = self.plan.in_plan(site)
+            rows["findings"][i] = marks(f.name for f in what)
+            unfixed = without_fix(what)
+            rows["outcome"][i] = NO_FIX if unfixed else COMPUTED
+            if not unfixed:
+                for name in names:
+                    rows[name][i] = found[name]
         return rows, {}, {}
 
     def _placements(self, first: int, count: int, geometry: Geometry, rows: Arrays) -> None:
@@ -304,11 +323,14 @@ class SweepStudy:
             sites.append(site)
         for members, sites in groups.values():
             found = dop_outputs(geometry, np.array(sites))
+            solved = np.isfinite(found["pdop"])
+            rows["outcome"][members] = np.where(solved, COMPUTED, NO_FIX)
+            rows["findings"][members, _UNHEARD] = found["epochs_without_fix"] > 0.0
             for name in columns(self.plan.study):
-                rows[name][members] = found[name]
+                rows[name][members] = np.where(solved, found[name], np.nan)
 
-    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray]:
-        """The outputs of a combination and its sites, ECEF."""
+    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding]]:
+        """The outputs of a combination, its sites, ECEF, and what was found in its flights."""
         scenario, document = self.plan.scenario(self.plan.settings(index))
         method = self.plan.study.method
         case = prepare(scenario, document)
@@ -319,10 +341,14 @@ class SweepStudy:
         geometry = _geometry(case.scenario, case.trajectory, case.environment)
         out = {k: float(v[0]) for k, v in dop_outputs(geometry, site[None]).items()}
         if method == "covariance":
-            out |= filter_outputs(covariance_summary(case, covariance_analysis(case)))
+            analysis = covariance_analysis(case)
+            return out | filter_outputs(covariance_summary(case, analysis)), site, covariance_findings(case, analysis)
         if method == "monte-carlo":
-            out |= filter_outputs(_flown(case, self.plan.seed, self.plan.study.runs))
-        return out, site
+            flown = _flown(case, self.plan.seed, self.plan.study.runs)
+            return out | filter_outputs(flown), site, of(flown)
+        lost = int(out["epochs_without_fix"])
+        text = f"{lost} epochs of the glide without a fix"
+        return out, site, [Finding("epochs_without_fix", text, (FIX,), lost, len(geometry.receiver))] if lost else []
 
 
 def _flown(case: Case, seed: int, runs: int) -> Result:
@@ -419,6 +445,10 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         unit, meaning = describe(name)
         v[f"/sweep/{name}"] = Variable(dims, found.per_run(name).reshape(planned.shape), unit, meaning)
     _places(v, planned, found, dims)
+    outcome = found.per_run("outcome")
+    meaning = ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES))
+    v["/outcome/combination"] = Variable(dims, outcome.reshape(planned.shape), "1", meaning)
+    v.update(kept(_findings(planned, found, outcome)))
     attributes = root_attributes(
         "sweep",
         planned.seed,
@@ -428,9 +458,25 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         method=study.method,
         runs=study.runs if study.method == "monte-carlo" else 0,
         combinations=planned.size,
-        refused=int(np.sum(np.isnan(found.per_run(columns(study)[0])))),
+        refused=int(np.sum(outcome != COMPUTED)),
     )
     return Result(attributes, v)
+
+
+def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Finding]:
+    """What was found in how many combinations, which of them are nan, and what the input was warned of."""
+
+    def label(index: int) -> str:
+        return ", ".join(f"{key} {value}" for key, value in planned.settings(index).items())
+
+    out = notes(planned.warnings)
+    for number, against in ((INVALID, ()), (NO_FIX, (FIX,))):
+        some = outcome == number
+        if some.any():
+            text = f"{some.sum()} of {some.size} combinations are nan: {OUTCOMES[number]}"
+            said = f"{text}; the first: {label(int(np.argmax(some)))}"
+            out.append(Finding("refused", said, against, int(some.sum()), some.size))
+    return out + among(found.per_run("findings"), "combinations", label)
 
 
 def _column(values: list[Any]) -> np.ndarray:

@@ -14,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh
+from navsim.io.findings import kept
 from navsim.io.results import Result, Variable
 from navsim.scenario.load import read
 from navsim.scenario.shipped import path
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble
-from navsim.study.landing import Case, fly_all, prepare
+from navsim.study.findings import among, marks
+from navsim.study.landing import Case, findings, fly_all, prepare
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.root import root_attributes
 from navsim.study.statistics import rms_interval
@@ -91,7 +93,7 @@ class Computed:
 
     dops, weighted: (8, 3 PDOP HDOP VDOP, 3 mean smallest largest), unit weights, and sigmas of the fix over that of a
     satellite's range. sko: (8, 2) m. error: (8, 3) m value, low, high. time: (t,) s, pdop (3, t) and rms (3, t)
-    horizontal error, m, of `CURVES`.
+    horizontal error, m, of `CURVES`. found: (8, name) `findings.marks` of what was flown.
     """
 
     dops: np.ndarray
@@ -101,6 +103,7 @@ class Computed:
     time: np.ndarray
     pdop: np.ndarray
     rms: np.ndarray
+    found: np.ndarray
 
     def compared(self, calibration: Calibration) -> np.ndarray:
         """The DOPs (8, 3) to set beside the published ones."""
@@ -129,11 +132,12 @@ def compute(
     dops, sigmas = (
         np.stack([statistics(site[None])[0][:, :, 0] for site in sites]) for statistics in (here.dops, here.fix_sigmas)
     )
-    error, curves = np.empty((len(ROWS), 3)), []
+    error, curves, found = np.empty((len(ROWS), 3)), [], []
     for i, row in enumerate(ROWS):
         case = prepare(*read(path(calibration.name), row.assignments()))
         drawn = i in CURVES
         ensemble = fly_all(case, seed, 0, runs, workers, keep="errors" if drawn else "none")
+        found.append(marks(f.name for f in findings(case, ensemble)))
         error[i] = rms_interval(ensemble.per_run("mean_square")[:, :2])
         if drawn:
             curves.append(_curve(case, ensemble))
@@ -146,6 +150,7 @@ def compute(
         case.world.signals.time,
         np.array([c[0] for c in curves]),
         np.array([c[1] for c in curves]),
+        np.array(found),
     )
 
 
@@ -330,6 +335,8 @@ def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
     v["/approach/curve"] = Variable(("curve",), np.array(CURVES) + 1, "1", "case of the curve")
     v["/approach/pdop"] = Variable(("curve", "time"), first.pdop, "1", "PDOP, unit weights")
     v["/approach/rms_horizontal"] = Variable(("curve", "time"), first.rms, "m", "horizontal estimation error over runs")
+    cases = [f"calibration {c.letter}, case {row + 1}" for c in found for row in range(len(ROWS))]
+    v.update(kept(among(np.concatenate([c.found for c in found.values()]), "cases", cases.__getitem__)))
     least, printed_most = published_contradiction()
     attributes = root_attributes(
         "table2",

@@ -150,7 +150,7 @@ def test_signals_without_epochs_are_whole() -> None:
     """A flight shorter than a fix interval: warned of, not refused."""
     c = case(*BASE, "duration_s=0.5")
     assert c.world.signals.used.shape[0] == 0
-    assert "shorter than one fix interval" in landing.fix_findings(c)[-1]
+    assert "shorter than one fix interval" in landing.findings(c, landing.fly_all(c, 1, 0, 1, 1))[-1].text
 
 
 def test_corrections_of_listed_directions() -> None:

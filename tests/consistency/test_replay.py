@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from navsim.core.wgs84 import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.io import findings
 from navsim.io.results import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
@@ -80,7 +81,7 @@ def test_a_gap_is_bridged_with_a_covariance_that_knows_it(tmp_path: Path) -> Non
     (tmp_path / "imu.csv").write_text("\n".join(lines[:2500] + lines[2600:]) + "\n")  # 50 to 52 s
     recording = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none", "gnss.latency_s=0.12")))
     result = replay.compute(recording)
-    assert any("no samples for 2" in warning for warning in replay.findings(recording, result))
+    assert any("no samples for 2" in found.text for found in findings.of(result))
     position, _, attitude = errors(result, truth)
     t = result["/filter/time"]
     sigma = result["/filter/sigma"]

@@ -271,7 +271,7 @@ def flew(c: landing.Case, lines: list[str], start: str | None = None) -> tuple[S
     source = lines_of("\n".join(lines) + "\n")
     session.pump(source, 1.0)
     result = session.result()
-    return session, result, flying.warnings(session, result, source)
+    return session, result, [found.text for found in flying.findings(session, result, source)]
 
 
 def later(rows: list[str], seconds: float) -> list[str]:
@@ -452,7 +452,7 @@ def test_what_was_left_out_is_said(flown) -> None:  # type: ignore[no-untyped-de
     session.pump(source, 1.0)
     result = session.result()
     assert result["/stream/strangers"] == 5
-    assert flying.warnings(session, result, source) == [
+    assert [found.text for found in flying.findings(session, result, source)] == [
         "datagrams of other senders than the first were left out: udp://127.0.0.1:4001 (3), others (2)",
         "7 lines left out because they came faster than they were taken",
     ]

@@ -1,18 +1,23 @@
 """Landing studies: a scenario as models, Monte Carlo and covariance analysis of it, the result tree."""
 
-from navsim.study.landing.case import Case, fix_findings, prepare
-from navsim.study.landing.covariance import covariance_analysis, covariance_result, covariance_summary
+from navsim.study.landing.case import Case, prepare
+from navsim.study.landing.covariance import (
+    covariance_analysis,
+    covariance_findings,
+    covariance_result,
+    covariance_summary,
+)
 from navsim.study.landing.ensemble import default_workers, findings, fly_all, partial_key, stopping_rule
 from navsim.study.landing.result import result
 
 __all__ = [
     "Case",
     "covariance_analysis",
+    "covariance_findings",
     "covariance_result",
     "covariance_summary",
     "default_workers",
     "findings",
-    "fix_findings",
     "fly_all",
     "partial_key",
     "prepare",

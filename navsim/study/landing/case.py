@@ -58,7 +58,19 @@ class Case:
     gyro: Triad
     accel: Triad
     settings: FilterSettings
-    warnings: list[str] = field(default_factory=list)
+    sky_warnings: list[str] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the input has to be warned of: its sky, and a landing that does not end on the ground."""
+        touchdown = self.trajectory.path.events.get(TOUCHDOWN, -math.inf)
+        if touchdown <= self.scenario.duration_s:
+            return self.sky_warnings
+        return [
+            *self.sky_warnings,
+            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
+            f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined",
+        ]
 
     @property
     def ground(self) -> Ground:
@@ -222,12 +234,6 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = world_of(scenario, trajectory, sources)
-    touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
-    if touchdown > scenario.duration_s:
-        warnings.append(
-            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
-            f"(duration_s: {scenario.duration_s:g}); figures at touchdown are not defined"
-        )
     return Case(
         scenario,
         trajectory,
@@ -321,23 +327,6 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
         gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
     )
-
-
-def fix_findings(case: Case) -> list[str]:
-    """Warnings about the input and about epochs without a fix."""
-    out = list(case.warnings)
-    lost = np.isnan(case.world.dop[:, 1])
-    total = lost.size
-    if total == 0:
-        out.append("the simulation is shorter than one fix interval: the filter never gets a fix")
-    elif np.all(lost):
-        out.append(f"no fix at all: too few usable sources at each of the {total} epochs")
-    elif np.any(lost):
-        times = case.world.signals.time[lost]
-        out.append(
-            f"{lost.sum()} of {total} epochs without a fix, the first at {times[0]:g} s, the last at {times[-1]:g} s"
-        )
-    return out
 
 
 def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndarray:

@@ -8,10 +8,33 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.rotation import rpy_jacobian
+from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
 from navsim.simulation.landing_covariance import SOURCES, Analysis, analyse, folded_quantile
+from navsim.study.findings import (
+    BEYOND,
+    Flaws,
+    doubted,
+    notes,
+    positive,
+    tally,
+)
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
-from navsim.study.landing.ensemble import at_times, to_runway, turned_variances, variances_at_heights
+from navsim.study.landing.ensemble import (
+    FAR_OFF,
+    FOLLOWED,
+    GATED,
+    NO_VELOCITY,
+    NOT_POSITIVE,
+    UNHEARD,
+    UNSOLVED,
+    at_times,
+    of_fixes,
+    of_outputs,
+    to_runway,
+    turned_variances,
+    variances_at_heights,
+)
 from navsim.study.landing.tree import accuracy, base, belief
 
 BUDGET = (*SOURCES, "systematic")
@@ -57,7 +80,41 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
         ("source", "time", "state"), np.sqrt(square), mixed, "root mean square error from each source alone"
     )
     out.variables.update(covariance_summary(case, analysis).variables)
+    out.variables.update(kept(covariance_findings(case, analysis)))
     return out
+
+
+def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
+    """What was wrong with the input, with the fixes of the error-free flight and with what the filter would believe."""
+    none, e = analysis.degrees == 0, analysis.degrees.size
+    solvable = np.isfinite(case.world.dop[:, 1])
+    fixes = np.zeros((GATED + 1, e), bool)
+    fixes[UNHEARD], fixes[UNSOLVED] = none & ~solvable, none & solvable
+    fixes[NO_VELOCITY] = case.settings.with_velocity & (analysis.degrees == 3)
+    outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
+    rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]
+    believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
+    outputs[NOT_POSITIVE] = ~positive(analysis.believed)
+    outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
+    found = notes(case.warnings) + of_fixes(case, _one(fixes)) + of_outputs(case, _one(outputs))
+    if outputs[NOT_POSITIVE].any():
+        return found  # no normalised square is defined
+    for name, states_, words in (
+        ("sigma_position_velocity", slice(0, 6), "errors of position and velocity"),
+        ("sigma_all_states", slice(0, states.N), "errors of 15 states"),
+    ):
+        mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
+        found += doubted(name, words, mean, math.inf)
+    degrees = analysis.degrees.sum()
+    if degrees:
+        found += doubted("innovations", "innovations", float(np.nansum(analysis.nis)) / degrees, math.inf)
+    return found
+
+
+def _one(masks: np.ndarray) -> Flaws:
+    """Flaws of masks (flaw, index) as those of a single run."""
+    flaws = tally(masks)
+    return Flaws(flaws.count[None], flaws.first[None], flaws.last[None])
 
 
 def covariance_summary(case: Case, analysis: Analysis) -> Result:
@@ -137,10 +194,10 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
             ("time",), values, "1", f"expected per degree of freedom: normalised {meaning}",
             {"degrees_of_freedom": degrees},
         )  # fmt: skip
-    lost = int(np.sum(np.isnan(case.world.dop[:, 1])))
+    lost = int(np.sum(analysis.degrees == 0))
     for name, value, meaning in (
         ("runs", 0, "number of runs"),
-        ("fixes", case.world.dop.shape[0] - lost, "fixes"),
+        ("fixes", analysis.degrees.size - lost, "fixes"),
         ("epochs_without_fix", lost, "epochs without a fix"),
     ):
         v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)

@@ -15,19 +15,18 @@ import numpy as np
 from navsim.core import states
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.rotation import rpy_error, rpy_jacobian
-from navsim.estimation.loosely_coupled import REJECTED
+from navsim.estimation.loosely_coupled import NO_FIX, REJECTED
+from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
-from navsim.simulation.landing import (
-    Run,
-)
+from navsim.simulation.landing import Run
+from navsim.study import findings as judging
 from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
-from navsim.study.landing.case import Case, crossing_times, fix_findings, rms_window
+from navsim.study.findings import Flaws
+from navsim.study.landing.case import Case, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
-from navsim.study.statistics import (
-    rms_interval,
-)
+from navsim.study.statistics import rms_interval
 
 GROUPS = tuple(states.SLICES)
 """Groups of states that are judged by themselves."""
@@ -79,6 +78,11 @@ class LandingStudy:
         return rpy, rpy_jacobian(rpy)
 
     @cached_property
+    def solvable(self) -> np.ndarray:
+        """At which fix epochs the geometry has a solution (e,)."""
+        return np.isfinite(self.case.world.dop[:, 1])
+
+    @cached_property
     def crossings(self) -> list[float]:
         """Times at the decision heights, s."""
         return crossing_times(self.case)
@@ -95,6 +99,7 @@ class LandingStudy:
         for i in range(count):
             # one run at a time: holding all of a batch costs more in memory traffic than flying them
             run = self.case.fly(self.seed, first + i)
+            fixes, outputs = fix_flaws(run, self.solvable, self.case.settings.with_velocity), output_flaws(run)
             rows.append(
                 {
                     "mean_square": _mean_square(run.error[window]),
@@ -104,9 +109,12 @@ class LandingStudy:
                     "at_height": at_heights(self.case, crossings, run.error),
                     "at_variance": variances_at_heights(self.case, crossings, covariances(run, "position")),
                     "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
-                    "lost": np.sum(np.isnan(run.fix_llh[:, 0])),
-                    "rejected": np.sum(run.status == REJECTED),
-                    "broken": ~np.all(np.isfinite(run.nees)),
+                    **{f"fix_flaws_{part}": getattr(fixes, part) for part in _PARTS},
+                    **{f"output_flaws_{part}": getattr(outputs, part) for part in _PARTS},
+                    "nees_mean": np.float64(_finite_mean(run.nees[1:]) / states.N),
+                    "nees_position_velocity_mean": np.float64(_finite_mean(run.nees_position_velocity[1:]) / 6),
+                    "innovations": np.nansum(run.innovation_squared),
+                    "weighed": run.degrees.sum(),
                     "degrees": run.degrees.max(initial=0),
                     "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
                 }
@@ -182,17 +190,98 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def findings(case: Case, ensemble: Ensemble) -> list[str]:
-    """Warnings about what happened, beside those about the input."""
-    out = fix_findings(case)
-    rejected = int(ensemble.per_run("rejected").sum())
-    if rejected:
-        share = f" of {ensemble.runs} runs" if ensemble.runs > 1 else ""
-        out.append(f"{rejected} fixes{share} were rejected by the innovation gate")
-    broken = int(ensemble.per_run("broken").sum())
-    if broken:
-        out.append(f"the filter's covariance lost positive definiteness in {broken} of {ensemble.runs} runs")
+_PARTS = tuple(Flaws.__dataclass_fields__)
+UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED = range(5)
+"""Flaws of a fix epoch: too few usable sources; sources enough but no solution of the least squares; a position without
+the velocity the filter wants; a fix that could not be weighed; one that the gate rejected."""
+NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
+"""Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
+beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose
+the filter knows them worse than it believes in some runs in a hundred (docs/filter.md)."""
+FOLLOWED = slice(0, 6)
+"""States whose errors and sigmas follow the fixes: position and velocity."""
+
+
+def fix_flaws(run: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
+    """Flaws of the fix epochs of a run. solvable: (e,) where the geometry has a solution."""
+    none = np.isnan(run.fix_llh[:, 0])
+    masks = np.empty((5, none.size), bool)
+    masks[UNHEARD], masks[UNSOLVED] = none & ~solvable, none & solvable
+    masks[NO_VELOCITY] = with_velocity & ~none & np.isnan(run.fix_velocity[:, 0])
+    masks[UNWEIGHED] = ~none & (run.status == NO_FIX)
+    masks[GATED] = run.status == REJECTED
+    return judging.tally(masks)
+
+
+def output_flaws(run: Run) -> Flaws:
+    """Flaws of the filter's outputs of a run."""
+    masks = np.zeros((3, run.nees.size), bool)
+    # no error is more sigmas off than the root of a normalised square it is in, and one is finite only with the rest
+    if np.isfinite(run.nees).all() and run.nees_position_velocity.max() <= judging.BEYOND**2:
+        return judging.tally(masks)
+    finite = np.isfinite(run.error).all(axis=1)
+    masks[NOT_FINITE] = ~finite
+    masks[NOT_POSITIVE] = finite & ~np.isfinite(run.nees)
+    masks[FAR_OFF] = (np.abs(run.error[:, FOLLOWED]) > judging.BEYOND * run.sigma[:, FOLLOWED]).any(axis=1)
+    return judging.tally(masks)
+
+
+def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
+    """What was wrong with the input and with what was flown."""
+    fixes, outputs = (
+        Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in _PARTS)) for which in ("fix", "output")
+    )
+    runs = ensemble.runs
+    out = judging.notes(case.warnings)
+    out += of_fixes(case, fixes)
+    epochs = case.world.signals.time
+    fixed, probability = int(ensemble.per_run("fixes").sum()), case.scenario.filter.gate.probability
+    out += judging.rejections(judging.spread(fixes, GATED, epochs), fixed, probability, runs)
+    out += of_outputs(case, outputs)
+    mean = _finite_mean(ensemble.per_run("nees_position_velocity_mean"))
+    out += judging.doubted("sigma_position_velocity", "errors of position and velocity", mean, 6 * runs, runs)
+    if runs > 1:  # of the lower half of runs: the few with a wrong heading are known, see `FAR_OFF`
+        half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
+        out += judging.doubted("sigma_all_states", "errors of 15 states in half of the runs", half, 15 * runs, runs)
+    weighed = int(ensemble.per_run("weighed").sum())
+    if weighed:
+        mean = float(ensemble.per_run("innovations").sum()) / weighed
+        out += judging.doubted("innovations", "innovations", mean, weighed, runs)
     return out
+
+
+def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
+    """Findings about fixes that are not there; flaws (run, flaw), see `UNHEARD`."""
+    epochs = case.world.signals.time
+    if not epochs.size:
+        text = "the simulation is shorter than one fix interval: the filter never gets a fix"
+        return [Finding("no_fix", text, (FIX,))]
+    names = {UNHEARD: "epochs_without_fix", UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
+             UNWEIGHED: "unweighed_fixes"}  # fmt: skip
+    return _spreads(flaws, names, epochs)
+
+
+def of_outputs(case: Case, flaws: Flaws) -> list[Finding]:
+    """Findings about the filter's outputs; flaws (run, flaw), see `NOT_FINITE`."""
+    names = {NOT_FINITE: "not_finite", NOT_POSITIVE: "covariance_not_positive", FAR_OFF: "errors_beyond_sigma"}
+    return _spreads(flaws, names, case.world.filter_time)
+
+
+def _spreads(flaws: Flaws, names: dict[int, str], time: np.ndarray) -> list[Finding]:
+    """Findings of flaws (run, flaw) by their names, at times (index,), s."""
+    runs = flaws.count.shape[0]
+    spreads = ((name, judging.spread(flaws, which, time)) for which, name in names.items())
+    return [
+        judging.counted(name, found.count, runs * time.size, found.first, found.last, found.runs, runs)
+        for name, found in spreads
+        if found
+    ]
+
+
+def _finite_mean(values: np.ndarray) -> float:
+    """Mean of what is finite; nan where nothing is."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else math.nan
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

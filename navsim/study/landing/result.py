@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.core import states
+from navsim.io.findings import kept
 from navsim.io.results import Result, Stream, Variable
 from navsim.scenario.sky import CLOCKS
 from navsim.simulation.landing import (
@@ -14,7 +15,7 @@ from navsim.simulation.landing import (
 )
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
-from navsim.study.landing.ensemble import GROUPS, LEVELS
+from navsim.study.landing.ensemble import GATED, GROUPS, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, base, belief
 from navsim.study.statistics import (
     SIGMA_TOLERANCE,
@@ -43,6 +44,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     if keep != "none":
         _filter(v, case.world, ensemble)
     _summary(v, case, ensemble)
+    v.update(kept(findings(case, ensemble)))
     return out
 
 
@@ -208,6 +210,12 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     for name, value, meaning in (
         ("runs", runs, "number of runs"),
         ("fixes", int(ensemble.per_run("fixes").sum()), "fixes of all runs"),
-        ("epochs_without_fix", int(ensemble.per_run("lost").sum()), "epochs of all runs without a fix"),
+        ("epochs_without_fix", _flaws(ensemble, UNHEARD, UNSOLVED), "epochs of all runs without a fix"),
+        ("rejected", _flaws(ensemble, GATED), "fixes of all runs rejected by the gate"),
     ):
         v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
+
+
+def _flaws(ensemble: Ensemble, *which: int) -> int:
+    """How often these flaws of fix epochs happened in all runs."""
+    return int(ensemble.per_run("fix_flaws_count")[:, which].sum(dtype=np.int64))

@@ -1,0 +1,69 @@
+"""What of a study its user must hear about, as it is kept in `/findings` of the result.
+
+A finding is a warning with counts. It goes to standard error when the study is done, and into the result, so that
+whoever opens the file later hears the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.io.results import Result, ResultError, Variable
+
+FIX, CONSISTENT = "fix", "consistent"
+"""What a finding speaks against: that there are fixes (`--require-fix`), that the filter is consistent
+(`--require-consistent`)."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A warning. count: how many of `of` (fixes, outputs, runs, combinations) it is about, in how many runs; first:
+    time of the first of them, s, nan where it has none. All 0 and nan for one without counts."""
+
+    name: str
+    text: str
+    against: tuple[str, ...] = ()
+    count: int = 0
+    of: int = 0
+    runs: int = 0
+    first: float = math.nan
+
+
+def kept(found: list[Finding]) -> dict[str, Variable]:
+    """The group `/findings` of a result."""
+
+    def column(values: list[object], kind: type, units: str, meaning: str) -> Variable:
+        return Variable(("finding",), np.array(values, dtype=kind), units, meaning)
+
+    return {
+        "/findings/finding": column([f.name for f in found], object, "1", "names of what the user must hear about"),
+        "/findings/text": column([f.text for f in found], object, "1", "what was found"),
+        "/findings/against": column(
+            [", ".join(f.against) for f in found], object, "1", "what it speaks against: fix, consistent, or neither"
+        ),
+        "/findings/count": column([f.count for f in found], np.int64, "1", "how many it is about"),
+        "/findings/of": column([f.of for f in found], np.int64, "1", "of how many"),
+        "/findings/runs": column([f.runs for f in found], np.int64, "1", "in how many runs"),
+        "/findings/first": column(
+            [f.first for f in found], np.float64, "s", "time of the first, nan where it has none"
+        ),
+    }
+
+
+def of(result: Result) -> list[Finding]:
+    """The findings kept in a result; none in one of an earlier version. Raises ResultError for a damaged group."""
+    if "/findings/finding" not in result:
+        return []
+    names = ("finding", "text", "against", "count", "of", "runs", "first")
+    try:
+        columns = [np.atleast_1d(result[f"/findings/{name}"]) for name in names]
+        return [
+            Finding(str(name), str(text), tuple(str(against).split(", ")) if against else (), int(count), int(total),
+                    int(runs), float(first))
+            for name, text, against, count, total, runs, first in zip(*columns, strict=True)
+        ]  # fmt: skip
+    except (KeyError, ValueError, TypeError) as error:
+        raise ResultError(f"/findings is damaged ({error})") from None
