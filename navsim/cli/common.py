@@ -213,7 +213,7 @@ def begin(target: Path) -> None:
     except OSError as error:
         say(f"warning: {target} cannot be locked ({error.strerror or error}): let no other process write it")
     else:
-        clean(target)
+        clean(target, owned=True)
     if not jit.is_warm():
         say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
 

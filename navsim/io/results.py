@@ -10,12 +10,10 @@ attribute `checksums` says so: a file that lost them is damaged, one of an earli
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import itertools
 import os
 import re
-import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -27,6 +25,7 @@ import numpy as np
 
 from navsim.io import files
 from navsim.io.seal import Damaged, blocks, seal
+from navsim.io.whole import clean, destination, replacing, write_whole
 
 if TYPE_CHECKING:
     from navsim.io.hdf5 import Dataset, Tree
@@ -150,7 +149,7 @@ ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 def check_writable(path: Path) -> None:
     """Raise ResultError, before any work is done, where `path` could not be written."""
     try:
-        _target(path)
+        destination(path)
     except IsADirectoryError:
         raise ResultError(f"{path}: this is a folder; the result needs a file name") from None
     except NotADirectoryError:
@@ -160,7 +159,7 @@ def check_writable(path: Path) -> None:
     folder = path.parent
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=_target(path).parent):
+        with tempfile.TemporaryFile(dir=destination(path).parent):
             return
     except FileExistsError:
         raise ResultError(f"{folder}: is a file, not a folder") from None
@@ -168,40 +167,11 @@ def check_writable(path: Path) -> None:
         raise ResultError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
 
 
-def _target(path: Path) -> Path:
-    """The file that is written for `path`: behind symbolic links, which stay. Raises OSError for what is no file."""
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        mode = stat.S_IFREG
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "it is a pipe, a device or a socket; a file is needed")
-    return Path(os.path.realpath(path))
-
-
-@contextlib.contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A name beside `path` to write a file under, which takes the place of `path` when all went well; it is on the
-    disk by then. Raises OSError."""
-    target = _target(path)
-    temporary = target.with_name(f".{target.name[:50]}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    finally:
-        with contextlib.suppress(OSError):  # it is not there any more, or what went wrong is being told
-            temporary.unlink(missing_ok=True)
-
-
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file whole or not at all. Raises ResultError."""
     try:
-        with _replacing(path) as temporary:
-            temporary.write_bytes(content)
+        clean(path, owned=False)
+        write_whole(path, content)
     except OSError as error:
         raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -230,20 +200,18 @@ def write(path: Path, result: Result) -> None:
     """
     size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
-        with _replacing(path) as temporary:
-            if size < IN_MEMORY:
-                image = _image(result)
-                with open(temporary, "wb") as file:
-                    file.write(image)
-                    file.write(seal(blocks(image)))
-            else:
-                _claim(temporary, int(1.05 * size + IN_MEMORY))
-                import h5netcdf
+        if size < IN_MEMORY:
+            image = _image(result)
+            write_whole(path, image, seal(blocks(image)))
+            return
+        import h5netcdf
 
-                with h5netcdf.File(temporary, "w") as tree:
-                    _fill(tree, result)
-                with open(temporary, "r+b") as file:
-                    file.write(seal(blocks(file)))
+        with replacing(path) as temporary:
+            _claim(temporary, int(1.05 * size + IN_MEMORY))
+            with h5netcdf.File(temporary, "w") as tree:
+                _fill(tree, result)
+            with open(temporary, "r+b") as file:
+                file.write(seal(blocks(file)))
     except OSError as error:
         reason = error.strerror or str(error)
         raise ResultError(f"{path}: cannot be written: {reason}; an earlier result there is untouched") from None

@@ -4,35 +4,73 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import fcntl
+import glob
 import os
 import shutil
 import socket
+import stat
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 _GONE = ".gone"
 """How the name of a folder ends that is being deleted."""
+_TEMPORARY = ".tmp"
+"""How the name of a file ends that is being written."""
+_LONG = 60
+"""Most characters of a name that stand in a temporary one."""
 
 
 class Occupied(Exception):
     """Another process works on the same output."""
 
 
-def write_whole(path: Path, *pieces: bytes | memoryview) -> None:
-    """Write a file under a temporary name beside `path`, see it on the disk, rename it. Raises OSError."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+def destination(path: Path) -> Path:
+    """The file that is written for `path`: behind symbolic links, which stay. Raises OSError for what is no file."""
     try:
-        with open(temporary, "wb") as file:
-            for piece in pieces:
-                file.write(piece)
-            file.flush()
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        mode = stat.S_IFREG
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is a pipe, a device or a socket; a file is needed")
+    return Path(os.path.realpath(path))
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A name to write a file under, which takes the place of `path` when all went well; it is on the disk by then.
+
+    Raises OSError.
+    """
+    target = destination(path)
+    temporary = target.with_name(f"{_stem(target)}{os.getpid()}{_TEMPORARY}")
+    try:
+        yield temporary
+        with open(temporary, "rb") as file:
             os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):  # what went wrong before is what is told
+        os.replace(temporary, target)
+    finally:
+        with contextlib.suppress(OSError):  # it is not there any more, or what went wrong is being told
             temporary.unlink(missing_ok=True)
-        raise
+
+
+def write_whole(path: Path, *pieces: bytes | memoryview) -> None:
+    """Write a file whole or not at all. Raises OSError."""
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        for piece in pieces:
+            file.write(piece)
+
+
+def _stem(target: Path) -> str:
+    """How temporary names for a file begin; a long name is cut, for names have a limit (255 bytes, usually)."""
+    name = target.name
+    if len(name) > _LONG:
+        name = f"{name[: _LONG - 9]}-{zlib.crc32(name.encode(errors='surrogateescape')):08x}"
+    return f".{name}."
 
 
 def discard(folder: Path) -> None:
@@ -48,12 +86,28 @@ def discard(folder: Path) -> None:
     shutil.rmtree(gone, ignore_errors=True)
 
 
-def clean(path: Path) -> None:
-    """Delete what killed processes left of their work on `path`; only its `locked` owner may."""
-    for leftover in path.parent.glob(f".{path.name}.*.tmp"):
-        leftover.unlink(missing_ok=True)
-    for leftover in path.parent.glob(f"{path.name}.partial.*{_GONE}"):
-        shutil.rmtree(leftover, ignore_errors=True)
+def clean(path: Path, *, owned: bool) -> None:
+    """Delete what killed processes left of their work on `path`. Raises OSError for what is no file.
+
+    owned: whether the caller has `locked` it, so that nobody is at work there; else what living processes write stays.
+    """
+    target = destination(path)
+    for leftover in target.parent.glob(f"{glob.escape(_stem(target))}*{_TEMPORARY}"):
+        if owned or _is_dead(leftover.name.split(".")[-2]):
+            leftover.unlink(missing_ok=True)
+    if owned:
+        for leftover in path.parent.glob(f"{glob.escape(path.name)}.partial.*{_GONE}"):
+            shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _is_dead(process: str) -> bool:
+    try:
+        os.kill(int(process), 0)
+    except (ProcessLookupError, ValueError, OverflowError):
+        return True
+    except PermissionError:
+        pass  # somebody else's
+    return False
 
 
 @contextlib.contextmanager
@@ -62,7 +116,8 @@ def locked(path: Path) -> Iterator[None]:
 
     The lock is the kernel's, on a file beside `path`, so it ends with its process, however that ends.
     """
-    lock = path.with_name(f".{path.name}.lock")
+    target = destination(path)
+    lock = target.with_name(f".{target.name}.lock")
     while True:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:

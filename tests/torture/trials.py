@@ -1,0 +1,235 @@
+"""The trials by seed, each of which tells what it did and what was wrong; the tests take few, `make torture` many."""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+import shutil
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+
+from navsim.io.results import ResultError, read
+from navsim.scenario.load import KINDS
+from tests.conftest import SCENARIOS
+from tests.torture import flips, mutants, studies
+from tests.torture.commands import HANG_S, MOST_MB, Commands
+from tests.torture.steps import FULL, KILL
+
+WARM = (
+    *(("validate", file) for file in sorted(SCENARIOS.glob("*.yaml"))),
+    *((*words, "--force") for words in studies.STUDIES.values()),
+)
+"""What the forks are to find loaded."""
+
+
+@dataclass
+class Tally:
+    """What trials of one sort have shown. ended: how many in which way. wrong: what must not be: (what, how)."""
+
+    ended: Counter[str] = field(default_factory=Counter)
+    wrong: list[tuple[str, str]] = field(default_factory=list)
+    slowest_s: float = 0.0
+    peak_mb: float = 0.0
+
+    def add(self, what: str, ended: str, wrong: str | None) -> None:
+        self.ended[ended] += 1
+        if wrong is not None:
+            self.wrong.append((what, wrong))
+
+    @property
+    def count(self) -> int:
+        return sum(self.ended.values())
+
+    def took(self, seconds: float, peak_mb: float) -> None:
+        self.slowest_s, self.peak_mb = max(self.slowest_s, seconds), max(self.peak_mb, peak_mb)
+
+
+def sources() -> dict[str, bytes]:
+    """The shipped scenarios and studies."""
+    return {path.name: path.read_bytes() for path in sorted(SCENARIOS.glob("*.yaml"))}
+
+
+def scenario_folder(folder: Path) -> Path:
+    """The shipped files, where mutants of them find what they name, and strange ones beside them."""
+    shutil.copytree(SCENARIOS, folder)
+    mutants.strange_files(folder)
+    return folder
+
+
+def mutated(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+    """`validate` of mutants: refused with a place, or in order by the published schema."""
+    tally = Tally()
+    schemas = {kind: jsonschema.Draft202012Validator(section.model_json_schema()) for kind, section in KINDS.items()}
+    for mutant in islice(mutants.mutants(sources(), seed), count):
+        (folder / mutants.NAME).write_bytes(mutant.text)
+        done = commands.run("validate", mutants.NAME, cwd=folder, limit_s=HANG_S)
+        wrong = done.failure((0, 2))
+        if wrong is None and done.code == 0:
+            wrong = _breaks(mutant.data, schemas)
+        tally.took(done.seconds, done.peak_mb)
+        tally.add(f"{mutant.of}: {mutant.note}", {0: "accepted", 2: "refused"}.get(done.code, "else"), wrong)
+    return tally
+
+
+def _breaks(data: Any, schemas: dict[str, Any]) -> str | None:
+    """What an accepted file breaks: a number that is none, or the published schema."""
+    if data is None:
+        return None
+    if not _finite(data):
+        return "accepted with a number that is not finite"
+    checker = schemas.get(data.get("kind")) if isinstance(data, dict) else None
+    if checker is None:
+        return "accepted without a kind that there is"
+    errors = [
+        f"{'.'.join(map(str, error.absolute_path))}: {error.message[:100]}" for error in checker.iter_errors(data)
+    ]
+    return f"accepted against its schema: {errors[0]}" if errors else None
+
+
+def _finite(node: Any) -> bool:
+    if isinstance(node, (dict, list)):
+        return all(map(_finite, node.values() if isinstance(node, dict) else node))
+    return not isinstance(node, float) or math.isfinite(node)
+
+
+SHORTER = {
+    "landing": ("--set", "duration_s=2"),
+    "mls-elevation": ("--set", "montecarlo.experiments=3"),
+    "atc-tracking": ("--runs", "5"),
+    "azimuth-tracking": ("--runs", "5", "--set", "map.runs=0"),
+    "optimize": ("--set", "effort=1", "--set", "pseudolites=[1]"),
+    "sweep": ("--set", "vary.1.grid.count=4", "--set", "vary.2.grid.count=4"),
+    "replay": ("--set", "tuning=none"),
+}
+"""Settings that make the shipped files quick."""
+VERBS = {"sweep": "sweep", "optimize": "optimize", "replay": "replay"}
+_SOON = re.compile(r": (?:at most )?about ([123]) s on .*?about ([0-9.]+) MB of memory")
+"""An estimate of up to 3 s, which holds within a factor of three."""
+
+
+def computed(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+    """Mutants computed until `count` were: those that say they take long are not, the others end in time with a result
+    that can be read."""
+    tally = Tally()
+    draw = random.Random(seed)
+    kinds = {name: yaml_kind(text) for name, text in sources().items()}
+    for mutant in mutants.mutants(sources(), seed):
+        if tally.count - tally.ended["refused"] >= count:
+            break
+        (folder / mutants.NAME).write_bytes(mutant.text)
+        kind = kinds[mutant.of]
+        short = SHORTER[kind] if draw.random() < 0.7 else ()
+        words = (VERBS.get(kind, "run"), mutants.NAME, "-o", "r.h5", "-q", *short)
+        what = f"{mutant.of}: {mutant.note}"
+        planned = commands.run(*words, "--dry-run", cwd=folder, limit_s=HANG_S)
+        tally.took(planned.seconds, planned.peak_mb)
+        wrong = planned.failure()
+        estimate = _SOON.search(planned.err)
+        if wrong or planned.code != 0:
+            tally.add(what, "refused", wrong and f"--dry-run: {wrong}")
+            continue
+        if estimate is None or float(estimate[2]) > MOST_MB / 2:
+            tally.add(what, "told to be long", None)
+            continue
+        done = commands.run(*words, "--figures", "none", cwd=folder, limit_s=HANG_S)
+        tally.took(done.seconds, done.peak_mb)
+        wrong = done.failure()
+        if wrong is None and done.code == 0:
+            wrong = _unreadable(folder / "r.h5")
+        tally.add(what, {0: "computed", 2: "refused", 3: "no result"}.get(done.code, "else"), wrong)
+        (folder / "r.h5").unlink(missing_ok=True)
+        (folder / "r.csv").unlink(missing_ok=True)
+        shutil.rmtree(folder / "r.h5.partial", ignore_errors=True)
+    return tally
+
+
+def yaml_kind(text: bytes) -> str:
+    """The kind of a shipped file."""
+    found = re.search(rb"^kind: (\S+)", text, re.MULTILINE)
+    return found[1].decode() if found else "landing"
+
+
+def _unreadable(file: Path) -> str | None:
+    try:
+        read(file)
+    except ResultError as error:
+        return f"success, and its result cannot be read: {error}"
+    return None
+
+
+def killed(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+    """Studies killed at drawn steps (within writing and --fresh too), resumed and compared."""
+    tally = Tally()
+    draw = random.Random(seed)
+    known = Known(commands, folder / "undisturbed")
+    for _ in range(count):
+        name = draw.choice(sorted(studies.STUDIES))
+        mine, other = known.get(name), known.get(name, "--set", "title=another")
+        place = folder / "place"
+        if name in studies.RESUMED and draw.random() < 0.4:
+            first, second = draw.randint(1, other.steps), draw.randint(1, min(other.steps, 12))
+            wrong = studies.adopted(commands, mine, other, place, first, second)
+            tally.add(f"{name}: killed at {first}, anew at {second}", "killed, begun anew, killed", wrong)
+        else:
+            at = draw.randint(1, mine.steps)
+            more = ("--fresh",) if name in studies.RESUMED and draw.random() < 0.3 else ()
+            wrong = studies.disturbed(
+                commands, mine, known.folder(name, "--set", "title=another"), place, KILL, at, *more
+            )
+            tally.add(f"{name}: killed at {at} {' '.join(more)}", "killed and resumed", wrong)
+    return tally
+
+
+def filled(
+    commands: Commands, folder: Path, seed: int, count: int, names: tuple[str, ...] = tuple(studies.STUDIES)
+) -> Tally:
+    """Studies under a disk that is full from a step on, each step in turn up to `count` of a study, then drawn."""
+    tally = Tally()
+    draw = random.Random(seed)
+    known = Known(commands, folder / "undisturbed")
+    for name in names:
+        mine, before = known.get(name), known.folder(name, "--set", "title=another")
+        for at in studies.moments(mine.steps, count, draw):
+            wrong = studies.disturbed(commands, mine, before, folder / "place", FULL, at)
+            tally.add(f"{name}: full from step {at} of {mine.steps}", name, wrong)
+    return tally
+
+
+class Known:
+    """Undisturbed studies, each computed once."""
+
+    def __init__(self, commands: Commands, folder: Path) -> None:
+        self._commands, self._folder = commands, folder
+        self._known: dict[tuple[object, ...], studies.Undisturbed] = {}
+
+    def folder(self, name: str, *more: object) -> Path:
+        """Where the result of one lies."""
+        self.get(name, *more)
+        return self._folder / str(list(self._known).index((name, *more)))
+
+    def get(self, name: str, *more: object) -> studies.Undisturbed:
+        key = (name, *more)
+        if key not in self._known:
+            place = self._folder / str(len(self._known))
+            self._known[key] = studies.Undisturbed(self._commands, name, place, *more)
+        return self._known[key]
+
+
+def damaged(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+    """A result with flipped bytes, looked at."""
+    tally = Tally()
+    (folder / "sound").mkdir(parents=True)
+    (folder / "place").mkdir()
+    made = commands.run(*studies.STUDIES["landing with figures"], "-o", "r.h5", cwd=folder / "sound")
+    if made.code != 0:
+        raise RuntimeError(made.err)
+    looked = flips.flipped(commands, folder / "sound" / "r.h5", folder / "place", seed)
+    for what, wrong, refused in islice(looked, count):
+        tally.add(what, "refused" if refused else "the same as of the sound file", wrong)
+    return tally
