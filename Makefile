@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: run test lint docs table2 calibrate validate bench clean
+.PHONY: run test lint docs table2 calibrate validate torture bench clean
 
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
@@ -26,7 +26,11 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/covariance_matrix.py
 	$(BIN)/python scripts/filter_consistency.py
 	$(BIN)/python scripts/recorded_approach.py
+	$(BIN)/python -m pytest -n 2 --long
 	$(BIN)/python -m pytest tests/product/test_documented_commands.py --as-written
+
+torture: $(STAMP)        ## mutants, kills, full disks, damaged files with ten fresh seeds, for hours: docs/reliability.md
+	$(BIN)/python -m tests.torture
 
 lint: $(STAMP)           ## style and types
 	$(BIN)/ruff check .

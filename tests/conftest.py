@@ -36,7 +36,15 @@ def oracles(shared: Path) -> dict[str, Any]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--validation", metavar="FILE", help="write the table of oracle tests to FILE")
+    parser.addoption("--long", action="store_true", help="run the tests marked long, and no others")
     parser.addoption("--as-written", action="store_true", help="run documented commands with their own run counts")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Tests marked long are for `make validate`."""
+    wanted = [item for item in items if bool(item.get_closest_marker("long")) == config.getoption("--long")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in wanted])
+    items[:] = wanted
 
 
 Row = tuple[str, int, list[str]]

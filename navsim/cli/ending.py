@@ -94,6 +94,9 @@ def ends() -> Iterator[None]:
         if _came and not isinstance(left, _Told) and left.code == 128 + signal.SIGINT:
             _leave_for_signal()  # typer caught it before a command had begun, and says nothing
         raise
+    except MemoryError:
+        say("error: there is too little memory; --dry-run tells how much is needed")
+        sys.exit(RUN_FAILED)
     except Defect as error:
         say(f"error: {error}")
         sys.exit(RUN_FAILED)

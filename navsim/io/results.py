@@ -284,7 +284,8 @@ def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
     if not data.shape or 0 in data.shape:
         return {}
     most = max(1, CHUNK_BYTES // (data.dtype.itemsize * int(np.prod(data.shape[1:]))))
-    rows = min(most, data.shape[0])
+    chunks = -(-data.shape[0] // most)
+    rows = -(-data.shape[0] // chunks)  # of even size, for the last takes as much space as the others
     if isinstance(data, Stream):
         rows = next(n for n in range(min(rows, max(1, first.shape[0])), 0, -1) if first.shape[0] % n == 0)
     return {"chunks": (rows, *data.shape[1:]), "fletcher32": True}

@@ -11,8 +11,6 @@ from navsim.scenario.base import DEG, Pair, Section, Signed, Triple, list_of
 if TYPE_CHECKING:
     from navsim.models.circuit import Circuit
 
-MOST_SCANS = 1e11
-"""Where scans are no longer counted: no machine holds them."""
 Command = Triple
 """Start s, duration s, increment."""
 
@@ -44,8 +42,8 @@ class CircuitSection(Section):
     straight_s: list_of(Pair) = ((60.0, 160.0),)  # type: ignore[valid-type]
 
     def scans(self, period: float) -> int:
-        """Number of scans of this period, s, within the circuit; a period that is next to nothing gives MOST_SCANS."""
-        return int(min(self.duration_s / period + 1e-9, MOST_SCANS)) + 1
+        """Number of scans of this period, s, within the circuit."""
+        return int(self.duration_s / period + 1e-9) + 1
 
     def circuit(self) -> Circuit:
         """The circuit in SI units."""

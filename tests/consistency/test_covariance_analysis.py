@@ -12,6 +12,7 @@ from navsim.core import states
 from navsim.simulation import landing_covariance
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.simulation.signals import build_signals
+from navsim.study.ensemble import Ensemble
 from navsim.study.landing import Case, covariance_analysis, covariance_result, default_workers, fly_all
 from tests.helpers import case
 
@@ -23,25 +24,29 @@ MISTUNED = (
 )
 
 
-def ratios(flown: Case, runs: int, first: int, count: int) -> np.ndarray:
-    """RMS over runs divided by the predicted one, at every 10 s, of `count` states."""
-    error = fly_all(flown, 1, 0, runs, default_workers())["error"]
+def ratios(flown: Case, flights: Ensemble) -> np.ndarray:
+    """RMS over runs divided by the predicted one, at every 10 s, of position and velocity."""
+    error = flights["error"]
     at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
     analysis = covariance_analysis(flown)
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
     measured = np.sqrt(np.mean(error**2, axis=0))
-    return (measured[at] / predicted[at])[:, first : first + count]
+    return (measured[at] / predicted[at])[:, states.POS : states.POS + 6]
 
 
 @pytest.mark.parametrize("settings", [(), MISTUNED], ids=["matched", "mistuned"])
-def test_two_thousand_runs_agree(settings: tuple[str, ...]) -> None:
-    """Every component of position and velocity at every 10 s, 1 degree and 70 deg/h: within 8 %."""
-    ratio = ratios(case(*GENTLE, *settings), 2000, states.POS, 6)
-    assert np.all(np.abs(ratio - 1.0) < 0.08), ratio
+def test_a_thousand_runs_agree(settings: tuple[str, ...]) -> None:
+    """Every component of position and velocity at every 10 s, 1 degree and 70 deg/h: within 11 %.
+
+    Five sigma of the sampling; `make validate` takes 2000 runs, and 8 %.
+    """
+    flown = case(*GENTLE, *settings)
+    ratio = ratios(flown, fly_all(flown, 1, 0, 1000, default_workers()))
+    assert np.all(np.abs(ratio - 1.0) < 0.11), ratio
 
 
 def test_a_mistuned_filter_is_shown_right() -> None:
-    """Its sigma is wrong by far more than the 8 % of the test before, and the analysis says by how much."""
+    """Its sigma is wrong by far more than the 11 % of the test before, and the analysis says by how much."""
     flown = case(*GENTLE, *MISTUNED)
     analysis = covariance_analysis(flown)
     believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[-1]
@@ -67,7 +72,8 @@ def test_a_mistuned_filter_is_shown_right() -> None:
 )
 def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
     """Errors the filter knows nothing of: RMS of 600 runs within 13 % (4.5 sigma of the sampling) at every 10 s."""
-    ratio = ratios(case(*GENTLE, *settings), 600, states.POS, 6)
+    flown = case(*GENTLE, *settings)
+    ratio = ratios(flown, fly_all(flown, 1, 0, 600, default_workers()))
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
@@ -83,12 +89,12 @@ def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
 def test_errors_correlated_in_time(settings: tuple[str, ...]) -> None:
     """Orbits and clocks constant over a run, noise that Hatch's filter drags along: as the runs show, within 13 %."""
     flown = case(*GENTLE, *settings)
-    ratio = ratios(flown, 600, states.POS, 6)
+    runs = fly_all(flown, 1, 0, 600, default_workers())
+    ratio = ratios(flown, runs)
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
     analysis = covariance_analysis(flown)
     # innovations too: with the range noise counted twice, 1.1 was expected where runs show 0.66
-    flights = fly_all(flown, 1, 0, 600, default_workers(), keep="errors")["innovation_squared"]
-    shown = np.nanmean(flights, axis=0) / analysis.degrees
+    shown = np.nanmean(runs["innovation_squared"], axis=0) / analysis.degrees
     for stretch in (slice(0, 20), slice(20, 60), slice(60, 120)):
         assert np.mean(analysis.nis[stretch] / analysis.degrees[stretch]) == pytest.approx(
             np.mean(shown[stretch]), rel=0.04

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,14 @@ GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.
 """1 degree and 70 deg/h instead of the paper's 5 degrees and 700 deg/h, fixes at 1 Hz."""
 
 
-@pytest.mark.parametrize("velocity", ["true", "false"])
-@pytest.mark.parametrize(("seed", "kind"), [(1, "eskf"), (2, "eskf"), (3, "eskf"), (1, "tfg"), (1, "left-invariant")])
+EVERY_TIME = [(1, "eskf", "true"), (2, "eskf", "false"), (1, "tfg", "true"), (1, "left-invariant", "false")]
+ALL = itertools.product((1, 2, 3), ("eskf", "tfg", "left-invariant"), ("true", "false"))
+
+
+@pytest.mark.parametrize(
+    ("seed", "kind", "velocity"),
+    [*EVERY_TIME, *(pytest.param(*one, marks=pytest.mark.long) for one in ALL if one not in EVERY_TIME)],
+)
 def test_consistency_of_a_thousand_runs(seed: int, kind: str, velocity: str) -> None:
     """NEES and NIS of 1000 runs at 10, 20, ... 120 s: close to one for every kind in the small-angle world."""
     flown = case(*GENTLE, f"filter.velocity={velocity}", f"filter.kind={kind}")
@@ -135,6 +143,15 @@ def test_markov_bias_is_followed() -> None:
     assert 0.94 < ensemble["nees"][:, 10:].mean() / 15 < 1.06
 
 
+def test_batch_smoother_is_true() -> None:
+    """As the next test, of 80 runs; limits are 3.5 sigma of their sampling (chi-square of 15 and 6) wider."""
+    full, part = at_tens(case(*FIXES["B"], "filter.kind=map", name="landing_gnss_only"), 80)
+    wider = 3.5 * np.sqrt(2.0 / (80 * np.array([15, 6])))
+    for square, by in zip((full, part), wider, strict=True):
+        assert np.all((square > 0.95 - by) & (square < 1.08 + by)), square
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("fixes", FIXES)
 def test_batch_smoother_is_true_where_filters_are_not(fixes: str) -> None:
     """The paper's errors, the nose following the path, where `tfg` reaches 3: `map` stays within 0.9-1.15."""

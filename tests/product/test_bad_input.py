@@ -4,26 +4,20 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import pytest
 
+from tests import forks
 from tests.conftest import SCENARIOS
 
 LANDING = (SCENARIOS / "landing.yaml").read_text()
 
 
 def navsim(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "navsim", *map(str, arguments)],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    return forks.navsim(*arguments, cwd=cwd, code=None)
 
 
 def line_of(text: str, start: str) -> int:

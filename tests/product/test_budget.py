@@ -19,6 +19,7 @@ from navsim.study.budget.estimate import Budget
 from navsim.study.budget.landing import landing as estimated
 from navsim.study.budget.studies import posing, recorded, sweep, tables
 from navsim.study.objective import problem
+from navsim.study.partial import Store
 from navsim.study.sweep import plan
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case
@@ -46,8 +47,6 @@ def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) ->
 @pytest.mark.parametrize("keep", ["none", "errors", "all"])
 @pytest.mark.parametrize("runs", [3, 60])
 def test_result_and_partial_work_of_runs(keep: str, runs: int, tmp_path: Path) -> None:
-    from navsim.study.ensemble import Store
-
     here = case("receiver.rate_hz=2", "sky.source=nominal")
     store = Store(tmp_path / "partial", {}, False) if runs > 25 else None
     ensemble = landing.fly_all(here, 1, 0, runs, 2, keep=keep, store=store)
@@ -107,7 +106,7 @@ COMMANDS: dict[str, Given] = {
 }  # fmt: skip
 PEAK = """
 import sys
-from navsim.cli.main import main
+from navsim.__main__ import main
 try:
     main()
 finally:

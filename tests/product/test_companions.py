@@ -29,10 +29,19 @@ SHIPPED = {
 }
 
 
+SHORTER = {
+    "mls_elevation": ("--set", "montecarlo.experiments=20"),
+    "azimuth_tracking": ("--runs", 40, "--set", "map.runs=4"),
+    "atc_tracking": ("--runs", 40),
+}
+
+
+@pytest.mark.parametrize("long", [False, pytest.param(True, marks=pytest.mark.long)], ids=["short", "as shipped"])
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_companion(name: str, tmp_path: Path) -> None:
+def test_shipped_companion(name: str, long: bool, tmp_path: Path) -> None:
     variables, figures = SHIPPED[name]
-    done = navsim("run", SCENARIOS / f"{name}.yaml", cwd=tmp_path)
+    more = () if long else SHORTER[name]
+    done = navsim("run", SCENARIOS / f"{name}.yaml", *more, cwd=tmp_path)
     file = tmp_path / "results" / f"{name}.h5"
     assert done.stdout
     result = read(file)
@@ -43,9 +52,9 @@ def test_shipped_companion(name: str, tmp_path: Path) -> None:
     for figure in figures:
         with Image.open(file.with_name(f"{name}_{figure}.png")) as image:
             assert min(image.size) > 300
-    navsim("run", SCENARIOS / f"{name}.yaml", "-q", "-o", "again.h5", cwd=tmp_path)
+    navsim("run", SCENARIOS / f"{name}.yaml", *more, "-q", "-o", "again.h5", cwd=tmp_path)
     assert stored(file) == stored(tmp_path / "again.h5")
-    data = json.loads(navsim("run", SCENARIOS / f"{name}.yaml", "--json", "-o", "j.h5", cwd=tmp_path).stdout)
+    data = json.loads(navsim("run", SCENARIOS / f"{name}.yaml", *more, "--json", "-o", "j.h5", cwd=tmp_path).stdout)
     assert data
     assert navsim("show", file, cwd=tmp_path).stdout
     assert navsim("validate", SCENARIOS / f"{name}.yaml", cwd=tmp_path).stdout

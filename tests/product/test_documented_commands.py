@@ -36,7 +36,10 @@ SHORTER = [
     ("--runs 1000", "--runs 20"),
     ("runs1000", "runs20"),
     ("within 2%", "within 50%"),
-    ("navsim table2", "navsim table2 --runs 60"),
+    ("navsim table2", "navsim table2 --runs 25"),
+    ("sweep scenarios/placement_sweep.yaml", "sweep scenarios/placement_sweep.yaml --set vary.1.grid.count=20"),
+    ("--time-limit 60", "--time-limit 8"),
+    ("scenarios/placement_optimum.yaml ", "scenarios/placement_optimum.yaml --set pseudolites=[1,2] --set effort=1 "),
     (" --realtime", ""),  # a landing lasts two minutes
     ("navsim live", "navsim live --silence 2"),
     *((f"-o results/{name}.h5", f"-o results/{name}.h5 --figures none") for name in ("wide", "almanac", "run7")),

@@ -49,8 +49,12 @@ def test_shipped_study(place: Path) -> None:
     for name in ("plan", "front"):
         with Image.open(place / f"a_{name}.png") as image:
             assert min(image.size) > 300
-    navsim("optimize", SCENARIOS / "placement_optimum.yaml", "-o", "b.h5", "-q", cwd=place)
-    assert stored(place / "a.h5") == stored(place / "b.h5")
+    for name in ("b.h5", "c.h5"):
+        navsim(
+            "optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[2]", "-o", name, "-q", cwd=place
+        )
+    assert stored(place / "b.h5") == stored(place / "c.h5")
+    assert read(place / "b.h5")["/front/objective"] == result["/front/objective"][1]
     assert "PL3" in navsim("show", "a.h5", cwd=place).stdout
 
 

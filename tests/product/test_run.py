@@ -22,21 +22,9 @@ from navsim.core import states
 from navsim.core.dop import dops
 from navsim.io.results import Result, read
 from tests.conftest import ROOT, SCENARIOS
+from tests.forks import navsim
 
 SHORT = ("--set", "duration_s=65")
-
-
-def navsim(*arguments: object, cwd: Path, code: int = 0) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "navsim", *map(str, arguments)],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == code, done.stderr + done.stdout
-    assert "Traceback" not in done.stderr
-    return done
 
 
 def with_files_limited(size: int, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:

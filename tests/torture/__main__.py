@@ -19,14 +19,14 @@ from pathlib import Path
 import navsim
 from navsim.io.whole import write_whole
 from tests.conftest import ROOT
+from tests.forks import Forks
 from tests.torture import trials
-from tests.torture.commands import Commands
 from tests.torture.trials import Tally
 
 SEEDS = 10
 KEPT = ROOT / "results" / "torture"
 PAGE = ROOT / "docs" / "reliability.md"
-Trial = Callable[[Commands, Path, int, int], Tally]
+Trial = Callable[[Forks, Path, int, int], Tally]
 
 
 def _in_scenarios(trial: Trial) -> Trial:
@@ -73,7 +73,7 @@ def _once(part: str, trial: Trial, seed: int, count: int) -> None:
     if file.exists():
         return
     began = time.monotonic()
-    with tempfile.TemporaryDirectory() as place, Commands(Path(place), trials.WARM) as commands:
+    with tempfile.TemporaryDirectory() as place, Forks(Path(place), trials.WARM) as commands:
         tally = trial(commands, Path(place) / "work", seed, count)
     kept = {"ended": tally.ended, "wrong": tally.wrong, "slowest_s": tally.slowest_s, "peak_mb": tally.peak_mb}
     write_whole(file, json.dumps(kept | {"took_s": time.monotonic() - began}, indent=1).encode())

@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tests.torture.commands import HANG_S, Commands
+from tests.forks import HANG_S, Forks
 
 LOOKS: dict[str, tuple[object, ...]] = {
     "show": ("show", "r.h5"),
@@ -45,7 +45,7 @@ def _moved(content: bytearray, draw: random.Random) -> None:
 DAMAGES: list[Callable[[bytearray, random.Random], None]] = [_one_bit, _one_bit, _one_bit, _bytes, _zeros, _cut, _moved]
 
 
-def flipped(commands: Commands, sound: Path, folder: Path, seed: int) -> Iterator[tuple[str, str | None, bool]]:
+def flipped(commands: Forks, sound: Path, folder: Path, seed: int) -> Iterator[tuple[str, str | None, bool]]:
     """Without end: what was done and looked at, what was wrong (None for all in order), whether it was refused.
 
     sound: a result in order. folder: to work in, empty.

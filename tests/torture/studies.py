@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 
 from tests.conftest import SCENARIOS
-from tests.torture.commands import Commands, Ended
-from tests.torture.steps import FULL, KILL
+from tests.forks import Ended, Forks
+from tests.steps import FULL, KILL
 
 QUIET = ("-q", "--figures", "none")
 _SHORT = ("--set", "duration_s=6", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1", *QUIET)
@@ -82,7 +82,7 @@ class Trial:
 class Undisturbed:
     """What a study gives when it is left alone. steps: on the file system."""
 
-    def __init__(self, commands: Commands, name: str, folder: Path, *more: object) -> None:
+    def __init__(self, commands: Forks, name: str, folder: Path, *more: object) -> None:
         self.command = (*STUDIES[name], *more, "-o", "r.h5")
         self._folder = folder
         folder.mkdir(parents=True)
@@ -107,7 +107,7 @@ def names(folder: Path) -> list[str]:
 
 
 def disturbed(
-    commands: Commands, study: Undisturbed, before: Path, place: Path, what: str, at: int, *more: object
+    commands: Forks, study: Undisturbed, before: Path, place: Path, what: str, at: int, *more: object
 ) -> str | None:
     """Disturb a study at a step, where an earlier result stands, resume it; what was wrong.
 
@@ -135,7 +135,7 @@ def _killed(done: Ended) -> str | None:
     return None if done.code in (-9, 0) else f"ended by {done.code}: {done.err[-200:]}"
 
 
-def resumed(commands: Commands, study: Undisturbed, place: Path) -> str | None:
+def resumed(commands: Forks, study: Undisturbed, place: Path) -> str | None:
     """Run the command again, undisturbed; what was wrong."""
     done = commands.run(*study.command, cwd=place)
     if done.code != 0:
@@ -149,9 +149,7 @@ def resumed(commands: Commands, study: Undisturbed, place: Path) -> str | None:
     return None
 
 
-def adopted(
-    commands: Commands, mine: Undisturbed, other: Undisturbed, place: Path, first: int, second: int
-) -> str | None:
+def adopted(commands: Forks, mine: Undisturbed, other: Undisturbed, place: Path, first: int, second: int) -> str | None:
     """Another study is killed at a step, begun anew with --fresh and killed again; then mine is run: what was wrong.
 
     It must be refused with the other's work left as it is, or give its own numbers.

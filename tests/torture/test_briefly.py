@@ -7,33 +7,33 @@ from pathlib import Path
 
 import pytest
 
+from tests.forks import Forks
 from tests.torture import trials
-from tests.torture.commands import Commands
 
 
 @pytest.fixture(scope="module")
-def commands(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
-    with Commands(tmp_path_factory.mktemp("said"), trials.WARM) as forks:
+def commands(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
+    with Forks(tmp_path_factory.mktemp("said"), trials.WARM) as forks:
         yield forks
 
 
-def test_mutants_are_refused_in_words_or_are_in_order(commands: Commands, tmp_path: Path) -> None:
+def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, tmp_path: Path) -> None:
     tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 200)
     assert tally.wrong == []
     assert min(tally.ended["accepted"], tally.ended["refused"]) > 20
 
 
-def test_mutants_are_computed_in_time(commands: Commands, tmp_path: Path) -> None:
+def test_mutants_are_computed_in_time(commands: Forks, tmp_path: Path) -> None:
     tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 6)
     assert tally.wrong == []
     assert tally.ended["computed"] > 2
 
 
-def test_killed_anywhere_and_resumed(commands: Commands, tmp_path: Path) -> None:
+def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
     assert trials.killed(commands, tmp_path, 103, 8).wrong == []
 
 
-def test_full_disk_at_each_step_of_a_study(commands: Commands, tmp_path: Path) -> None:
+def test_full_disk_at_each_step_of_a_study(commands: Forks, tmp_path: Path) -> None:
     whole = trials.filled(commands, tmp_path / "whole", 104, 1000, ("landing",))
     assert whole.wrong == []
     assert whole.count > 5
@@ -42,7 +42,7 @@ def test_full_disk_at_each_step_of_a_study(commands: Commands, tmp_path: Path) -
     )
 
 
-def test_flipped_bytes_change_no_number(commands: Commands, tmp_path: Path) -> None:
+def test_flipped_bytes_change_no_number(commands: Forks, tmp_path: Path) -> None:
     tally = trials.damaged(commands, tmp_path, 105, 60)
     assert tally.wrong == []
     assert tally.ended["refused"] > 20

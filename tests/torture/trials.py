@@ -17,9 +17,9 @@ import jsonschema
 from navsim.io.results import ResultError, read
 from navsim.scenario.load import KINDS
 from tests.conftest import SCENARIOS
+from tests.forks import HANG_S, MOST_MB, Forks
+from tests.steps import FULL, KILL
 from tests.torture import flips, mutants, studies
-from tests.torture.commands import HANG_S, MOST_MB, Commands
-from tests.torture.steps import FULL, KILL
 
 WARM = (
     *(("validate", file) for file in sorted(SCENARIOS.glob("*.yaml"))),
@@ -62,7 +62,7 @@ def scenario_folder(folder: Path) -> Path:
     return folder
 
 
-def mutated(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+def mutated(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     """`validate` of mutants: refused with a place, or in order by the published schema."""
     tally = Tally()
     schemas = {kind: jsonschema.Draft202012Validator(section.model_json_schema()) for kind, section in KINDS.items()}
@@ -113,7 +113,7 @@ _SOON = re.compile(r": (?:at most )?about ([123]) s on .*?about ([0-9.]+) MB of 
 """An estimate of up to 3 s, which holds within a factor of three."""
 
 
-def computed(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+def computed(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     """Mutants computed until `count` were: those that say they take long are not, the others end in time with a result
     that can be read."""
     tally = Tally()
@@ -163,7 +163,7 @@ def _unreadable(file: Path) -> str | None:
     return None
 
 
-def killed(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+def killed(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     """Studies killed at drawn steps (within writing and --fresh too), resumed and compared."""
     tally = Tally()
     draw = random.Random(seed)
@@ -187,7 +187,7 @@ def killed(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
 
 
 def filled(
-    commands: Commands, folder: Path, seed: int, count: int, names: tuple[str, ...] = tuple(studies.STUDIES)
+    commands: Forks, folder: Path, seed: int, count: int, names: tuple[str, ...] = tuple(studies.STUDIES)
 ) -> Tally:
     """Studies under a disk that is full from a step on, each step in turn up to `count` of a study, then drawn."""
     tally = Tally()
@@ -204,7 +204,7 @@ def filled(
 class Known:
     """Undisturbed studies, each computed once."""
 
-    def __init__(self, commands: Commands, folder: Path) -> None:
+    def __init__(self, commands: Forks, folder: Path) -> None:
         self._commands, self._folder = commands, folder
         self._known: dict[tuple[object, ...], studies.Undisturbed] = {}
 
@@ -221,7 +221,7 @@ class Known:
         return self._known[key]
 
 
-def damaged(commands: Commands, folder: Path, seed: int, count: int) -> Tally:
+def damaged(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     """A result with flipped bytes, looked at."""
     tally = Tally()
     (folder / "sound").mkdir(parents=True)

@@ -132,7 +132,7 @@ def test_fresh_killed_under_way_leaves_nothing_that_counts(folder: Path, monkeyp
     monkeypatch.undo()
     assert not folder.exists()
     assert [path.name for path in folder.parent.iterdir()] == [f"r.h5.partial.{os.getpid()}.gone"]
-    clean(folder.parent / "r.h5")
+    clean(folder.parent / "r.h5", owned=True)
     assert not list(folder.parent.iterdir())
     discard(folder)
 

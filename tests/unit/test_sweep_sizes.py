@@ -29,8 +29,8 @@ def grid(name: str, count: int) -> str:
 MANY = [
     ("{first: 0, last: 1.0e+12, step: 1}", "step: gives 1e+12 values; at most 100000 are allowed on an axis"),
     ("{first: 0, last: 100000, step: 1}", "step: gives 1e+05 values; at most 100000 are allowed"),
-    ("{first: 0, last: 1.0e+300, step: 1.0e-300}", "step: gives no finite number of values"),
-    ("{first: -1.0e+308, last: 1.0e+308, step: 1}", "last: lies too far from first"),
+    ("{first: -1.0e+12, last: 1.0e+12, step: 1.0e-12}", "step: gives 2e+24 values; at most 100000 are allowed"),
+    ("{first: 0, last: 1.0e+13, step: 1}", "last: input should be less than or equal to 1000000000000"),
 ]
 
 
@@ -42,15 +42,6 @@ def test_range_of_too_many_values_is_refused_at_its_line(tmp_path: Path, text: s
     assert f"vary.0.range.{expected}" in str(problem)
     assert problem.place.line == 5
     assert problem.place.column > 1
-
-
-@pytest.mark.parametrize("spread", [
-    "grid: {first: -1.0e+308, last: 1.0e+308, count: 3}",
-    "lhs: {first: -1.0e+308, last: 1.0e+308}",
-])  # fmt: skip
-def test_span_beyond_all_numbers_is_refused(tmp_path: Path, spread: str) -> None:
-    with pytest.raises(InputError, match=r"study.yaml:4:.*last: lies too far from first"):
-        swept(tmp_path, f"vary: [{{key: a.b, {spread}}}]\n" + ("samples: 3\n" if "lhs" in spread else ""))
 
 
 def test_combinations_are_counted_as_whole_numbers(tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ NUMBER = 8
 BASE_MEMORY = 200e6
 """The process with its libraries and kernels, bytes."""
 BASE_TIME = 1.5
-VARIABLE = 1075
-"""What a variable adds to a file beside its numbers, bytes: name, units, meaning, dimensions."""
+VARIABLE = 2900
+"""What a variable of one dimension adds to a file beside its numbers, bytes: name, units, meaning, where its chunks are."""
+AXIS = 520
+"""What a dimension more adds to that."""
 BUILT_IN_MEMORY = 64e6
 WRITING = 1.3
 """Size of a file in the making over that of its numbers, where it is built in memory."""

@@ -83,7 +83,8 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1))
     streamed = runs * stored
     result = _common_bytes(scenario, here) + streamed + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
-    result += {"none": 91, "errors": 100, "all": 109}[keep] * VARIABLE + NUMBER * (here.epochs + here.sources)
+    variables = {"none": 99, "errors": 108, "all": 117}[keep] + (27 if runs > 1 else 0)
+    result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
         BASE_TIME + prepared(here) + runs * run_time(scenario, here) / workers + 2e-9 * streamed,
@@ -134,7 +135,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 def _analysed(scenario: Landing, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (3 + len(SOURCES_OF_ERROR)) * 15) + 94 * VARIABLE
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (3 + len(SOURCES_OF_ERROR)) * 15) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here),
         shared_memory(here) + ANALYSED_MEMORY * outputs + WRITING * result,

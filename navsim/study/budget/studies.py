@@ -16,6 +16,7 @@ from navsim.simulation.landing import epochs, fix_epochs
 from navsim.simulation.signals import Environment
 from navsim.study import optimize, replay, table2
 from navsim.study.budget.estimate import (
+    AXIS,
     BASE_MEMORY,
     BASE_TIME,
     BATCH_FILE,
@@ -75,10 +76,11 @@ def sweep(planned: Plan, workers: int) -> Budget:
     keys = sum(len(axis.keys) for axis in planned.axes)
     of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
     axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
-    variables = len(names) + keys + len(planned.axes) + 6
+    variables = len(names) + keys + len(planned.axes) + 14
     row = _OUTPUT_WIDTH * len(names) + sum(_width(axis, i) for axis in planned.axes for i in range(len(axis.keys)))
     table = planned.size * row
     file = planned.size * of_one + NUMBER * (axes + 600) + variables * VARIABLE + _TEXTS
+    file += len(names) * (len(planned.axes) - 1) * AXIS
     workers = max(1, min(workers, -(-planned.size // planned.batch)))
     memory, time = 0.0, 0.0
     if planned.geometry_alone:
@@ -133,7 +135,7 @@ def posing(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
     signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
     glide = glide_epochs(scenario, scenario.trajectory())[0].size
     judged = _JUDGED_MEMORY * judged_places * glide
-    result = NUMBER * len(study.pseudolites) * (optimize.MAP_POINTS**2 + 30 * most) + 36 * VARIABLE
+    result = NUMBER * len(study.pseudolites) * (optimize.MAP_POINTS**2 + 30 * most) + 38 * VARIABLE
     flown = 0.0
     if study.objective not in DOP_OBJECTIVES:
         flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs

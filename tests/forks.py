@@ -1,4 +1,4 @@
-"""Commands of navsim as processes with a time limit, quickly: one process loads everything, the others are its forks.
+"""Forks of navsim as processes with a time limit, quickly: one process loads everything, the others are its forks.
 
 A fork takes milliseconds where a start takes more than a second, and is a process like any other: it has its own
 signals, exit code and memory. On its way it may be killed, or find the disk full, at a chosen step (`steps`).
@@ -6,11 +6,13 @@ signals, exit code and memory. On its way it may be killed, or find the disk ful
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Sequence
@@ -20,9 +22,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from tests.conftest import ROOT
-from tests.torture import steps
+from tests import steps
 
+ROOT = Path(__file__).resolve().parent.parent
 HANG_S = 10.0
 """A command that has to refuse its input and takes longer hangs."""
 MOST_MB = 1000.0
@@ -55,7 +57,7 @@ class Ended:
         return "memory" if self.peak_mb > MOST_MB else None
 
 
-class Commands:
+class Forks:
     """Runs commands of navsim as forks of one process, one at a time."""
 
     def __init__(self, folder: Path, warm: Sequence[Sequence[object]] = ()) -> None:
@@ -63,7 +65,7 @@ class Commands:
         self._folder = folder
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg"}
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "tests.torture.commands", str(folder), json.dumps(_texts(warm))],
+            [sys.executable, "-m", "tests.forks", str(folder), json.dumps(_texts(warm))],
             cwd=ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -93,6 +95,29 @@ class Commands:
     def _answer(self) -> Any:
         assert self._server.stdout is not None
         return json.loads(self._server.stdout.readline())
+
+
+@functools.cache
+def _shared() -> Forks:
+    """The one of this test process; it ends with it, for its input is closed then."""
+    landing = ROOT / "scenarios" / "landing.yaml"
+    short = ("run", landing, "--set", "duration_s=65", "-q", "--force")
+    warm = (
+        short,
+        (*short, "--figures", "."),
+        (*short, "--method", "covariance"),
+        (*short, "--runs", 26, "--keep", "all"),
+    )
+    return Forks(Path(tempfile.mkdtemp(prefix="navsim-forks-")), warm)
+
+
+def navsim(*arguments: object, cwd: Path, code: int | None = 0) -> subprocess.CompletedProcess[str]:
+    """A command that must end with this code (None: any), without a traceback."""
+    done = _shared().run(*arguments, cwd=cwd, limit_s=600.0)
+    assert "Traceback" not in done.err
+    assert code is None or done.code == code, done.err + done.out
+    assert done.code is not None, "it hangs"
+    return subprocess.CompletedProcess(list(arguments), done.code, done.out, done.err)
 
 
 def _texts(commands: Sequence[Sequence[object]]) -> list[list[str]]:
