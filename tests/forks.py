@@ -7,6 +7,7 @@ signals, exit code and memory. On its way it may be killed, or find the disk ful
 from __future__ import annotations
 
 import functools
+import gc
 import json
 import os
 import signal
@@ -134,6 +135,7 @@ def _serve(folder: Path, warm: list[list[str]]) -> None:
         done = CliRunner().invoke(app, command)
         if done.exit_code:
             raise RuntimeError(f"{command}: {done.output}")
+    gc.freeze()  # what is collected in a fork is what it made itself
     print(json.dumps("ready"), flush=True)
     for line in sys.stdin:
         print(json.dumps(_forked(folder, **json.loads(line))), flush=True)

@@ -73,7 +73,7 @@ def _once(part: str, trial: Trial, seed: int, count: int) -> None:
     if file.exists():
         return
     began = time.monotonic()
-    with tempfile.TemporaryDirectory() as place, Forks(Path(place), trials.WARM) as commands:
+    with tempfile.TemporaryDirectory() as place, Forks(Path(place), trials.warming()) as commands:
         tally = trial(commands, Path(place) / "work", seed, count)
     kept = {"ended": tally.ended, "wrong": tally.wrong, "slowest_s": tally.slowest_s, "peak_mb": tally.peak_mb}
     write_whole(file, json.dumps(kept | {"took_s": time.monotonic() - began}, indent=1).encode())

@@ -10,36 +10,37 @@ import pytest
 from tests.forks import Forks
 from tests.torture import trials
 
+QUICK = ("ensemble", "landing", "sweep", "replay", "elevation")
+"""Studies that take about a second."""
+
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
-    with Forks(tmp_path_factory.mktemp("said"), trials.WARM) as forks:
+    with Forks(tmp_path_factory.mktemp("said"), trials.warming(QUICK)) as forks:
         yield forks
 
 
 def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 200)
+    tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 120)
     assert tally.wrong == []
-    assert min(tally.ended["accepted"], tally.ended["refused"]) > 20
+    assert min(tally.ended["accepted"], tally.ended["refused"]) > 5
 
 
 def test_mutants_are_computed_in_time(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 6)
+    tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 4)
     assert tally.wrong == []
-    assert tally.ended["computed"] > 2
+    assert tally.ended["computed"] > 1
 
 
 def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
-    assert trials.killed(commands, tmp_path, 103, 8).wrong == []
+    assert trials.killed(commands, tmp_path, 103, 8, QUICK).wrong == []
 
 
 def test_full_disk_at_each_step_of_a_study(commands: Forks, tmp_path: Path) -> None:
     whole = trials.filled(commands, tmp_path / "whole", 104, 1000, ("landing",))
     assert whole.wrong == []
     assert whole.count > 5
-    assert (
-        trials.filled(commands, tmp_path / "drawn", 104, 4, ("ensemble", "sweep", "optimum of the filter")).wrong == []
-    )
+    assert trials.filled(commands, tmp_path / "drawn", 104, 4, ("ensemble", "sweep")).wrong == []
 
 
 def test_flipped_bytes_change_no_number(commands: Forks, tmp_path: Path) -> None:

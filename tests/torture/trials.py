@@ -7,6 +7,7 @@ import random
 import re
 import shutil
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -21,11 +22,13 @@ from tests.forks import HANG_S, MOST_MB, Forks
 from tests.steps import FULL, KILL
 from tests.torture import flips, mutants, studies
 
-WARM = (
-    *(("validate", file) for file in sorted(SCENARIOS.glob("*.yaml"))),
-    *((*words, "--force") for words in studies.STUDIES.values()),
-)
-"""What the forks are to find loaded."""
+ALL = tuple(studies.STUDIES)
+
+
+def warming(names: Sequence[str] = ALL) -> list[tuple[object, ...]]:
+    """What the forks are to find loaded for trials of these studies."""
+    checks = [("validate", file) for file in sorted(SCENARIOS.glob("*.yaml"))]
+    return [*checks, *((*studies.STUDIES[name], "--force") for name in names)]
 
 
 @dataclass
@@ -163,13 +166,13 @@ def _unreadable(file: Path) -> str | None:
     return None
 
 
-def killed(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
+def killed(commands: Forks, folder: Path, seed: int, count: int, names: Sequence[str] = ALL) -> Tally:
     """Studies killed at drawn steps (within writing and --fresh too), resumed and compared."""
     tally = Tally()
     draw = random.Random(seed)
     known = Known(commands, folder / "undisturbed")
     for _ in range(count):
-        name = draw.choice(sorted(studies.STUDIES))
+        name = draw.choice(names)
         mine, other = known.get(name), known.get(name, "--set", "title=another")
         place = folder / "place"
         if name in studies.RESUMED and draw.random() < 0.4:
@@ -186,9 +189,7 @@ def killed(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     return tally
 
 
-def filled(
-    commands: Forks, folder: Path, seed: int, count: int, names: tuple[str, ...] = tuple(studies.STUDIES)
-) -> Tally:
+def filled(commands: Forks, folder: Path, seed: int, count: int, names: Sequence[str] = ALL) -> Tally:
     """Studies under a disk that is full from a step on, each step in turn up to `count` of a study, then drawn."""
     tally = Tally()
     draw = random.Random(seed)

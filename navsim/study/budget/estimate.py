@@ -15,7 +15,7 @@ BASE_MEMORY = 200e6
 """The process with its libraries and kernels, bytes."""
 BASE_TIME = 1.5
 VARIABLE = 2900
-"""What a variable of one dimension adds to a file beside its numbers, bytes: name, units, meaning, where its chunks are."""
+"""What a variable of one dimension adds to a file beside its numbers, bytes: name, units, where its chunks are."""
 AXIS = 520
 """What a dimension more adds to that."""
 BUILT_IN_MEMORY = 64e6
