@@ -51,5 +51,5 @@ $(VENV)/.bench: $(STAMP) requirements-bench.lock
 	touch $@
 
 clean:                   ## remove the environment and everything generated
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2*
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -6,6 +6,7 @@ signals, exit code and memory. On its way it may be killed, or find the disk ful
 
 from __future__ import annotations
 
+import atexit
 import functools
 import gc
 import json
@@ -109,7 +110,9 @@ def _shared() -> Forks:
         (*short, "--method", "covariance"),
         (*short, "--runs", 26, "--keep", "all"),
     )
-    return Forks(Path(tempfile.mkdtemp(prefix="navsim-forks-")), warm)
+    folder = tempfile.TemporaryDirectory(prefix="navsim-forks-")
+    atexit.register(folder.cleanup)
+    return Forks(Path(folder.name), warm)
 
 
 def navsim(*arguments: object, cwd: Path, code: int | None = 0) -> subprocess.CompletedProcess[str]:

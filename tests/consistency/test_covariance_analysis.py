@@ -35,18 +35,18 @@ def ratios(flown: Case, flights: Ensemble) -> np.ndarray:
 
 
 @pytest.mark.parametrize("settings", [(), MISTUNED], ids=["matched", "mistuned"])
-def test_a_thousand_runs_agree(settings: tuple[str, ...]) -> None:
-    """Every component of position and velocity at every 10 s, 1 degree and 70 deg/h: within 11 %.
+def test_runs_agree(settings: tuple[str, ...]) -> None:
+    """Every component of position and velocity at every 10 s, 1 degree and 70 deg/h: 600 runs within 13 %.
 
-    Five sigma of the sampling; `make validate` takes 2000 runs, and 8 %.
+    That is 4.5 sigma of the sampling; `make validate` takes 2000 runs, and 8 %.
     """
     flown = case(*GENTLE, *settings)
-    ratio = ratios(flown, fly_all(flown, 1, 0, 1000, default_workers()))
-    assert np.all(np.abs(ratio - 1.0) < 0.11), ratio
+    ratio = ratios(flown, fly_all(flown, 1, 0, 600, default_workers()))
+    assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
 def test_a_mistuned_filter_is_shown_right() -> None:
-    """Its sigma is wrong by far more than the 11 % of the test before, and the analysis says by how much."""
+    """Its sigma is wrong by far more than the 13 % of the test before, and the analysis says by how much."""
     flown = case(*GENTLE, *MISTUNED)
     analysis = covariance_analysis(flown)
     believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[-1]

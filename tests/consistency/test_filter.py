@@ -15,7 +15,7 @@ GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.
 """1 degree and 70 deg/h instead of the paper's 5 degrees and 700 deg/h, fixes at 1 Hz."""
 
 
-EVERY_TIME = [(1, "eskf", "true"), (2, "eskf", "false"), (1, "tfg", "true"), (1, "left-invariant", "false")]
+EVERY_TIME = [(1, "eskf", "true"), (2, "tfg", "false"), (3, "left-invariant", "true")]
 ALL = itertools.product((1, 2, 3), ("eskf", "tfg", "left-invariant"), ("true", "false"))
 
 
@@ -144,9 +144,9 @@ def test_markov_bias_is_followed() -> None:
 
 
 def test_batch_smoother_is_true() -> None:
-    """As the next test, of 80 runs; limits are 3.5 sigma of their sampling (chi-square of 15 and 6) wider."""
-    full, part = at_tens(case(*FIXES["B"], "filter.kind=map", name="landing_gnss_only"), 80)
-    wider = 3.5 * np.sqrt(2.0 / (80 * np.array([15, 6])))
+    """As the next test, of 50 runs; limits are 3.5 sigma of their sampling (chi-square of 15 and 6) wider."""
+    full, part = at_tens(case(*FIXES["B"], "filter.kind=map", name="landing_gnss_only"), 50)
+    wider = 3.5 * np.sqrt(2.0 / (50 * np.array([15, 6])))
     for square, by in zip((full, part), wider, strict=True):
         assert np.all((square > 0.95 - by) & (square < 1.08 + by)), square
 

@@ -104,6 +104,7 @@ COMMANDS: dict[str, Given] = {
     "table2": ("table2 --runs 2", [], lambda: tables(2, 2)),
     "replay": ("replay recorded_flight.yaml", ["tuning=none"], of_replay),
 }  # fmt: skip
+LONG = ("long", "azimuth", "elevation", "sweep, runs")
 PEAK = """
 import sys
 from navsim.__main__ import main
@@ -117,7 +118,9 @@ finally:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs a system that tells the peak of a process")
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in COMMANDS]
+)
 def test_memory_and_files_of_a_command(name: str, tmp_path: Path) -> None:
     """Each estimate against the peak of a process that does nothing else, and against what it leaves on disk."""
     line, keys, estimate = COMMANDS[name]

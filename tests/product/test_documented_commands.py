@@ -36,17 +36,21 @@ SHORTER = [
     ("--runs 1000", "--runs 20"),
     ("runs1000", "runs20"),
     ("within 2%", "within 50%"),
-    ("navsim table2", "navsim table2 --runs 25"),
-    ("sweep scenarios/placement_sweep.yaml", "sweep scenarios/placement_sweep.yaml --set vary.1.grid.count=20"),
+    ("navsim table2", "navsim table2 --runs 12"),
+    (
+        "sweep scenarios/placement_sweep.yaml",
+        "sweep scenarios/placement_sweep.yaml --set vary.1.grid.count=20 --set vary.2.grid.count=26",
+    ),
     ("--time-limit 60", "--time-limit 8"),
     ("scenarios/placement_optimum.yaml ", "scenarios/placement_optimum.yaml --set pseudolites=[1,2] --set effort=1 "),
     (" --realtime", ""),  # a landing lasts two minutes
     ("navsim live", "navsim live --silence 2"),
     *((f"-o results/{name}.h5", f"-o results/{name}.h5 --figures none") for name in ("wide", "almanac", "run7")),
     ("--method covariance ", "--method covariance --figures none "),
-    ("scenarios/mls_elevation.yaml", "scenarios/mls_elevation.yaml --set montecarlo.experiments=20"),
-    ("scenarios/atc_tracking.yaml", "scenarios/atc_tracking.yaml --runs 50"),
-    ("scenarios/azimuth_tracking.yaml", "scenarios/azimuth_tracking.yaml --runs 50 --set map.runs=0"),
+    ("navsim replay scenarios/recorded_flight.yaml", "navsim replay scenarios/recorded_flight.yaml --set tuning=none"),
+    ("scenarios/mls_elevation.yaml", "scenarios/mls_elevation.yaml --set montecarlo.experiments=20 --figures none"),
+    ("scenarios/atc_tracking.yaml", "scenarios/atc_tracking.yaml --runs 50 --figures none"),
+    ("scenarios/azimuth_tracking.yaml", "scenarios/azimuth_tracking.yaml --runs 50 --set map.runs=0 --figures none"),
 ]
 """What stands in the documents, and what is run instead where time is short."""
 

@@ -139,6 +139,13 @@ def test_the_second_on_one_output_is_told_who_is_there(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["long.h5.partial"]
 
 
+def test_too_little_memory_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left, ending.ends():
+        raise MemoryError
+    assert left.value.code == ending.RUN_FAILED
+    assert capsys.readouterr().err == "error: there is too little memory; --dry-run tells how much is needed\n"
+
+
 # --- streams
 
 

@@ -23,7 +23,7 @@ NAMES = ("table2", "table2_row1", "table2_almanac", "table2_weighted")
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     place = tmp_path_factory.mktemp("table2")
-    done = navsim("table2", "--runs", 25, "-o", "out", cwd=place)
+    done = navsim("table2", "--runs", 12, "-o", "out", cwd=place)
     return place / "out", done.stdout
 
 
@@ -69,7 +69,7 @@ def test_result_is_a_tree_others_can_open(made: tuple[Path, str]) -> None:
 
 def test_repeatable_for_any_number_of_workers(made: tuple[Path, str], tmp_path: Path) -> None:
     folder, _ = made
-    navsim("table2", "--runs", 25, "-q", "--workers", 1, "-o", tmp_path, cwd=tmp_path)
+    navsim("table2", "--runs", 12, "-q", "--workers", 1, "-o", tmp_path, cwd=tmp_path)
     for name in (*(f"{n}.csv" for n in NAMES), "table2.md"):
         digests = {hashlib.sha256((place / name).read_bytes()).hexdigest() for place in (folder, tmp_path)}
         assert len(digests) == 1, name

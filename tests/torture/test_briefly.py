@@ -21,26 +21,26 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
 
 
 def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 120)
+    tally = trials.mutated(commands, trials.scenario_folder(tmp_path / "at"), 101, 70)
     assert tally.wrong == []
-    assert min(tally.ended["accepted"], tally.ended["refused"]) > 5
+    assert min(tally.ended["accepted"], tally.ended["refused"]) > 3
 
 
 def test_mutants_are_computed_in_time(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 4)
+    tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 3)
     assert tally.wrong == []
     assert tally.ended["computed"] > 1
 
 
 def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
-    assert trials.killed(commands, tmp_path, 103, 8, QUICK).wrong == []
+    assert trials.killed(commands, tmp_path, 103, 6, QUICK).wrong == []
 
 
 def test_full_disk_at_each_step_of_a_study(commands: Forks, tmp_path: Path) -> None:
     whole = trials.filled(commands, tmp_path / "whole", 104, 1000, ("landing",))
     assert whole.wrong == []
     assert whole.count > 5
-    assert trials.filled(commands, tmp_path / "drawn", 104, 4, ("ensemble", "sweep")).wrong == []
+    assert trials.filled(commands, tmp_path / "drawn", 104, 4, ("ensemble",)).wrong == []
 
 
 def test_flipped_bytes_change_no_number(commands: Forks, tmp_path: Path) -> None:
