@@ -178,7 +178,7 @@ def _become(folder: Path, arguments: list[str], cwd: str, what: str, at: int) ->
             descriptor = os.open(name, os.O_RDWR | (os.O_CREAT | os.O_TRUNC if number else 0))
             os.dup2(descriptor, number)
             os.close(descriptor)
-        # what a buffer of the parent holds is not said a second time
+        # new streams, open to the end: what a buffer of the parent holds is not said a second time
         sys.stdin = open(0, closefd=False)  # noqa: SIM115
         sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))  # noqa: SIM115
         sys.argv = ["navsim", *arguments]
@@ -191,7 +191,7 @@ def _become(folder: Path, arguments: list[str], cwd: str, what: str, at: int) ->
             except SystemExit as left:
                 code = left.code if isinstance(left.code, int) else int(left.code is not None)
         (folder / "steps.txt").write_text(str(count()))
-    except BaseException:
+    except BaseException:  # told as an interpreter would at its end, for `Ended.failure` to find
         traceback.print_exc()
     finally:
         with suppress(OSError):

@@ -71,7 +71,7 @@ def ending(command: F) -> F:
         with ends():
             return command(*arguments, **options)
 
-    return ended  # type: ignore[return-value]
+    return ended  # type: ignore[return-value]  # wraps() keeps the signature, and mypy cannot tell
 
 
 @contextmanager

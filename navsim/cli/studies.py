@@ -117,7 +117,8 @@ def sweep(
     except (ResultError, PartialError) as error:
         leave(RUN_FAILED, error)
     except KeyboardInterrupt:
-        say(f"finished combinations are kept in {target}.partial; the same command goes on from there")
+        if store is not None:
+            say(f"finished combinations are kept in {store.folder}; the same command goes on from there")
         raise
     if store is not None:
         if store.redone:
