@@ -21,7 +21,8 @@ MG = 9.80665e-3
 KMH = 1.0 / 3.6
 
 
-def _as_tuple(value: Any) -> Any:
+def as_tuple(value: Any) -> Any:
+    """A list as a tuple, anything else as it is."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -29,11 +30,16 @@ Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 """SHA-256 of a file."""
 
 
-def one_or_more(value: Any) -> Any:
-    """One value or a list of them, as a tuple."""
+def one_or_more(item: Any) -> BeforeValidator:
+    """Takes one `item` for a list of one, and publishes that it does."""
+    return BeforeValidator(_several, json_schema_input_type=item | tuple[item, ...])
+
+
+def _several(value: Any) -> Any:
     return tuple(value) if isinstance(value, (list, tuple)) else (value,)
 
 
+@PlainSerializer
 def one_or_list(value: tuple[Any, ...]) -> Any:
     """A tuple as it would be written: a single value by itself."""
     return value[0] if len(value) == 1 else list(value)
@@ -84,13 +90,13 @@ def utc_text(time: datetime.datetime) -> str:
 
 
 Utc = Annotated[datetime.datetime, BeforeValidator(_utc), PlainSerializer(utc_text, when_used="json")]
-Triple = Annotated[tuple[Signed, Signed, Signed], BeforeValidator(_as_tuple)]
-Pair = Annotated[tuple[Signed, Signed], BeforeValidator(_as_tuple)]
+Triple = Annotated[tuple[Signed, Signed, Signed], BeforeValidator(as_tuple)]
+Pair = Annotated[tuple[Signed, Signed], BeforeValidator(as_tuple)]
 
 
 def pair_of(item: Any) -> Any:
     """The type of a YAML list of two, kept as a tuple."""
-    return Annotated[tuple[item, item], BeforeValidator(_as_tuple)]
+    return Annotated[tuple[item, item], BeforeValidator(as_tuple)]
 
 
 def _no_boolean(value: Any) -> Any:
@@ -117,7 +123,7 @@ S = typing.TypeVar("S", bound=Section)
 
 def list_of(item: Any) -> Any:
     """The type of a YAML list of `item`, kept as a tuple."""
-    return Annotated[tuple[item, ...], BeforeValidator(_as_tuple)]
+    return Annotated[tuple[item, ...], BeforeValidator(as_tuple)]
 
 
 def validated(model: type[S], document: Document) -> S:
@@ -249,6 +255,6 @@ def _models_in(annotation: Any) -> list[Any]:
 __all__ = [
     "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "CorrelationTime", "Decay", "Elevation",
     "Latitude", "LogTime", "Longitude", "NonNegative", "Pair", "ScanPeriod", "Section", "Sigma", "Signed", "Size",
-    "Stretch", "Triple", "Utc", "Variance", "Version", "hint", "list_of", "one_or_list", "one_or_more", "pair_of",
-    "reject", "validated", "whole",
+    "Stretch", "Triple", "Utc", "Variance", "Version", "as_tuple", "hint", "list_of", "one_or_list", "one_or_more",
+    "pair_of", "reject", "validated", "whole",
 ]  # fmt: skip

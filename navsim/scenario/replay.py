@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from navsim.models import conventions
 from navsim.models.conventions import GnssConvention, ImuConvention
@@ -29,11 +29,8 @@ from navsim.scenario.filter import Gate
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro
 
-Times = Annotated[
-    tuple[Annotated[float, Field(ge=0.0, le=1e12)], ...],
-    BeforeValidator(one_or_more),
-    PlainSerializer(one_or_list),
-]
+Time = Annotated[float, Field(ge=0.0, le=1e12)]
+Times = Annotated[tuple[Time, ...], one_or_more(Time), one_or_list]
 
 
 def _unit(units: dict[str, float]) -> Any:

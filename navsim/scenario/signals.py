@@ -15,15 +15,15 @@ from navsim.scenario.base import (
     Signed,
     Size,
     Triple,
+    as_tuple,
     list_of,
-    one_or_more,
     reject,
     whole,
 )
 from navsim.scenario.sky import Clock
 
 Klobuchar = Annotated[float, Field(ge=-1e8, le=1e8)]
-Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(one_or_more)]
+Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(as_tuple)]
 
 
 class Site(Section):

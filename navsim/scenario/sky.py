@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
+from pydantic import Field, model_validator
 
 from navsim.scenario.base import (
     DEG,
@@ -62,9 +62,9 @@ class Interference(Section):
 SOURCES_FROM_FILES = ("almanac", "navigation", "orbits")
 """Values of `sky.source` that name files by the key of the same name."""
 
-Files = Annotated[tuple[str, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
+Files = Annotated[tuple[str, ...], one_or_more(str), one_or_list]
 """A file name or a list of them."""
-Checksums = Annotated[tuple[Checksum, ...], BeforeValidator(one_or_more), PlainSerializer(one_or_list)]
+Checksums = Annotated[tuple[Checksum, ...], one_or_more(Checksum), one_or_list]
 
 
 class Sky(Section):
