@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -24,12 +25,29 @@ MOST_RUNS = 1_000_000
 ScenarioArgument = Annotated[
     Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
 ]
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Threads. Default: all cores.", show_default=False)
-]
 MOST = 2**63 - 1
 """Largest seed and number of a run: what a result file holds as an integer."""
-SeedOption = Annotated[int, typer.Option(min=0, max=MOST, metavar="N", help="Root of all random numbers.")]
+_PLAIN = {int: re.compile("[0-9]+"), float: re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")}
+"""A number as people write one; Python's own reading takes `1_000`, `nan` and the digits of other scripts too."""
+
+
+def number_option(
+    kind: type[int] | type[float], least: float, meaning: str, *, most: int = MOST, show_default: bool = False
+) -> Any:
+    """An option with a whole number, or with seconds, from `least` to `most`."""
+    what, metavar = ("a whole number", "N") if kind is int else ("a number", "SECONDS")
+
+    def parse(given: object) -> float:
+        text = str(given)  # a default comes as a number
+        if not _PLAIN[kind].fullmatch(text) or not least <= kind(text) <= most:
+            raise typer.BadParameter(f"expected {what} from {least:g} to {most}, not {text[:40]!r}")
+        return kind(text)
+
+    return typer.Option(parser=parse, metavar=metavar, help=f"{meaning} [{least:g} or more]", show_default=show_default)
+
+
+WorkersOption = Annotated[int | None, number_option(int, 1, "Threads. Default: all cores.")]
+SeedOption = Annotated[int, number_option(int, 0, "Root of all random numbers.", show_default=True)]
 FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]

@@ -24,6 +24,7 @@ from navsim.cli.common import (
     begin,
     figure_folder,
     leave,
+    number_option,
     output_option,
     print_result,
     progress,
@@ -131,7 +132,8 @@ def live(
         bool, typer.Option("--realtime", help="Hold lines of a fast source back until their time has come.")
     ] = False,
     silence: Annotated[
-        float, typer.Option(min=0.1, metavar="SECONDS", help="End after so many seconds without a line.")
+        float,
+        number_option(float, 0.1, "End after so many seconds without a line.", most=10**9, show_default=True),
     ] = 10.0,
     force: ForceOption = False,
     over_budget: OverBudgetOption = False,

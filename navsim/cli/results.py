@@ -13,6 +13,7 @@ from navsim.cli.common import (
     figure_folder,
     lacks,
     leave,
+    number_option,
     print_table,
     read_result,
 )
@@ -104,10 +105,7 @@ def export(
     geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Truth, fixes, filter errors as tables.")] = False,
     run: Annotated[
-        int | None,
-        typer.Option(
-            min=0, metavar="K", help="Which run of an ensemble, by its number. Default: the first.", show_default=False
-        ),
+        int | None, number_option(int, 0, "Which run of an ensemble, by its number. Default: the first.")
     ] = None,
     output: Annotated[
         Path | None,

@@ -22,6 +22,7 @@ from navsim.cli.common import (
     figure_folder,
     leave,
     method_given,
+    number_option,
     output_option,
     print_result,
     print_summary,
@@ -50,12 +51,7 @@ def run(
     seed: SeedOption = 1,
     runs: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Number of Monte Carlo runs. Default: 1; of a companion paper's system: the scenario's.",
-            show_default=False,
-        ),
+        number_option(int, 1, "Number of Monte Carlo runs. Default: 1; of a companion paper's system: the scenario's."),
     ] = None,
     until: Annotated[
         str | None,
@@ -67,9 +63,7 @@ def run(
     ] = None,
     first_run: Annotated[
         int,
-        typer.Option(
-            min=0, max=MOST, metavar="N", help="Number of the first run; run 7 alone: --runs 1 --first-run 7."
-        ),
+        number_option(int, 0, "Number of the first run; run 7 alone: --runs 1 --first-run 7.", show_default=True),
     ] = 0,
     workers: WorkersOption = None,
     keep: Annotated[

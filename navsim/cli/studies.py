@@ -21,6 +21,7 @@ from navsim.cli.common import (
     figure_folder,
     leave,
     method_given,
+    number_option,
     open_store,
     output_option,
     print_console,
@@ -45,13 +46,7 @@ def sweep(
     ] = None,
     seed: SeedOption = 1,
     runs: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Runs of each combination with method monte-carlo. Default: the study's.",
-            show_default=False,
-        ),
+        int | None, number_option(int, 1, "Runs of each combination with method monte-carlo. Default: the study's.")
     ] = None,
     workers: WorkersOption = None,
     method: Annotated[
@@ -148,9 +143,7 @@ def optimize(
     figures: FiguresOption = None,
     time_limit: Annotated[
         float | None,
-        typer.Option(
-            min=0.0, metavar="SECONDS", help="Stop then, with the best found so far. Default: none.", show_default=False
-        ),
+        number_option(float, 0.0, "Stop then, with the best found so far. Default: none.", most=10**9),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, search nothing.")] = False,
     fresh: FreshOption = False,
@@ -242,7 +235,7 @@ def table2(
         "results"
     ),
     seed: SeedOption = 1,
-    runs: Annotated[int, typer.Option(min=1, metavar="N", help="Monte Carlo runs of each row.")] = 400,
+    runs: Annotated[int, number_option(int, 1, "Monte Carlo runs of each row.", show_default=True)] = 400,
     workers: WorkersOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, fly nothing.")] = False,
     force: ForceOption = False,

@@ -271,9 +271,15 @@ def test_options_refused(workplace: Path) -> None:
         ["--keep", "some"],
         ["--no-such-option"],
         ["--workers", "0"],
+        ["--runs", "1_000"],
+        ["--runs", "١"],
+        ["--first-run", "1e3"],
+        ["--seed", str(2**63)],
     ):
         done = navsim("run", "s.yaml", *options, cwd=workplace)
         assert_refused(done, workplace, [options[0]])
+    live = navsim("live", "s.yaml", "--silence", "nan", cwd=workplace)
+    assert_refused(live, workplace, ["--silence", "expected a number from 0.1", "'nan'"])
     assert_refused(navsim("schema", "landnig", cwd=workplace), workplace, ["landing"])
     assert_refused(navsim("init", "nothing", cwd=workplace), workplace, ["landing"])
     assert_refused(navsim("init", "-o", "s.yaml", cwd=workplace), workplace, ["exists already"])
