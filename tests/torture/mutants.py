@@ -8,6 +8,7 @@ import gzip
 import math
 import os
 import random
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,11 +200,20 @@ _CHANGES: list[Callable[[_Tree, Place, Place], None]] = [
 ]  # fmt: skip
 
 
+class _Dumper(yaml.SafeDumper):
+    """Quotes texts that YAML 1.2 takes for numbers, though 1.1, which PyYAML knows, does not."""
+
+
+_Dumper.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+(?:\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
 def _of_tree(name: str, trees: dict[str, Any], draw: random.Random) -> Mutant:
     tree = _Tree(trees[name], draw, list(trees.values()))
     for _ in range(draw.choice((1, 1, 1, 1, 2, 3))):
         tree.change()
-    text = yaml.safe_dump(tree.data, allow_unicode=True, sort_keys=False)
+    text = yaml.dump(tree.data, Dumper=_Dumper, allow_unicode=True, sort_keys=False)
     for mark, raw in tree.raw.items():
         text = text.replace(mark, raw)
     return Mutant(name, "; ".join(tree.notes), text.encode("utf-8", "surrogatepass"), None if tree.raw else tree.data)
