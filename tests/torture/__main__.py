@@ -7,8 +7,10 @@ What is finished is kept in results/torture/, so after a kill the same command g
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import random
+import subprocess
 import sys
 import tempfile
 import time
@@ -75,11 +77,23 @@ def _once(part: str, trial: Trial, seed: int, count: int) -> None:
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as place, Forks(Path(place), trials.warming()) as commands:
         tally = trial(commands, Path(place) / "work", seed, count)
-    kept = {"ended": tally.ended, "wrong": tally.wrong, "slowest_s": tally.slowest_s, "peak_mb": tally.peak_mb}
+    kept = {
+        "commit": _commit(),
+        "ended": tally.ended,
+        "wrong": tally.wrong,
+        "slowest_s": tally.slowest_s,
+        "peak_mb": tally.peak_mb,
+    }
     write_whole(file, json.dumps(kept | {"took_s": time.monotonic() - began}, indent=1).encode())
     print(f"{part} {seed}: {dict(tally.ended)}, {time.monotonic() - began:.0f} s", flush=True)
     for what, wrong in tally.wrong:
         print(f"    {what}: {wrong}", flush=True)
+
+
+def _commit() -> str:
+    """What was tried: the commit, marked where files differ from it."""
+    words = ("git", "describe", "--always", "--exclude=*", "--dirty", "--abbrev=10")
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def _kept(part: str, seed: int) -> Tally:
@@ -92,11 +106,14 @@ def _kept(part: str, seed: int) -> Tally:
 
 def page(seeds: list[int]) -> None:
     """Write the figures of what is kept."""
+    files = [file for part in PARTS for seed in seeds if (file := KEPT / f"{part}-{seed}.json").exists()]
+    commits = dict.fromkeys(json.loads(file.read_text())["commit"] for file in files)
     lines = [
         "# Reliability",
         "",
-        f"Made by `make torture` with navsim {navsim.__version__}, seeds {seeds[0]} to {seeds[-1]}; the tests do a",
-        "little of it every time (`tests/torture/`). Wrong is: a traceback, no end within 10 s, more than 1 GB, ",
+        f"Made by `make torture` on {datetime.date.today()} with navsim {navsim.__version__} (commit "
+        f"{', '.join(commits)}), seeds {seeds[0]} to {seeds[-1]};",
+        "the tests do a little of it every time (`tests/torture/`). Wrong is: a traceback, no end within 10 s, more than 1 GB, ",
         "success with input that the published schema refuses or with a result that cannot be read, another study's",
         "work adopted, a number that differs from the undisturbed study's, a file left behind.",
         "",
