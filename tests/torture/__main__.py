@@ -91,9 +91,12 @@ def _once(part: str, trial: Trial, seed: int, count: int) -> None:
 
 
 def _commit() -> str:
-    """What was tried: the commit, marked where files differ from it."""
-    words = ("git", "describe", "--always", "--exclude=*", "--dirty", "--abbrev=10")
-    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    """What was tried: the commit, with a + where the package differs from it."""
+    head, changed = (
+        subprocess.run(("git", *words), cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+        for words in (("rev-parse", "--short=10", "HEAD"), ("status", "--porcelain", "--", "navsim"))
+    )
+    return head + "+" * bool(changed)
 
 
 def _kept(part: str, seed: int) -> Tally:
@@ -112,10 +115,10 @@ def page(seeds: list[int]) -> None:
         "# Reliability",
         "",
         f"Made by `make torture` on {datetime.date.today()} with navsim {navsim.__version__} (commit "
-        f"{', '.join(commits)}), seeds {seeds[0]} to {seeds[-1]};",
-        "the tests do a little of it every time (`tests/torture/`). Wrong is: a traceback, no end within 10 s, more than 1 GB, ",
-        "success with input that the published schema refuses or with a result that cannot be read, another study's",
-        "work adopted, a number that differs from the undisturbed study's, a file left behind.",
+        f"{', '.join(commits)}), seeds {seeds[0]} to {seeds[-1]}; the",
+        "tests do a little of it every time (`tests/torture/`). Wrong is: a traceback, no end within 10 s, more than",
+        "1 GB, success with input that the published schema refuses or with a result that cannot be read, another",
+        "study's work adopted, a number that differs from the undisturbed study's, a file left behind.",
         "",
         "| trial | number | how they ended | slowest | most memory | wrong |",
         "|---|---|---|---|---|---|",
