@@ -94,31 +94,41 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
     two = timed(command(*flown, "--runs", "1000", "--workers", "2"), 3)
     ratio = statistics.median(one) / statistics.median(two)
     rows.append(("1000 landings, 1 against 2 workers, whole processes", f"{ratio:.2f}×", "", True))
-    rows.append(workers())
+    rows += workers()
     with tempfile.TemporaryDirectory() as cache:
         cold = timed(command("run", scenario, environment={**os.environ, "NUMBA_CACHE_DIR": cache}), 1)
     rows.append(("first run ever, with figures (compiling)", shown(cold, "s", 1.0), "30 s", cold[0] <= 30.0))
 
 
-def workers() -> tuple[str, str, str, bool]:
-    """The engine alone, batches kept on disk as they are finished, as in the process."""
+def workers() -> list[tuple[str, str, str, bool]]:
+    """The engine alone, batches kept on disk as they are finished, as in the process; and what it costs to tell by
+    their checksums whose and how whole they are, all read once more."""
     from navsim.scenario.load import read
     from navsim.study.landing import fly_all, prepare
     from navsim.study.partial import Store
 
     case = prepare(*read(SCENARIO))
 
-    def job(count: int) -> Callable[[], object]:
-        def fly() -> None:
-            with tempfile.TemporaryDirectory() as folder:
-                fly_all(case, 1, 0, 1000, count, keep="errors", store=Store(Path(folder) / "partial", {}, True))
+    def job(count: int, folder: Path) -> Callable[[], object]:
+        return lambda: fly_all(case, 1, 0, 1000, count, keep="errors", store=Store(folder, {}, True))
 
-        return fly
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "partial"
+        job(2, folder)()
+        one, two = (timed(job(count, folder), 3) for count in (1, 2))
+        pieces = sorted(file.stem for file in folder.glob("*.npz"))
 
-    job(2)()
-    one, two = (timed(job(count), 3) for count in (1, 2))
+        def tell() -> None:
+            store = Store(folder, {}, False)
+            if any(store.read(name, lambda _: False) is None for name in pieces):
+                raise RuntimeError("a batch just written does not count")
+
+        share = statistics.median(timed(tell, 5)) / statistics.median(one)
     ratio = statistics.median(one) / statistics.median(two)
-    return ("1000 landings flown and kept, 1 to 2 workers", f"{ratio:.2f}×", "1.8×", ratio >= 1.8)
+    return [
+        ("1000 landings flown and kept, 1 to 2 workers", f"{ratio:.2f}×", "1.8×", ratio >= 1.8),
+        (f"checksums of their {len(pieces)} batches, part of the time", f"{share:.2%}", "1 %", share <= 0.01),
+    ]
 
 
 def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
