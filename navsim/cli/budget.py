@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import leave, partial_folder
+from navsim.cli.common import leave
 from navsim.cli.ending import BAD_INPUT, say
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ def afford(name: object, estimate: Budget, target: Path, over_budget: bool, show
 
 def _kept(target: Path) -> float:
     """Size of the partial work that lies beside the target already, bytes."""
+    from navsim.io.whole import partial_folder
+
     try:
         return float(sum(file.stat().st_size for file in partial_folder(target).iterdir()))
     except OSError:  # none there, or another process is at work in it: then all of it is still to come

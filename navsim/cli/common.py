@@ -255,6 +255,7 @@ def save(result: Result, target: Path, figures: Path | None) -> list[Path]:
 
 def open_store(target: Path, key: dict[str, Any], fresh: bool) -> Store:
     """The place for partial work beside the result."""
+    from navsim.io.whole import partial_folder
     from navsim.study.partial import PartialError, Store
 
     try:
@@ -263,13 +264,9 @@ def open_store(target: Path, key: dict[str, Any], fresh: bool) -> Store:
         leave(BAD_INPUT, error)
 
 
-def partial_folder(target: Path) -> Path:
-    """Where the partial work of a result lies."""
-    return target.with_name(f"{target.name}.partial")
-
-
 def store_beside(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Store | None:
     """The same for runs in batches; None for a study of a single batch."""
+    from navsim.io.whole import partial_folder
     from navsim.study.ensemble import BATCH
 
     if runs <= (batch or BATCH) and not partial_folder(target).exists():

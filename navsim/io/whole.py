@@ -6,8 +6,8 @@ import contextlib
 import datetime
 import errno
 import fcntl
-import glob
 import os
+import re
 import shutil
 import socket
 import stat
@@ -42,13 +42,18 @@ def destination(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A name to write a file under, which takes the place of `path` when all went well; it is on the disk by then.
+    """A name to write a file under, which takes the place of `path` when all went well; it is on the disk by then, and
+    whoever might read the old file, and nobody else, may read the new one.
 
     Raises OSError.
     """
     target = destination(path)
     temporary = target.with_name(f"{_stem(target)}{os.getpid()}{_TEMPORARY}")
     try:
+        with contextlib.suppress(FileNotFoundError):
+            mode = stat.S_IMODE(target.stat().st_mode)
+            os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600))
+            temporary.chmod(mode)
         yield temporary
         with open(temporary, "rb") as file:
             os.fsync(file.fileno())
@@ -65,8 +70,18 @@ def write_whole(path: Path, *pieces: bytes | memoryview) -> None:
             file.write(piece)
 
 
+def settle(folder: Path) -> None:
+    """Have the names in a folder on the disk. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _stem(target: Path) -> str:
-    """How temporary names for a file begin; a long name is cut, for names have a limit (255 bytes, usually)."""
+    """How the names of what lies beside a file or folder for a while begin; a long name is cut, for names have a limit
+    (255 bytes, usually)."""
     name = target.name
     if len(name) > _LONG:
         name = f"{name[: _LONG - 9]}-{zlib.crc32(name.encode(errors='surrogateescape')):08x}"
@@ -80,30 +95,47 @@ def discard(folder: Path) -> None:
     """
     if not folder.is_dir():
         return
-    gone = folder.with_name(f"{folder.name}.{os.getpid()}{_GONE}")
+    gone = folder.with_name(f"{_stem(folder)}{os.getpid()}{_GONE}")
     shutil.rmtree(gone, ignore_errors=True)
     folder.rename(gone)
     shutil.rmtree(gone, ignore_errors=True)
 
 
 def clean(path: Path, *, owned: bool) -> None:
-    """Delete what killed processes left of their work on `path`. Raises OSError for what is no file.
+    """Delete what killed processes left of their work on `path`, where that can be. Raises OSError for what is no file.
 
     owned: whether the caller has `locked` it, so that nobody is at work there; else what living processes write stays.
     """
     target = destination(path)
-    for leftover in target.parent.glob(f"{glob.escape(_stem(target))}*{_TEMPORARY}"):
-        if owned or _is_dead(leftover.name.split(".")[-2]):
-            leftover.unlink(missing_ok=True)
+    for process, leftover in _beside(target, _TEMPORARY):
+        if owned or _is_dead(process):
+            with contextlib.suppress(OSError):  # somebody else's, or a folder; it is in nobody's way
+                leftover.unlink()
     if owned:
-        for leftover in path.parent.glob(f"{glob.escape(path.name)}.partial.*{_GONE}"):
+        for _, leftover in _beside(partial_folder(path), _GONE):
             shutil.rmtree(leftover, ignore_errors=True)
 
 
-def _is_dead(process: str) -> bool:
+def partial_folder(target: Path) -> Path:
+    """Where the partial work of a result lies."""
+    return target.with_name(f"{target.name}.partial")
+
+
+def _beside(path: Path, ending: str) -> list[tuple[int, Path]]:
+    """What processes have put beside a file or folder under names of this ending, with their numbers."""
+    pattern = re.compile(f"{re.escape(_stem(path))}([0-9]{{1,10}}){re.escape(ending)}")
     try:
-        os.kill(int(process), 0)
-    except (ProcessLookupError, ValueError, OverflowError):
+        names = os.listdir(path.parent)
+    except OSError:  # not there, or not to be read: nothing that could be deleted
+        return []
+    found = ((pattern.fullmatch(name), path.parent / name) for name in names)
+    return [(int(match[1]), there) for match, there in found if match]
+
+
+def _is_dead(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
         return True
     except PermissionError:
         pass  # somebody else's
@@ -117,7 +149,7 @@ def locked(path: Path) -> Iterator[None]:
     The lock is the kernel's, on a file beside `path`, so it ends with its process, however that ends.
     """
     target = destination(path)
-    lock = target.with_name(f".{target.name}.lock")
+    lock = target.with_name(f"{_stem(target)}lock")
     while True:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from navsim.study.partial import Arrays, Store, load_arrays
+from navsim.study.partial import Arrays, Store, array_of
 
 BATCH = 25
 """Runs a batch: some tenths of a second of work, a few megabytes of histories."""
@@ -40,11 +40,11 @@ class Batch:
     file: Path | None = None
 
     def history(self, name: str) -> np.ndarray:
-        """A kept history (runs of the batch, ...)."""
+        """A kept history (runs of the batch, ...). Raises PartialError where its file is no longer whole."""
         if self.kept is not None:
             return self.kept[name]
         assert self.file is not None
-        return load_arrays(self.file, lambda member: member == f"k:{name}")[f"k:{name}"]
+        return array_of(self.file, f"k:{name}")
 
 
 @dataclass(frozen=True)

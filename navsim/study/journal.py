@@ -6,6 +6,8 @@ analysis is a line of a journal, a finished step a piece of the study's partial 
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import zlib
 from collections.abc import Callable
@@ -22,15 +24,14 @@ class Journal:
         """Raises PartialError where the store's folder does not take the journal."""
         self._store = store
         self._known: dict[tuple[str, bytes], bytes] = {}
-        self._file: int | None = None
+        self._file: io.FileIO | None = None
         if store is None:
             return
         path = store.folder / JOURNAL
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            with open(path, "rb") as file:
-                os.truncate(self._file, self._read(file.read()))
-            os.lseek(self._file, 0, os.SEEK_END)
+            self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - as long as the search
+            self._file.seek(0)
+            self._file.truncate(self._read(self._file.read()))
         except OSError as error:
             raise PartialError(f"{path}: cannot be kept: {error.strerror or error}") from None
 
@@ -79,8 +80,12 @@ class Journal:
     def _append(self, line: str) -> None:
         assert self._store is not None
         assert self._file is not None
+        content = line.encode()
         try:
-            os.write(self._file, line.encode())
+            written = self._file.write(content)
+            if written != len(content):  # cut, it would hide what comes after it
+                self._file.truncate(self._file.tell() - (written or 0))
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise PartialError(
                 f"{self._store.folder / JOURNAL}: cannot be written: {error.strerror or error}; the analyses before it "

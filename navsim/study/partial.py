@@ -12,6 +12,7 @@ import contextlib
 import hashlib
 import io
 import json
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import numpy as np
 
 import navsim
 from navsim.core.jit import digest
-from navsim.io.whole import discard, write_whole
+from navsim.io.whole import discard, settle, write_whole
 
 _CHECKSUM = ".sha256"
 _KEY_FILE = "key.json"
@@ -81,7 +82,7 @@ class Store:
         try:
             content = path.read_bytes()
             if path.with_suffix(_CHECKSUM).read_text() == self._checksum(name, content):
-                return load_arrays(content, wanted)
+                return _arrays(io.BytesIO(content), wanted)
         except (OSError, UnicodeDecodeError):  # lost or unreadable: as good as damaged
             pass
         self.redone += 1
@@ -104,8 +105,9 @@ class Store:
         return path
 
     def remove(self) -> None:
-        """Delete the folder: the result is complete."""
+        """Delete the folder: the result, beside it, is complete."""
         with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
+            settle(self.folder.parent)  # first the result's name, or a power cut might take both
             discard(self.folder)
 
     def _checksum(self, name: str, content: bytes | memoryview) -> str:
@@ -115,10 +117,20 @@ class Store:
         return digest.hexdigest()
 
 
-def load_arrays(content: bytes | Path, wanted: Callable[[str], bool]) -> Arrays:
-    """The wanted arrays of a piece's content or file, which is known to be whole."""
-    with np.load(io.BytesIO(content) if isinstance(content, bytes) else content, allow_pickle=False) as arrays:
+def _arrays(content: io.BytesIO | Path, wanted: Callable[[str], bool]) -> Arrays:
+    with np.load(content, allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files if wanted(name)}
+
+
+def array_of(piece: Path, name: str) -> np.ndarray:
+    """One array of a piece that was found whole, or written, by this process. Raises PartialError where it is so no
+    more: the file holds a checksum of each array."""
+    try:
+        return _arrays(piece, lambda member: member == name)[name]
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise PartialError(
+            f"{piece}: was damaged or removed while the study ran ({error}); the same command computes it again"
+        ) from None
 
 
 def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:

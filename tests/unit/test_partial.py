@@ -9,14 +9,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from navsim.io import whole
-from navsim.io.whole import Occupied, clean, discard, locked, write_whole
+from navsim.io.whole import Occupied, clean, discard, locked, partial_folder, write_whole
 from navsim.study.journal import Journal
-from navsim.study.partial import PartialError, Store
+from navsim.study.partial import PartialError, Store, array_of
 
 KEY = {"seed": 1, "runs": 50}
 PIECE = {"a": np.arange(3.0), "text": np.array(["x", "yy"])}
@@ -131,7 +132,7 @@ def test_fresh_killed_under_way_leaves_nothing_that_counts(folder: Path, monkeyp
         Store(folder, KEY, fresh=True)
     monkeypatch.undo()
     assert not folder.exists()
-    assert [path.name for path in folder.parent.iterdir()] == [f"r.h5.partial.{os.getpid()}.gone"]
+    assert [path.name for path in folder.parent.iterdir()] == [f".r.h5.partial.{os.getpid()}.gone"]
     clean(folder.parent / "r.h5", owned=True)
     assert not list(folder.parent.iterdir())
     discard(folder)
@@ -170,6 +171,52 @@ def test_a_lock_says_who_holds_it_and_ends_with_its_process(tmp_path: Path) -> N
     assert not list(tmp_path.iterdir())
 
 
+def test_only_leftovers_of_this_output_are_cleaned(tmp_path: Path) -> None:
+    """What another process writes under a name that begins alike stays, and so does a folder in the way."""
+    mine, others = (tmp_path / name for name in (".o.5.tmp", ".o.h5.5.tmp"))
+    for file in (mine, others):
+        file.write_bytes(b"")
+    (tmp_path / ".o.6.tmp").mkdir()
+    clean(tmp_path / "o", owned=True)
+    assert {path.name for path in tmp_path.iterdir()} == {".o.h5.5.tmp", ".o.6.tmp"}
+    clean(tmp_path / "absent" / "o", owned=True)
+
+
+@pytest.mark.parametrize("length", [243, 247])
+def test_the_longest_names(length: int, tmp_path: Path) -> None:
+    """Partial work under a name that leaves no room for another ending is discarded like any other."""
+    target = tmp_path / ("x" * length)
+    with locked(target):
+        store = Store(partial_folder(target), KEY, fresh=False)
+        store.write("one", PIECE)
+        Store(partial_folder(target), KEY, fresh=True)
+        assert counted(partial_folder(target)) == ([], 0)
+        store.remove()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o666])
+def test_who_may_read_a_file_may_read_the_one_in_its_place(mode: int, tmp_path: Path) -> None:
+    file = tmp_path / "f"
+    file.write_bytes(b"before")
+    file.chmod(mode)
+    seen = []
+    with whole.replacing(file) as temporary:
+        temporary.write_bytes(b"after")
+        seen.append(temporary.stat().st_mode & 0o777)
+    assert [*seen, file.stat().st_mode & 0o777] == [mode, mode]
+    assert file.read_bytes() == b"after"
+
+
+@pytest.mark.parametrize("damage", [lambda file: file.unlink(), lambda file: file.write_bytes(b""), flip])
+def test_a_piece_damaged_after_it_was_checked_is_noticed(damage: Callable[[Path], None], folder: Path) -> None:
+    piece = Store(folder, KEY, fresh=False).file("one")
+    np.testing.assert_array_equal(array_of(piece, "a"), PIECE["a"])
+    damage(folder if damage is flip else piece)
+    with pytest.raises(PartialError, match=r"one\.npz: was damaged or removed"):
+        array_of(piece, "a")
+
+
 # --- the journal of a search
 
 
@@ -205,6 +252,34 @@ def test_a_cut_journal_counts_up_to_its_last_whole_line(cut: int, tmp_path: Path
     np.testing.assert_array_equal(Journal(store).remembering("full", twice)(places), twice(places))
     assert store.redone == 1
     assert file.read_bytes() == whole_lines
+
+
+class Short:
+    """A file on a disk that was full for a moment: of one write it took half."""
+
+    def __init__(self, file: Any) -> None:
+        self._file, self._left = file, 3
+
+    def write(self, content: bytes) -> int:
+        self._left -= 1
+        return self._file.write(content if self._left else content[: len(content) // 2])
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+def test_a_line_written_in_part_hides_none_after_it(tmp_path: Path) -> None:
+    places = np.arange(40.0).reshape(10, 2, 2)
+    journal = Journal(Store(tmp_path / "p", KEY, fresh=False))
+    journal._file = Short(journal._file)  # type: ignore[assignment]
+    judge = journal.remembering("full", twice)
+    with pytest.raises(PartialError, match="No space left"):
+        judge(places)
+    judge(places[5:])
+    store = Store(tmp_path / "p", KEY, fresh=False)
+    known = Journal(store).remembering("full", forbidden)
+    np.testing.assert_array_equal(known(places[[0, 1, 5, 9]]), twice(places[[0, 1, 5, 9]]))
+    assert store.redone == 0
 
 
 def test_a_journal_of_another_study_does_not_count(tmp_path: Path) -> None:
