@@ -32,7 +32,7 @@ from navsim.cli.common import (
     set_option,
     target_of,
 )
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, say
 from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def _ended_by_signals(session: Session) -> Iterator[list[int]]:
 
     def end(number: int, _: object) -> None:
         came.append(number)
-        session.stopped = f"{_WORDS[number]}; what came so far is kept"
+        session.stopped = f"{WORDS[number]}; what came so far is kept"
         if number == signal.SIGHUP:  # a terminal that hung up takes no more words, and fails at each
             for descriptor in terminals:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
@@ -232,10 +232,3 @@ def _ended_by_signals(session: Session) -> Iterator[list[int]]:
         yield came
     finally:
         restore()
-
-
-_WORDS: dict[int, str] = {
-    signal.SIGINT: "interrupted",
-    signal.SIGTERM: "terminated",
-    signal.SIGHUP: "the terminal hung up",
-}

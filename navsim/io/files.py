@@ -28,8 +28,7 @@ def opened(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
     Raises OSError, whose `strerror` says what is wrong: not there, a folder, no regular file, too large.
     """
     # without waiting: a named pipe would keep us until somebody writes to it
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    descriptor = os.open(path, flags)
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     about = os.fstat(descriptor)
     problem: OSError | None = None
     if stat.S_ISDIR(about.st_mode):

@@ -81,11 +81,12 @@ class Stored(Stream):
         return self._read(first, last)  # type: ignore[attr-defined]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """All of it; kept for the next who asks, unless it is large."""
+        """All of it; kept for the next who asks, unless it is large, and then not to be changed."""
         whole: np.ndarray | None = self._whole  # type: ignore[attr-defined]
         if whole is None:
             whole = self._read(None, None)  # type: ignore[attr-defined]
             if self.nbytes <= BLOCK_BYTES:
+                whole.flags.writeable = False
                 object.__setattr__(self, "_whole", whole)
         return whole.astype(dtype or self.dtype, copy=bool(copy))
 
@@ -220,7 +221,7 @@ def write(path: Path, result: Result) -> None:
 def _claim(path: Path, size: int) -> None:
     """Find out whether the disk takes a file of this size; raises OSError where it does not."""
     with open(path, "wb") as file:
-        if hasattr(os, "posix_fallocate"):
+        if hasattr(os, "posix_fallocate"):  # macOS has none
             os.posix_fallocate(file.fileno(), 0, size)
     path.unlink()
 
@@ -229,6 +230,7 @@ def _image(result: Result) -> memoryview:
     """The bytes of the HDF5 file."""
     import h5netcdf
 
+    _check_lengths(result)
     memory = io.BytesIO()
     with h5netcdf.File(memory, "w") as file:
         _fill(file, result)
@@ -264,6 +266,22 @@ def _fill(file: Any, result: Result) -> None:
             stored = group.create_variable(name, variable.dims, data.dtype, **_checked(data, first))
             _fill_numbers(stored, first, pieces)
         _describe(stored, path, variable)
+
+
+def _check_lengths(result: Result) -> None:
+    """Raise ValueError where data and its dimensions differ in length, for it would be stored cut or stretched. A
+    dimension is the coordinate of its name, in the variable's group or the nearest above it."""
+    shapes = {path: np.shape(v.data) for path, v in result.variables.items()}
+    for path, variable in result.variables.items():
+        for dim, length in zip(variable.dims, shapes[path], strict=True):
+            group = path
+            while group:
+                group = group.rpartition("/")[0]
+                due = shapes.get(f"{group}/{dim}")
+                if due is not None:
+                    if due[0] != length:
+                        raise ValueError(f"{path}: {length} values along {dim}, which has {due[0]}")
+                    break
 
 
 def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:

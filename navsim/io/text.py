@@ -16,7 +16,6 @@ import math
 import re
 import struct
 import subprocess
-import sys
 import tempfile
 import zipfile
 import zlib
@@ -381,9 +380,8 @@ def _hatanaka(reading: _Reading, data: bytes) -> bytes:
 
     Its Python interface would take all that the program gives: a hundred bytes may become a hundred kilobytes.
     """
-    name = "crx2rnx.exe" if sys.platform == "win32" else "crx2rnx"
     with (
-        importlib.resources.as_file(importlib.resources.files("hatanaka.bin") / name) as program,
+        importlib.resources.as_file(importlib.resources.files("hatanaka.bin") / "crx2rnx") as program,
         tempfile.TemporaryFile() as source,
         tempfile.TemporaryFile() as said,
     ):

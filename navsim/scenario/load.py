@@ -89,6 +89,9 @@ def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Replay, Do
     return _read(path, assignments, "replay")
 
 
+NO_RECORDED = "a recorded approach (approach.profile: recorded) is flown by `navsim run`, but by no study"
+
+
 def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tuple[S, Document, Document]:
     """A study of the wanted kind after `--set` assignments, its document, and that of its base scenario.
 
@@ -106,8 +109,7 @@ def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tu
         message = f"the base of a study is a landing scenario; {study.base} is of kind {base.data.get('kind')!r}"
         raise InputError([Problem(document.place(("base",)), "base", message)])
     if isinstance(base.data.get("approach"), dict) and base.data["approach"].get("profile") == "recorded":
-        message = f"{study.base} flies a recorded approach, which `navsim run` does, but no study"
-        raise InputError([Problem(document.place(("base",)), "base", message)])
+        raise InputError([Problem(document.place(("base",)), "base", f"{study.base}: {NO_RECORDED}")])
     return study, document, base
 
 

@@ -157,10 +157,8 @@ def _number(text: str) -> int | float:
     if len(text) > MOST_DIGITS:
         raise ValueError(f"a number of {len(text)} characters; allowed are {MOST_DIGITS}")
     plain = text.lower().lstrip("+")
-    if plain.startswith(("0x", "0o")):
-        return int(plain, 0)
     try:
-        value: int | float = int(plain)
+        value: int | float = int(plain, 0) if plain.startswith(("0x", "0o")) else int(plain)
     except ValueError:
         value = float(plain.replace(".inf", "inf").replace(".nan", "nan"))
     if math.isnan(value):

@@ -13,7 +13,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,13 @@ from navsim.io import files
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
+from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.load import resolved_yaml
+from navsim.scenario.load import NO_RECORDED, resolved_yaml
 from navsim.scenario.signals import Pseudolites
 from navsim.scenario.sky import SOURCES_FROM_FILES
-from navsim.scenario.source import Document, InputError, set_value
+from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.simulation.signals import Environment
@@ -49,8 +49,10 @@ from navsim.study.root import root_attributes
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""
-NAME_FILES = ("sky", "sky.source", "sky.almanac", "sky.navigation", "sky.orbits")
-"""Keys that say which files of satellites are read."""
+NAME_FILES = ("source", *SOURCES_FROM_FILES)
+"""Keys of the sky that say which files are read, as do those within them."""
+OWN_DIMENSIONS = ("finding", "point", "sample", "site")
+"""Dimensions of a result that are no axes named by keys."""
 UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
 COMPUTED, INVALID, NO_FIX = range(3)
@@ -96,10 +98,10 @@ def _points(vary: Vary) -> list[tuple[Any, ...]]:
 
 
 def short(study: Sweep, key: str) -> str:
-    """The name of a key in the result: its last part where no other key of the study ends alike."""
-    keys = [name for vary in study.vary for name in vary.names()]
+    """The name of a key in the result: its last part where no other key of the study, nor the result, uses it."""
+    taken = [*OWN_DIMENSIONS, *(name.rsplit(".", 1)[-1] for vary in study.vary for name in vary.names())]
     last = key.rsplit(".", 1)[-1]
-    return last if sum(k.rsplit(".", 1)[-1] == last for k in keys) == 1 else key.replace(".", "_")
+    return last if taken.count(last) == 1 else key.replace(".", "_")
 
 
 def _name(study: Sweep, vary: Vary) -> str:
@@ -143,12 +145,21 @@ class Plan:
         }
 
     def scenario(self, settings: dict[str, Any]) -> tuple[Landing, Document]:
-        """The scenario of one combination. Raises InputError where it is not a valid one."""
+        """The scenario of one combination. Raises InputError where it is not a valid one, or none for a study."""
+        document = self._changed(settings)
+        scenario = validated(Landing, document)
+        if isinstance(scenario.approach, RecordedApproach):
+            key = ("approach", "profile")
+            raise InputError([Problem(document.place(key), dotted(key), NO_RECORDED)])
+        return scenario, document
+
+    def _changed(self, settings: dict[str, Any]) -> Document:
+        """The base with these settings. Raises InputError where they cannot be made."""
         document = self.base.copy()
         for key, value in settings.items():
             place = self.document.place(("vary", self._axis_of(key)))
             set_value(document, key, copy.deepcopy(value), place, self.document.folder)
-        return validated(Landing, document), document
+        return document
 
     def _axis_of(self, key: str) -> int:
         return next(i for i, vary in enumerate(self.study.vary) if key in vary.names())
@@ -230,31 +241,46 @@ class Plan:
         """Warnings about the sky of the first combination."""
         return self._environment[2]
 
+    def warnings_of(self, case: Case) -> list[str]:
+        """Warnings about the input of a combination that are not the study's."""
+        # what is not defined without a touchdown, geometry alone does not give
+        mine = case.sky_warnings if self.study.method == "dop" else case.warnings
+        return [text for text in mine if text not in self.warnings]
+
     @cached_property
     def files(self) -> dict[str, str]:
         """Checksums of the satellite files that combinations name; UNUSABLE for those that cannot be read."""
         found: dict[str, str] = {}
-        varied = [axis for axis in self.axes if any(key in NAME_FILES for key in axis.keys)]
+        varied = [axis for axis in self.axes if any(map(_names_files, axis.keys))]
         for points in itertools.product(*(axis.points for axis in varied)):
-            document = self.base.copy()
-            for axis, point in zip(varied, points, strict=True):
-                for key, value in zip(axis.keys, point, strict=True):
-                    place = self.document.place(("vary", self._axis_of(key)))
-                    set_value(document, key, copy.deepcopy(value), place, self.document.folder)
+            settings = {
+                key: value
+                for axis, point in zip(varied, points, strict=True)
+                for key, value in zip(axis.keys, point, strict=True)
+            }
+            try:
+                document = self._changed(settings)
+            except InputError:
+                continue  # no scenario, so it names no files
             sky = document.data.get("sky")
             source = sky.get("source") if isinstance(sky, dict) else None
             if source in SOURCES_FROM_FILES:
                 names = sky.get(source)
                 for name in names if isinstance(names, list) else [names]:
                     if isinstance(name, str) and name not in found:
-                        found[name] = _checksum(document.resolve(("sky", str(source)), name))
+                        found[name] = _checksum(document, ("sky", str(source)), name)
         return found
 
 
-def _checksum(path: Path) -> str:
+def _names_files(key: str) -> bool:
+    section, _, rest = key.partition(".")
+    return section == "sky" and (not rest or rest.split(".")[0] in NAME_FILES)
+
+
+def _checksum(document: Document, key: KeyPath, name: str) -> str:
     try:
-        return files.checksum(path)
-    except OSError:
+        return files.checksum(document.resolve(key, name))
+    except (OSError, InputError):
         return UNUSABLE
 
 
@@ -285,13 +311,14 @@ class SweepStudy:
         rows = {name: np.full(count, np.nan) for name in names}
         rows["outcome"] = np.full(count, INVALID, np.int8)
         rows["findings"] = np.zeros((count, len(LANDING)), bool)
+        rows["warned"] = np.zeros(count, bool)
         rows["site"] = np.full((count, MOST_MAP_SITES, 2), np.nan)
         if self.plan.geometry is not None:
             self._placements(first, count, self.plan.geometry, rows)
             return rows, {}, {}
         for i in range(count):
             try:
-                found, site, what = self._one(first + i)
+                found, site, what, rows["warned"][i] = self._one(first + i)
             except InputError:
                 continue  # not a valid scenario: nan
             rows["site"][i] = self.plan.in_plan(site)
@@ -329,8 +356,9 @@ class SweepStudy:
             for name in columns(self.plan.study):
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
-    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding]]:
-        """The outputs of a combination, its sites, ECEF, and what was found in its flights."""
+    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool]:
+        """The outputs of a combination, its sites, ECEF, what was found in its flights, and whether its input has
+        warnings that the study has not."""
         scenario, document = self.plan.scenario(self.plan.settings(index))
         method = self.plan.study.method
         case = prepare(scenario, document)
@@ -338,17 +366,20 @@ class SweepStudy:
             if checksum != self.plan.files[name]:
                 raise PartialError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.ground.llh)
+        warned = bool(self.plan.warnings_of(case))
         geometry = _geometry(case.scenario, case.trajectory, case.environment)
         out = {k: float(v[0]) for k, v in dop_outputs(geometry, site[None]).items()}
         if method == "covariance":
             analysis = covariance_analysis(case)
-            return out | filter_outputs(covariance_summary(case, analysis)), site, covariance_findings(case, analysis)
+            outputs = out | filter_outputs(covariance_summary(case, analysis))
+            return outputs, site, covariance_findings(case, analysis), warned
         if method == "monte-carlo":
             flown = _flown(case, self.plan.seed, self.plan.study.runs)
-            return out | filter_outputs(flown), site, of(flown)
+            return out | filter_outputs(flown), site, of(flown), warned
         lost = int(out["epochs_without_fix"])
         text = f"{lost} epochs of the glide without a fix"
-        return out, site, [Finding("epochs_without_fix", text, (FIX,), lost, len(geometry.receiver))] if lost else []
+        found = [Finding("epochs_without_fix", text, (FIX,), lost, len(geometry.receiver))] if lost else []
+        return out, site, found, warned
 
 
 def _flown(case: Case, seed: int, runs: int) -> Result:
@@ -476,6 +507,12 @@ def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Findi
             text = f"{some.sum()} of {some.size} combinations are nan: {OUTCOMES[number]}"
             said = f"{text}; the first: {label(int(np.argmax(some)))}"
             out.append(Finding("refused", said, against, int(some.sum()), some.size))
+    warned = found.per_run("warned")
+    if warned.any():
+        first, count = int(np.argmax(warned)), int(warned.sum())
+        said = "; ".join(planned.warnings_of(prepare(*planned.scenario(planned.settings(first)))))
+        text = f"in {count} of {warned.size} combinations the input has warnings; the first: {label(first)}: {said}"
+        out.append(Finding("input", text, (), count, warned.size))
     return out + among(found.per_run("findings"), "combinations", label)
 
 
@@ -483,7 +520,8 @@ def _column(values: list[Any]) -> np.ndarray:
     if all(isinstance(x, bool) for x in values):
         return np.array(values).astype(np.int8)
     if all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in values):
-        return np.array(values)
+        stored = all(isinstance(x, int) and abs(x) < 2**63 for x in values)  # what HDF5 holds as whole numbers
+        return np.array(values, dtype=np.int64 if stored else np.float64)
     return np.array([x if isinstance(x, str) else json.dumps(x) for x in values], dtype=object)
 
 

@@ -15,7 +15,7 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.io.results import read
+from navsim.io.results import Result, Variable, read, write
 from navsim.study.landing import covariance_analysis, covariance_result
 from tests.conftest import SCENARIOS
 from tests.helpers import case
@@ -43,6 +43,74 @@ SIZE = 2 * 60 * 46
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("sweep")
+
+
+ALMANAC = "set: {pseudolites.count: 0, sky.source: almanac, sky.almanac: [data/nominal.agl]}\n"
+DOUBTFUL: dict[str, tuple[str, int, tuple[str, ...]]] = {
+    "a key that ends like a dimension of the result": (
+        "set: {pseudolites.differential: {}, pseudolites.count: 0,\n"
+        "  pseudolites.sites: [{name: A, s_m: 100, l1_m: 500}, {name: B, s_m: -100, l1_m: 500}]}\n"
+        "vary: [{key: pseudolites.differential.site, values: [A, B]}, {key: receiver.rate_hz, values: [1, 5]}]",
+        4,
+        (),
+    ),
+    "numbers beyond 64 bits": (
+        f"vary: [{{key: pseudolites.count, values: [0, {10**30}]}}]",
+        1,
+        ("no valid scenario", f"count {10**30}"),
+    ),
+    "files by their place in a list": (
+        f"{ALMANAC}vary: [{{key: sky.almanac.0, values: [data/nominal.agl, data/other.agl]}}]",
+        1,
+        ("other.agl",),
+    ),
+    "a user that is not there": (
+        "set: {pseudolites.count: 0, sky.source: almanac}\n"
+        'vary: [{key: sky.almanac, values: [data/nominal.agl, "~nosuchuser/x"]}]',
+        1,
+        ("nosuchuser",),
+    ),
+    "a value in the way of another key": (
+        "vary: [{key: sky, values: [{source: nominal-gps}, abc]}, {key: sky.source, values: [nominal-glonass]}]",
+        1,
+        ("sky abc",),
+    ),
+    "a recorded approach": (
+        "vary: [{key: approach.profile, values: [smooth, recorded]}]",
+        1,
+        ("approach.profile recorded",),
+    ),
+    "a flight that ends in the air": (
+        "method: covariance\noutputs: [horizontal, vertical_touchdown]\nset: {imu.rate_hz: 10, receiver.rate_hz: 1}\n"
+        "vary: [{key: duration_s, values: [70, 20]}]",
+        2,
+        ("in 1 of 2 combinations the input has warnings; the first: duration_s 20: touchdown would be",),
+    ),
+}
+"""Studies of which not all combinations are in order: their text, how many are computed, what is said."""
+
+
+@pytest.mark.parametrize("name", DOUBTFUL)
+def test_doubtful_combinations_are_computed_or_named(name: str, tmp_path: Path) -> None:
+    """And what was computed can be shown again."""
+    text, computed, words = DOUBTFUL[name]
+    (tmp_path / "data").symlink_to(SCENARIOS / "data")
+    done = navsim("sweep", study(tmp_path, "s", text), "-o", "s.h5", "--figures", "none", cwd=tmp_path)
+    assert ("warning" in done.stderr) == bool(words)
+    for word in words:
+        assert word in done.stderr
+    result = read(tmp_path / "s.h5")
+    assert int(np.sum(result["/outcome/combination"] == 0)) == computed
+    navsim("show", "s.h5", cwd=tmp_path)
+
+
+def test_data_that_do_not_fit_their_dimension_are_not_stored(tmp_path: Path) -> None:
+    wrong = Result(
+        {}, {"/x": Variable(("x",), np.arange(3), "1", "x"), "/g/y": Variable(("x",), np.arange(4), "1", "y")}
+    )
+    with pytest.raises(ValueError, match="/g/y: 4 values along x, which has 3"):
+        write(tmp_path / "r.h5", wrong)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture(scope="module")

@@ -36,6 +36,8 @@ SAMPLE_TIME, FIX_TIME = 0.55e-6, 8e-6
 """Seconds a sample, and a fix, of one run of a filter."""
 SMOOTHING = {"rts": 3.0, "map": 8.0}
 """Times as long a run of a smoother takes."""
+SIGHT_TIME = 3e-6
+"""Seconds a source of signals at an epoch, from orbits to what is seen of it."""
 _PREPARED_TIME = 16e-6
 """Seconds a sample of what all runs share."""
 _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
@@ -101,7 +103,7 @@ def run_time(scenario: Landing, here: Extent) -> float:
 
 
 def prepared(here: Extent) -> float:
-    return _PREPARED_TIME * here.samples
+    return _PREPARED_TIME * here.samples + SIGHT_TIME * here.epochs * here.sources
 
 
 def shared_memory(here: Extent) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,10 +46,6 @@ def available_memory(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cg
 
 def _process_limit(proc: Path) -> float | None:
     """What is left of the limit of the address space for memory that is held, bytes."""
-    try:
-        import resource
-    except ImportError:  # Windows has none
-        return None
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY:
         return None

@@ -30,6 +30,7 @@ from navsim.study.budget.landing import (
     FIX_TIME,
     SAMPLE_MEMORY,
     SAMPLE_TIME,
+    SIGHT_TIME,
     SIGNAL_MEMORY,
     SMOOTHING,
     STATISTICS,
@@ -84,7 +85,10 @@ def sweep(planned: Plan, workers: int) -> Budget:
     workers = max(1, min(workers, -(-planned.size // planned.batch)))
     memory, time = 0.0, 0.0
     if planned.geometry_alone:
-        time = planned.size * _PLACEMENT_TIME
+        scenario = planned.first[0]
+        here, glide = extent(scenario, planned.sources), _glide(scenario)
+        time = SIGHT_TIME * glide * here.sources + planned.size * (_PLACEMENT_TIME + 2.0 * _POINT_TIME * glide)
+        memory = SIGNAL_MEMORY * here.epochs * here.sources
     else:
         scenarios = planned.spread(_SAMPLED)
         costs = [_combination(planned, scenario) for scenario in scenarios]
@@ -133,17 +137,22 @@ def posing(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
     at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.pseudolites}
     judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.pseudolites)
     signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
-    glide = glide_epochs(scenario, scenario.trajectory())[0].size
-    judged = _JUDGED_MEMORY * judged_places * glide
+    ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
+    judged = _JUDGED_MEMORY * judged_places * _glide(scenario) * ruled
     result = NUMBER * len(study.pseudolites) * (optimize.MAP_POINTS**2 + 30 * most) + 38 * VARIABLE
     flown = 0.0
     if study.objective not in DOP_OBJECTIVES:
         flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
     return Budget(
-        BASE_TIME + 0.2 * starts * here.epochs * here.sources * 1e-5,
+        BASE_TIME + SIGHT_TIME * starts * here.epochs * here.sources,
         BASE_MEMORY + signals + judged + flown,
         result,
     )
+
+
+def _glide(scenario: Landing) -> int:
+    """Epochs of the glide, by which placements are judged."""
+    return int(glide_epochs(scenario, scenario.trajectory())[1].sum())
 
 
 def search_time(here: Problem) -> float:
