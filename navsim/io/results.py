@@ -223,7 +223,7 @@ def _claim(path: Path, size: int) -> None:
     with open(path, "wb") as file:
         if hasattr(os, "posix_fallocate"):  # macOS has none
             os.posix_fallocate(file.fileno(), 0, size)
-    path.unlink()
+        file.truncate(0)
 
 
 def _image(result: Result) -> memoryview:
