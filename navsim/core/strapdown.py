@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
-from navsim.core.earth import RATE, gravity, radii
+from navsim.core.earth import RATE, gravity, radii, short_way
 from navsim.core.jit import inlined, kernel
 
 # What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
@@ -115,7 +115,7 @@ def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
 
     nav[2] -= 0.5 * (vd + vd1) * dt
     nav[0] = lat + 0.5 * (vn + vn1) * dt / rm
-    nav[1] += 0.5 * (ve + ve1) * dt / (rt * cos_m)
+    nav[1] = short_way(nav[1] + 0.5 * (ve + ve1) * dt / (rt * cos_m))
     nav[3], nav[4], nav[5] = vn1, ve1, vd1
 
     rotate_right(q, ax, ay, az)

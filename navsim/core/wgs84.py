@@ -8,6 +8,8 @@ eqs. 2.112 (geodetic to ECEF), 2.150 (ECEF to local axes).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 A = 6378137.0
@@ -44,6 +46,16 @@ def heading_axes(llh: np.ndarray, heading: float) -> np.ndarray:
     """Columns (3, 3) are the unit vectors ahead, right and down at a point (3,), in ECEF; heading in rad."""
     c, s = np.cos(heading), np.sin(heading)
     return ned_matrix(llh).T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def short_way(angle: Any) -> Any:
+    """A difference of two longitudes the short way round, rad: in -pi ... pi."""
+    return angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi) + 0.5)
+
+
+def unturned(llh: np.ndarray) -> np.ndarray:
+    """Positions (n, 3) [rad, rad, m] one after another, their longitudes without a turn between two of them."""
+    return np.stack([llh[:, 0], np.unwrap(llh[:, 1]), llh[:, 2]], axis=1)
 
 
 def ecef_from_llh(llh: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import math
 from navsim.core import states
 from navsim.core.attitude import rotate_left
 from navsim.core.covariance import reset
-from navsim.core.earth import radii
+from navsim.core.earth import radii, short_way
 from navsim.core.jit import kernel
 
 
@@ -19,7 +19,7 @@ from navsim.core.jit import kernel
 def move(nav, north, east, down):
     """Move the position of a navigation state by metres, in place."""
     meridian, transverse = radii(math.sin(nav[0]))
-    nav[1] += east / ((transverse + nav[2]) * math.cos(nav[0]))
+    nav[1] = short_way(nav[1] + east / ((transverse + nav[2]) * math.cos(nav[0])))
     nav[0] += north / (meridian + nav[2])
     nav[2] -= down
 

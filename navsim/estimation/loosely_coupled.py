@@ -32,7 +32,7 @@ from navsim.core.covariance import (
     normalised_square,
     predict,
 )
-from navsim.core.earth import RATE, radii
+from navsim.core.earth import RATE, radii, short_way
 from navsim.core.jit import kernel
 from navsim.core.strapdown import MID_N, step
 from navsim.estimation import error_state, invariant, tfg
@@ -135,7 +135,7 @@ def plain_error(llh, vel, quat, bias, nav, error):
     """The plain error (15,) of a navigation state: the given position, velocity, attitude, biases (6,) less its own."""
     meridian, transverse = radii(math.sin(nav[0]))
     error[0] = (llh[0] - nav[0]) * (meridian + nav[2])
-    error[1] = (llh[1] - nav[1]) * (transverse + nav[2]) * math.cos(nav[0])
+    error[1] = short_way(llh[1] - nav[1]) * (transverse + nav[2]) * math.cos(nav[0])
     error[2] = nav[2] - llh[2]
     for i in range(3):
         error[states.VEL + i] = vel[i] - nav[states.NAV_VEL + i]
@@ -178,7 +178,7 @@ def measurement(nav, previous, dt, c_nb, lever, llh, vel, with_velocity, z, h):
         arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
         h[i, i] = 1.0
     z[0] = (llh[0] - nav[0]) * (meridian + nav[2]) - arm[0]
-    z[1] = (llh[1] - nav[1]) * (transverse + nav[2]) * cos_lat - arm[1]
+    z[1] = short_way(llh[1] - nav[1]) * (transverse + nav[2]) * cos_lat - arm[1]
     z[2] = nav[2] - llh[2] - arm[2]
     # r_antenna = r + C l: d = -[C l x] theta
     h[0, 7], h[0, 8] = arm[2], -arm[1]

@@ -440,7 +440,7 @@ def true_antenna(result: Result) -> np.ndarray:
     def at_fixes(values: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
 
-    llh = at_fixes(result["/truth/position_llh"])
+    llh = at_fixes(wgs84.unturned(result["/truth/position_llh"]))
     attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
     lever = attitude @ np.array(_scenario(result)["receiver"]["lever_arm_m"], dtype=float)
     return wgs84.ecef_from_llh(llh) + np.einsum("eij,ei->ej", wgs84.ned_matrix(llh), lever)

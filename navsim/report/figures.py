@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix
+from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix, unturned
 from navsim.io.export import true_antenna
 from navsim.io.results import Result, ResultError, Stream, write_bytes, write_text
 from navsim.report.figure_files import MARK, remove_former
@@ -225,7 +225,7 @@ def fix_errors(result: Result) -> np.ndarray:
     """Fixes minus the antenna's true positions, NED, m: (run, e, 3); nan without a fix."""
     difference = ecef_from_llh(result["/receiver/position_llh"]) - true_antenna(result)
     here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
-                     for column in result["/truth/position_llh"].T], axis=1)  # fmt: skip
+                     for column in unturned(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
     return np.einsum("eij,rej->rei", ned_matrix(here), difference)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from navsim.core import covariance, states
 from navsim.core.defect import Defect
-from navsim.core.wgs84 import E2, A
+from navsim.core.wgs84 import E2, A, short_way
 from navsim.estimation.linearised import INPUTS, NOISES, linearise
 from navsim.models import imu
 from navsim.models.pseudorange import Signals
@@ -195,7 +195,7 @@ def _metres(difference: np.ndarray, llh: np.ndarray) -> np.ndarray:
     return np.stack(
         [
             difference[:, 0] * (meridian + llh[:, 2]),
-            difference[:, 1] * (transverse + llh[:, 2]) * np.cos(llh[:, 0]),
+            short_way(difference[:, 1]) * (transverse + llh[:, 2]) * np.cos(llh[:, 0]),
             -difference[:, 2],
         ],
         axis=1,

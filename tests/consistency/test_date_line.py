@@ -1,0 +1,90 @@
+"""Nothing depends on where longitudes are counted from: flights across 180 degrees are those of elsewhere."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.core import earth, wgs84
+from navsim.io.export import true_antenna
+from navsim.io.results import Result
+from navsim.report.figures import fix_errors
+from navsim.scenario.load import read_replay
+from navsim.study import landing, replay
+from tests.conftest import SCENARIOS
+from tests.helpers import case
+
+HALF = np.pi
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 0, 1])
+def test_the_short_way_round(turns: int) -> None:
+    angles = np.array([0.0, 1e-9, -3.0, 3.0, np.nan])
+    np.testing.assert_allclose(wgs84.short_way(angles + 2.0 * HALF * turns), angles, atol=1e-14)
+    assert earth.short_way(angles[1]) == angles[1]
+    assert np.isnan(earth.short_way(np.nan))
+
+
+EAST = ("runway.heading_deg=90", "duration_s=40", "imu.rate_hz=20", "receiver.rate_hz=2")
+
+
+def flown(longitude: float, *more: str, method: str = "monte-carlo") -> Result:
+    """Eastwards under directions of satellites, which are the same anywhere."""
+    this = case(f"approach.start.lon_deg={longitude}", *EAST, *more, name="table2_row1")
+    if method == "covariance":
+        return landing.covariance_result(this, landing.covariance_analysis(this), 1)
+    return landing.result(this, landing.fly_all(this, 3, 0, 1, 1, keep="all"), 3, keep="all")
+
+
+ACROSS = 179.995
+"""Where a flight starts that crosses 180 degrees after some 10 s."""
+
+
+@pytest.mark.parametrize("kind", ["tfg", "eskf", "left-invariant", "rts", "map"])
+def test_a_landing_across_the_date_line(kind: str) -> None:
+    here, there = (flown(longitude, f"filter.kind={kind}") for longitude in (37.0, ACROSS))
+    longitudes = there["/truth/position_llh"][:, 1]
+    assert np.ptp(longitudes) > HALF
+    for name in ("/filter/error", "/filter/sigma"):
+        np.testing.assert_allclose(there[name], here[name], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(fix_errors(there), fix_errors(here), atol=1e-5)
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(true_antenna(there), axis=0), axis=1),
+        np.linalg.norm(np.diff(true_antenna(here), axis=0), axis=1),
+        atol=1e-5,
+    )
+
+
+def test_its_covariance_analysis() -> None:
+    here, there = (flown(longitude, method="covariance") for longitude in (37.0, ACROSS))
+    for name in ("/summary/at/along", "/filter/sigma"):
+        np.testing.assert_allclose(there[name], here[name], rtol=1e-6)
+
+
+def test_a_recorded_flight_across_the_date_line(tmp_path: Path) -> None:
+    with open(SCENARIOS / "data" / "flight_gnss.csv", newline="") as file:
+        rows = list(csv.reader(line for line in file if not line.startswith("#")))
+    head, body = rows[0], rows[1:]
+    column = head.index("lon_deg")
+    middle = float(np.median([float(row[column]) for row in body]))
+    found = []
+    for at in (37.0, 180.0):
+        folder = tmp_path / f"{at:g}"
+        (folder / "data").mkdir(parents=True)
+        (folder / "data" / "flight_imu.csv.gz").symlink_to(SCENARIOS / "data" / "flight_imu.csv.gz")
+        with open(folder / "data" / "flight_gnss.csv", "w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(head)
+            for row in body:
+                longitude = (float(row[column]) - middle + at + 180.0) % 360.0 - 180.0
+                writer.writerow([*row[:column], f"{longitude:.9f}", *row[column + 1 :]])
+        (folder / "log.yaml").write_text((SCENARIOS / "recorded_flight.yaml").read_text())
+        found.append(replay.compute(replay.prepare(*read_replay(folder / "log.yaml", ("tuning=none",)))))
+    here, there = found
+    assert np.ptp(there["/gnss/position_llh"][:, 1]) > HALF
+    assert np.abs(there["/filter/position_llh"][:, 1]).max() <= HALF
+    for name in ("/filter/attitude_rpy", "/filter/velocity_ned", "/filter/sigma", "/innovations/normalized_squared"):
+        np.testing.assert_allclose(there[name], here[name], rtol=1e-4, atol=1e-5)
