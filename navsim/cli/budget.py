@@ -25,12 +25,15 @@ def afford(name: object, estimate: Budget, target: Path, over_budget: bool, show
     name: of the scenario or study. target: the result's path. at_most: the work may end earlier by itself, so the
     estimate alone refuses nothing.
     """
+    from navsim.core import jit
     from navsim.study.budget.estimate import lacking, said
     from navsim.study.budget.machine import machine
 
     here = machine(target.parent)
     if shown:
         say(f"{name}: {'at most ' if at_most else ''}{said(estimate, here)}")
+        if not jit.is_warm():
+            say("compiling the kernels, once, takes up to a minute more")
     lack = lacking(estimate, here, _kept(target) if estimate.partial_bytes else 0.0)
     wanting = f"{name}: needs {', and '.join(lack)}"
     if not lack or (at_most and not shown):

@@ -210,7 +210,10 @@ def refuse_other(target: Path, sort: Sort, force: bool) -> None:
 
     if not target.exists():
         return
-    there = read_sort(target)
+    try:
+        there = read_sort(target)
+    except ResultError as error:
+        raise ResultError(f"{error}; it is not overwritten, choose another -o/--output") from None
     if there != sort and not force:
         raise ResultError(
             f"{target}: holds a result of another sort ({there}) than the new one ({sort}); "
@@ -233,7 +236,7 @@ def begin(target: Path) -> None:
     else:
         clean(target, owned=True)
     if not jit.is_warm():
-        say(f"compiling the kernels, once, about 15 s; kept in {jit.cache_place()}")
+        say(f"compiling the kernels, once, up to a minute; kept in {jit.cache_place()}")
 
 
 def save(result: Result, target: Path, figures: Path | None) -> list[Path]:

@@ -25,7 +25,7 @@ import numpy as np
 
 from navsim.io import files
 from navsim.io.seal import Damaged, blocks, seal
-from navsim.io.whole import clean, destination, replacing, write_whole
+from navsim.io.whole import clean, destination, partial_folder, replacing, write_whole
 
 if TYPE_CHECKING:
     from navsim.io.hdf5 import Dataset, Tree
@@ -148,9 +148,10 @@ ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 
 
 def check_writable(path: Path) -> None:
-    """Raise ResultError, before any work is done, where `path` could not be written."""
+    """Raise ResultError, before any work is done, where `path` could not be written, with partial work beside it."""
     try:
-        destination(path)
+        target = destination(path)
+        partial_folder(path).exists()  # its name is longer
     except IsADirectoryError:
         raise ResultError(f"{path}: this is a folder; the result needs a file name") from None
     except NotADirectoryError:
@@ -160,12 +161,13 @@ def check_writable(path: Path) -> None:
     folder = path.parent
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=destination(path).parent):
+        with tempfile.TemporaryFile(dir=target.parent):
             return
     except FileExistsError:
         raise ResultError(f"{folder}: is a file, not a folder") from None
     except OSError as error:
-        raise ResultError(f"{folder}: results cannot be written there: {error.strerror or error}") from None
+        where = f"{path} -> {target}" if path.is_symlink() else folder
+        raise ResultError(f"{where}: results cannot be written there: {error.strerror or error}") from None
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:

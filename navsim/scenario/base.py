@@ -99,14 +99,14 @@ def pair_of(item: Any) -> Any:
     return Annotated[tuple[item, item], BeforeValidator(as_tuple)]
 
 
-def _no_boolean(value: Any) -> Any:
-    if isinstance(value, bool):
+def _whole(value: Any) -> Any:
+    if isinstance(value, (bool, float)):
         raise ValueError("expected a whole number")
     return value
 
 
-whole = BeforeValidator(_no_boolean)
-"""For choices of whole numbers, among which Python finds false and true too."""
+whole = BeforeValidator(_whole)
+"""For choices of whole numbers, among which Python finds false, true and 2.0 too."""
 Version = Annotated[Literal[1], whole]
 
 
@@ -179,6 +179,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             return Problem(place, key, "this key is required")
         given = _value_at(document.data, path)
         choices = [c.strip(" '") for c in expected.replace(" or ", ",").split(",")]
+        if isinstance(given, str) and given in choices:  # a number in quotation marks
+            return Problem(place, key, f"a number is needed, not the text {given!r}; allowed: {', '.join(choices)}")
         return Problem(place, key, f"{given!r} is not allowed; " + hint(str(given), choices))
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "expected a section, a mapping of keys to values"

@@ -95,8 +95,8 @@ def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -
     """The finding of a mean normalised square per degree of freedom beyond its `limit`, if it is; whose: in words."""
     if not degrees or not mean > limit(degrees):
         return []
-    size = f"{math.sqrt(mean):.3g} times what the filter believes (mean normalised square {mean:.3g}, 1 is due)"
-    text = f"{whose} are {size}"
+    size = f"{math.sqrt(mean):.3g} times what is due (mean square {mean:.3g} where 1 is due)"
+    text = f"{whose}, normalised by the filter's covariance, are {size}"
     return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
 
 

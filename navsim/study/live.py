@@ -37,7 +37,7 @@ Block = Literal["receiver", "imu"]
 COUNTS = {
     "received": "lines received",
     "used": "messages used",
-    "corrupt": "lines that are no message: checksum, syntax, values",
+    "corrupt": "lines with what is no message: checksum, syntax, values",
     "doubled": "messages that came again unchanged",
     "late": "messages for a time already passed: late or out of order",
     "contradicting": "messages of one time with another place: of another sender",
@@ -216,7 +216,9 @@ class Session:
         nmea = self.assembler
         for name, counted in _OF_NMEA.items():
             now = getattr(nmea, counted)
-            self.counts[name] += now - self._of_nmea[name]
+            new = now - self._of_nmea[name]
+            # a line may hold several sentences, and pieces of some; it is counted once
+            self.counts[name] += min(new, 1) if name == "corrupt" else new
             self._of_nmea[name] = now
         if nmea.moved != self._moved:
             # the date came after the first fixes: their times, and what was settled by them, are of that day
@@ -450,7 +452,7 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
         said.append(f"datagrams of other senders than the first were left out: {others}")
     if session.counts["corrupt"] > MANY_CORRUPT * session.counts["received"]:
-        said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines are no message")
+        said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines hold what is no message")
     for name in ("dropped", "contradicting", "no_separation"):
         if session.counts[name]:
             said.append(f"{session.counts[name]} {COUNTS[name]}")

@@ -12,6 +12,8 @@ import contextlib
 import hashlib
 import io
 import json
+import os
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -24,9 +26,19 @@ from navsim.core.jit import digest
 from navsim.io.whole import discard, settle, write_whole
 
 _CHECKSUM = ".sha256"
+_HASHED = {
+    "scenario_sha256": "settings of the scenario",
+    "study_sha256": "settings of the study",
+    "kernels": "compiled code",
+    "sources": "code of navsim",
+    "files": "satellite files",
+}
+"""Parts of keys that tell a reader nothing."""
 _KEY_FILE = "key.json"
 JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
+
+_OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+(\.npz|{re.escape(_CHECKSUM)})|\..*\.tmp")
 
 Arrays = dict[str, np.ndarray]
 
@@ -57,6 +69,8 @@ class Store:
         mine = json.dumps(key, sort_keys=True, indent=1)
         self.identity = hashlib.sha256(mine.encode()).digest()
         try:
+            if others := _others(folder):
+                raise PartialError(f"{folder}: partial work is to lie there, but it holds {others[0]!r}, not navsim's")
             if fresh:
                 discard(folder)
             if any(file.stat().st_size for kind in (f"*{_CHECKSUM}", JOURNAL) for file in folder.glob(kind)):
@@ -107,6 +121,8 @@ class Store:
     def remove(self) -> None:
         """Delete the folder: the result, beside it, is complete."""
         with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
+            if _others(self.folder):
+                return
             settle(self.folder.parent)  # first the result's name, or a power cut might take both
             discard(self.folder)
 
@@ -133,6 +149,12 @@ def array_of(piece: Path, name: str) -> np.ndarray:
         ) from None
 
 
+def _others(folder: Path) -> list[str]:
+    """Names in a folder that no partial work has, if there is such a folder."""
+    names = os.listdir(folder) if folder.is_dir() else []
+    return [name for name in sorted(names) if not _OWN.fullmatch(name)]
+
+
 def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
     """Raise PartialError where the folder's key is not this one."""
     try:
@@ -140,8 +162,12 @@ def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
         if theirs == mine:
             return
         other = json.loads(theirs)
-        parts = [f"{k} {other.get(k)!r} there, {v!r} here" for k, v in key.items() if other.get(k) != v]
+        parts = [
+            f"other {_HASHED[k]}" if k in _HASHED else f"{k} {other[k]!r} there, {v!r} here"
+            for k, v in key.items()
+            if other[k] != v
+        ]
         whose = f"partial work of another study lies there ({'; '.join(parts)})"
-    except (OSError, ValueError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError):
         whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
     raise PartialError(f"{folder}: {whose}; --fresh discards it")

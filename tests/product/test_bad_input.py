@@ -43,6 +43,8 @@ CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("misspelt key at the root", ("duration_s: 120", "duratoin_s: 120"), ["duratoin_s", "unknown key", "'duration_s'"]),
     ("misspelt key in a section", ("  glide_slope_deg: 5", "  glideslope_deg: 5"), ["approach.glideslope_deg", "did you mean 'glide_slope_deg'"]),
     ("misspelt key two levels down", ("    drift_deg_h: 700", "    drift_deg_hr: 700"), ["imu.gyro.drift_deg_hr", "did you mean 'drift_deg_h'"]),
+    ("number in quotation marks", ("  count: 2  ", '  count: "2"  '), ["pseudolites.count", "a number is needed, not the text '2'; allowed: 0, 1, 2"]),
+    ("fraction for a choice", ("  count: 2  ", "  count: 2.0"), ["pseudolites.count", "expected a whole number"]),
     ("misspelt section", ("receiver:", "reciever:"), ["reciever", "did you mean 'receiver'"]),
     ("key of the other profile", ("  corner_s: 0.5", "  flare_height_m: 6"), ["approach.flare_height_m", "unknown key"]),
     ("wrong unit in a key", ("  speed_start_kmh: 130", "  speed_start_ms: 36"), ["approach.speed_start_ms", "speed_start_kmh"]),
@@ -233,13 +235,16 @@ def test_output_refused(workplace: Path) -> None:
     (workplace / "file").write_text("")
     with h5py.File(workplace / "other.h5", "w") as other:
         other["x"] = 1.0
+    (workplace / "link.h5").symlink_to("nowhere/x.h5")
     for target, fragments in (
         ("no/such/folder/x.h5", ["no/such/folder", "no such folder"]),
         ("file/x.h5", ["file"]),
         ("results", ["results", "this is a folder"]),
         ("/proc/x.h5", ["/proc", "cannot be written"]),
-        ("results/s.h5", ["results/s.h5", "not a readable HDF5 file"]),
-        ("other.h5", ["other.h5", "not a navsim result"]),
+        ("results/s.h5", ["results/s.h5", "not a readable HDF5 file", "not overwritten"]),
+        ("other.h5", ["other.h5", "not a navsim result", "not overwritten"]),
+        (f"{250 * 'a'}.h5", ["aaa.h5: cannot be written: File name too long"]),
+        ("link.h5", ["link.h5 ->", "nowhere/x.h5: results cannot be written there: No such file or directory"]),
     ):
         assert_refused(navsim("run", "s.yaml", "-o", target, cwd=workplace), workplace, fragments)
     with h5py.File(workplace / "other.h5") as other:
@@ -275,6 +280,7 @@ def test_options_refused(workplace: Path) -> None:
         ["--runs", "١"],
         ["--first-run", "1e3"],
         ["--seed", str(2**63)],
+        ["--until", "rms_horizontal within 0%"],
     ):
         done = navsim("run", "s.yaml", *options, cwd=workplace)
         assert_refused(done, workplace, [options[0]])

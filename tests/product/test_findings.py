@@ -74,7 +74,7 @@ def test_sigmas_beyond_what_the_filter_carries() -> None:
     assert {"rejected_fixes", "errors_beyond_sigma", "sigma_position_velocity", "innovations"} <= set(found)
     assert found["rejected_fixes"].against == (FIX, CONSISTENT)
     assert found["errors_beyond_sigma"].first == pytest.approx(0.1)
-    assert "times what the filter believes" in found["sigma_position_velocity"].text
+    assert "times what is due" in found["sigma_position_velocity"].text
     assert "sigma_all_states" in found_in(case(*TINY, "duration_s=20"), 3)
 
 
@@ -170,7 +170,7 @@ def test_require_consistent(tmp_path: Path) -> None:
     tiny = [word for setting in TINY for word in ("--set", setting)]
     command = ("run", SCENARIOS / "landing.yaml", *tiny, "--set", "duration_s=65", "-q", "--require-consistent")
     done = navsim(*command, "-o", tmp_path / "tiny.h5", cwd=tmp_path, code=3)
-    assert "error: --require-consistent: errors of position and velocity are" in done.stderr
+    assert "error: --require-consistent: errors of position and velocity, normalised" in done.stderr
 
 
 def test_combinations_without_a_fix(tmp_path: Path) -> None:

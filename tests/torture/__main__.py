@@ -43,7 +43,7 @@ PARTS: dict[str, tuple[Trial, int, str]] = {
         "mutants that are in order, computed where they say that this is quick",
     ),
     "killed": (trials.killed, 20, "studies killed at a step on the file system, resumed, compared to the bit"),
-    "full": (trials.filled, 2, "studies whose disk is full from a step on, resumed, compared to the bit"),
+    "full": (trials.filled, 1, "studies whose disk is full from a step on, resumed, compared to the bit"),
     "damaged": (trials.damaged, 500, "results with damaged bytes, shown and exported"),
 }
 """What is done: how, how often a seed, in words."""

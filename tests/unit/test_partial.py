@@ -171,6 +171,33 @@ def test_a_lock_says_who_holds_it_and_ends_with_its_process(tmp_path: Path) -> N
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("fresh", [True, False])
+def test_a_folder_with_other_files_is_left_alone(fresh: bool, folder: Path, tmp_path: Path) -> None:
+    mine = tmp_path / "p"
+    mine.mkdir()
+    for place in (mine, folder):
+        (place / "notes.txt").write_text("precious")
+        with pytest.raises(PartialError, match=r"holds 'notes\.txt', not navsim's"):
+            Store(place, KEY, fresh)
+        assert (place / "notes.txt").read_text() == "precious"
+
+
+def test_what_came_into_the_folder_meanwhile_stays(folder: Path) -> None:
+    store = Store(folder, KEY, fresh=False)
+    (folder / "notes.txt").write_text("precious")
+    store.remove()
+    assert (folder / "notes.txt").read_text() == "precious"
+
+
+def test_what_is_hashed_is_told_by_its_name(tmp_path: Path) -> None:
+    Store(tmp_path / "p", {"scenario_sha256": "a", "seed": 1}, fresh=False).write("one", PIECE)
+    with pytest.raises(PartialError, match=r"lies there \(other settings of the scenario; seed 1 there, 2 here\)"):
+        Store(tmp_path / "p", {"scenario_sha256": "b", "seed": 2}, fresh=False)
+    (tmp_path / "p" / "key.json").write_text("{}")
+    with pytest.raises(PartialError, match=r"key\.json is missing or damaged"):
+        Store(tmp_path / "p", {"seed": 2}, fresh=False)
+
+
 def test_only_leftovers_of_this_output_are_cleaned(tmp_path: Path) -> None:
     """What another process writes under a name that begins alike stays, and so does a folder in the way."""
     mine, others = (tmp_path / name for name in (".o.5.tmp", ".o.h5.5.tmp"))
