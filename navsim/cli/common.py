@@ -58,7 +58,7 @@ FiguresOption = Annotated[
     str | None,
     typer.Option(
         metavar="FOLDER|none",
-        help="Where figures go. Default: beside the result; none with --quiet.",
+        help="Where figures go, made where it is not there. Default: beside the result; none with --quiet.",
         show_default=False,
     ),
 ]

@@ -77,7 +77,11 @@ def plot(
     file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result to draw.", show_default=False)],
     figures: Annotated[
         str | None,
-        typer.Option(metavar="FOLDER|none", help="Where figures go. Default: beside the result.", show_default=False),
+        typer.Option(
+            metavar="FOLDER|none",
+            help="Where figures go, made where it is not there. Default: beside the result.",
+            show_default=False,
+        ),
     ] = None,
 ) -> None:
     """Draw the figures of a result again and print their names."""

@@ -86,7 +86,8 @@ def run(
         str | None,
         typer.Option(
             metavar="FOLDER|none",
-            help="Where figures go. Default: beside the result; none for several runs or with --quiet.",
+            help="Where figures go, made where it is not there. Default: beside the result; none for several runs or "
+            "with --quiet.",
             show_default=False,
         ),
     ] = None,

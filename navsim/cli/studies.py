@@ -231,9 +231,9 @@ def optimize(
 
 
 def table2(
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")] = Path(
-        "results"
-    ),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go, made where it is not there.")
+    ] = Path("results"),
     seed: SeedOption = 1,
     runs: Annotated[int, number_option(int, 1, "Monte Carlo runs of each row.", show_default=True)] = 400,
     workers: WorkersOption = None,
