@@ -2,7 +2,8 @@
 
 numba loads what it finds. A file cut by a power failure, or with a flipped bit, ends the process within the machine
 code or with a traceback, at every start until somebody removes the folder. Here each file begins with the SHA-256 of
-the rest, and is not looked into before that fits.
+its name and the rest, and is not looked into before that fits. Machine code is named by what it was compiled for:
+numbered, as numba's is, two processes at once could have put theirs under one name.
 """
 
 from __future__ import annotations
@@ -43,12 +44,17 @@ class _CheckedFiles(IndexDataCacheFile):
         """What was written to a file. Raises FileNotFoundError, OSError, Damaged."""
         with open(path, "rb") as file:
             digest, content = file.read(_DIGEST), file.read()
-        if hashlib.sha256(content).digest() != digest:
+        if _digest(path, content) != digest:
             with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
                 os.unlink(path)
             note(f"damaged machine code in {self._cache_path} was dropped and compiled again")
             raise Damaged(path)
         return content
+
+    def save(self, key: Any, data: Any) -> None:
+        name = self._data_name(int(hashlib.sha256(repr(key).encode()).hexdigest()[:16], 16))
+        self._save_data(name, data)
+        self._save_index(self._load_index() | {key: name})
 
     def _load_index(self) -> dict[Any, str]:
         try:
@@ -72,11 +78,17 @@ class _CheckedFiles(IndexDataCacheFile):
         temporary = Path(f"{filepath}.tmp.{uuid.uuid4().hex[:16]}")
         try:
             with open(temporary, "wb") as file:
-                file.write(hashlib.sha256(content.getbuffer()).digest())
+                file.write(_digest(filepath, content.getbuffer()))
                 file.write(content.getbuffer())
             temporary.replace(filepath)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+def _digest(path: str, content: bytes | memoryview) -> bytes:
+    digest = hashlib.sha256(os.path.basename(path).encode() + b"\0")
+    digest.update(content)
+    return digest.digest()
 
 
 class CheckedCache(FunctionCache):

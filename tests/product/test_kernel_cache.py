@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from navsim.core import kernel_cache
+
 CODE = (
     "import numpy as np; from navsim.core import attitude, kernel_cache; m = np.empty((3, 3));"
     "attitude.dcm(np.array([0.5, 0.5, -0.5, 0.5]), m);"
@@ -39,6 +41,30 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     matrix, hits, notes = result(folder)
     assert (matrix, hits, notes) == (RIGHT, 0, "")
     return folder
+
+
+def test_two_processes_at_once_mix_nothing_up(tmp_path: Path) -> None:
+    """Both have read an index that was empty: what is compiled for one call is never under the name of another."""
+    kept = kernel_cache._CheckedFiles(str(tmp_path), "f", 0)
+    kept.save("for one", "code")
+    files(tmp_path, "nbi")[0].unlink()
+    kept.save("for another", "other code")
+    assert len(files(tmp_path, "nbc")) == 2
+    assert (kept.load("for one"), kept.load("for another")) == (None, "other code")
+    kept.save("for one", "code")
+    assert (kept.load("for one"), kept.load("for another")) == ("code", "other code")
+
+
+def test_a_file_under_another_name_is_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel_cache, "notes", [])
+    kept = kernel_cache._CheckedFiles(str(tmp_path), "f", 0)
+    for name in ("one", "another"):
+        kept.save(name, name)
+    first, second = files(tmp_path, "nbc")
+    first.replace(second)
+    assert {kept.load("one"), kept.load("another")} == {None}
+    assert len(kernel_cache.notes) == 1
+    assert not second.exists()
 
 
 def files(cache: Path, ending: str) -> list[Path]:
