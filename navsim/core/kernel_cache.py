@@ -2,8 +2,8 @@
 
 numba loads what it finds. A file cut by a power failure, or with a flipped bit, ends the process within the machine
 code or with a traceback, at every start until somebody removes the folder. Here each file begins with the SHA-256 of
-its name and the rest, and is not looked into before that fits. Machine code is named by what it was compiled for:
-numbered, as numba's is, two processes at once could have put theirs under one name.
+its name and the rest, and is not looked into before that fits. Machine code is named by what it was compiled for,
+without an index: of two processes at once, one could lose the other's entries or put its code under the other's name.
 """
 
 from __future__ import annotations
@@ -51,22 +51,20 @@ class _CheckedFiles(IndexDataCacheFile):
             raise Damaged(path)
         return content
 
-    def save(self, key: Any, data: Any) -> None:
-        name = self._data_name(int(hashlib.sha256(repr(key).encode()).hexdigest()[:16], 16))
-        self._save_data(name, data)
-        self._save_index(self._load_index() | {key: name})
+    def _name(self, key: Any) -> str:
+        made_for = hashlib.sha256(repr((self._version, self._source_stamp, key)).encode())
+        return str(self._data_name(int(made_for.hexdigest()[:16], 16)))
 
-    def _load_index(self) -> dict[Any, str]:
+    def load(self, key: Any) -> Any:
+        """What was kept for a signature, None where there is nothing that counts."""
         try:
-            content = io.BytesIO(self._content(self._index_path))
-        except OSError:  # absent, damaged or unreadable: nothing is known, so it is compiled
-            return {}
-        version, stamp, overloads = pickle.load(content)
-        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+            return self._load_data(self._name(key))
+        except OSError:
+            return None
 
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        with self._open_for_write(self._index_path) as file:
-            file.write(self._dump((self._version, self._source_stamp, overloads)))
+    def save(self, key: Any, data: Any) -> None:
+        """Keep it."""
+        self._save_data(self._name(key), data)
 
     def _load_data(self, name: str) -> Any:
         return pickle.loads(self._content(self._data_path(name)))

@@ -49,13 +49,15 @@ def heading_axes(llh: np.ndarray, heading: float) -> np.ndarray:
 
 
 def short_way(angle: Any) -> Any:
-    """A difference of two longitudes the short way round, rad: in -pi ... pi."""
+    """A longitude, or the short way between two of them, rad: in -pi ... pi."""
     return angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi) + 0.5)
 
 
 def unturned(llh: np.ndarray) -> np.ndarray:
-    """Positions (n, 3) [rad, rad, m] one after another, their longitudes without a turn between two of them."""
-    return np.stack([llh[:, 0], np.unwrap(llh[:, 1]), llh[:, 2]], axis=1)
+    """Positions (n, 3) [rad, rad, m], nan among them or not, with longitudes within half a turn of the first one's."""
+    known = llh[np.isfinite(llh[:, 1]), 1]
+    turns = np.round((llh[:, 1] - known[0]) / (2.0 * np.pi)) if known.size else 0.0
+    return np.stack([llh[:, 0], llh[:, 1] - 2.0 * np.pi * turns, llh[:, 2]], axis=1)
 
 
 def ecef_from_llh(llh: np.ndarray) -> np.ndarray:

@@ -494,7 +494,12 @@ def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:
 
 
 def _lonlat(llh: np.ndarray) -> list[list[float]]:
-    return [[round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in llh]
+    """Longitude, latitude, deg, height, m, of a line's or ring's positions (n, 3): one across 180 degrees goes on
+    beyond it, for maps would draw it round the Earth."""
+    there = wgs84.unturned(llh)
+    return [
+        [round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in there
+    ]
 
 
 def _geojson(result: Result, target: Path) -> dict[Path, str]:
@@ -550,7 +555,9 @@ def _kml(result: Result, target: Path) -> dict[Path, str]:
         into = shape
         if f["type"] == "Polygon":
             into = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
-        Xml.SubElement(into, "coordinates").text = " ".join(",".join(map(str, c)) for c in f["coordinates"])
+        # KML has longitudes of at most 180 degrees, and draws the short way
+        places = [(round(lon - 360.0 * round(lon / 360.0), 9), *rest) for lon, *rest in f["coordinates"]]
+        Xml.SubElement(into, "coordinates").text = " ".join(",".join(map(str, place)) for place in places)
     Xml.indent(kml, space=" ")
     text = Xml.tostring(kml, encoding="unicode", xml_declaration=False)
     return {target.with_suffix(".kml"): '<?xml version="1.0" encoding="UTF-8"?>\n' + text + "\n"}

@@ -25,7 +25,7 @@ import numpy as np
 
 from navsim.io import files
 from navsim.io.seal import Damaged, blocks, seal
-from navsim.io.whole import clean, destination, partial_folder, replacing, write_whole
+from navsim.io.whole import clean, destination, partial_folder, replacing, settle, write_whole
 
 if TYPE_CHECKING:
     from navsim.io.hdf5 import Dataset, Tree
@@ -151,7 +151,8 @@ def check_writable(path: Path) -> None:
     """Raise ResultError, before any work is done, where `path` could not be written, with partial work beside it."""
     try:
         target = destination(path)
-        partial_folder(path).exists()  # its name is longer
+        with contextlib.suppress(FileNotFoundError):
+            partial_folder(path).stat()  # its name is longer
     except IsADirectoryError:
         raise ResultError(f"{path}: this is a folder; the result needs a file name") from None
     except NotADirectoryError:
@@ -195,26 +196,29 @@ IN_MEMORY = 64e6
 
 
 def write(path: Path, result: Result) -> None:
-    """Write the result under a temporary name beside `path`, then rename it. Raises ResultError.
+    """Write the result under a temporary name beside `path`, then rename it; its name is on the disk by then, so that
+    what it was made of can go. Raises ResultError.
 
     HDF5 does not survive a full disk, it crashes the process while closing the file. So a small file is built
     in memory and written by plain system calls; for a large one, which is written block by block, the space is
     claimed first.
     """
+    _check_lengths(result)
     size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
         if size < IN_MEMORY:
             image = _image(result)
             write_whole(path, image, seal(blocks(image)))
-            return
-        import h5netcdf
+        else:
+            import h5netcdf
 
-        with replacing(path) as temporary:
-            _claim(temporary, int(1.05 * size + IN_MEMORY))
-            with h5netcdf.File(temporary, "w") as tree:
-                _fill(tree, result)
-            with open(temporary, "r+b") as file:
-                file.write(seal(blocks(file)))
+            with replacing(path) as temporary:
+                _claim(temporary, int(1.05 * size + IN_MEMORY))
+                with h5netcdf.File(temporary, "w") as tree:
+                    _fill(tree, result)
+                with open(temporary, "r+b") as file:
+                    file.write(seal(blocks(file)))
+        settle(path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ResultError(f"{path}: cannot be written: {reason}; an earlier result there is untouched") from None
@@ -232,7 +236,6 @@ def _image(result: Result) -> memoryview:
     """The bytes of the HDF5 file."""
     import h5netcdf
 
-    _check_lengths(result)
     memory = io.BytesIO()
     with h5netcdf.File(memory, "w") as file:
         _fill(file, result)
@@ -244,17 +247,14 @@ def _fill(file: Any, result: Result) -> None:
         _set(file, "/", name, value)
 
     # coordinates first: they create the dimensions their neighbours use
-    def is_coordinate(item: tuple[str, Variable]) -> bool:
-        return item[1].dims == (item[0].rsplit("/", 1)[-1],)
-
-    ordered = sorted(result.variables.items(), key=lambda item: (not is_coordinate(item), item[0].count("/")))
+    ordered = sorted(result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/")))
     for path, variable in ordered:
         group_name, _, name = path.rpartition("/")
         group = file if not group_name else file[group_name] if group_name in file else file.create_group(group_name)
         data = variable.data
         if not isinstance(data, Stream) or data.dtype.kind in "UO" or not data.shape:
             data = np.asarray(data)
-        if is_coordinate((path, variable)):
+        if _is_coordinate(path, variable):
             group.dimensions[name] = data.shape[0]
         if data.dtype.kind in "UO":
             import h5py
@@ -270,19 +270,25 @@ def _fill(file: Any, result: Result) -> None:
         _describe(stored, path, variable)
 
 
+def _is_coordinate(path: str, variable: Variable) -> bool:
+    return variable.dims == (path.rsplit("/", 1)[-1],)
+
+
 def _check_lengths(result: Result) -> None:
-    """Raise ValueError where data and its dimensions differ in length, for it would be stored cut or stretched. A
+    """Raise ResultError where data and its dimensions differ in length, for it would be stored cut or stretched. A
     dimension is the coordinate of its name, in the variable's group or the nearest above it."""
-    shapes = {path: np.shape(v.data) for path, v in result.variables.items()}
+    lengths = {path: np.shape(v.data)[0] for path, v in result.variables.items() if _is_coordinate(path, v)}
     for path, variable in result.variables.items():
-        for dim, length in zip(variable.dims, shapes[path], strict=True):
+        for dim, length in zip(variable.dims, np.shape(variable.data), strict=True):
             group = path
             while group:
                 group = group.rpartition("/")[0]
-                due = shapes.get(f"{group}/{dim}")
-                if due is not None:
-                    if due[0] != length:
-                        raise ValueError(f"{path}: {length} values along {dim}, which has {due[0]}")
+                due = lengths.get(f"{group}/{dim}", length)
+                if due != length:
+                    raise ResultError(
+                        f"the result cannot be stored: {path}: {length} values along {dim}, which has {due}"
+                    )
+                if f"{group}/{dim}" in lengths:
                     break
 
 

@@ -42,21 +42,23 @@ def destination(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A name to write a file under, which takes the place of `path` when all went well; it is on the disk by then, and
-    whoever might read the old file, and nobody else, may read the new one.
+    """A name to write a file under, which takes the place of `path`, and its mode, when all went well; it is on the
+    disk by then.
 
     Raises OSError.
     """
     target = destination(path)
     temporary = target.with_name(f"{_stem(target)}{os.getpid()}{_TEMPORARY}")
     try:
-        with contextlib.suppress(FileNotFoundError):
-            mode = stat.S_IMODE(target.stat().st_mode)
+        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
+        if mode is not None:  # nobody reads what is being written who could not read what was
             os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600))
-            temporary.chmod(mode)
         yield temporary
         with open(temporary, "rb") as file:
             os.fsync(file.fileno())
+        if mode is not None:
+            with contextlib.suppress(PermissionError):  # some file systems have no modes
+                temporary.chmod(mode)
         os.replace(temporary, target)
     finally:
         with contextlib.suppress(OSError):  # it is not there any more, or what went wrong is being told
@@ -70,13 +72,14 @@ def write_whole(path: Path, *pieces: bytes | memoryview) -> None:
             file.write(piece)
 
 
-def settle(folder: Path) -> None:
-    """Have the names in a folder on the disk. Raises OSError."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def settle(path: Path) -> None:
+    """Have the name of a file, too, on the disk, where the file system can be asked for that."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(destination(path).parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _stem(target: Path) -> str:

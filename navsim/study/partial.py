@@ -15,6 +15,7 @@ import json
 import os
 import re
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ import numpy as np
 
 import navsim
 from navsim.core.jit import digest
-from navsim.io.whole import discard, settle, write_whole
+from navsim.io.whole import discard, write_whole
 
 _CHECKSUM = ".sha256"
 _HASHED = {
@@ -38,7 +39,7 @@ _KEY_FILE = "key.json"
 JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
 
-_OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+(\.npz|{re.escape(_CHECKSUM)})|\..*\.tmp")
+_OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+(\.npz|{re.escape(_CHECKSUM)})|\..*")
 
 Arrays = dict[str, np.ndarray]
 
@@ -70,7 +71,10 @@ class Store:
         self.identity = hashlib.sha256(mine.encode()).digest()
         try:
             if others := _others(folder):
-                raise PartialError(f"{folder}: partial work is to lie there, but it holds {others[0]!r}, not navsim's")
+                raise PartialError(
+                    f"{folder}: partial work is to lie there, but it holds {others[0]!r}, which is not navsim's; move "
+                    "that away, or choose another -o/--output"
+                )
             if fresh:
                 discard(folder)
             if any(file.stat().st_size for kind in (f"*{_CHECKSUM}", JOURNAL) for file in folder.glob(kind)):
@@ -119,12 +123,10 @@ class Store:
         return path
 
     def remove(self) -> None:
-        """Delete the folder: the result, beside it, is complete."""
+        """Delete the folder: the result is complete."""
         with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
-            if _others(self.folder):
-                return
-            settle(self.folder.parent)  # first the result's name, or a power cut might take both
-            discard(self.folder)
+            if not _others(self.folder):
+                discard(self.folder)
 
     def _checksum(self, name: str, content: bytes | memoryview) -> str:
         digest = hashlib.sha256(self.identity)
@@ -143,14 +145,25 @@ def array_of(piece: Path, name: str) -> np.ndarray:
     more: the file holds a checksum of each array."""
     try:
         return _arrays(piece, lambda member: member == name)[name]
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    # the last three: of a header that says there were more, or other, than there is
+    except (
+        OSError,
+        EOFError,
+        KeyError,
+        ValueError,
+        zipfile.BadZipFile,
+        zlib.error,
+        RuntimeError,
+        MemoryError,
+    ) as error:
         raise PartialError(
             f"{piece}: was damaged or removed while the study ran ({error}); the same command computes it again"
         ) from None
 
 
 def _others(folder: Path) -> list[str]:
-    """Names in a folder that no partial work has, if there is such a folder."""
+    """Names in a folder that no partial work has, if there is such a folder; without those that file managers and
+    network disks put anywhere, which begin with a dot."""
     names = os.listdir(folder) if folder.is_dir() else []
     return [name for name in sorted(names) if not _OWN.fullmatch(name)]
 
@@ -165,9 +178,11 @@ def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
         parts = [
             f"other {_HASHED[k]}" if k in _HASHED else f"{k} {other[k]!r} there, {v!r} here"
             for k, v in key.items()
-            if other[k] != v
+            if k in other and other[k] != v
         ]
+        if other.keys() != key.keys():
+            parts.insert(0, "a study of another kind, or of an earlier version")
         whose = f"partial work of another study lies there ({'; '.join(parts)})"
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, AttributeError, TypeError):
         whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
     raise PartialError(f"{folder}: {whose}; --fresh discards it")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from navsim.core import earth, wgs84
+from navsim.io import export
 from navsim.io.export import true_antenna
 from navsim.io.results import Result
 from navsim.report.figures import fix_errors
@@ -56,6 +59,24 @@ def test_a_landing_across_the_date_line(kind: str) -> None:
         np.linalg.norm(np.diff(true_antenna(here), axis=0), axis=1),
         atol=1e-5,
     )
+
+
+def test_its_maps(tmp_path: Path) -> None:
+    """No line round the Earth: GeoJSON goes on beyond 180 degrees, KML has no such longitudes."""
+    (whole,) = export.export(flown(ACROSS), tmp_path / "r.h5", ["geojson"])
+    for feature in json.loads(whole.read_text())["features"]:
+        kind, found = feature["geometry"]["type"], feature["geometry"]["coordinates"]
+        if kind != "Point":
+            ring = np.array(found[0] if kind == "Polygon" else found)
+            assert np.ptp(ring[:, 0]) < 1.0
+        if kind == "Polygon":
+            x, y = (ring[:, :2] - ring[0, :2]).T
+            assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0
+    (kml,) = export.export(flown(ACROSS), tmp_path / "r.h5", ["kml"])
+    longitudes = [float(place.split(",")[0]) for text in re.findall("<coordinates>(.*?)<", kml.read_text())
+                  for place in text.split()]  # fmt: skip
+    assert np.abs(longitudes).max() <= 180.0
+    assert np.ptp(longitudes) > 359.0
 
 
 def test_its_covariance_analysis() -> None:

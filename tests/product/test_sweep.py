@@ -15,7 +15,7 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.io.results import Result, Variable, read, write
+from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.study.landing import covariance_analysis, covariance_result
 from tests.conftest import SCENARIOS
 from tests.helpers import case
@@ -108,7 +108,7 @@ def test_data_that_do_not_fit_their_dimension_are_not_stored(tmp_path: Path) -> 
     wrong = Result(
         {}, {"/x": Variable(("x",), np.arange(3), "1", "x"), "/g/y": Variable(("x",), np.arange(4), "1", "y")}
     )
-    with pytest.raises(ValueError, match="/g/y: 4 values along x, which has 3"):
+    with pytest.raises(ResultError, match="/g/y: 4 values along x, which has 3"):
         write(tmp_path / "r.h5", wrong)
     assert not list(tmp_path.iterdir())
 

@@ -74,11 +74,11 @@ def _once(part: str, trial: Trial, seed: int, count: int) -> None:
     file = KEPT / f"{part}-{seed}.json"
     if file.exists():
         return
-    began = time.monotonic()
+    began, commit = time.monotonic(), _commit()
     with tempfile.TemporaryDirectory() as place, Forks(Path(place), trials.warming()) as commands:
         tally = trial(commands, Path(place) / "work", seed, count)
     kept = {
-        "commit": _commit(),
+        "commit": commit,
         "ended": tally.ended,
         "wrong": tally.wrong,
         "slowest_s": tally.slowest_s,
