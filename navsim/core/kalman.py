@@ -6,14 +6,18 @@ Loan's method. The landing filter has the same steps for its fifteen states with
 
 Sources: [1] Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.2, 5.4.2,
 6.2. [2] van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978). [3] Singer, Estimating
-optimal tracking filter performance for manned maneuvering targets, IEEE TAES 6 (1970).
+optimal tracking filter performance for manned maneuvering targets, IEEE TAES 6 (1970). [4] Anderson, Second-order
+convergent algorithms for the steady-state Riccati equation, Int. J. Control 28 (1978).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from navsim.core.defect import Defect
 from navsim.core.jit import kernel
+
+_DOUBLINGS = 200
 
 
 @kernel
@@ -117,13 +121,27 @@ def covariance_sequence(
 
 
 def steady_state(phi: np.ndarray, q: np.ndarray, h: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """P after the update (n, n) and gain (n, m) in the limit, from the discrete Riccati equation."""
-    from scipy.linalg import solve_discrete_are
+    """P after the update (n, n) and gain (n, m) in the limit, by doubling [4]: the k-th step is the covariance after
+    2^k measurements. Unlike solvers by eigenvalues it holds where noises differ by many powers of ten.
 
-    p = solve_discrete_are(phi.T, h.T, q, r)
-    gain = np.linalg.solve(h @ p @ h.T + r, h @ p).T
-    keep = np.eye(p.shape[0]) - gain @ h
-    return keep @ p @ keep.T + gain @ r @ gain.T, gain
+    Raises Defect where there is no limit.
+    """
+    n = phi.shape[0]
+    a, information, p = phi.T, h.T @ np.linalg.solve(r, h), q
+    for _ in range(_DOUBLINGS):
+        both = np.linalg.solve(np.eye(n) + information @ p, np.hstack([a, information]))
+        grown = p + a.T @ p @ both[:, :n]
+        information = information + a @ both[:, n:] @ a.T
+        information = 0.5 * (information + information.T)
+        a = a @ both[:, :n]
+        grown = 0.5 * (grown + grown.T)
+        sigma = np.sqrt(np.diag(grown))
+        if np.all(np.abs(grown - p) <= 1e-15 * np.outer(sigma, sigma)):
+            gain = np.linalg.solve(h @ grown @ h.T + r, h @ grown).T
+            keep = np.eye(n) - gain @ h
+            return keep @ grown @ keep.T + gain @ r @ gain.T, gain
+        p = grown
+    raise Defect("the covariance of a filter has no limit")
 
 
 def driven_covariance(

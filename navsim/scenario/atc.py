@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from navsim.scenario.base import Decay, ScanPeriod, Section, Sigma, Utc, Version, list_of
+from navsim.scenario.base import Decay, ScanPeriod, Section, Sigma, Utc, Version, list_of, reject
 from navsim.scenario.circuit import CircuitSection
 
 
@@ -87,3 +87,13 @@ class Atc(Section):
     start_range_acceleration_m_s2: Sigma = 2.0
     singer: SingerSection = SingerSection()
     cartesian: SingerSection = SingerSection(sigma_m_s2=2.5)
+
+    @model_validator(mode="after")
+    def _decaying(self) -> Self:
+        longest = max([self.period_s, *(case.period_s for case in self.further_cases)])
+        for name in Groups.model_fields:
+            alpha = getattr(self.groups, name).alpha_1_s
+            if alpha * longest > 1.0:
+                message = f"{alpha:g} 1/s: a rate decays by 1 - alpha T a scan, so at most 1 / {longest:g} s is allowed"
+                raise reject(message, "groups", name, "alpha_1_s")
+        return self

@@ -38,6 +38,25 @@ def test_covariance_sequence() -> None:
 
 
 @pytest.mark.validates("Steady state of the elevation filter", "closed form of the alpha-beta quartic", "1e-10")
+@pytest.mark.parametrize("sigma", [1e-9, 1e-4, 1.0, 1e6])
+@pytest.mark.parametrize(("alpha", "period"), [(1e-9, 0.1), (1e-6, 0.001), (1e-3, 1.0), (1.0, 1.0), (1e3, 0.001)])
+def test_steady_state_where_noises_differ_by_powers_of_ten(alpha: float, period: float, sigma: float) -> None:
+    """Solves the Riccati equation, with variances; by eigenvalues some of these were negative, without a word."""
+    decay = 1.0 - alpha * period
+    phi, h = np.array([[1.0, period], [0.0, decay]]), np.array([[1.0, 0.0]])
+    q = np.diag([0.0, sigma**2 * (1.0 - decay**2)])
+    for measured in (1e-9, 1.0, 1e6):
+        r = np.array([[measured**2]])
+        p, gain = steady_state(phi, q, h, r)
+        size = np.sqrt(np.diag(p))
+        assert np.all(size > 0.0)
+        before = phi @ p @ phi.T + q
+        np.testing.assert_allclose(gain, before @ h.T / (before[0, 0] + r), rtol=1e-9)
+        keep = np.eye(2) - gain @ h
+        after = keep @ before @ keep.T + gain @ r @ gain.T
+        np.testing.assert_allclose(after / np.outer(size, size), p / np.outer(size, size), atol=1e-9)
+
+
 def test_steady_state_closed_form() -> None:
     m = model("paper", PERIOD, Q, 1.0, R)
     p, gain = steady_state(m.phi, m.q, m.h, m.r)

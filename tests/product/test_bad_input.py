@@ -268,6 +268,14 @@ def test_result_refused(command: str, workplace: Path) -> None:
         assert_refused(navsim(command, name, cwd=workplace), workplace, fragments)
 
 
+@pytest.mark.parametrize("case", [("groups.speed.alpha_1_s=0.3",), ("groups.track.alpha_1_s=2", "further_cases=[]")])
+def test_a_decay_within_a_scan_is_refused(case: tuple[str, ...], workplace: Path) -> None:
+    """It alternated, with negative variances."""
+    words = [word for setting in case for word in ("--set", setting)]
+    done = navsim("run", SCENARIOS / "atc_tracking.yaml", *words, cwd=workplace)
+    assert_refused(done, workplace, [case[0].split("=")[0], "1 - alpha T"])
+
+
 def test_options_refused(workplace: Path) -> None:
     (workplace / "s.yaml").write_text(LANDING)
     for options in (
