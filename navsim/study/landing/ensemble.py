@@ -161,9 +161,9 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
         share = float(match.group(2)) / 100.0 if match else 0.0
     except ValueError:
         share = 0.0
-    if match is None or not 1e-5 <= share <= 1.0:
+    if match is None or not 1e-5 <= share <= 10.0:
         form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
-        raise ValueError(f"{expression!r}: expected {form}, with 0.001 to 100 percent")
+        raise ValueError(f"{expression!r}: expected {form}, with 0.001 to 1000 percent")
     columns = slice(0, 2) if match.group(1) == "rms_horizontal" else slice(2, 3)
 
     def enough(ensemble: Ensemble) -> bool:
