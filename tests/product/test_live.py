@@ -630,7 +630,7 @@ def test_signals_keep_what_came(flown, number: signal.Signals, tmp_path: Path) -
 
 
 def test_a_terminal_that_hangs_up(flown, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    """The result is written though every word, and the progress bar, would fail; kernels may have to be compiled first."""
+    """The result is written though every word, and the progress bar, would fail; kernels may be compiled first."""
     _, _, table, _ = flown
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", "-o", "a.h5"]
