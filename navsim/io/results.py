@@ -152,7 +152,7 @@ def check_writable(path: Path) -> None:
     try:
         target = destination(path)
         with contextlib.suppress(FileNotFoundError):
-            partial_folder(path).stat()  # its name is longer
+            partial_folder(path).stat()  # mostly not there; asked because its name is longer, perhaps too long
     except IsADirectoryError:
         raise ResultError(f"{path}: this is a folder; the result needs a file name") from None
     except NotADirectoryError:

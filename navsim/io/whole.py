@@ -74,7 +74,7 @@ def write_whole(path: Path, *pieces: bytes | memoryview) -> None:
 
 def settle(path: Path) -> None:
     """Have the name of a file, too, on the disk, where the file system can be asked for that."""
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError):  # some cannot; the file itself is whole and on the disk either way
         descriptor = os.open(destination(path).parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             os.fsync(descriptor)

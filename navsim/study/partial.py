@@ -40,6 +40,7 @@ JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
 
 _OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+(\.npz|{re.escape(_CHECKSUM)})|\..*")
+"""Names that partial work has, and those that begin with a dot: temporary files, and what file managers leave."""
 
 Arrays = dict[str, np.ndarray]
 

@@ -10,7 +10,7 @@ import copy
 import hashlib
 import itertools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -138,11 +138,7 @@ class Plan:
     def settings(self, index: int) -> dict[str, Any]:
         """Keys and values of one combination, the last axis fastest."""
         place = np.unravel_index(index, self.shape)
-        return {
-            key: value
-            for axis, i in zip(self.axes, place, strict=True)
-            for key, value in zip(axis.keys, axis.points[int(i)], strict=True)
-        }
+        return _settings(self.axes, [axis.points[int(i)] for axis, i in zip(self.axes, place, strict=True)])
 
     def scenario(self, settings: dict[str, Any]) -> tuple[Landing, Document]:
         """The scenario of one combination. Raises InputError where it is not a valid one, or none for a study."""
@@ -253,13 +249,8 @@ class Plan:
         found: dict[str, str] = {}
         varied = [axis for axis in self.axes if any(map(_names_files, axis.keys))]
         for points in itertools.product(*(axis.points for axis in varied)):
-            settings = {
-                key: value
-                for axis, point in zip(varied, points, strict=True)
-                for key, value in zip(axis.keys, point, strict=True)
-            }
             try:
-                document = self._changed(settings)
+                document = self._changed(_settings(varied, points))
             except InputError:
                 continue  # no scenario, so it names no files
             sky = document.data.get("sky")
@@ -270,6 +261,15 @@ class Plan:
                     if isinstance(name, str) and name not in found:
                         found[name] = _checksum(document, ("sky", str(source)), name)
         return found
+
+
+def _settings(axes: Sequence[Axis], points: Sequence[tuple[Any, ...]]) -> dict[str, Any]:
+    """Keys and values at one point of each of some axes."""
+    return {
+        key: value
+        for axis, point in zip(axes, points, strict=True)
+        for key, value in zip(axis.keys, point, strict=True)
+    }
 
 
 def _names_files(key: str) -> bool:
