@@ -115,7 +115,8 @@ def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
 
     nav[2] -= 0.5 * (vd + vd1) * dt
     nav[0] = lat + 0.5 * (vn + vn1) * dt / rm
-    nav[1] = short_way(nav[1] + 0.5 * (ve + ve1) * dt / (rt * cos_m))
+    lon = nav[1] + 0.5 * (ve + ve1) * dt / (rt * cos_m)
+    nav[1] = short_way(lon) if abs(lon) > math.pi else lon  # a floor at every step is dearer than the question
     nav[3], nav[4], nav[5] = vn1, ve1, vd1
 
     rotate_right(q, ax, ay, az)
