@@ -64,8 +64,14 @@ def test_a_mistuned_filter_is_shown_right() -> None:
         ("pseudolites.survey_error_m=[15, -10, 3]", "pseudolites.clock_offset_ns=30"),
         ("receiver.lever_arm_m=[2.0, 0.5, -1.0]", "filter.lever_arm_m=[0, 0, 0]", "filter.gate.probability=0"),
         ("receiver.latency_s=0.25", "filter.latency_s=0.05", "filter.gate.probability=0"),
-        ("imu.gyro.drift_fixed_deg_h=[50, -60, 40]", "initial_errors.fixed={attitude_deg: [1, -1, 0.5]}"),
-        ("imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40"),
+        pytest.param(
+            ("imu.gyro.drift_fixed_deg_h=[50, -60, 40]", "initial_errors.fixed={attitude_deg: [1, -1, 0.5]}"),
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            ("imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40"),
+            marks=pytest.mark.long,
+        ),
         ("imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "filter.imu={gyro: {drift_deg_h: 0}}"),
     ],
     ids=["survey and clock", "lever arm", "latency", "fixed values", "Markov", "Markov believed, constant beside it"],
@@ -81,7 +87,7 @@ def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
     "settings",
     [
         ("signals.ephemeris={orbit_sigma_m: [2, 5, 3], clock_sigma_m: 3}",),
-        ("receiver.smoothing_s=20", "signals.ionosphere={truth_scale: 3}"),
+        pytest.param(("receiver.smoothing_s=20", "signals.ionosphere={truth_scale: 3}"), marks=pytest.mark.long),
         ("receiver.smoothing_s=60", "signals.ephemeris={}", "pseudolites.count=1", "filter.velocity=false"),
     ],
     ids=["messages", "smoothed code", "both, fixes of position"],

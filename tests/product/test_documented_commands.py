@@ -36,7 +36,7 @@ SHORTER = [
     ("--runs 1000", "--runs 20"),
     ("runs1000", "runs20"),
     ("within 2%", "within 50%"),
-    ("navsim table2", "navsim table2 --runs 12"),
+    ("navsim table2", "navsim table2 --runs 2"),
     (
         "sweep scenarios/placement_sweep.yaml",
         "sweep scenarios/placement_sweep.yaml --set vary.1.grid.count=20 --set vary.2.grid.count=26",

@@ -27,13 +27,13 @@ def test_mutants_are_refused_in_words_or_are_in_order(commands: Forks, tmp_path:
 
 
 def test_mutants_are_computed_in_time(commands: Forks, tmp_path: Path) -> None:
-    tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 3)
+    tally = trials.computed(commands, trials.scenario_folder(tmp_path / "at"), 102, 2)
     assert tally.wrong == []
-    assert tally.ended["computed"] > 1
+    assert tally.ended["computed"] > 0
 
 
 def test_killed_anywhere_and_resumed(commands: Forks, tmp_path: Path) -> None:
-    assert trials.killed(commands, tmp_path, 103, 6, QUICK).wrong == []
+    assert trials.killed(commands, tmp_path, 103, 4, QUICK).wrong == []
 
 
 def test_full_disk_at_each_step_of_a_study(commands: Forks, tmp_path: Path) -> None:
