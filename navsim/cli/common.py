@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import IO, TYPE_CHECKING, Annotated, Any, NoReturn, cast
 
 import typer
 
@@ -100,7 +100,7 @@ def progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=Console(file=cast("IO[str]", ending.Words())), transient=True) as bar:
         task = bar.add_task(what, total=total)
 
         def tell(done: int) -> None:
@@ -124,7 +124,7 @@ def search_progress(shown: bool, unit: str) -> Iterator[Callable[[Any], None]]:
     if sys.stderr.isatty():
         from rich.console import Console
 
-        with Console(stderr=True).status("") as line:
+        with Console(file=cast("IO[str]", ending.Words())).status("") as line:
 
             def show(progress: Any) -> None:
                 ending.check()

@@ -44,6 +44,26 @@ def say(message: str) -> None:
         print(message, file=sys.stderr)
 
 
+class Words:
+    """Standard error for words that may be lost: where nobody can be told, as at a terminal that went away before its
+    signal came, the work goes on."""
+
+    def __init__(self) -> None:
+        self._stream = sys.stderr
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
+
+
 def prepare_streams() -> None:
     """See to it that there is a standard input, output and error, and that they take every character.
 

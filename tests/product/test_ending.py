@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import signal
 import subprocess
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from navsim.cli import ending
+from navsim.cli.common import progress, search_progress
 from tests.conftest import ROOT, SCENARIOS
 
 NAVSIM = [sys.executable, "-m", "navsim"]
@@ -203,3 +206,22 @@ def test_a_closed_stream_does_not_get_into_the_result(shown: Path, tmp_path: Pat
     line = f"navsim run {SCENARIOS / 'landing.yaml'} --set duration_s=2 --figures none -o r.h5 >&- 2>&-"
     assert shell(line, tmp_path).returncode == 0
     assert shell("navsim show r.h5 --json", tmp_path).stdout == shell("navsim show r.h5 --json", shown).stdout
+
+
+def test_words_for_a_terminal_that_went_away_are_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the going of a terminal and its signal every write to it fails; the work goes on, and the signal
+    comes."""
+
+    class Gone(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+        def write(self, _: str) -> int:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(sys, "stderr", Gone())
+    with progress(10, True) as done:
+        done(3)
+    with search_progress(True, "m"):
+        pass
+    ending.say("nobody hears")
