@@ -20,19 +20,19 @@ def _multiply(a, b, out):
 
 
 @kernel
-def dense_filter(nav, dtheta, dv, dt, p, q, every):
+def dense_filter(nav, declared, dtheta, dv, dt, p, q, every):
     """Strapdown, Phi P Phi' + Q densely at every step, a six-measurement Joseph update each `every` steps."""
     previous = np.zeros(6)
     c_nb = np.empty((3, 3))
     mid = np.empty(strapdown.MID_N)
-    noise = np.zeros(6)
+    inverse = np.empty((2, 3, 3))
     flat = np.zeros(covariance.SIZE)
     phi, a, b, gain = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     for k in range(dtheta.shape[0]):
-        strapdown.step(
-            nav, dtheta[k, 0], dtheta[k, 1], dtheta[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], previous, dt, c_nb, mid
-        )
-        covariance.transition(mid, noise, flat)
+        g, f = dtheta[k], dv[k]
+        tx, ty, tz, ux, uy, uz = strapdown.compensated(nav, False, inverse, g[0], g[1], g[2], f[0], f[1], f[2], dt)
+        strapdown.step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
+        covariance.transition(mid, previous, declared, flat)
         for i in range(N):
             for j in range(N):
                 phi[i, j] = flat[covariance.STRIDE * i + j]

@@ -134,46 +134,40 @@ def workers() -> list[tuple[str, str, str, bool]]:
 def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     from dense import dense_filter
 
-    from navsim.core import covariance, states, strapdown
-    from navsim.core.dop import MAX_CLOCKS
-    from navsim.estimation import loosely_coupled
+    from navsim.core import states, strapdown
+    from navsim.estimation import filter_loop
+    from navsim.estimation.observations import Measurements
+    from navsim.estimation.records import Imu, empty_history, start
     from navsim.scenario.load import read
+    from navsim.simulation.landing import exact_start, table_of_fixes
     from navsim.study.landing import prepare
 
     case = prepare(*read(SCENARIO, ["receiver.rate_hz=1"]))
-    world, settings = case.world, case.settings
+    world, flight = case.world, case.flight
     dt = world.imu_time[1]
-    start = np.zeros(states.NAV_N)
-    start[:3], start[3:6], start[6:10] = (
-        world.truth.llh[0],
-        world.truth.velocity_ned[0],
-        world.truth.quaternion[0],
-    )
+    begin = exact_start(world.at_filter)
     run = case.fly(1, 0)
     e = run.fix_llh.shape[0]
     cov = np.tile(np.diag([16.0, 16.0, 200.0, 0.04, 0.04, 0.04]), (e, 1, 1))
-    assert MAX_CLOCKS == 3
-    out = loosely_coupled.Flown.of(e)
-    at = world.at_filter
+    measurements = Measurements(table_of_fixes(case.beliefs, run.fix_llh, run.fix_velocity, cov))
+    declared = flight.model.declared
+    history = empty_history(e + 1, flight.events.time.size, declared)
+    imu = Imu(world.imu_time, world.dtheta, world.dv)
 
-    def navsim_filter(kind: int = loosely_coupled.ESKF) -> None:
-        loosely_coupled.run(
-            kind,
-            world.imu_time, world.dtheta, world.dv, start.copy(), settings.covariance(), settings.noise(),
-            world.signals.time, run.fix_llh, run.fix_velocity, cov, True, 0.0, np.zeros(3), np.full(7, np.inf),
-            0, at.llh, at.velocity_ned, at.quaternion, np.zeros((e + 1, 6)), out, covariance.STRIDE,
-        )  # fmt: skip
+    def navsim_filter(kind: int = filter_loop.ESKF) -> None:
+        model = flight.model._replace(kind=kind, gate=np.full(7, np.inf), max_rejected=0)
+        filter_loop.run(imu, measurements, flight.events, start(begin, flight.covariance), model, history)
 
-    history = np.empty((2, states.NAV_N))
+    ends = np.empty((2, states.NAV_N))
 
     def navsim_strapdown() -> None:
-        strapdown.navigate(start.copy(), world.dtheta, world.dv, dt, STEPS, history)
+        strapdown.navigate(begin.copy(), declared, world.dtheta, world.dv, dt, STEPS, ends)
 
     def dense() -> None:
-        dense_filter(start.copy(), world.dtheta, world.dv, dt, np.eye(15), np.eye(15) * 1e-9, 100)
+        dense_filter(begin.copy(), declared, world.dtheta, world.dv, dt, np.eye(15), np.eye(15) * 1e-9, 100)
 
     def navsim_tfg() -> None:
-        navsim_filter(loosely_coupled.TFG)
+        navsim_filter(filter_loop.TFG)
 
     for job in (navsim_filter, navsim_tfg, navsim_strapdown, dense):
         job()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.estimation.loosely_coupled import KINDS
+from navsim.estimation.estimate import KINDS
 from navsim.scenario.load import read
 from navsim.study.landing import default_workers, fly_all, prepare
 from navsim.study.statistics import consistency_band

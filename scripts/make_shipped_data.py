@@ -118,7 +118,9 @@ def flight() -> tuple[bytes, str]:
     case = landing.prepare(*read(SCENARIOS / "s_turn.yaml", SETTINGS))
     world = case.world
     step = 1.0 / case.scenario.imu.rate_hz
-    dtheta, dv, _ = imu.simulate(generator(SEED, 0, "imu"), world.dtheta, world.dv, step, case.gyro, case.accel)
+    dtheta, dv, _ = imu.simulate(
+        generator(SEED, 0, "imu"), world.dtheta, world.dv, step, case.flight.gyro, case.flight.accel
+    )
     samples = io.StringIO()
     head = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
     table = np.column_stack([world.imu_time[1:], dtheta / step, dv / step])

@@ -1,14 +1,15 @@
-"""The covariance of the fifteen errors: prediction over one IMU interval, Joseph update, reset.
+"""The covariance of the errors: prediction over one IMU interval, Joseph update, reset, for any declared sensor states.
 
-P is one flat array, fifteen rows of stride sixteen (the last column is zero): LLVM turns row operations of a
-literal stride into SIMD code only on such an array and with a trip count known at run time, which is why the
-kernels take `width` (always `STRIDE`) as an argument.
+P of n states is one flat array of n rows, `STRIDE` apart; what lies between the columns in use and the stride is zero.
+LLVM turns row operations into SIMD code only on such an array, with a literal stride and a trip count known at run
+time:
+`width`, n rounded up to whole registers.
 
 Error model, truth minus estimate, in the local-level frame (r in metres NED, C_true = exp(theta x) C):
     r' = F_rr r + v
     v' = F_vr r + F_vv v - [f x] theta - C b_a
     theta' = F_tr r + F_tv v - [omega_in x] theta - C b_g
-    b' = -b / tau
+    x' = -x / tau for each sensor state x; a bias enters as b above, a scale factor as s times what its axis feels
 Sources: [1] Groves (2013), section 14.2.4 (local-navigation-frame error states, with position in metres and
 signs of truth minus estimate). [2] Bucy & Joseph (1968), the update that keeps P symmetric and positive;
 `landing.md` eq. (2). [3] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with an
@@ -17,12 +18,33 @@ attitude, JGCD 40 (2017).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from navsim.core import states
 from navsim.core.attitude import left_jacobian
 from navsim.core.jit import inlined, kernel
 from navsim.core.linear import cholesky, solve_lower
+from navsim.core.states import (
+    A_D,
+    A_E,
+    A_N,
+    ACCEL,
+    ACCELEROMETERS,
+    ATT,
+    CONSTANT,
+    GYRO,
+    POS,
+    R_D,
+    R_E,
+    R_N,
+    SENSORS,
+    V_D,
+    V_E,
+    V_N,
+    VEL,
+    N,
+)
 from navsim.core.strapdown import (
     MID_COS,
     MID_DT,
@@ -37,30 +59,40 @@ from navsim.core.strapdown import (
 )
 from navsim.core.wgs84 import E2, RATE, SOMIGLIANA, A
 
-N = states.N
-STRIDE = 16
-SIZE = N * STRIDE
+STRIDE = 40
+"""Distance of rows, the most states a filter can have: no power of two, or rows would share their cache lines."""
+SIZE = STRIDE * STRIDE
 
 _STEEPENING = 2.0 * SOMIGLIANA + E2
 """d(ln gravity)/d(latitude) = this times sin(lat) cos(lat), to 1 %: the effect itself is 1e-8 of a step."""
 
-# process noise, one flat array
+# densities of the sensors' white noise, one flat array: the squares of ARW and VRW
 NOISE_GYRO, NOISE_ACCEL = 0, 1
-"""White angular rate (rad2/s) and specific force (m2/s3) densities: the squares of ARW and VRW."""
-NOISE_GYRO_DECAY, NOISE_GYRO_DRIVE = 2, 3
-"""1/tau of the gyro bias (1/s, 0 for a constant or a random walk) and its driving density (rad2/s3)."""
-NOISE_ACCEL_DECAY, NOISE_ACCEL_DRIVE = 4, 5
-"""The same for the accelerometer bias (1/s, m2/s5)."""
-NOISE_N = 6
+"""Angular rate (rad2/s) and specific force (m2/s3)."""
+NOISE_N = 2
 
 
 @inlined
-def transition(mid, noise, phi):
-    """Phi - I over one interval, rows 0-8 of the flat `phi` (stride 16), and the bias rows' diagonal.
+def width_of(n):
+    """Columns (int) that row operations on n states take: whole registers of eight."""
+    return (n + 7) // 8 * 8
+
+
+@inlined
+def kept(decay, dt):
+    """The part of a state that is left after dt (s) of a decay (1/s)."""
+    return math.exp(-decay * dt) if decay > 0.0 else 1.0
+
+
+@inlined
+def transition(mid, felt, declared, phi):
+    """Phi - I over one interval, the navigation rows of the flat `phi`.
 
     Second order in dt: I + F dt + F^2 dt^2 / 2 with F at mid-interval. Left out of F^2 are the products of
-    two Earth-curvature terms (each below 1e-10 in Phi at 100 Hz and aircraft speeds).
-    mid: (MID_N,) from `strapdown.step`. noise: (6,). phi: (240,) zero but for what this function writes.
+    two Earth-curvature terms (each below 1e-10 in Phi at 100 Hz and aircraft speeds), and of the effect of sensor
+    states the estimated scale factors themselves (1e-3 of it where they are as large). mid: (MID_N,) from
+    `strapdown.step`. felt: (6,) true to the estimate, increments of angle and velocity over the interval. declared:
+    `states.DECLARED`. phi: (SIZE,) zero but for what this function writes.
     """
     dt = mid[MID_DT]
     h = 0.5 * dt * dt
@@ -92,11 +124,11 @@ def transition(mid, noise, phi):
     rr10 = ve * tan * irm
     rr11 = -vd * irt - vn * tan * irt
     rr12 = ve * irt
-    phi[0] = rr00 * dt
-    phi[2] = rr02 * dt
-    phi[16] = rr10 * dt
-    phi[17] = rr11 * dt
-    phi[18] = rr12 * dt
+    phi[R_N] = rr00 * dt
+    phi[R_D] = rr02 * dt
+    phi[STRIDE * R_E + R_N] = rr10 * dt
+    phi[STRIDE * R_E + R_E] = rr11 * dt
+    phi[STRIDE * R_E + R_D] = rr12 * dt
 
     # velocity rows: -(2 omega_ie + omega_en) x v, its change with position and velocity, gravity gradient
     on, oe, od = 2.0 * ien + ve * irt, -vn * irm, 2.0 * ied - ve * tan * irt
@@ -118,234 +150,286 @@ def transition(mid, noise, phi):
     vv12 = on
     vv20 = oe + ee_v0 * vn
     vv21 = -on - en_v1 * ve
-    phi[48] = vr00 * dt
-    phi[50] = vr02 * dt
-    phi[64] = vr10 * dt
-    phi[66] = vr12 * dt
-    phi[80] = vr20 * dt
-    phi[82] = vr22 * dt
-    phi[51] = vv00 * dt
-    phi[52] = vv01 * dt
-    phi[53] = vv02 * dt
-    phi[67] = vv10 * dt
-    phi[68] = vv11 * dt
-    phi[69] = vv12 * dt
-    phi[83] = vv20 * dt
-    phi[84] = vv21 * dt
+    phi[STRIDE * V_N + R_N] = vr00 * dt
+    phi[STRIDE * V_N + R_D] = vr02 * dt
+    phi[STRIDE * V_E + R_N] = vr10 * dt
+    phi[STRIDE * V_E + R_D] = vr12 * dt
+    phi[STRIDE * V_D + R_N] = vr20 * dt
+    phi[STRIDE * V_D + R_D] = vr22 * dt
+    phi[STRIDE * V_N + V_N] = vv00 * dt
+    phi[STRIDE * V_N + V_E] = vv01 * dt
+    phi[STRIDE * V_N + V_D] = vv02 * dt
+    phi[STRIDE * V_E + V_N] = vv10 * dt
+    phi[STRIDE * V_E + V_E] = vv11 * dt
+    phi[STRIDE * V_E + V_D] = vv12 * dt
+    phi[STRIDE * V_D + V_N] = vv20 * dt
+    phi[STRIDE * V_D + V_E] = vv21 * dt
     # r <- v: dt + (F_rr + F_vv) dt^2 / 2
-    phi[3] = dt + h * (rr00 + vv00)
-    phi[4] = h * vv01
-    phi[5] = h * (rr02 + vv02)
-    phi[19] = h * (rr10 + vv10)
-    phi[20] = dt + h * (rr11 + vv11)
-    phi[21] = h * (rr12 + vv12)
-    phi[35] = h * vv20
-    phi[36] = h * vv21
-    phi[37] = dt
+    phi[V_N] = dt + h * (rr00 + vv00)
+    phi[V_E] = h * vv01
+    phi[V_D] = h * (rr02 + vv02)
+    phi[STRIDE * R_E + V_N] = h * (rr10 + vv10)
+    phi[STRIDE * R_E + V_E] = dt + h * (rr11 + vv11)
+    phi[STRIDE * R_E + V_D] = h * (rr12 + vv12)
+    phi[STRIDE * R_D + V_N] = h * vv20
+    phi[STRIDE * R_D + V_E] = h * vv21
+    phi[STRIDE * R_D + V_D] = dt
 
     # -[f x]: v <- theta to second order, r <- theta
     # (F_vv F_vt + F_vt F_tt) with F_vv = -[o x] and F_tt = -[w x], each product [a x][b x] = b a' - (a.b) I
     of = on * fn + oe * fe + od * fd
     wf = wn * fn + we * fe + wd * fd
     s = of + wf
-    phi[54] = h * (fn * on + wn * fn - s)
-    phi[55] = fd * dt + h * (fn * oe + wn * fe)
-    phi[56] = -fe * dt + h * (fn * od + wn * fd)
-    phi[70] = -fd * dt + h * (fe * on + we * fn)
-    phi[71] = h * (fe * oe + we * fe - s)
-    phi[72] = fn * dt + h * (fe * od + we * fd)
-    phi[86] = fe * dt + h * (fd * on + wd * fn)
-    phi[87] = -fn * dt + h * (fd * oe + wd * fe)
-    phi[88] = h * (fd * od + wd * fd - s)
-    phi[7] = h * fd
-    phi[8] = -h * fe
-    phi[22] = -h * fd
-    phi[24] = h * fn
-    phi[38] = h * fe
-    phi[39] = -h * fn
+    phi[STRIDE * V_N + A_N] = h * (fn * on + wn * fn - s)
+    phi[STRIDE * V_N + A_E] = fd * dt + h * (fn * oe + wn * fe)
+    phi[STRIDE * V_N + A_D] = -fe * dt + h * (fn * od + wn * fd)
+    phi[STRIDE * V_E + A_N] = -fd * dt + h * (fe * on + we * fn)
+    phi[STRIDE * V_E + A_E] = h * (fe * oe + we * fe - s)
+    phi[STRIDE * V_E + A_D] = fn * dt + h * (fe * od + we * fd)
+    phi[STRIDE * V_D + A_N] = fe * dt + h * (fd * on + wd * fn)
+    phi[STRIDE * V_D + A_E] = -fn * dt + h * (fd * oe + wd * fe)
+    phi[STRIDE * V_D + A_D] = h * (fd * od + wd * fd - s)
+    phi[A_E] = h * fd
+    phi[A_D] = -h * fe
+    phi[STRIDE * R_E + A_N] = -h * fd
+    phi[STRIDE * R_E + A_D] = h * fn
+    phi[STRIDE * R_D + A_N] = h * fe
+    phi[STRIDE * R_D + A_E] = -h * fn
 
     # attitude rows
-    phi[96] = -in_r0 * dt
-    phi[98] = -en_r2 * dt
-    phi[114] = -ee_r2 * dt
-    phi[128] = -(id_r0 + ed_r0) * dt
-    phi[130] = -ed_r2 * dt
-    phi[100] = -en_v1 * dt
-    phi[115] = -ee_v0 * dt
-    phi[132] = -ed_v1 * dt
+    phi[STRIDE * A_N + R_N] = -in_r0 * dt
+    phi[STRIDE * A_N + R_D] = -en_r2 * dt
+    phi[STRIDE * A_E + R_D] = -ee_r2 * dt
+    phi[STRIDE * A_D + R_N] = -(id_r0 + ed_r0) * dt
+    phi[STRIDE * A_D + R_D] = -ed_r2 * dt
+    phi[STRIDE * A_N + V_E] = -en_v1 * dt
+    phi[STRIDE * A_E + V_N] = -ee_v0 * dt
+    phi[STRIDE * A_D + V_E] = -ed_v1 * dt
     ww = wn * wn + we * we + wd * wd
-    phi[102] = h * (wn * wn - ww)
-    phi[103] = wd * dt + h * wn * we
-    phi[104] = -we * dt + h * wn * wd
-    phi[118] = -wd * dt + h * we * wn
-    phi[119] = h * (we * we - ww)
-    phi[120] = wn * dt + h * we * wd
-    phi[134] = we * dt + h * wd * wn
-    phi[135] = -wn * dt + h * wd * we
-    phi[136] = h * (wd * wd - ww)
+    phi[STRIDE * A_N + A_N] = h * (wn * wn - ww)
+    phi[STRIDE * A_N + A_E] = wd * dt + h * wn * we
+    phi[STRIDE * A_N + A_D] = -we * dt + h * wn * wd
+    phi[STRIDE * A_E + A_N] = -wd * dt + h * we * wn
+    phi[STRIDE * A_E + A_E] = h * (we * we - ww)
+    phi[STRIDE * A_E + A_D] = wn * dt + h * we * wd
+    phi[STRIDE * A_D + A_N] = we * dt + h * wd * wn
+    phi[STRIDE * A_D + A_E] = -wn * dt + h * wd * we
+    phi[STRIDE * A_D + A_D] = h * (wd * wd - ww)
 
-    # biases: -C on theta and v, with the turning of n and the decay of b; second order on r and v
-    gg = dt - h * noise[NOISE_GYRO_DECAY]
-    ga = dt - h * noise[NOISE_ACCEL_DECAY]
-    for j in range(3):
-        c0 = mid[j]
-        c1 = mid[3 + j]
-        c2 = mid[6 + j]
-        phi[9 * 0 + 12 + j] = -h * c0
-        phi[16 + 12 + j] = -h * c1
-        phi[32 + 12 + j] = -h * c2
-        # v <- b_a: -C ga + [o x] C h;  v <- b_g: [f x] C h;  theta <- b_g: -C gg + [w x] C h
-        phi[48 + 12 + j] = -ga * c0 + h * (oe * c2 - od * c1)
-        phi[64 + 12 + j] = -ga * c1 + h * (od * c0 - on * c2)
-        phi[80 + 12 + j] = -ga * c2 + h * (on * c1 - oe * c0)
-        phi[48 + 9 + j] = h * (fe * c2 - fd * c1)
-        phi[64 + 9 + j] = h * (fd * c0 - fn * c2)
-        phi[80 + 9 + j] = h * (fn * c1 - fe * c0)
-        phi[96 + 9 + j] = -gg * c0 + h * (we * c2 - wd * c1)
-        phi[112 + 9 + j] = -gg * c1 + h * (wd * c0 - wn * c2)
-        phi[128 + 9 + j] = -gg * c2 + h * (wn * c1 - we * c0)
+    # sensor states: -C on theta and v, with the turning of n and their decay; second order on r and v
+    for c in range(declared.shape[0]):
+        axis = declared[c].axis
+        x, y, z = mid[axis], mid[3 + axis], mid[6 + axis]
+        size = dt - h * declared[c].decay
+        second = h
+        if declared[c].signal != CONSTANT:
+            signal = felt[3 * declared[c].triad + declared[c].signal] / dt
+            size *= signal
+            second *= signal
+        column = SENSORS + c
+        if declared[c].triad == ACCELEROMETERS:
+            phi[STRIDE * R_N + column] = -second * x
+            phi[STRIDE * R_E + column] = -second * y
+            phi[STRIDE * R_D + column] = -second * z
+            # -C size + [o x] C h
+            phi[STRIDE * V_N + column] = -size * x + second * (oe * z - od * y)
+            phi[STRIDE * V_E + column] = -size * y + second * (od * x - on * z)
+            phi[STRIDE * V_D + column] = -size * z + second * (on * y - oe * x)
+        else:
+            # [f x] C h on v;  -C size + [w x] C h on theta
+            phi[STRIDE * V_N + column] = second * (fe * z - fd * y)
+            phi[STRIDE * V_E + column] = second * (fd * x - fn * z)
+            phi[STRIDE * V_D + column] = second * (fn * y - fe * x)
+            phi[STRIDE * A_N + column] = -size * x + second * (we * z - wd * y)
+            phi[STRIDE * A_E + column] = -size * y + second * (wd * x - wn * z)
+            phi[STRIDE * A_D + column] = -size * z + second * (wn * y - we * x)
 
 
 @inlined
-def _apply_transition(phi, p, out, width):
-    """The first nine rows of out = Phi p, rows of stride 16, leaving out the blocks of Phi that are zero."""
-    for i in range(3):
-        o = 16 * i
-        c0, c1, c2 = phi[o], phi[o + 1], phi[o + 2]
-        c3, c4, c5 = phi[o + 3], phi[o + 4], phi[o + 5]
-        c6, c7, c8 = phi[o + 6], phi[o + 7], phi[o + 8]
-        d0, d1, d2 = phi[o + 12], phi[o + 13], phi[o + 14]
+def _apply_transition(phi, p, out, n, width):
+    """The navigation rows of out = Phi p, leaving out the blocks of Phi that are zero."""
+    for i in range(POS, VEL):
+        o = STRIDE * i
+        c0, c1, c2 = phi[o + R_N], phi[o + R_E], phi[o + R_D]
+        c3, c4, c5 = phi[o + V_N], phi[o + V_E], phi[o + V_D]
+        c6, c7, c8 = phi[o + A_N], phi[o + A_E], phi[o + A_D]
+        d0, d1, d2 = phi[o + ACCEL], phi[o + ACCEL + 1], phi[o + ACCEL + 2]
         for j in range(width):
             out[o + j] = (
                 p[o + j]
-                + (c0 * p[j] + c1 * p[16 + j] + c2 * p[32 + j])
-                + (c3 * p[48 + j] + c4 * p[64 + j] + c5 * p[80 + j])
-                + (c6 * p[96 + j] + c7 * p[112 + j] + c8 * p[128 + j])
-                + (d0 * p[192 + j] + d1 * p[208 + j] + d2 * p[224 + j])
+                + (c0 * p[STRIDE * R_N + j] + c1 * p[STRIDE * R_E + j] + c2 * p[STRIDE * R_D + j])
+                + (c3 * p[STRIDE * V_N + j] + c4 * p[STRIDE * V_E + j] + c5 * p[STRIDE * V_D + j])
+                + (c6 * p[STRIDE * A_N + j] + c7 * p[STRIDE * A_E + j] + c8 * p[STRIDE * A_D + j])
+                + (d0 * p[STRIDE * ACCEL + j] + d1 * p[STRIDE * (ACCEL + 1) + j] + d2 * p[STRIDE * (ACCEL + 2) + j])
             )
-    for i in range(3, 6):
-        o = 16 * i
-        c0, c2 = phi[o], phi[o + 2]
-        c3, c4, c5 = phi[o + 3], phi[o + 4], phi[o + 5]
-        c6, c7, c8 = phi[o + 6], phi[o + 7], phi[o + 8]
-        b0, b1, b2 = phi[o + 9], phi[o + 10], phi[o + 11]
-        d0, d1, d2 = phi[o + 12], phi[o + 13], phi[o + 14]
+    for i in range(VEL, ATT):
+        o = STRIDE * i
+        c0, c2 = phi[o + R_N], phi[o + R_D]
+        c3, c4, c5 = phi[o + V_N], phi[o + V_E], phi[o + V_D]
+        c6, c7, c8 = phi[o + A_N], phi[o + A_E], phi[o + A_D]
+        b0, b1, b2 = phi[o + GYRO], phi[o + GYRO + 1], phi[o + GYRO + 2]
+        d0, d1, d2 = phi[o + ACCEL], phi[o + ACCEL + 1], phi[o + ACCEL + 2]
         for j in range(width):
             out[o + j] = (
                 p[o + j]
-                + (c0 * p[j] + c2 * p[32 + j])
-                + (c3 * p[48 + j] + c4 * p[64 + j] + c5 * p[80 + j])
-                + (c6 * p[96 + j] + c7 * p[112 + j] + c8 * p[128 + j])
-                + (b0 * p[144 + j] + b1 * p[160 + j] + b2 * p[176 + j])
-                + (d0 * p[192 + j] + d1 * p[208 + j] + d2 * p[224 + j])
+                + (c0 * p[STRIDE * R_N + j] + c2 * p[STRIDE * R_D + j])
+                + (c3 * p[STRIDE * V_N + j] + c4 * p[STRIDE * V_E + j] + c5 * p[STRIDE * V_D + j])
+                + (c6 * p[STRIDE * A_N + j] + c7 * p[STRIDE * A_E + j] + c8 * p[STRIDE * A_D + j])
+                + (b0 * p[STRIDE * GYRO + j] + b1 * p[STRIDE * (GYRO + 1) + j] + b2 * p[STRIDE * (GYRO + 2) + j])
+                + (d0 * p[STRIDE * ACCEL + j] + d1 * p[STRIDE * (ACCEL + 1) + j] + d2 * p[STRIDE * (ACCEL + 2) + j])
             )
-    for i in range(6, 9):
-        o = 16 * i
-        c0, c2 = phi[o], phi[o + 2]
-        c3, c4 = phi[o + 3], phi[o + 4]
-        c6, c7, c8 = phi[o + 6], phi[o + 7], phi[o + 8]
-        b0, b1, b2 = phi[o + 9], phi[o + 10], phi[o + 11]
+    for i in range(ATT, SENSORS):
+        o = STRIDE * i
+        c0, c2 = phi[o + R_N], phi[o + R_D]
+        c3, c4 = phi[o + V_N], phi[o + V_E]
+        c6, c7, c8 = phi[o + A_N], phi[o + A_E], phi[o + A_D]
+        b0, b1, b2 = phi[o + GYRO], phi[o + GYRO + 1], phi[o + GYRO + 2]
         for j in range(width):
             out[o + j] = (
                 p[o + j]
-                + (c0 * p[j] + c2 * p[32 + j])
-                + (c3 * p[48 + j] + c4 * p[64 + j])
-                + (c6 * p[96 + j] + c7 * p[112 + j] + c8 * p[128 + j])
-                + (b0 * p[144 + j] + b1 * p[160 + j] + b2 * p[176 + j])
+                + (c0 * p[STRIDE * R_N + j] + c2 * p[STRIDE * R_D + j])
+                + (c3 * p[STRIDE * V_N + j] + c4 * p[STRIDE * V_E + j])
+                + (c6 * p[STRIDE * A_N + j] + c7 * p[STRIDE * A_E + j] + c8 * p[STRIDE * A_D + j])
+                + (b0 * p[STRIDE * GYRO + j] + b1 * p[STRIDE * (GYRO + 1) + j] + b2 * p[STRIDE * (GYRO + 2) + j])
             )
+    # what is declared beside the biases
+    for i in range(SENSORS if n > N else 0):
+        for column in range(N, n):
+            c = phi[STRIDE * i + column]
+            if c != 0.0:
+                for j in range(width):
+                    out[STRIDE * i + j] += c * p[STRIDE * column + j]
+
+
+@kernel
+def decay_rows(declared, dt, matrix, width):
+    """The sensor rows of a matrix (SIZE,) over dt, s, in place."""
+    for c in range(declared.shape[0]):
+        if declared[c].decay > 0.0:
+            part = kept(declared[c].decay, dt)
+            for j in range(width):
+                matrix[STRIDE * (SENSORS + c) + j] *= part
+
+
+@kernel
+def vary(declared, dt, p):
+    """What decay and drive of the sensor states do to P over dt, s, in place, after `predict`."""
+    decay_rows(declared, dt, p, SENSORS + declared.shape[0])
+    for c in range(declared.shape[0]):
+        part = kept(declared[c].decay, dt)
+        for i in range(SENSORS + declared.shape[0]):
+            p[STRIDE * i + SENSORS + c] *= part
+        p[(STRIDE + 1) * (SENSORS + c)] += declared[c].drive * dt
+
+
+@kernel
+def is_varying(declared):
+    """Whether any sensor state decays or is driven, so that `vary` is needed."""
+    varying = False
+    for c in range(declared.shape[0]):
+        varying |= declared[c].decay > 0.0 or declared[c].drive > 0.0
+    return varying
 
 
 @inlined
-def _decay_biases(decay_gyro, decay_accel, p, out, width):
-    """The bias rows of Phi p."""
-    for j in range(3 * width):
-        out[144 + j] = decay_gyro * p[144 + j]
-    for j in range(3 * width):
-        out[192 + j] = decay_accel * p[192 + j]
+def _transposed(above, below, out, n):
+    for i in range(SENSORS):
+        for j in range(n):
+            out[STRIDE * j + i] = above[STRIDE * i + j]
+    for i in range(SENSORS, n):
+        for j in range(n):
+            out[STRIDE * j + i] = below[STRIDE * i + j]
 
 
 @inlined
-def _transpose(a, out):
-    """out = a', both 15 x 15 of stride 16."""
-    for i in range(N):
-        for j in range(N):
-            out[STRIDE * j + i] = a[STRIDE * i + j]
+def _transpose(above, below, out, n):
+    """out (n x n) = the transpose of a matrix whose navigation rows stand in one place, the others in another."""
+    if n == N:  # a trip count known to the compiler is three times as fast
+        _transposed(above, below, out, N)
+    else:
+        _transposed(above, below, out, n)
 
 
 @inlined
-def predict(p, mid, noise, phi, a, b, width):
-    """P <- Phi P Phi' + Q over one interval, in place.
+def carry_covariance(p, phi, n, a, b):
+    """P <- Phi P Phi' of n states but for their decay, in place.
 
-    p: (240,). mid: (MID_N,) from `strapdown.step`. noise: (6,). phi, a, b: (240,) work space, zero at first.
+    phi: as `transition` writes it. a, b: (SIZE,) work space.
     """
-    transition(mid, noise, phi)
-    dt = mid[MID_DT]
-    x = dt * noise[NOISE_GYRO_DECAY]
-    decay_gyro = 1.0 - x + 0.5 * x * x
-    x = dt * noise[NOISE_ACCEL_DECAY]
-    decay_accel = 1.0 - x + 0.5 * x * x
-    _apply_transition(phi, p, a, width)
-    _decay_biases(decay_gyro, decay_accel, p, a, width)
-    _transpose(a, b)
-    _apply_transition(phi, b, p, width)
-    _decay_biases(decay_gyro, decay_accel, b, p, width)
-    # white noise enters velocity as it adds up over the interval, and position through the trapezoid rule
+    width = width_of(n)
+    _apply_transition(phi, p, a, n, width)
+    _transpose(a, p, b, n)
+    _apply_transition(phi, b, p, n, width)
+    # sensor states among each other stay as they are
+    for i in range(SENSORS, n):
+        for j in range(SENSORS):
+            p[STRIDE * i + j] = b[STRIDE * i + j]
+
+
+@inlined
+def add_white(p, noise, dt):
+    """P <- P + Q of white sensor noises of the densities noise (2,) over dt, s, in place."""
+    # it enters velocity as it adds up over the interval, and position through the trapezoid rule
     qg = noise[NOISE_GYRO] * dt
     qa = noise[NOISE_ACCEL] * dt
-    bg = noise[NOISE_GYRO_DRIVE] * dt
-    ba = noise[NOISE_ACCEL_DRIVE] * dt
     half = 0.5 * dt
     for i in range(3):
-        p[17 * i] += half * half * qa
-        p[17 * i + 3] += half * qa
-        p[17 * i + 48] += half * qa
-        p[51 + 17 * i] += qa
-        p[102 + 17 * i] += qg
-        p[153 + 17 * i] += bg
-        p[204 + 17 * i] += ba
+        p[(STRIDE + 1) * (POS + i)] += half * half * qa
+        p[STRIDE * (POS + i) + VEL + i] += half * qa
+        p[STRIDE * (VEL + i) + POS + i] += half * qa
+        p[(STRIDE + 1) * (VEL + i)] += qa
+        p[(STRIDE + 1) * (ATT + i)] += qg
 
 
-@kernel
-def carry(phi, matrix, work, width):
-    """The first nine rows of matrix <- Phi matrix, in place; the bias rows stay as they are.
+@inlined
+def predict(p, mid, felt, noise, declared, phi, a, b):
+    """P <- Phi P Phi' + Q over one interval, in place, but for decay and drive of the sensor states (`vary`).
 
-    phi: (240,) as `transition` writes it. matrix: (240,) rows of stride 16. work: (240,) space.
+    p: (SIZE,). mid, felt, declared: as of `transition`. noise: (2,) densities of the white noises. phi, a, b: (SIZE,)
+    work space, zero at first.
     """
-    _apply_transition(phi, matrix, work, width)
-    for i in range(9 * STRIDE):
-        matrix[i] = work[i]
+    transition(mid, felt, declared, phi)
+    carry_covariance(p, phi, SENSORS + declared.shape[0], a, b)
+    add_white(p, noise, mid[MID_DT])
 
 
 @kernel
-def carry_errors(phi, noise, dt, matrix, work, width):
-    """As `carry` for errors of which the bias rows decay as the filter's estimates do; noise: (6,), dt: s."""
-    carry(phi, matrix, work, width)
-    for j in range(3):
-        for i in range(N):
-            matrix[STRIDE * (states.GYRO + j) + i] *= 1.0 - dt * noise[NOISE_GYRO_DECAY]
-            matrix[STRIDE * (states.ACCEL + j) + i] *= 1.0 - dt * noise[NOISE_ACCEL_DECAY]
+def carry_errors(phi, declared, dt, matrix, columns, work):
+    """matrix <- Phi matrix, in place: errors and sensor states over dt, s.
+
+    phi: (SIZE,) as `transition` writes it for the declared states. matrix: (SIZE,) of so many columns. work: (SIZE,).
+    """
+    n = SENSORS + declared.shape[0]
+    width = width_of(columns)
+    _apply_transition(phi, matrix, work, n, width)
+    # in one go, what lies between the rows too
+    for i in range(STRIDE * SENSORS):
+        matrix[i] = work[i]
+    if is_varying(declared):
+        decay_rows(declared, dt, matrix, width)
 
 
 @kernel
 def gain(p, h, r, m, pht, s, k):
     """Innovation covariance S = H P H' + R, its Cholesky factor and the gain K = P H' S^-1.
 
-    p: (240,). h: (m, 15). r: (m, m). m: number of measurements. Out: pht (15, m'), s (m', m') holds the lower
-    Cholesky factor of S, k (15, m'), with m' >= m. Returns False where S is not positive definite.
+    p: (SIZE,). h: (m, n). r: (m, m). m: number of measurements. Out: pht (n, m'), s (m', m') holds the lower
+    Cholesky factor of S, k (n, m'), with m' >= m. Returns False where S is not positive definite.
     """
+    n = h.shape[1]
     # H is mostly zero (a fix measures position and velocity, and the lever arm little else)
     for a in range(m):
-        for i in range(N):
+        for i in range(n):
             pht[i, a] = 0.0
-        for j in range(N):
+        for j in range(n):
             c = h[a, j]
             if c != 0.0:
-                for i in range(N):
+                for i in range(n):
                     pht[i, a] += c * p[STRIDE * j + i]
     for a in range(m):
         for b in range(a + 1):
             s[a, b] = r[a, b]
-        for j in range(N):
+        for j in range(n):
             c = h[a, j]
             if c != 0.0:
                 for b in range(a + 1):
@@ -356,7 +440,7 @@ def gain(p, h, r, m, pht, s, k):
     reciprocal = np.empty(m)
     for a in range(m):
         reciprocal[a] = 1.0 / s[a, a]
-    for i in range(N):
+    for i in range(n):
         for a in range(m):
             t = pht[i, a]
             for b in range(a):
@@ -374,27 +458,28 @@ def gain(p, h, r, m, pht, s, k):
 def joseph(p, h, r, m, pht, k, work):
     """P <- (I - K H) P (I - K H)' + K R K', in place and exactly symmetric [2].
 
-    Arguments as left by `gain`; work: (15, m') space.
+    Arguments as left by `gain`; work: (n, m') space.
     """
+    n = h.shape[1]
     # with A = P - K (P H')': the Joseph form is A + (K R - A H') K'
-    for i in range(N):
-        for j in range(N):
+    for i in range(n):
+        for j in range(n):
             t = 0.0
             for a in range(m):
                 t += k[i, a] * pht[j, a]
             p[STRIDE * i + j] -= t
     for a in range(m):
-        for i in range(N):
+        for i in range(n):
             t = 0.0
             for b in range(m):
                 t += k[i, b] * r[b, a]
             work[i, a] = t
-        for j in range(N):
+        for j in range(n):
             c = h[a, j]
             if c != 0.0:
-                for i in range(N):
+                for i in range(n):
                     work[i, a] -= c * p[STRIDE * i + j]
-    for i in range(N):
+    for i in range(n):
         for j in range(i + 1):
             t = p[STRIDE * i + j] + p[STRIDE * j + i]
             for a in range(m):
@@ -408,39 +493,41 @@ def reset(p, x, y, z, jac, work):
     """P <- G P G' after the attitude estimate was turned by theta = (x, y, z): G is I but for J_l(theta) [3].
 
     The error left, delta, is defined by exp(delta) exp(theta) = exp(theta + epsilon): delta = J_l epsilon.
-    jac: (3, 3), work: (15, 3) space.
+    jac: (3, 3), work: (n, 3) space.
     """
     left_jacobian(x, y, z, jac)
-    att = states.ATT
-    for i in range(N):
-        o = STRIDE * i + att
+    n = work.shape[0]
+    for i in range(n):
+        o = STRIDE * i + ATT
         for a in range(3):
             work[i, a] = jac[a, 0] * p[o] + jac[a, 1] * p[o + 1] + jac[a, 2] * p[o + 2]
-    for i in range(N):
+    for i in range(n):
         for a in range(3):
-            p[STRIDE * i + att + a] = work[i, a]
-            p[STRIDE * (att + a) + i] = work[i, a]
+            p[STRIDE * i + ATT + a] = work[i, a]
+            p[STRIDE * (ATT + a) + i] = work[i, a]
     # the 3 x 3 block has so far one side only: J P_tt; the other, and exact symmetry
     for a in range(3):
         for b in range(a + 1):
             t = 0.0
             for j in range(3):
-                t += jac[a, j] * work[att + j, b]
-            p[STRIDE * (att + a) + att + b] = t
-            p[STRIDE * (att + b) + att + a] = t
+                t += jac[a, j] * work[ATT + j, b]
+            p[STRIDE * (ATT + a) + ATT + b] = t
+            p[STRIDE * (ATT + b) + ATT + a] = t
 
 
 @kernel
-def transport(p, diagonal, column, a, b, width):
-    """P <- G P G' for a G of five 3 x 3 blocks on the diagonal and five in the attitude column, in place.
+def transport(p, diagonal, column, a, b):
+    """P <- G P G' for a G of 3 x 3 blocks on the diagonal and in the attitude column, in place.
 
-    diagonal: (5, 3, 3). column: (5, 3, 3), added to the attitude column; its attitude block must be zero.
-    a, b: (240,) work space. The result is exactly symmetric.
+    diagonal: (n / 3, 3, 3). column: (n / 3, 3, 3), added to the attitude column; its attitude block must be zero.
+    a, b: (SIZE,) work space. The result is exactly symmetric.
     """
+    n = 3 * diagonal.shape[0]
+    width = width_of(n)
     _apply_blocks(diagonal, column, p, a, width)
-    _transpose(a, b)
+    _transpose(a, a, b, n)
     _apply_blocks(diagonal, column, b, p, width)
-    for i in range(N):
+    for i in range(n):
         for j in range(i):
             t = 0.5 * (p[STRIDE * i + j] + p[STRIDE * j + i])
             p[STRIDE * i + j] = t
@@ -449,16 +536,16 @@ def transport(p, diagonal, column, a, b, width):
 
 @kernel
 def _apply_blocks(diagonal, column, p, out, width):
-    """out = G p, rows of stride 16; see `transport`."""
-    for block in range(5):
-        o = 48 * block
+    """out = G p; see `transport`."""
+    for block in range(diagonal.shape[0]):
+        o = 3 * STRIDE * block
         for i in range(3):
-            r = o + 16 * i
+            r = o + STRIDE * i
             a0, a1, a2 = diagonal[block, i, 0], diagonal[block, i, 1], diagonal[block, i, 2]
             c0, c1, c2 = column[block, i, 0], column[block, i, 1], column[block, i, 2]
             for j in range(width):
-                out[r + j] = (a0 * p[o + j] + a1 * p[o + 16 + j] + a2 * p[o + 32 + j]) + (
-                    c0 * p[96 + j] + c1 * p[112 + j] + c2 * p[128 + j]
+                out[r + j] = (a0 * p[o + j] + a1 * p[o + STRIDE + j] + a2 * p[o + 2 * STRIDE + j]) + (
+                    c0 * p[STRIDE * A_N + j] + c1 * p[STRIDE * A_E + j] + c2 * p[STRIDE * A_D + j]
                 )
 
 
@@ -466,11 +553,11 @@ def _apply_blocks(diagonal, column, p, out, width):
 def normalised_square(p, e, first, count, factor, x):
     """e' P^-1 e over the states first .. first + count - 1; nan where that block of P is not positive.
 
-    p: (240,) flat. e: (15,). factor (15, 15) and x (15,) are work space.
+    p: (n, n). e: (n,). factor (n, n) and x (n,) are work space.
     """
     for i in range(count):
         for j in range(i + 1):
-            factor[i, j] = p[STRIDE * (first + i) + first + j]
+            factor[i, j] = p[first + i, first + j]
         x[i] = e[first + i]
     if not cholesky(factor, count):
         return np.nan
@@ -479,3 +566,11 @@ def normalised_square(p, e, first, count, factor, x):
     for i in range(count):
         t += x[i] * x[i]
     return t
+
+
+@kernel
+def square(p, out):
+    """The flat p as a matrix out (n, n)."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[0]):
+            out[i, j] = p[STRIDE * i + j]

@@ -1,35 +1,108 @@
-"""The one table of states: order, slices, names, units. Nothing else in navsim counts to fifteen.
+"""The one table of states: order, slices, names, units. Nothing else in navsim counts them.
 
-Error state (filter, results): truth minus estimate, in the order of the paper's equation (1).
-Navigation state (strapdown): one flat array of twenty numbers, the `NAV_*` offsets below.
+Error state (filter, results): truth minus estimate. Nine errors of navigation in the order of the landing paper's
+equation (1), then errors of the inertial sensors, which are declared: a filter follows the blocks it is given, the
+biases of both triads first. Navigation state (strapdown): one flat array, the `NAV_*` offsets below.
 """
 
 from __future__ import annotations
 
-# --- error state
-POS, VEL, ATT, GYRO, ACCEL = 0, 3, 6, 9, 12
-"""First index of the position, velocity, attitude, gyro bias and accelerometer bias errors."""
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+# --- error state: the navigation block
+POS, VEL, ATT = 0, 3, 6
+"""First index of the position, velocity and attitude errors."""
+R_N, R_E, R_D, V_N, V_E, V_D, A_N, A_E, A_D = range(9)
+"""Each of them: position, velocity, attitude; north, east, down."""
+SENSORS = 9
+"""Size of the navigation block: the first index of the declared sensor states."""
+GYRO, ACCEL = 9, 12
+"""First index of the gyro and accelerometer biases, which every filter follows."""
 N = 15
+"""States of a filter that follows nothing but the biases."""
 
-SLICES = {
-    "position": slice(POS, VEL),
-    "velocity": slice(VEL, ATT),
-    "attitude": slice(ATT, GYRO),
-    "gyro_bias": slice(GYRO, ACCEL),
-    "accelerometer_bias": slice(ACCEL, N),
-}
-
-NAMES = (
-    *(f"position_{axis}" for axis in ("north", "east", "down")),
-    *(f"velocity_{axis}" for axis in ("north", "east", "down")),
-    *(f"attitude_{axis}" for axis in ("north", "east", "down")),
-    *(f"gyro_bias_{axis}" for axis in ("x", "y", "z")),
-    *(f"accelerometer_bias_{axis}" for axis in ("x", "y", "z")),
-)
-UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3 + ("m/s2",) * 3
-
-# --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n
-# (scalar first); gyro and accelerometer bias estimates [rad/s, m/s2]; the turn that the `tfg` filter's bias
-# axes have been held back by (quaternion, see `estimation.tfg`; zeros at the start of a flight)
-NAV_LLH, NAV_VEL, NAV_QUAT, NAV_GYRO, NAV_ACCEL, NAV_HELD = 0, 3, 6, 10, 13, 16
+# --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n (scalar first); the
+# turn that the `tfg` filter's bias axes have been held back by (quaternion, see `estimation.tfg`; zeros at the start of
+# a flight); estimates of the sensor states in the order of the error state, biases [rad/s, m/s2] first
+NAV_LLH, NAV_VEL, NAV_QUAT, NAV_HELD, NAV_SENSORS = 0, 3, 6, 10, 14
+NAV_GYRO, NAV_ACCEL = 14, 17
 NAV_N = 20
+"""Size of the navigation state of a filter of `N` states."""
+
+# --- declared sensor states
+GYROS, ACCELEROMETERS = 0, 1
+"""The triad that a sensor state belongs to."""
+CONSTANT = -1
+"""Signal of a state that does not depend on what the sensors feel."""
+
+
+DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
+"""A sensor state of a filter, or of a truth, as kernels take an array of them (k,): a state x adds x to what its triad
+measures along `axis`, or x times what the triad feels along the axis `signal` where that is no `CONSTANT`. It decays by
+`decay` (1/s) and is driven by white noise of the density `drive` (unit2/s)."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Three like states of a triad: name, unit, and as of `DECLARED`; scaled: each multiplies its own axis."""
+
+    name: str
+    unit: str
+    triad: int
+    scaled: bool = False
+    decay: float = 0.0
+    drive: float = 0.0
+
+
+def biases(gyro: tuple[float, float] = (0.0, 0.0), accel: tuple[float, float] = (0.0, 0.0)) -> tuple[Block, Block]:
+    """The blocks that every filter has; gyro, accel: decay (1/s) and drive (unit2/s) of each."""
+    return (
+        Block("gyro_bias", "rad/s", GYROS, decay=gyro[0], drive=gyro[1]),
+        Block("accelerometer_bias", "m/s2", ACCELEROMETERS, decay=accel[0], drive=accel[1]),
+    )
+
+
+SCALE_FACTORS = (
+    Block("gyro_scale", "1", GYROS, scaled=True),
+    Block("accelerometer_scale", "1", ACCELEROMETERS, scaled=True),
+)
+"""Blocks of constant scale factors."""
+
+
+def declared(blocks: Sequence[Block]) -> np.ndarray:
+    """The states of the blocks as kernels take them (k,), see `DECLARED`."""
+    return np.array(
+        [(b.triad, axis, axis if b.scaled else CONSTANT, b.decay, b.drive) for b in blocks for axis in range(3)],
+        dtype=DECLARED,
+    )
+
+
+_NAVIGATION = (("position", "m"), ("velocity", "m/s"), ("attitude", "rad"))
+
+
+def slices(blocks: Sequence[Block]) -> dict[str, slice]:
+    """Groups of three error states by their names, in order."""
+    names = [*(name for name, _ in _NAVIGATION), *(b.name for b in blocks)]
+    return {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(names)}
+
+
+def names(blocks: Sequence[Block]) -> tuple[str, ...]:
+    """Names of the error states: of navigation along north, east, down, of sensors along the body axes x, y, z."""
+    return (
+        *(f"{name}_{axis}" for name, _ in _NAVIGATION for axis in ("north", "east", "down")),
+        *(f"{b.name}_{axis}" for b in blocks for axis in ("x", "y", "z")),
+    )
+
+
+def units(blocks: Sequence[Block]) -> tuple[str, ...]:
+    """Units of the error states."""
+    return tuple(unit for unit in (*(u for _, u in _NAVIGATION), *(b.unit for b in blocks)) for _ in range(3))
+
+
+SLICES = slices(biases())
+NAMES = names(biases())
+UNITS = units(biases())
+"""Those of a filter of `N` states."""

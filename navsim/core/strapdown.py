@@ -17,6 +17,18 @@ import numpy as np
 from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
 from navsim.core.earth import RATE, gravity, radii, short_way
 from navsim.core.jit import inlined, kernel
+from navsim.core.linear import invert3
+from navsim.core.states import (
+    NAV_ACCEL,
+    NAV_GYRO,
+    NAV_HELD,
+    NAV_LLH,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+    SENSORS,
+    N,
+)
 
 # What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
 MID_DCM, MID_FORCE, MID_RATE_IN, MID_DT, MID_SIN = 0, 9, 12, 15, 16
@@ -27,21 +39,60 @@ MID_GRAVITY = 24
 MID_N = 25
 
 
+@kernel
+def unmixing(nav, declared, out):
+    """What takes the estimated scale factors off increments: out (2, 3, 3), (I + M)^-1 of each triad, where measured =
+    (I + M) felt + bias."""
+    m = np.empty((3, 3))
+    for triad in range(2):
+        m[:] = np.eye(3)
+        for c in range(N - SENSORS, declared.shape[0]):
+            if declared[c].triad == triad:
+                m[declared[c].axis, declared[c].signal] += nav[NAV_SENSORS + c]
+        invert3(m, out[triad])
+
+
 @inlined
-def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
+def is_mixed(declared):
+    """Whether anything is declared beside biases, so that `unmixing` is needed."""
+    return declared.shape[0] > N - SENSORS
+
+
+@inlined
+def compensated(nav, mixed, inverse, gx, gy, gz, fx, fy, fz, dt):
+    """The increments without the sensor errors that the navigation state estimates, six numbers.
+
+    nav: `navsim.core.states`. mixed: `is_mixed`. inverse: from `unmixing`. gx ... fz: measured increments of angle
+    (rad) and velocity (m/s) over dt (s); scalars, since a slice costs more.
+    """
+    tx = gx - nav[NAV_GYRO] * dt
+    ty = gy - nav[NAV_GYRO + 1] * dt
+    tz = gz - nav[NAV_GYRO + 2] * dt
+    ux = fx - nav[NAV_ACCEL] * dt
+    uy = fy - nav[NAV_ACCEL + 1] * dt
+    uz = fz - nav[NAV_ACCEL + 2] * dt
+    if mixed:
+        tx, ty, tz = (
+            inverse[0, 0, 0] * tx + inverse[0, 0, 1] * ty + inverse[0, 0, 2] * tz,
+            inverse[0, 1, 0] * tx + inverse[0, 1, 1] * ty + inverse[0, 1, 2] * tz,
+            inverse[0, 2, 0] * tx + inverse[0, 2, 1] * ty + inverse[0, 2, 2] * tz,
+        )
+        ux, uy, uz = (
+            inverse[1, 0, 0] * ux + inverse[1, 0, 1] * uy + inverse[1, 0, 2] * uz,
+            inverse[1, 1, 0] * ux + inverse[1, 1, 1] * uy + inverse[1, 1, 2] * uz,
+            inverse[1, 2, 0] * ux + inverse[1, 2, 1] * uy + inverse[1, 2, 2] * uz,
+        )
+    return tx, ty, tz, ux, uy, uz
+
+
+@inlined
+def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     """Advance the navigation state by one interval, in place.
 
-    nav: navigation state, see `navsim.core.states`; its bias estimates are taken off the increments.
-    gx ... fz: raw increments of angle (rad) and velocity (m/s) over dt (s); scalars, since a slice costs more.
-    previous: (6,) bias-free increments of the interval before, scaled to dt; overwritten by the present ones.
+    nav: navigation state, see `navsim.core.states`. tx ... uz: `compensated` increments of angle (rad) and velocity
+    (m/s) over dt (s). previous: (6,) those of the interval before, scaled to dt; overwritten by the present ones.
     c_nb: (3, 3) work space. mid: (25,) quantities at mid-interval for the error model.
     """
-    tx = gx - nav[10] * dt
-    ty = gy - nav[11] * dt
-    tz = gz - nav[12] * dt
-    ux = fx - nav[13] * dt
-    uy = fy - nav[14] * dt
-    uz = fz - nav[15] * dt
     px, py, pz = previous[0], previous[1], previous[2]
     sx, sy, sz = previous[3], previous[4], previous[5]
     previous[0], previous[1], previous[2] = tx, ty, tz
@@ -64,24 +115,24 @@ def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
     by += k * (pz * ux - px * uz + sz * tx - sx * tz)
     bz += k * (px * uy - py * ux + sx * ty - sy * tx)
 
-    q = nav[6:10]
+    q = nav[NAV_QUAT:NAV_HELD]
     dcm(q, c_nb)
     sn = c_nb[0, 0] * bx + c_nb[0, 1] * by + c_nb[0, 2] * bz
     se = c_nb[1, 0] * bx + c_nb[1, 1] * by + c_nb[1, 2] * bz
     sd = c_nb[2, 0] * bx + c_nb[2, 1] * by + c_nb[2, 2] * bz
 
     # velocity, latitude and height at mid-interval, predicted: their error is of third order in dt
-    lat = nav[0]
-    vn, ve, vd = nav[3], nav[4], nav[5]
+    lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
+    vn, ve, vd = nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2]
     sin_lat = math.sin(lat)
     cos_lat = math.cos(lat)
     meridian, transverse = radii(sin_lat)
     half = 0.5 * dt
-    g = gravity(sin_lat, nav[2])
+    g = gravity(sin_lat, height)
     vnm = vn + 0.5 * sn
     vem = ve + 0.5 * se
     vdm = vd + 0.5 * (sd + g * dt)
-    h = nav[2] - vdm * half
+    h = height - vdm * half
     dlat = vnm / (meridian + h) * half
     sin_m = sin_lat + cos_lat * dlat
     cos_m = cos_lat - sin_lat * dlat
@@ -113,11 +164,13 @@ def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
     ve1 = ve + de - (od * cn - on * cd) * dt
     vd1 = vd + dd - (on * ce - oe * cn) * dt
 
-    nav[2] -= 0.5 * (vd + vd1) * dt
-    nav[0] = lat + 0.5 * (vn + vn1) * dt / rm
-    lon = nav[1] + 0.5 * (ve + ve1) * dt / (rt * cos_m)
-    nav[1] = short_way(lon) if abs(lon) > math.pi else lon  # a floor at every step is dearer than the question
-    nav[3], nav[4], nav[5] = vn1, ve1, vd1
+    nav[NAV_LLH + 2] = height - 0.5 * (vd + vd1) * dt
+    nav[NAV_LLH] = lat + 0.5 * (vn + vn1) * dt / rm
+    lon = nav[NAV_LLH + 1] + 0.5 * (ve + ve1) * dt / (rt * cos_m)
+    nav[NAV_LLH + 1] = (
+        short_way(lon) if abs(lon) > math.pi else lon
+    )  # a floor at every step is dearer than the question
+    nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2] = vn1, ve1, vd1
 
     rotate_right(q, ax, ay, az)
     rotate_left(q, -(en + ce / rt) * dt, cn / rm * dt, -(ed - ce / rt * tan_m) * dt)
@@ -129,36 +182,58 @@ def step(nav, gx, gy, gz, fx, fy, fz, previous, dt, c_nb, mid):
         mid[3 * i] = c0 + 0.5 * (c1 * tz - c2 * ty)
         mid[3 * i + 1] = c1 + 0.5 * (c2 * tx - c0 * tz)
         mid[3 * i + 2] = c2 + 0.5 * (c0 * ty - c1 * tx)
-    mid[9] = dn / dt
-    mid[10] = de / dt
-    mid[11] = dd / dt - g
-    mid[12] = en + wn
-    mid[13] = we
-    mid[14] = ed + wd
-    mid[15] = dt
-    mid[16] = sin_m
-    mid[17] = cos_m
-    mid[18] = h
-    mid[19], mid[20], mid[21] = vnm, vem, vdm
-    mid[22] = rm
-    mid[23] = rt
-    mid[24] = g
+    mid[MID_FORCE] = dn / dt
+    mid[MID_FORCE + 1] = de / dt
+    mid[MID_FORCE + 2] = dd / dt - g
+    mid[MID_RATE_IN] = en + wn
+    mid[MID_RATE_IN + 1] = we
+    mid[MID_RATE_IN + 2] = ed + wd
+    mid[MID_DT] = dt
+    mid[MID_SIN] = sin_m
+    mid[MID_COS] = cos_m
+    mid[MID_HEIGHT] = h
+    mid[MID_VEL], mid[MID_VEL + 1], mid[MID_VEL + 2] = vnm, vem, vdm
+    mid[MID_MERIDIAN] = rm
+    mid[MID_TRANSVERSE] = rt
+    mid[MID_GRAVITY] = g
 
 
 @kernel
-def navigate(nav, dtheta, dv, dt, every, out):
-    """Mechanise increments alone, without a filter: out[j] is the state after j * every intervals.
+def first_increments(nav, declared, dtheta, dv, dt, previous):
+    """What stands for the interval before the first one: its own compensated increments. previous: (6,) out."""
+    inverse = np.empty((2, 3, 3))
+    unmixing(nav, declared, inverse)
+    increments = compensated(nav, is_mixed(declared), inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt)
+    for i in range(6):
+        previous[i] = increments[i]
 
-    nav: initial navigation state, overwritten by the final one. dtheta, dv: (n, 3) rad, m/s. dt: s.
-    out: (n // every + 1, 16).
-    """
-    previous = np.zeros(6)
-    previous[0:3] = dtheta[0] - nav[10:13] * dt
-    previous[3:6] = dv[0] - nav[13:16] * dt
+
+@inlined
+def _all(nav, mixed, inverse, dtheta, dv, dt, previous, every, out):
     c_nb = np.empty((3, 3))
     mid = np.empty(MID_N)
-    out[0] = nav
     for k in range(dtheta.shape[0]):
-        step(nav, dtheta[k, 0], dtheta[k, 1], dtheta[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], previous, dt, c_nb, mid)
+        tx, ty, tz, ux, uy, uz = compensated(
+            nav, mixed, inverse, dtheta[k, 0], dtheta[k, 1], dtheta[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], dt
+        )
+        step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
         if (k + 1) % every == 0:
             out[(k + 1) // every] = nav
+
+
+@kernel
+def navigate(nav, declared, dtheta, dv, dt, every, out):
+    """Mechanise increments alone, without a filter: out[j] is the state after j * every intervals.
+
+    nav: initial navigation state, overwritten by the final one, with estimates of the declared sensor states. dtheta,
+    dv: (n, 3) rad, m/s. dt: s. out: (n // every + 1, NAV_N).
+    """
+    previous, inverse = np.zeros(6), np.empty((2, 3, 3))
+    first_increments(nav, declared, dtheta[0], dv[0], dt, previous)
+    out[0] = nav
+    unmixing(nav, declared, inverse)
+    # what the compiler knows it need not ask at every step
+    if is_mixed(declared):
+        _all(nav, True, inverse, dtheta, dv, dt, previous, every, out)
+    else:
+        _all(nav, False, inverse, dtheta, dv, dt, previous, every, out)

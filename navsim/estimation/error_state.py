@@ -8,37 +8,51 @@ from __future__ import annotations
 
 import math
 
-from navsim.core import states
 from navsim.core.attitude import rotate_left
 from navsim.core.covariance import reset
 from navsim.core.earth import radii, short_way
 from navsim.core.jit import kernel
+from navsim.core.states import (
+    A_D,
+    A_E,
+    A_N,
+    NAV_HELD,
+    NAV_LLH,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+    R_D,
+    R_E,
+    R_N,
+    SENSORS,
+    VEL,
+)
 
 
 @kernel
 def move(nav, north, east, down):
     """Move the position of a navigation state by metres, in place."""
-    meridian, transverse = radii(math.sin(nav[0]))
-    nav[1] = short_way(nav[1] + east / ((transverse + nav[2]) * math.cos(nav[0])))
-    nav[0] += north / (meridian + nav[2])
-    nav[2] -= down
+    meridian, transverse = radii(math.sin(nav[NAV_LLH]))
+    lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
+    nav[NAV_LLH + 1] = short_way(nav[NAV_LLH + 1] + east / ((transverse + height) * math.cos(lat)))
+    nav[NAV_LLH] = lat + north / (meridian + height)
+    nav[NAV_LLH + 2] = height - down
 
 
 @kernel
 def inject(nav, x):
-    """Feed the estimated errors x (15,) back into the navigation state, in place."""
-    move(nav, x[0], x[1], x[2])
+    """Feed the estimated errors x (n,) back into the navigation state, in place."""
+    move(nav, x[R_N], x[R_E], x[R_D])
     for i in range(3):
-        nav[states.NAV_VEL + i] += x[states.VEL + i]
-        nav[states.NAV_GYRO + i] += x[states.GYRO + i]
-        nav[states.NAV_ACCEL + i] += x[states.ACCEL + i]
-    rotate_left(nav[states.NAV_QUAT : states.NAV_QUAT + 4], x[6], x[7], x[8])
+        nav[NAV_VEL + i] += x[VEL + i]
+    for c in range(x.shape[0] - SENSORS):
+        nav[NAV_SENSORS + c] += x[SENSORS + c]
+    rotate_left(nav[NAV_QUAT:NAV_HELD], x[A_N], x[A_E], x[A_D])
 
 
 @kernel
 def correct(nav, p, x, work):
-    """Feed the estimated errors x (15,) back and carry P (240,) to the new estimate. work: (720,) space."""
+    """Feed the estimated errors x (n,) back and carry P (SIZE,) to the new estimate. work: (3 * SIZE,) space."""
+    n = x.shape[0]
     inject(nav, x)
-    reset(
-        p, x[states.ATT], x[states.ATT + 1], x[states.ATT + 2], work[:9].reshape(3, 3), work[9:54].reshape(states.N, 3)
-    )
+    reset(p, x[A_N], x[A_E], x[A_D], work[:9].reshape(3, 3), work[9 : 9 + 3 * n].reshape(n, 3))

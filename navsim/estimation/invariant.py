@@ -1,7 +1,7 @@
 """`kind: left-invariant`: the left-invariant filter on SE2(3), biases beside it, with the exact reset.
 
 Attitude, velocity and position form one group element; the estimate moves by its exponential,
-u+ = u + J_l(theta) y_u for position and velocity (theta and y in the navigation frame), biases by addition.
+u+ = u + J_l(theta) y_u for position and velocity (theta and y in the navigation frame), sensor states by addition.
 Sources: [1] Barrau & Bonnabel, The invariant extended Kalman filter as a stable observer, IEEE TAC 62 (2017).
 [2] `filter.md`.
 """
@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core import states
 from navsim.core.attitude import left_jacobian, left_jacobian_derivative, rotate_left
-from navsim.core.covariance import SIZE, STRIDE, transport
+from navsim.core.covariance import SIZE, transport
 from navsim.core.jit import kernel
 from navsim.core.linear import invert3
+from navsim.core.states import A_D, A_E, A_N, ATT, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS, SENSORS, VEL
 from navsim.estimation.error_state import move
 
 
@@ -29,53 +29,61 @@ def turned(jac, u, out):
 def blocks_of_motion(x, diagonal, column):
     """The parts of the reset matrix that position, velocity and attitude have in both group filters.
 
-    x: (15,) the estimate. diagonal, column: (5, 3, 3) out, bias blocks untouched but for zeroed columns.
+    x: (n,) the estimate. diagonal, column: (n / 3, 3, 3) out; those of the sensor states say that they stay as they
+    are.
     """
-    a, b, c = x[states.ATT], x[states.ATT + 1], x[states.ATT + 2]
+    a, b, c = x[A_N], x[A_E], x[A_D]
     column[:] = 0.0
+    diagonal[:] = 0.0
     for block in range(3):
         left_jacobian(a, b, c, diagonal[block])
-    left_jacobian_derivative(a, b, c, x[0:3], column[0])
-    left_jacobian_derivative(a, b, c, x[3:6], column[1])
+    for block in range(3, diagonal.shape[0]):
+        for i in range(3):
+            diagonal[block, i, i] = 1.0
+    left_jacobian_derivative(a, b, c, x[POS:VEL], column[0])
+    left_jacobian_derivative(a, b, c, x[VEL:ATT], column[1])
 
 
 @kernel
 def move_rigidly(nav, x, jac):
     """Move position and velocity by J_l(theta) y and turn the attitude by theta, in place."""
     u = np.empty(3)
-    turned(jac, x[0:3], u)
+    turned(jac, x[POS:VEL], u)
     move(nav, u[0], u[1], u[2])
-    turned(jac, x[3:6], u)
+    turned(jac, x[VEL:ATT], u)
     for i in range(3):
-        nav[states.NAV_VEL + i] += u[i]
-    rotate_left(nav[states.NAV_QUAT : states.NAV_QUAT + 4], x[states.ATT], x[states.ATT + 1], x[states.ATT + 2])
+        nav[NAV_VEL + i] += u[i]
+    rotate_left(nav[NAV_QUAT:NAV_HELD], x[A_N], x[A_E], x[A_D])
+
+
+@kernel
+def blocks_in(work, n):
+    """The diagonal and the attitude column (n / 3, 3, 3) of a reset matrix in work space (3 * SIZE,), behind what
+    `transport` needs of it."""
+    blocks = n // 3
+    diagonal = work[2 * SIZE : 2 * SIZE + 3 * n].reshape(blocks, 3, 3)
+    return diagonal, work[2 * SIZE + 3 * n : 2 * SIZE + 6 * n].reshape(blocks, 3, 3)
 
 
 @kernel
 def correct(nav, p, x, work):
-    """Feed the estimated errors x (15,) back and carry P (240,) to the new estimate. work: (720,) space."""
-    diagonal = work[480:525].reshape(5, 3, 3)
-    column = work[525:570].reshape(5, 3, 3)
+    """Feed the estimated errors x (n,) back and carry P (SIZE,) to the new estimate. work: (3 * SIZE,) space."""
+    diagonal, column = blocks_in(work, x.shape[0])
     blocks_of_motion(x, diagonal, column)
-    for block in range(3, 5):
-        for i in range(3):
-            for j in range(3):
-                diagonal[block, i, j] = 1.0 if i == j else 0.0
     move_rigidly(nav, x, diagonal[0])
-    for i in range(3):
-        nav[states.NAV_GYRO + i] += x[states.GYRO + i]
-        nav[states.NAV_ACCEL + i] += x[states.ACCEL + i]
-    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE], STRIDE)
+    for c in range(x.shape[0] - SENSORS):
+        nav[NAV_SENSORS + c] += x[SENSORS + c]
+    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE])
 
 
 @kernel
 def own_error(error, out):
-    """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (15,)."""
+    """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,)."""
     jac = np.empty((3, 3))
     inverse = np.empty((3, 3))
-    left_jacobian(error[states.ATT], error[states.ATT + 1], error[states.ATT + 2], jac)
+    left_jacobian(error[A_N], error[A_E], error[A_D], jac)
     invert3(jac, inverse)
-    turned(inverse, error[0:3], out[0:3])
-    turned(inverse, error[3:6], out[3:6])
-    for i in range(states.ATT, states.N):
+    turned(inverse, error[POS:VEL], out[POS:VEL])
+    turned(inverse, error[VEL:ATT], out[VEL:ATT])
+    for i in range(ATT, error.shape[0]):
         out[i] = error[i]

@@ -1,164 +1,212 @@
-"""The loosely coupled filter flown along the truth, with everything a linear covariance analysis needs.
+"""The filter flown along the truth, with everything a linear covariance analysis needs.
 
 Along an error-free flight the filter's gains are those of every run to first order. This kernel flies it there
-and leaves behind, for each interval between fixes, how errors are carried on and what sensor noise adds, and for
-each fix its innovation and gain. What the errors really are is then a matter of matrices
+and leaves behind, for each interval between events, how errors are carried on and what sensor noise adds, and for
+each measurement its innovation and gain. What the errors really are is then a matter of matrices
 (`navsim.simulation.landing_covariance`).
 
-Errors are carried as (dr, dv, theta, -b_hat): the true biases are not in it, since they need not follow the
-filter's model; they act through `gamma`.
+Errors are carried as (dr, dv, theta, minus the estimates of the sensor states): the true sensor states are not in it,
+since they need not follow the filter's model; they act through `inputs`.
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8 (covariance analysis with a
 truth model of its own).
 """
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core import states
 from navsim.core.covariance import (
     NOISE_ACCEL,
-    NOISE_ACCEL_DECAY,
-    NOISE_ACCEL_DRIVE,
     NOISE_GYRO,
-    NOISE_GYRO_DECAY,
-    NOISE_GYRO_DRIVE,
     NOISE_N,
     SIZE,
     STRIDE,
-    carry,
+    add_white,
+    carry_covariance,
     carry_errors,
     gain,
+    is_varying,
     joseph,
-    predict,
+    square,
+    transition,
+    vary,
 )
 from navsim.core.jit import kernel
-from navsim.core.strapdown import MID_N
-from navsim.estimation.loosely_coupled import ESKF, TIME_TOLERANCE, advance, measurement
+from navsim.core.states import GYRO, SENSORS, N
+from navsim.core.strapdown import MID_DT, MID_N
+from navsim.estimation.filter_loop import ESKF, advance, set_off
+from navsim.estimation.observations import MOST, observe
+from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Events
 
-INPUTS = 12
-"""Columns of gamma: constant gyro and accelerometer bias (6), Markov gyro and accelerometer bias (6)."""
 NOISES = 4
 """Sensor noises: white gyro, white accelerometer, drive of the Markov gyro and accelerometer bias."""
 
 
+class Linearised(NamedTuple):
+    """A filter along the truth. Of i intervals that events end: transition (i, n, n); inputs (i, 9, t) of the truth's
+    sensor states; added (i, NOISES, 15, 15) covariance for a unit density, of navigation and the Markov biases. Of w
+    measurements: h (w, MOST, n), gain (w, n, MOST), z (w, MOST) innovation at the truth, expected (w, MOST, MOST) what
+    the filter expects of it, degrees (w,), place (w, MOST) as of `observe`. believed: (o, n, n) at the outputs.
+    """
+
+    transition: np.ndarray
+    inputs: np.ndarray
+    added: np.ndarray
+    h: np.ndarray
+    gain: np.ndarray
+    z: np.ndarray
+    expected: np.ndarray
+    degrees: np.ndarray
+    place: np.ndarray
+    believed: np.ndarray
+
+
+class Steps(NamedTuple):
+    """What each event (k,) is in a `Linearised`: the interval that it ends and its measurement, -1 for none; its
+    length, s."""
+
+    interval: np.ndarray
+    measurement: np.ndarray
+    length: np.ndarray
+
+
+def steps_of(begin: float, events: Events) -> Steps:
+    """The steps of a flight from `begin`, s, on."""
+    count = events.time.size
+    length = np.empty(count)
+    own, copy = begin, begin
+    for i, (time, ahead) in enumerate(zip(events.time.tolist(), events.ahead.tolist(), strict=True)):
+        if not ahead:
+            length[i] = time - own
+            own = copy = time
+        else:
+            length[i] = time - copy
+            copy = time
+    moved = length >= TIME_TOLERANCE
+    weighed = (events.kind != OUTPUT) & (events.kind != PASS)
+    return Steps(
+        np.where(moved, np.cumsum(moved) - 1, -1),
+        np.where(weighed, np.cumsum(weighed) - 1, -1),
+        np.where(moved, length, 0.0),
+    )
+
+
+def room(steps: Steps, outputs: int, declared: np.ndarray, truth: np.ndarray) -> Linearised:
+    """Empty arrays for the steps of a flight."""
+    n, t = SENSORS + declared.size, truth.size
+    i, w = int(steps.interval.max(initial=-1)) + 1, int(steps.measurement.max(initial=-1)) + 1
+    return Linearised(
+        np.empty((i, n, n)), np.empty((i, SENSORS, t)), np.empty((i, NOISES, N, N)), np.zeros((w, MOST, n)),
+        np.zeros((w, n, MOST)), np.zeros((w, MOST)), np.zeros((w, MOST, MOST)), np.zeros(w, np.int64),
+        np.zeros((w, MOST), np.int64), np.empty((outputs, n, n)),
+    )  # fmt: skip
+
+
 @kernel
 def _interval(
-    until, imu_time, dtheta, dv, nav, p, cursor, previous, noise, markov_decay, unit_noise,
-    scratch, c_nb, flat, phi, gamma, q, width,
+    until, imu, model, truth, markov, unit_noise, nav, p, cursor, felt, scratch, c_nb, inverse, flat,
+    way, inputs, added,
 ):  # fmt: skip
-    """Fly to `until` and describe the way there: phi (15, 15), gamma (15, 12), q (4, 15, 15)."""
-    way, inputs = flat[0], flat[1]
-    a, b, work = flat[2], flat[3], flat[4]
-    gathered = flat[5:9]
-    way[:] = 0.0
-    inputs[:] = 0.0
-    gathered[:] = 0.0
-    for i in range(states.N):
-        way[(STRIDE + 1) * i] = 1.0
-    for i in range(6):
-        inputs[STRIDE * (states.GYRO + i) + i] = 1.0
-        inputs[STRIDE * (states.GYRO + i) + 6 + i] = 1.0
-    last = imu_time.shape[0] - 1
+    """Fly to `until` and describe the way there: way (n, n), inputs (9, t), added (NOISES, 15, 15)."""
+    errors, driven, phi_truth, phi_markov = flat[0], flat[1], flat[2], flat[3]
+    a, b = flat[4], flat[5]
+    gathered = flat[6 : 6 + NOISES]
+    n, t = way.shape[0], inputs.shape[1]
+    errors[: STRIDE * n] = 0.0
+    driven[: STRIDE * (SENSORS + t)] = 0.0
+    gathered[:, : STRIDE * N] = 0.0
+    for i in range(n):
+        errors[(STRIDE + 1) * i] = 1.0
+    for i in range(t):
+        driven[STRIDE * (SENSORS + i) + i] = 1.0
+    varying = is_varying(markov)
+    mid = scratch[:MID_N]
+    phi = scratch[MID_N : MID_N + SIZE]
+    last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
-        step_end = min(imu_time[int(cursor[0]) + 1], until)
-        advance(ESKF, step_end, imu_time, dtheta, dv, nav, p, cursor, previous, noise, scratch, c_nb, width)
-        dt = cursor[2]
-        mid = scratch[:MID_N]
-        step = scratch[MID_N : MID_N + SIZE]
-        carry_errors(step, noise[0], dt, way, a, width)
-        carry(step, inputs, a, width)
-        for j in range(3):
-            inputs[STRIDE * (states.GYRO + j) + 6 + j] *= math.exp(-dt * markov_decay[0])
-            inputs[STRIDE * (states.ACCEL + j) + 9 + j] *= math.exp(-dt * markov_decay[1])
-        for n in range(NOISES):
-            predict(gathered[n], mid, unit_noise[n], work, a, b, width)
-    for i in range(states.N):
-        for j in range(states.N):
-            phi[i, j] = way[STRIDE * i + j]
-            for n in range(NOISES):
-                q[n, i, j] = gathered[n, STRIDE * i + j]
-        for j in range(INPUTS):
-            gamma[i, j] = inputs[STRIDE * i + j]
+        step_end = min(imu.time[int(cursor[0]) + 1], until)
+        advance(ESKF, step_end, imu, model, nav, p, cursor, felt, scratch, c_nb, inverse)
+        dt = mid[MID_DT]
+        carry_errors(phi, model.declared, dt, errors, n, a)
+        transition(mid, felt, truth, phi_truth)
+        carry_errors(phi_truth, truth, dt, driven, t, a)
+        transition(mid, felt, markov, phi_markov)
+        for i in range(NOISES):
+            carry_covariance(gathered[i], phi_markov, N, a, b)
+            if varying:
+                vary(markov, dt, gathered[i])
+            add_white(gathered[i], unit_noise[i], dt)
+            for c in range(3):
+                # the drive of a Markov bias; the first two noises are white
+                first = GYRO + 3 * (i - 2) + c
+                if i >= 2:
+                    gathered[i, (STRIDE + 1) * first] += dt
+    square(errors, way)
+    for i in range(SENSORS):
+        for j in range(t):
+            inputs[i, j] = driven[STRIDE * i + j]
+    for i in range(NOISES):
+        square(gathered[i], added[i])
 
 
 @kernel
-def linearise(
-    imu_time, dtheta, dv, nav, p, noise, markov_decay,
-    fix_time, fix_llh, fix_velocity, fix_cov, with_velocity, latency, lever,
-    phi, gamma, q, h, k, z, degrees, ahead_phi, ahead_gamma, ahead_q, believed, innovation_cov, width,
-):  # fmt: skip
+def linearise(imu, measurements, events, steps, state, model, truth, markov, out):
     """Fly the filter along exact increments from the exact initial state.
 
-    Arguments as of `loosely_coupled.run`, with e fixes free of noise and one row of process noise (1, 6);
-    markov_decay: (2,) 1/tau of the true gyro and accelerometer Markov bias, 1/s. Out, for each epoch: phi (e, 15, 15),
-    gamma (e, 15, 12), q (e, 4, 15, 15) for a unit density, from the fix before (or time 0); h (e, 6, 15), k (e, 15, 6),
-    z (e, 6) innovation at the truth, degrees (e,) 3, 6 or 0 without a fix; ahead_* the same for the way from the fix to
-    the output, where there is latency; believed (e + 1, 15, 15) the filter's covariance at the outputs; innovation_cov
-    (e, 6, 6) what it expects of the innovation.
+    imu, measurements, events, state, model: `estimation.records`, without noise, with one row of process noise. steps:
+    `steps_of` the events. truth: the sensor states that there really are; markov: biases alone, with the decay of the
+    true Markov biases. out: filled in.
     """
-    r, s = np.empty((6, 6)), np.empty((6, 6))
-    pht, work = np.empty((states.N, 6)), np.empty((states.N, 6))
-    c_nb = np.empty((3, 3))
+    n = out.believed.shape[1]
+    declared = model.declared
+    h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
+    pht, work = np.empty((n, MOST)), np.empty((n, MOST))
+    c_nb, inverse = np.empty((3, 3)), np.empty((2, 3, 3))
     scratch = np.zeros(MID_N + 3 * SIZE)
-    flat = np.zeros((9, SIZE))
-    previous, ahead_previous = np.empty(6), np.empty(6)
-    cursor, ahead_cursor = np.zeros(3), np.empty(3)
-    ahead_nav, ahead_p = np.empty(states.NAV_N), np.empty(SIZE)
+    flat = np.zeros((6 + NOISES, SIZE))
+    navs, ps, felts, cursors = (
+        np.empty((2, state.navigation.shape[0])), np.zeros((2, SIZE)), np.empty((2, 6)), np.zeros((2, 3)),
+    )  # fmt: skip
     unit_noise = np.zeros((NOISES, NOISE_N))
     unit_noise[0, NOISE_GYRO] = 1.0
     unit_noise[1, NOISE_ACCEL] = 1.0
-    unit_noise[2, NOISE_GYRO_DRIVE] = 1.0
-    unit_noise[3, NOISE_ACCEL_DRIVE] = 1.0
-    for n in range(2, NOISES):
-        unit_noise[n, NOISE_GYRO_DECAY] = markov_decay[0]
-        unit_noise[n, NOISE_ACCEL_DECAY] = markov_decay[1]
 
-    cursor[1] = imu_time[0]
-    cursor[2] = imu_time[1] - imu_time[0]
-    for i in range(3):
-        previous[i] = dtheta[0, i]
-        previous[3 + i] = dv[0, i]
-    for i in range(states.N):
-        for j in range(states.N):
-            believed[0, i, j] = p[STRIDE * i + j]
-    for e in range(fix_time.shape[0]):
-        _interval(
-            fix_time[e], imu_time, dtheta, dv, nav, p, cursor, previous, noise, markov_decay, unit_noise,
-            scratch, c_nb, flat, phi[e], gamma[e], q[e], width,
-        )  # fmt: skip
-        degrees[e] = 0
-        k[e] = 0.0
-        h[e] = 0.0
-        z[e] = 0.0
-        if not math.isnan(fix_llh[e, 0]):
-            velocity_here = with_velocity and not math.isnan(fix_velocity[e, 0])
-            m = measurement(
-                nav, previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], velocity_here, z[e], h[e]
-            )
-            for i in range(m):
-                for j in range(m):
-                    r[i, j] = fix_cov[e, i, j]
-            if gain(p, h[e], r, m, pht, s, k[e]):
-                degrees[e] = m
-                for i in range(m):
-                    for j in range(m):
-                        t = r[i, j]
-                        for c in range(states.N):
-                            t += h[e, i, c] * pht[c, j]
-                        innovation_cov[e, i, j] = t
-                joseph(p, h[e], r, m, pht, k[e], work)
-        if latency > 0.0:
-            ahead_nav[:] = nav
-            ahead_p[:] = p
-            ahead_previous[:] = previous
-            ahead_cursor[:] = cursor
+    navs[0] = state.navigation
+    ps[0] = state.covariance
+    set_off(imu, navs[0], declared, cursors[0], felts[0])
+    was = 0
+    for i in range(events.time.shape[0]):
+        own = 1 if events.ahead[i] else 0
+        if own > was:
+            navs[1] = navs[0]
+            ps[1] = ps[0]
+            felts[1] = felts[0]
+            cursors[1] = cursors[0]
+        was = own
+        nav, p, felt, cursor = navs[own], ps[own], felts[own], cursors[own]
+        at = steps.interval[i]
+        if at >= 0:
             _interval(
-                fix_time[e] + latency, imu_time, dtheta, dv, ahead_nav, ahead_p, ahead_cursor, ahead_previous, noise,
-                markov_decay, unit_noise, scratch, c_nb, flat, ahead_phi[e], ahead_gamma[e], ahead_q[e], width,
+                events.time[i], imu, model, truth, markov, unit_noise, nav, p, cursor, felt, scratch, c_nb, inverse,
+                flat, out.transition[at], out.inputs[at], out.added[at],
             )  # fmt: skip
-        for i in range(states.N):
-            for j in range(states.N):
-                believed[e + 1, i, j] = ahead_p[STRIDE * i + j] if latency > 0.0 else p[STRIDE * i + j]
+        what, row = events.kind[i], events.row[i]
+        if what == OUTPUT:
+            square(p, out.believed[row])
+        elif what != PASS:
+            w = steps.measurement[i]
+            m = observe(what, row, measurements, nav, felt, cursor[2], declared, c_nb, out.place[w], z, h, r)
+            if m == 0 or not gain(p, h, r, m, pht, s, out.gain[w]):
+                continue
+            out.degrees[w] = m
+            for a in range(m):
+                out.z[w, a] = z[a]
+                out.h[w, a] = h[a]
+                for b in range(m):
+                    u = r[a, b]
+                    for c in range(n):
+                        u += h[a, c] * pht[c, b]
+                    out.expected[w, a, b] = u
+            joseph(p, h, r, m, pht, out.gain[w], work)

@@ -17,291 +17,290 @@ import math
 
 import numpy as np
 
-from navsim.core import states
-from navsim.core.covariance import SIZE, STRIDE, carry_errors, gain, joseph, reset
+from navsim.core.covariance import SIZE, STRIDE, carry_errors, gain, joseph, reset, square
 from navsim.core.jit import kernel
-from navsim.core.linear import cholesky, solve_cholesky, solve_lower
+from navsim.core.linear import cholesky, solve_cholesky
+from navsim.core.states import (
+    A_D,
+    A_E,
+    A_N,
+    NAV_HELD,
+    NAV_LLH,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+)
 from navsim.core.strapdown import MID_N
 from navsim.estimation import error_state
-from navsim.estimation.loosely_coupled import (
-    ESKF,
-    MAP,
-    NO_FIX,
-    REJECTED,
-    RTS,
-    TFG,
-    TIME_TOLERANCE,
-    USED,
-    advance,
-    keep_misfit,
-    observe,
-    plain_error,
-    record,
-)
+from navsim.estimation.filter_loop import ESKF, advance, keep_innovation, set_off, whitened_square
+from navsim.estimation.judge import plain_error
+from navsim.estimation.observations import MOST, observe
+from navsim.estimation.records import NOT_USED, OUTPUT, REJECTED, TIME_TOLERANCE, USED
 
-PASSES = {MAP: 30, RTS: 1}
+RTS, MAP = 3, 4
+"""Kinds of smoother."""
+PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind makes at most."""
 _CONVERGED = 1e-3
 """Stop once no state of any node moves by more than this many sigmas."""
 
 
 @kernel
-def _difference(a, b, out):
-    """The plain error (15,) that carries navigation state b to a."""
-    plain_error(
-        a[states.NAV_LLH : states.NAV_LLH + 3],
-        a[states.NAV_VEL : states.NAV_VEL + 3],
-        a[states.NAV_QUAT : states.NAV_QUAT + 4],
-        a[states.NAV_GYRO : states.NAV_GYRO + 6],
-        b,
-        out,
-    )
+def difference(a, b, out):
+    """The plain error (n,) that carries navigation state b to a."""
+    plain_error(a[NAV_LLH:NAV_VEL], a[NAV_VEL:NAV_QUAT], a[NAV_QUAT:NAV_HELD], a[NAV_SENSORS:], b, out)
 
 
 @kernel
-def _fly(until, imu_time, dtheta, dv, nav, cursor, previous, noise, scratch, c_nb, way, added, width):
-    """Mechanise to `until`; way (240,): transition of the plain errors, added (240,): covariance gathered."""
+def _fly(until, imu, model, nav, cursor, felt, scratch, c_nb, inverse, way, added, work, transition):
+    """Mechanise to `until`; transition (n, n) of the plain errors, added (SIZE,): covariance gathered.
+
+    way, work: (SIZE,) space.
+    """
+    n = transition.shape[0]
     way[:] = 0.0
     added[:] = 0.0
-    for i in range(states.N):
+    for i in range(n):
         way[(STRIDE + 1) * i] = 1.0
     phi = scratch[MID_N : MID_N + SIZE]
-    work = scratch[MID_N + SIZE : MID_N + 2 * SIZE]
-    last = imu_time.shape[0] - 1
+    last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
-        k = int(cursor[0])
-        end = min(imu_time[k + 1], until)
-        advance(ESKF, end, imu_time, dtheta, dv, nav, added, cursor, previous, noise, scratch, c_nb, width)
-        carry_errors(phi, noise[min(k, noise.shape[0] - 1)], cursor[2], way, work, width)
+        end = min(imu.time[int(cursor[0]) + 1], until)
+        advance(ESKF, end, imu, model, nav, added, cursor, felt, scratch, c_nb, inverse)
+        carry_errors(phi, model.declared, cursor[2], way, n, work)
+    square(way, transition)
 
 
 @kernel
-def _times(way, p, out):
-    """out = way p, all (240,)."""
-    for i in range(states.N):
-        o = STRIDE * i
-        for j in range(STRIDE):
-            out[o + j] = 0.0
-        for c in range(states.N):
-            f = way[o + c]
+def _predict(transition, added, p, carried, out):
+    """out = transition p transition' + added; carried = transition p. All (n, n) but for added, (SIZE,)."""
+    n = p.shape[0]
+    for i in range(n):
+        for j in range(n):
+            carried[i, j] = 0.0
+        for c in range(n):
+            f = transition[i, c]
             if f != 0.0:
-                for j in range(STRIDE):
-                    out[o + j] += f * p[STRIDE * c + j]
-
-
-@kernel
-def _predict(way, added, p, carried, out):
-    """out = way p way' + added; carried = way p. All (240,)."""
-    _times(way, p, carried)
-    for i in range(states.N):
+                for j in range(n):
+                    carried[i, j] += f * p[c, j]
+    for i in range(n):
         for j in range(i + 1):
             t = added[STRIDE * i + j]
-            for c in range(states.N):
-                t += carried[STRIDE * i + c] * way[STRIDE * j + c]
-            out[STRIDE * i + j] = t
-            out[STRIDE * j + i] = t
+            for c in range(n):
+                t += carried[i, c] * transition[j, c]
+            out[i, j] = t
+            out[j, i] = t
 
 
 @kernel
 def _smoothing_gain(carried, predicted, factor, out):
-    """out = P way' predicted^-1 (15, 15) from carried = way P; False where `predicted` is not positive definite."""
-    for i in range(states.N):
+    """out = P transition' predicted^-1 (n, n) from carried = transition P; False where `predicted` is not positive
+    definite."""
+    n = out.shape[0]
+    for i in range(n):
         for j in range(i + 1):
-            factor[i, j] = predicted[STRIDE * i + j]
-    if not cholesky(factor, states.N):
+            factor[i, j] = predicted[i, j]
+    if not cholesky(factor, n):
         return False
-    for i in range(states.N):
-        for j in range(states.N):
-            out[i, j] = carried[STRIDE * j + i]
-        solve_cholesky(factor, states.N, out[i])
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = carried[j, i]
+        solve_cholesky(factor, n, out[i])
     return True
 
 
 @kernel
 def _smooth_covariance(gains, predicted, later, p):
-    """p <- p + A (later - predicted) A', symmetric."""
-    d = np.empty((states.N, states.N))
-    for i in range(states.N):
-        for j in range(states.N):
+    """P <- P + G (P later - predicted) G', in place; all (n, n)."""
+    n = p.shape[0]
+    d = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
             t = 0.0
-            for c in range(states.N):
-                t += gains[i, c] * (later[STRIDE * c + j] - predicted[STRIDE * c + j])
+            for c in range(n):
+                t += gains[i, c] * (later[c, j] - predicted[c, j])
             d[i, j] = t
-    for i in range(states.N):
+    for i in range(n):
         for j in range(i + 1):
-            t = 0.5 * (p[STRIDE * i + j] + p[STRIDE * j + i])
-            for c in range(states.N):
+            t = 0.5 * (p[i, j] + p[j, i])
+            for c in range(n):
                 t += d[i, c] * gains[j, c]
-            p[STRIDE * i + j] = t
-            p[STRIDE * j + i] = t
+            p[i, j] = t
+            p[j, i] = t
 
 
 @kernel
-def _nodes(fix_time, out_time):
-    """Times of fixes and outputs in one order: time (n,), fix (n,) and output (n,) index or -1; node 0 is time 0."""
-    e = fix_time.shape[0]
-    time = np.zeros(2 * e + 1)
-    fix = np.full(2 * e + 1, -1)
-    output = np.full(2 * e + 1, -1)
-    output[0] = 0
+def _to_flat(matrix, out):
+    """A matrix (n, n) as kernels keep a covariance, out (SIZE,)."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[0]):
+            out[STRIDE * i + j] = matrix[i, j]
+
+
+@kernel
+def _nodes(begin, events):
+    """The instants of a flight: time (n,), measurement (n,) and output (n,) of each; -1 where there is none. Node 0 is
+    the beginning; a measurement is a node by itself, an output shares one of its time."""
+    count = events.time.shape[0]
+    time = np.empty(count + 1)
+    measurement = np.full(count + 1, -1)
+    output = np.full(count + 1, -1)
+    time[0] = begin
     n = 1
-    f, o = 0, 0
-    while o < e:
-        if f < e and fix_time[f] <= out_time[o] + TIME_TOLERANCE:
-            time[n] = fix_time[f]
-            fix[n] = f
-            f += 1
-            if out_time[o] - time[n] < TIME_TOLERANCE:
-                o += 1
-                output[n] = o
+    for i in range(count):
+        if events.kind[i] == OUTPUT:
+            if events.time[i] - time[n - 1] > TIME_TOLERANCE:
+                time[n] = events.time[i]
+                n += 1
+            output[n - 1] = events.row[i]
         else:
-            time[n] = out_time[o]
-            o += 1
-            output[n] = o
-        n += 1
-    return time[:n], fix[:n], output[:n]
+            time[n] = events.time[i]
+            measurement[n] = i
+            n += 1
+    return time[:n], measurement[:n], output[:n]
 
 
 @kernel
-def run(
-    imu_time, dtheta, dv, nav, p, noise,
-    fix_time, fix_llh, fix_velocity, fix_cov, with_velocity, latency, lever, gate, max_rejected,
-    truth_llh, truth_velocity, truth_quaternion, truth_bias,
-    out, width, iterations,
-):  # fmt: skip
-    """Smooth one run; arguments and outputs as of `loosely_coupled.run`. NEES is judged in two-frames coordinates.
+def run(imu, measurements, events, state, model, passes, history):
+    """Smooth one flight; arguments are those of `estimation.records`, events without any ahead.
 
-    iterations: most passes over the flight; 1 is the fixed-interval smoother of [2] on the filter's own estimates,
-    more iterate it towards the maximum a posteriori [1]. Fixes rejected by the gate of the first pass stay rejected.
-    Innovations, squared and as misfit, are those of the first pass.
+    passes: most passes over the flight; 1 is the fixed-interval smoother of [2] on the filter's own estimates,
+    more iterate it towards the maximum a posteriori [1]. Measurements rejected by the gate of the first pass stay
+    rejected. Innovations and their squares are those of the first pass. The answers are nan where a
+    covariance is not positive definite.
     """
-    error, sigma, cross, nees, nees_pv, nees_group, innovation, degrees, status, estimate, misfit, misfit_sigma = out
-    node_time, node_fix, node_output = _nodes(fix_time, fix_time + latency)
-    n = node_time.shape[0]
-    nodes = np.empty((n, states.NAV_N))
-    filtered, predicted, carried = np.zeros((n, SIZE)), np.zeros((n, SIZE)), np.zeros((n, SIZE))
-    mean, mean_predicted = np.zeros((n, states.N)), np.zeros((n, states.N))
-    gains = np.empty((n, states.N, states.N))
-    way, added, prior = np.empty(SIZE), np.empty(SIZE), np.empty(SIZE)
-    factor = np.empty((states.N, states.N))
-    h, z, r, s = np.empty((6, states.N)), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
-    k, pht, work = np.empty((states.N, 6)), np.empty((states.N, 6)), np.empty((states.N, 6))
-    c_nb, jac, columns = np.empty((3, 3)), np.empty((3, 3)), np.empty((states.N, 3))
+    n = history.covariance.shape[1]
+    declared = model.declared
+    node_time, node_event, node_output = _nodes(imu.time[0], events)
+    count = node_time.shape[0]
+    nodes = np.empty((count, state.navigation.shape[0]))
+    filtered, predicted, carried = np.empty((count, n, n)), np.empty((count, n, n)), np.empty((count, n, n))
+    mean, mean_predicted = np.zeros((count, n)), np.zeros((count, n))
+    gains = np.empty((count, n, n))
+    transition, factor, prior = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    way, added, p = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
+    flat_work = np.zeros(SIZE)
+    h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
+    place = np.empty(MOST, np.int64)
+    k, pht, work = np.empty((n, MOST)), np.empty((n, MOST)), np.empty((n, MOST))
+    c_nb, jac, columns, inverse = np.empty((3, 3)), np.empty((3, 3)), np.empty((n, 3)), np.empty((2, 3, 3))
     scratch = np.zeros(MID_N + 3 * SIZE)
-    previous, cursor = np.empty(6), np.zeros(3)
-    here, x, own = np.empty(states.NAV_N), np.empty(states.N), np.empty(states.N)
+    felt, cursor = np.empty(6), np.zeros(3)
+    here, x = np.empty(state.navigation.shape[0]), np.empty(n)
 
-    nav[states.NAV_HELD] = 1.0
-    nav[states.NAV_HELD + 1 :] = 0.0
-    start = nav.copy()
-    innovation[:] = np.nan
-    misfit[:] = np.nan
-    misfit_sigma[:] = np.nan
-    degrees[:] = 0
-    status[:] = NO_FIX
-    rejected = 0
-    for iteration in range(iterations):
+    start = state.navigation.copy()
+    start[NAV_HELD:NAV_SENSORS] = 0.0
+    start[NAV_HELD] = 1.0
+    status = history.status
+    status[:] = NOT_USED
+    rejected = state.rejected
+    rejected[:] = 0
+    for iteration in range(passes):
         # the first pass has no trajectory yet: it follows its own estimate
         first = iteration == 0
-        cursor[0] = 0.0
-        cursor[1] = imu_time[0]
-        cursor[2] = imu_time[1] - imu_time[0]
         if first:
             nodes[0] = start
-        for i in range(3):
-            previous[i] = dtheta[0, i] - nodes[0, 10 + i] * cursor[2]
-            previous[3 + i] = dv[0, i] - nodes[0, 13 + i] * cursor[2]
+        set_off(imu, nodes[0], declared, cursor, felt)
         # prior: exp(d) exp(moved) = exp(theta), theta ~ N(0, P)
-        _difference(nodes[0], start, x)
-        filtered[0] = p
-        reset(filtered[0], x[states.ATT], x[states.ATT + 1], x[states.ATT + 2], jac, columns)
-        for i in range(states.N):
+        difference(nodes[0], start, x)
+        p[:] = state.covariance
+        reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
+        square(p, filtered[0])
+        for i in range(n):
             mean[0, i] = -x[i]
-        for node in range(1, n):
+        for node in range(1, count):
             here[:] = nodes[node - 1]
-            _fly(node_time[node], imu_time, dtheta, dv, here, cursor, previous, noise, scratch, c_nb, way, added, width)
-            _predict(way, added, filtered[node - 1], carried[node], predicted[node])
+            _fly(
+                node_time[node],
+                imu,
+                model,
+                here,
+                cursor,
+                felt,
+                scratch,
+                c_nb,
+                inverse,
+                way,
+                added,
+                flat_work,
+                transition,
+            )
+            _predict(transition, added, filtered[node - 1], carried[node], predicted[node])
             if first:
                 nodes[node] = here
-            _difference(here, nodes[node], x)
-            for i in range(states.N):
+            difference(here, nodes[node], x)
+            for i in range(n):
                 t = x[i]
-                for c in range(states.N):
-                    t += way[STRIDE * i + c] * mean[node - 1, c]
+                for c in range(n):
+                    t += transition[i, c] * mean[node - 1, c]
                 mean_predicted[node, i] = t
                 mean[node, i] = t
             filtered[node] = predicted[node]
-            e = node_fix[node]
-            if e < 0 or math.isnan(fix_llh[e, 0]) or (not first and status[e] != USED):
+            e = node_event[node]
+            if e < 0 or (not first and status[e] != USED):
                 continue
-            m = observe(
-                nodes[node], previous, cursor[2], c_nb, lever, fix_llh[e], fix_velocity[e], fix_cov[e], with_velocity,
-                z, h, r,
-            )  # fmt: skip
-            for i in range(m):
-                for c in range(states.N):
-                    z[i] -= h[i, c] * mean[node, c]
-            if not gain(filtered[node], h, r, m, pht, s, k):
+            what = events.kind[e]
+            m = observe(what, events.row[e], measurements, nodes[node], felt, cursor[2], declared, c_nb, place, z, h, r)
+            for a in range(m):
+                for c in range(n):
+                    z[a] -= h[a, c] * mean[node, c]
+            _to_flat(filtered[node], p)
+            if m == 0 or not gain(p, h, r, m, pht, s, k):
                 continue
             if first:
-                keep_misfit(fix_velocity[e], m, z, s, misfit[e], misfit_sigma[e])
-            for i in range(states.N):
+                keep_innovation(place, m, z, s, history.innovation[e], history.innovation_sigma[e])
+            for i in range(n):
                 x[i] = 0.0
                 for a in range(m):
                     x[i] += k[i, a] * z[a]
-            solve_lower(s, m, z)
-            q = 0.0
-            for a in range(m):
-                q += z[a] * z[a]
-            innovation[e] = q
-            degrees[e] = m
+            q = whitened_square(s, z, m)
             if first:
-                if q > gate[m] and rejected < max_rejected:
+                history.innovation_squared[e] = q
+                history.degrees[e] = m
+                if q > model.gate[m] and rejected[what] < model.max_rejected:
                     status[e] = REJECTED
-                    rejected += 1
+                    rejected[what] += 1
                     continue
                 status[e] = USED
-                rejected = 0
-            joseph(filtered[node], h, r, m, pht, k, work)
+                rejected[what] = 0
+            joseph(p, h, r, m, pht, k, work)
             if first:
                 error_state.inject(nodes[node], x)
-                reset(filtered[node], x[states.ATT], x[states.ATT + 1], x[states.ATT + 2], jac, columns)
-                for i in range(states.N):
+                reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
+                for i in range(n):
                     mean_predicted[node, i] = -x[i]
                     mean[node, i] = 0.0
             else:
-                for i in range(states.N):
+                for i in range(n):
                     mean[node, i] += x[i]
+            square(p, filtered[node])
         moved = 0.0
-        for node in range(n - 1, -1, -1):
-            if node < n - 1:
+        for node in range(count - 1, -1, -1):
+            if node < count - 1:
                 if not _smoothing_gain(carried[node + 1], predicted[node + 1], factor, gains[node]):
                     # no covariance, no answer: nothing of what the arrays held before is left in them
-                    error[:], sigma[:], cross[:], estimate[:] = np.nan, np.nan, np.nan, np.nan
-                    nees[:], nees_pv[:], nees_group[:] = np.nan, np.nan, np.nan
+                    history.navigation[:] = np.nan
+                    history.covariance[:] = np.nan
                     return
-                for i in range(states.N):
+                for i in range(n):
                     t = 0.0
-                    for c in range(states.N):
+                    for c in range(n):
                         t += gains[node, i, c] * (mean[node + 1, c] - mean_predicted[node + 1, c])
                     mean[node, i] += t
-            for i in range(states.N):
-                moved = max(moved, abs(mean[node, i]) / math.sqrt(filtered[node, (STRIDE + 1) * i]))
-        for node in range(n):
+            for i in range(n):
+                moved = max(moved, abs(mean[node, i]) / math.sqrt(filtered[node, i, i]))
+        for node in range(count):
             error_state.inject(nodes[node], mean[node])
         if not first and moved < _CONVERGED:
             break
-    p[:] = filtered[n - 1]
-    prior[:] = p
-    for node in range(n - 1, -1, -1):
-        if node < n - 1:
+    _to_flat(filtered[count - 1], state.covariance)
+    prior[:] = filtered[count - 1]
+    for node in range(count - 1, -1, -1):
+        if node < count - 1:
             _smooth_covariance(gains[node], predicted[node + 1], prior, filtered[node])
             prior[:] = filtered[node]
         o = node_output[node]
         if o >= 0:
-            estimate[o] = nodes[node]
-            nees[o], nees_pv[o] = record(
-                TFG, filtered[node], nodes[node], truth_llh[o], truth_velocity[o], truth_quaternion[o], truth_bias[o],
-                error[o], sigma[o], cross[o], nees_group[o], factor, own, x,
-            )  # fmt: skip
-    nav[:] = nodes[n - 1]
+            history.navigation[o] = nodes[node]
+            history.covariance[o] = filtered[node]
+    state.navigation[:] = nodes[count - 1]

@@ -19,12 +19,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core import states
 from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative, rotate_right
 from navsim.core.covariance import SIZE, STRIDE, transport
 from navsim.core.jit import kernel
 from navsim.core.linear import invert3
-from navsim.estimation.invariant import blocks_of_motion, move_rigidly, turned
+from navsim.core.states import (
+    A_D,
+    A_E,
+    A_N,
+    ATT,
+    GYRO,
+    NAV_GYRO,
+    NAV_HELD,
+    NAV_QUAT,
+    NAV_SENSORS,
+    POS,
+    SENSORS,
+    VEL,
+    N,
+)
+from navsim.estimation.invariant import blocks_in, blocks_of_motion, move_rigidly, turned
 
 HELD_RATE = 0.035
 """Body rates above this (2 deg/s) turn the vehicle but not the bias axes, while heading is uncertain."""
@@ -40,8 +54,8 @@ def hold_axes(nav, p, increments, dt):
     known along the axes it was observed in; a quick turn of the body must not carry it over to axes whose
     direction is not known.
     """
-    held = nav[states.NAV_HELD : states.NAV_HELD + 4]
-    if p[(STRIDE + 1) * (states.ATT + 2)] < HELD_SIGMA * HELD_SIGMA:
+    held = nav[NAV_HELD:NAV_SENSORS]
+    if p[(STRIDE + 1) * A_D] < HELD_SIGMA * HELD_SIGMA:
         held[0] = 1.0
         held[1:4] = 0.0
         return
@@ -53,8 +67,8 @@ def hold_axes(nav, p, increments, dt):
 @kernel
 def bias_axes(nav, out):
     """C (3, 3): the attitude less the turn held back, which takes biases into the frame they are kept in."""
-    q = nav[states.NAV_QUAT : states.NAV_QUAT + 4]
-    m = nav[states.NAV_HELD : states.NAV_HELD + 4]
+    q = nav[NAV_QUAT:NAV_HELD]
+    m = nav[NAV_HELD:NAV_SENSORS]
     back = np.empty(4)
     back[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2] + q[3] * m[3]
     back[1] = -q[0] * m[1] + q[1] * m[0] - q[2] * m[3] + q[3] * m[2]
@@ -72,30 +86,25 @@ def turned_back(matrix, u, out):
 
 @kernel
 def correct(nav, p, x, work):
-    """Feed the estimated plain errors x (15,) back and carry P (240,) to the new estimate.
+    """Feed the estimated plain errors x (n,) back and carry P (SIZE,) to the new estimate.
 
-    work: (720,) space.
+    work: (3 * SIZE,) space. Sensor states beside the biases stay as they are.
     """
-    diagonal = work[480:525].reshape(5, 3, 3)
-    column = work[525:570].reshape(5, 3, 3)
-    before = work[570:579].reshape(3, 3)
-    after = work[579:588].reshape(3, 3)
-    slope = work[588:597].reshape(3, 3)
-    y = work[597:600]
-    big = work[600:603]
-    moved = work[603:606]
+    diagonal, column = blocks_in(work, x.shape[0])
+    before, after, slope = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    y, big, moved = np.empty(3), np.empty(3), np.empty(3)
     bias_axes(nav, before)
     blocks_of_motion(x, diagonal, column)
     jac = diagonal[2]
     move_rigidly(nav, x, jac)
     bias_axes(nav, after)
-    t0, t1, t2 = x[states.ATT], x[states.ATT + 1], x[states.ATT + 2]
+    t0, t1, t2 = x[A_N], x[A_E], x[A_D]
 
-    for sensor in range(2):
-        block = 3 + sensor
-        b = nav[states.NAV_GYRO + 3 * sensor : states.NAV_GYRO + 3 * sensor + 3]
+    for triad in range(2):
+        block = 3 + triad
+        b = nav[NAV_GYRO + 3 * triad : NAV_GYRO + 3 * triad + 3]
         turned(before, b, big)
-        turned(before, x[states.GYRO + 3 * sensor : states.GYRO + 3 * sensor + 3], y)
+        turned(before, x[GYRO + 3 * triad : GYRO + 3 * triad + 3], y)
         # y_B = C db - B x theta
         y[0] -= big[1] * t2 - big[2] * t1
         y[1] -= big[2] * t0 - big[0] * t2
@@ -125,12 +134,14 @@ def correct(nav, p, x, work):
                     for c in range(3):
                         t += after[a, i] * jac[a, c] * before[c, j]
                 diagonal[block, i, j] = t
-    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE], STRIDE)
+    for c in range(N - SENSORS, x.shape[0] - SENSORS):
+        nav[NAV_SENSORS + c] += x[SENSORS + c]
+    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE])
 
 
 @kernel
 def own_error(nav, error, out):
-    """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (15,).
+    """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,).
 
     y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors weighs it.
     """
@@ -141,13 +152,13 @@ def own_error(nav, error, out):
     big = np.empty(3)
     y = np.empty(3)
     bias_axes(nav, c_nb)
-    t0, t1, t2 = error[states.ATT], error[states.ATT + 1], error[states.ATT + 2]
+    t0, t1, t2 = error[A_N], error[A_E], error[A_D]
     left_jacobian(t0, t1, t2, jac)
     invert3(jac, inverse)
-    turned(inverse, error[0:3], out[0:3])
-    turned(inverse, error[3:6], out[3:6])
-    for i in range(3):
-        out[states.ATT + i] = error[states.ATT + i]
+    turned(inverse, error[POS:VEL], out[POS:VEL])
+    turned(inverse, error[VEL:ATT], out[VEL:ATT])
+    for i in range(ATT, error.shape[0]):
+        out[i] = error[i]
     # C_true = exp(theta x) C = (I + [theta x] J_l) C
     for j in range(3):
         y[0] = c_nb[0, j]
@@ -161,9 +172,9 @@ def own_error(nav, error, out):
     b0 = c_nb[0, 0] * t0 + c_nb[1, 0] * t1 + c_nb[2, 0] * t2
     b1 = c_nb[0, 1] * t0 + c_nb[1, 1] * t1 + c_nb[2, 1] * t2
     b2 = c_nb[0, 2] * t0 + c_nb[1, 2] * t1 + c_nb[2, 2] * t2
-    for sensor in range(2):
-        o = states.GYRO + 3 * sensor
-        n = states.NAV_GYRO + 3 * sensor
+    for triad in range(2):
+        o = GYRO + 3 * triad
+        n = NAV_GYRO + 3 * triad
         for i in range(3):
             big[i] = 0.0
             for j in range(3):

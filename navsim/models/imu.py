@@ -28,17 +28,9 @@ class Triad:
     markov_time: float = math.inf
     fixed_bias: tuple[float, float, float] | None = None
 
-    def decay_and_drive(self) -> tuple[float, float]:
-        """1/tau (1/s) and driving density (unit2/s) with which a filter follows this bias.
-
-        A Markov bias alone is modelled as such; on top of a constant bias it is followed as a random walk of
-        the same short-term growth, since one state cannot be both.
-        """
-        if self.markov == 0.0:
-            return 0.0, 0.0
-        drive = 2.0 * self.markov**2 / self.markov_time
-        alone = self.bias == 0.0 and self.fixed_bias is None
-        return (1.0 / self.markov_time if alone else 0.0), drive
+    def drive(self) -> float:
+        """Density of the white noise that drives the Markov bias, unit2/s."""
+        return 2.0 * self.markov**2 / self.markov_time
 
     def initial_sigma(self) -> float:
         """1 sigma of the whole bias at time 0; a fixed bias counts with its root mean square."""
@@ -46,13 +38,6 @@ class Triad:
         if self.fixed_bias is not None:
             constant = math.sqrt(sum(b * b for b in self.fixed_bias) / 3.0)
         return math.hypot(constant, self.markov)
-
-
-def process_noise(gyro: Triad, accel: Triad) -> np.ndarray:
-    """What these sensors add to a filter's covariance (1, 6): one row of `core.covariance` for all IMU intervals."""
-    return np.array(
-        [[gyro.noise_density**2, accel.noise_density**2, *gyro.decay_and_drive(), *accel.decay_and_drive()]]
-    )
 
 
 def density_from_sample_sigma(sigma: float, rate: float) -> float:

@@ -8,15 +8,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core import covariance, noise, states
-from navsim.core.attitude import rotate_left
+from navsim.core import noise, states
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.core.wgs84 import SPEED_OF_LIGHT
-from navsim.estimation import error_state, loosely_coupled, receiver, smoother
+from navsim.estimation import error_state, receiver
+from navsim.estimation.beliefs import Beliefs
+from navsim.estimation.estimate import estimate, is_smoother
+from navsim.estimation.judge import judge
+from navsim.estimation.observations import FIX, Fixes, Measurements
+from navsim.estimation.records import Events, FilterModel, Imu, Truth, schedule, start
 from navsim.models import imu, pseudorange, tracking
 from navsim.models.kinematics import Motion, Moving
 from navsim.simulation.signals import Environment, build_signals
@@ -35,49 +39,6 @@ class InitialErrors:
     position: float
     velocity: float
     fixed: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class FilterSettings:
-    """What the filter is and believes: kind (`loosely_coupled.KINDS`), initial sigmas, sensors, fixes.
-
-    gate: (7,) limits by the number of measurements.
-    """
-
-    kind: int
-    initial: InitialErrors
-    gyro: imu.Triad
-    accel: imu.Triad
-    with_velocity: bool
-    latency: float
-    lever_arm: np.ndarray
-    sigma_scale: float
-    gate: np.ndarray
-    max_rejected: int
-
-    def covariance(self) -> np.ndarray:
-        """P at time 0, flat (240,)."""
-        variances = np.empty(states.N)
-        for first, sigma in (
-            (states.POS, self.initial.position),
-            (states.VEL, self.initial.velocity),
-            (states.ATT, self.initial.attitude),
-            (states.GYRO, self.gyro.initial_sigma()),
-            (states.ACCEL, self.accel.initial_sigma()),
-        ):
-            variances[first : first + 3] = max(sigma, _SIGMA_FLOOR[first]) ** 2
-        p = np.zeros(covariance.SIZE)
-        p[np.arange(states.N) * (covariance.STRIDE + 1)] = variances
-        return p
-
-    def noise(self) -> np.ndarray:
-        """Process noise (1, 6), see `models.imu.process_noise`."""
-        return imu.process_noise(self.gyro, self.accel)
-
-
-_SIGMA_FLOOR = {states.POS: 1e-4, states.VEL: 1e-6, states.ATT: 1e-8, states.GYRO: 1e-12, states.ACCEL: 1e-9}
-"""Smallest initial sigma the filter is given, SI: with zeros P would be singular, and a perfect sensor or a
-perfect start is a common check."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +123,8 @@ def build_world(
 
 @dataclass(frozen=True)
 class Run:
-    """What one run leaves behind; shapes and units as in the result file, without the run axis; cross as of
-    `loosely_coupled.Flown`."""
+    """What one run leaves behind; shapes and units as in the result file, without the run axis; cross (e + 1, 6): what
+    else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -182,15 +143,20 @@ class Run:
 
 
 def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErrors) -> np.ndarray:
-    """The navigation state at time 0 (20,): the truth minus drawn or fixed errors."""
+    """The navigation state at time 0 (NAV_N,): the truth minus drawn or fixed errors."""
     drawn = rng.standard_normal(9) * np.repeat([errors.position, errors.velocity, errors.attitude], 3)
     x = drawn if errors.fixed is None else errors.fixed
+    nav = exact_start(truth)
+    error_state.inject(nav, -x)
+    return nav
+
+
+def exact_start(truth: Motion) -> np.ndarray:
+    """The navigation state at time 0 without error (NAV_N,)."""
     nav = np.zeros(states.NAV_N)
-    nav[states.NAV_LLH : states.NAV_LLH + 3] = truth.llh[0]
-    nav[states.NAV_VEL : states.NAV_VEL + 3] = truth.velocity_ned[0]
-    nav[states.NAV_QUAT : states.NAV_QUAT + 4] = truth.quaternion[0]
-    error_state.inject(nav, np.concatenate([-x[:6], np.zeros(9)]))
-    rotate_left(nav[states.NAV_QUAT : states.NAV_QUAT + 4], -x[6], -x[7], -x[8])
+    nav[states.NAV_LLH : states.NAV_VEL] = truth.llh[0]
+    nav[states.NAV_VEL : states.NAV_QUAT] = truth.velocity_ned[0]
+    nav[states.NAV_QUAT : states.NAV_HELD] = truth.quaternion[0]
     return nav
 
 
@@ -243,43 +209,79 @@ def fixed(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarr
     return llh, velocity, clocks, cov
 
 
-def fly(
-    world: World,
-    initial: InitialErrors,
-    gyro: imu.Triad,
-    accel: imu.Triad,
-    settings: FilterSettings,
-    seed: int,
-    run: int,
-) -> Run:
-    """One landing, numbered `run`, of the ensemble of `seed`."""
-    signals = world.signals
-    e = signals.time.size
+@dataclass(frozen=True)
+class Flight:
+    """A landing ready to be flown by a filter any number of times.
 
-    nav = initial_estimate(generator(seed, run, "initial"), world.at_filter, initial)
+    initial, gyro, accel: the truth. beliefs: the filter's. covariance: (n, n) it starts from. events: what happens in
+    the order of the filter. weighed: (e,) the event of each fix. model: `beliefs` as kernels take them.
+    """
+
+    world: World
+    initial: InitialErrors
+    gyro: imu.Triad
+    accel: imu.Triad
+    beliefs: Beliefs
+    covariance: np.ndarray
+    events: Events
+    weighed: np.ndarray
+    model: FilterModel
+
+    def over(self, world: World) -> Flight:
+        """The same in another world."""
+        events, weighed = _order(world, self.beliefs)
+        return replace(self, world=world, events=events, weighed=weighed)
+
+
+def prepare(
+    world: World, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad, beliefs: Beliefs, start: InitialErrors
+) -> Flight:
+    """A flight; start: 1 sigma of the initial errors that the filter believes in."""
+    covariance = beliefs.covariance(start.position, start.velocity, start.attitude)
+    return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), beliefs.model())
+
+
+def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
+    """The events of a flight, and the one of each fix (e,)."""
+    # the filter knows when a fix came and how old it believes it to be
+    arrival = world.filter_time[1:]
+    valid = np.maximum(arrival - beliefs.latency, 0.0)
+    events = schedule(world.filter_time, (FIX, valid, valid if is_smoother(beliefs.kind) else arrival))
+    return events, events.rows(FIX)
+
+
+def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> Fixes:
+    """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
+    used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)
+    return Fixes(llh, used, beliefs.sigma_scale**2 * covariance, beliefs.lever_arm)
+
+
+def fly(flight: Flight, seed: int, run: int) -> Run:
+    """One landing, numbered `run`, of the ensemble of `seed`."""
+    world, beliefs = flight.world, flight.beliefs
+    nav = initial_estimate(generator(seed, run, "initial"), world.at_filter, flight.initial)
 
     dt = world.imu_time[1] - world.imu_time[0]
-    dtheta, dv, bias = imu.simulate(generator(seed, run, "imu"), world.dtheta, world.dv, dt, gyro, accel)
+    dtheta, dv, bias = imu.simulate(generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel)
 
     ranges, rates = measured(world, seed, run)
     llh, velocity, clocks, cov = fixed(world, ranges, rates)
-    out = loosely_coupled.Flown.of(e)
+    history = estimate(
+        Imu(world.imu_time, dtheta, dv),
+        Measurements(table_of_fixes(beliefs, llh, velocity, cov)),
+        flight.events,
+        start(nav, flight.covariance),
+        flight.model,
+    )
     truth = world.at_filter
-    scale = settings.sigma_scale**2
-    # the filter knows when a fix came and how old it believes it to be
-    valid = signals.time + (truth.time[1:] - signals.time) - settings.latency if e else signals.time
-    flight = (
-        world.imu_time, dtheta, dv, nav, settings.covariance(), settings.noise(),
-        np.maximum(valid, 0.0), llh, velocity, scale * cov,
-        settings.with_velocity, settings.latency, settings.lever_arm, settings.gate, settings.max_rejected,
-        truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index],
-        out, covariance.STRIDE,
-    )  # fmt: skip
-    if settings.kind in smoother.PASSES:
-        smoother.run(*flight, smoother.PASSES[settings.kind])
-    else:
-        loosely_coupled.run(settings.kind, *flight)
+    judged = judge(
+        beliefs.kind, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index])
+    )
+    at = flight.weighed
+    p = history.covariance
+    cross = np.concatenate([p[:, [f, f, f + 1], [f + 1, f + 2, f + 2]] for f in (states.POS, states.ATT)], axis=1)
     return Run(
-        ranges, rates, llh, velocity, clocks, out.error, out.sigma, out.cross, out.nees,
-        out.nees_position_velocity, out.nees_group, out.innovation, out.degrees, out.status,
+        ranges, rates, llh, velocity, clocks, judged.error, history.sigma(), cross, judged.nees,
+        judged.nees_position_velocity, judged.nees_group, history.innovation_squared[at], history.degrees[at],
+        history.status[at],
     )  # fmt: skip

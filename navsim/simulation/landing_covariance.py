@@ -5,9 +5,10 @@ errors, sensor biases and noises, orbits and clocks of satellites, ranging noise
 systematic errors) is then carried through the linearised loop by itself, with what it really is. Their sum is the true
 covariance, whatever the filter believes, and the terms are the error budget.
 
-State carried, 27: (dr, dv, theta), -b_hat (6), constant bias (6), Markov bias (6); the filter's error of a bias is
-the sum of the last three. Noise of carrier-smoothed ranges is correlated in time and is carried beside it, see
-`_Smoothed`; errors of orbits and clocks are constant over a run, so what each does to the state is.
+State carried: the errors of navigation (9), minus the filter's estimates of its sensor states, the sensor states that
+there really are; the filter's error of a state is the sum of those that mean the same. Noise of carrier-smoothed ranges
+is correlated in time and is carried beside it, see `_Smoothed`; errors of orbits and clocks are constant over a run, so
+what each does to the state is.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """
@@ -15,25 +16,32 @@ Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), sect
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core import covariance, states
+from navsim.core import states
 from navsim.core.defect import Defect
+from navsim.core.states import Block
 from navsim.core.wgs84 import E2, A, short_way
-from navsim.estimation.linearised import INPUTS, NOISES, linearise
+from navsim.estimation.beliefs import SensorBeliefs
+from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
+from navsim.estimation.observations import FIX, MOST, Measurements
+from navsim.estimation.records import OUTPUT, Imu, start
 from navsim.models import imu
 from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
-    FilterSettings,
+    Flight,
     InitialErrors,
     World,
+    exact_start,
     fixed,
-    initial_estimate,
+    table_of_fixes,
     without_noise,
 )
+from navsim.simulation.sensors import followed, true_states
 
 SOURCES = (
     "initial_position",
@@ -56,9 +64,8 @@ _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
 
-_SIZE = states.N + INPUTS
-_CONSTANT, _MARKOV = states.N, states.N + 6
-_BIASES = slice(states.GYRO, states.N)
+_CONSTANT, _MARKOV = slice(0, 6), slice(6, 12)
+"""Constant and Markov biases among the states of `true_states`."""
 
 _DIFFERENCE = 0.05
 """Step of pseudoranges (m) and range rates (m/s) for the receiver's derivatives: a fix is nearly linear in them, and
@@ -133,58 +140,65 @@ def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.nd
 
 
 class _Smoothed:
-    """Range noise after Hatch's filter with what it has done to the state, (27 + s)^2 for satellites and pseudolites.
+    """Range noise after Hatch's filter with what it has done to the state, (S + s)^2 for satellites and pseudolites.
 
     The smoothed noise is x + w, w the carrier's own, and x = (1 - 1/n) x before + (v - w) / n with the code's v: a
     process of first order driven by white noise, one state more a source.
     """
 
-    def __init__(self, counts: np.ndarray, sigma: np.ndarray, used: np.ndarray, slope: np.ndarray, ground: np.ndarray):
-        """counts, sigma, used: (e, s) of `Signals`; slope: (e, 6, s) of fixes; ground: (s,) bool."""
+    def __init__(
+        self, size: int, counts: np.ndarray, sigma: np.ndarray, used: np.ndarray, slope: np.ndarray, ground: np.ndarray
+    ):
+        """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; slope: (e, 6, s) of fixes; ground:
+        (s,) bool."""
+        self.size = size
         self.n = np.maximum(counts, 1)
         self.decay = np.where(counts > 1, 1.0 - 1.0 / self.n, 0.0)
         self.sigma, self.slope, self.used = sigma, slope, used
         self.chosen = (~ground, ground)
-        size = _SIZE + ground.size
-        self.cov = np.zeros((2, size, size))
+        self.cov = np.zeros((2, size + ground.size, size + ground.size))
 
-    def carry(self, i: int, way: np.ndarray) -> None:
-        """To epoch i, the state by `way`; the smoothed noises become those of the epoch."""
+    def carry(self, way: np.ndarray) -> None:
+        """On by an interval that changes the state by `way` (S, S)."""
+        self.cov[:, : self.size] = way @ self.cov[:, : self.size]
+        self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ way.T
+
+    def measure(self, i: int) -> None:
+        """The smoothed noises become those of epoch i."""
         decay = self.decay[i]
-        self.cov[:, :_SIZE] = way @ self.cov[:, :_SIZE]
-        self.cov[:, :, :_SIZE] = self.cov[:, :, :_SIZE] @ way.T
-        self.cov[:, _SIZE:] *= decay[:, None]
-        self.cov[:, :, _SIZE:] *= decay
-        at = _SIZE + np.arange(decay.size)
+        self.cov[:, self.size :] *= decay[:, None]
+        self.cov[:, :, self.size :] *= decay
+        at = self.size + np.arange(decay.size)
         for cov, chosen in zip(self.cov, self.chosen, strict=True):
             code = np.where(chosen & self.used[i], self.sigma[i], 0.0)
             phase = np.where(chosen & self.used[i], CARRIER_SIGMA, 0.0)
             cov[at, at] += (code**2 + phase**2) / self.n[i] ** 2
 
     def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, m: int) -> np.ndarray:
-        """Weigh the fix of epoch i by `gain` (27, m), `here` (m, 27); returns what it adds to E[z z'] (m, m)."""
+        """Weigh the fix of epoch i, whose first m numbers are in use, by `gain` (S, m), `here` (m, S); returns what it
+        adds to E[z z'] (m, m)."""
         slope = self.slope[i, :m]
         turn = np.eye(self.cov.shape[1])
-        turn[:_SIZE, :_SIZE] -= gain @ here
-        turn[:_SIZE, _SIZE:] = -gain @ slope
+        turn[: self.size, : self.size] -= gain @ here
+        turn[: self.size, self.size :] = -gain @ slope
         seen = np.hstack([here, slope])
         out = np.zeros((m, m))
         for k, chosen in enumerate(self.chosen):
             phase = np.where(chosen & self.used[i], CARRIER_SIGMA**2, 0.0)
             # the carrier's noise is in the fix and, with the other sign, in the smoothed state
             with_phase = np.zeros((self.cov.shape[1], phase.size))
-            with_phase[_SIZE:] = np.diag(-phase / self.n[i])
+            with_phase[self.size :] = np.diag(-phase / self.n[i])
             cross = seen @ with_phase @ slope.T
             out += seen @ self.cov[k] @ seen.T + cross + cross.T + (slope * phase) @ slope.T
             direct = np.zeros_like(with_phase)
-            direct[:_SIZE] = -gain @ slope
+            direct[: self.size] = -gain @ slope
             cross = turn @ with_phase @ direct.T
             self.cov[k] = turn @ self.cov[k] @ turn.T + cross + cross.T + (direct * phase) @ direct.T
         return out
 
     def state(self) -> np.ndarray:
-        """Covariances of the state (2, 27, 27)."""
-        return self.cov[:, :_SIZE, :_SIZE]
+        """Covariances of the state (2, S, S)."""
+        return self.cov[:, : self.size, : self.size]
 
 
 def _metres(difference: np.ndarray, llh: np.ndarray) -> np.ndarray:
@@ -202,36 +216,64 @@ def _metres(difference: np.ndarray, llh: np.ndarray) -> np.ndarray:
     )
 
 
-def analyse(
-    world: World,
-    initial: InitialErrors,
-    gyro: imu.Triad,
-    accel: imu.Triad,
-    settings: FilterSettings,
-    ground: np.ndarray,
-) -> Analysis:
-    """The accuracy of the filter of `settings` in the given world.
+class _Carried:
+    """The state carried and what happens to it: minus the filter's estimates, and the sensor states that there are.
 
-    initial, gyro, accel: the truth, as for `landing.fly`. ground: (s,) bool, which sources are pseudolites. Raises
-    AnalysisError where the result contradicts itself.
+    n: states of the filter; size: S of the state carried; to_error (n, S): the filter's errors from it; markov: places
+    of the Markov biases in it; decay (t,): of the true states, 1/s.
     """
+
+    def __init__(self, followed: Sequence[Block], true: Sequence[Block]):
+        mine, truth = states.declared(followed), states.declared(true)
+        self.n = states.SENSORS + mine.size
+        self.size = self.n + truth.size
+        self.decay = truth["decay"]
+        self.to_error = np.zeros((self.n, self.size))
+        self.to_error[:, : self.n] = np.eye(self.n)
+        means = [np.stack([d["triad"], d["axis"], d["signal"]], axis=1) for d in (mine, truth)]
+        same = (means[0][:, None] == means[1][None]).all(axis=2)
+        self.to_error[states.SENSORS :, self.n :] = same
+        self.markov = self.n + np.arange(_MARKOV.start, _MARKOV.stop)
+
+    def true(self, state: int) -> int:
+        """The place of a true sensor state."""
+        return self.n + state
+
+    def interval(self, lin: Linearised, i: int, length: float, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transition (S, S) and added covariance (source, S, S) of interval i, length s. density: (source, NOISES)."""
+        way = np.eye(self.size)
+        way[: self.n, : self.n] = lin.transition[i]
+        way[: states.SENSORS, self.n :] = lin.inputs[i]
+        at = np.arange(self.n, self.size)
+        way[at, at] = np.exp(-self.decay * length)
+        # the sensor rows of what is added are those of the Markov biases themselves
+        place = np.concatenate([np.arange(states.SENSORS), self.markov])
+        added = np.zeros((density.shape[0], self.size, self.size))
+        for source, noise in zip(*np.nonzero(density), strict=True):
+            added[source][np.ix_(place, place)] += density[source, noise] * lin.added[i, noise]
+        return way, added
+
+
+def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
+    """The accuracy of a flight's filter.
+
+    ground: (s,) bool, which sources are pseudolites. Raises AnalysisError where the result contradicts itself.
+    """
+    world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     s = world.signals
     ranges, rates = without_noise(world)
     llh, velocity, cov = _solve(world, ranges, rates)
-    markov_decay = np.array([1.0 / gyro.markov_time, 1.0 / accel.markov_time])
-    e = s.time.size
-    n = states.N
-    phi, gamma, q = np.empty((e, n, n)), np.empty((e, n, INPUTS)), np.empty((e, NOISES, n, n))
-    h, k, z = np.empty((e, 6, n)), np.empty((e, n, 6)), np.empty((e, 6))
-    degrees = np.zeros(e, np.int64)
-    late = e if settings.latency > 0.0 else 0
-    ahead = np.empty((late, n, n)), np.empty((late, n, INPUTS)), np.empty((late, NOISES, n, n))
-    believed, innovation = np.empty((e + 1, n, n)), np.zeros((e, 6, 6))
-    valid = np.maximum(s.time + (world.filter_time[1:] - s.time) - settings.latency, 0.0)
+    true = true_states(gyro, accel)
+    carried = _Carried(beliefs.sensors.blocks, true)
+    n = carried.n
+    events = flight.events
+    steps = steps_of(float(world.imu_time[0]), events)
+    outputs = world.filter_time.size
+    lin = room(steps, outputs, flight.model.declared, states.declared(true))
     linearise(
-        world.imu_time, world.dtheta, world.dv, _truth_at_start(world), settings.covariance(), settings.noise(),
-        markov_decay, valid, llh, velocity, settings.sigma_scale**2 * cov, settings.with_velocity, settings.latency,
-        settings.lever_arm, phi, gamma, q, h, k, z, degrees, *ahead, believed, innovation, covariance.STRIDE,
+        Imu(world.imu_time, world.dtheta, world.dv), Measurements(table_of_fixes(beliefs, llh, velocity, cov)), events,
+        steps, start(exact_start(world.at_filter), flight.covariance), flight.model, states.declared(true),
+        states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 / accel.markov_time, 0.0))), lin,
     )  # fmt: skip
 
     density = np.zeros((len(SOURCES), NOISES))
@@ -239,80 +281,97 @@ def analyse(
         (
             ("gyro_noise", gyro.noise_density**2),
             ("accelerometer_noise", accel.noise_density**2),
-            ("gyro_markov", 2.0 * gyro.markov**2 / gyro.markov_time),
-            ("accelerometer_markov", 2.0 * accel.markov**2 / accel.markov_time),
+            ("gyro_markov", gyro.drive()),
+            ("accelerometer_markov", accel.drive()),
         )
     ):
         density[SOURCES.index(name), row] = value
     by_range, by_rate = _slopes(world, ranges, rates)
-    noise = np.zeros((len(SOURCES), e, 6, 6))
-    smoothed = None if s.smoothing is None else _Smoothed(s.smoothing, s.sigma, s.used, by_range, ground)
+    e = s.time.size
+    noise = np.zeros((len(SOURCES), e, MOST, MOST))
+    smoothed = None
+    if s.smoothing is not None:
+        smoothed = _Smoothed(carried.size, s.smoothing, s.sigma, s.used, by_range, ground)
     for which, chosen in enumerate((~ground, ground)):
         noise[_RATES[which]] = _white(by_rate, s.rate_sigma, s.used, chosen)
         if smoothed is None:
             noise[_RANGES[which]] = _white(by_range, s.sigma, s.used, chosen)
     ephemeris = _messages(s, by_range)
 
-    total, mean = _at_start(initial, gyro, accel)
-    response = np.zeros((_SIZE, ephemeris.shape[2]))
-    to_error = np.zeros((n, _SIZE))
-    to_error[:, :n] = np.eye(n)
-    to_error[_BIASES, _CONSTANT:_MARKOV] = np.eye(6)
-    to_error[_BIASES, _MARKOV:] = np.eye(6)
+    variance = np.empty((len(SOURCES), outputs, n))
+    means, sums = np.empty((outputs, n)), np.empty((outputs, n, n))
+    nis, degrees, systematic = np.full(e, np.nan), np.zeros(e, np.int64), np.zeros(e)
 
-    variance = np.empty((len(SOURCES), e + 1, n))
-    means, sums = np.empty((e + 1, n)), np.empty((e + 1, n, n))
-    nis = np.full(e, np.nan)
-
-    def record(at: int, covariances: np.ndarray, mu: np.ndarray, messages: np.ndarray) -> None:
-        error = to_error @ covariances @ to_error.T
-        one = to_error @ messages
-        error[_EPHEMERIS] = one @ one.T
-        variance[:, at] = np.diagonal(error, axis1=1, axis2=2)
-        sums[at] = error.sum(axis=0)
-        means[at] = to_error @ mu
-
-    record(0, total, mean, response)
-    systematic = np.zeros(e)
-    for i in range(e):
-        way, added = _augmented(phi[i], gamma[i], q[i], density)
-        total = way @ total @ way.T + added
-        mean, response = way @ mean, way @ response
-        if smoothed is not None:
-            smoothed.carry(i, way)
-            total[list(_RANGES)] = smoothed.state()
-        m = degrees[i]
-        if m:
-            here = h[i, :m] @ to_error
-            feedback = np.zeros((_SIZE, m))
-            feedback[:n] = k[i, :, :m]
-            keep = np.eye(_SIZE) - feedback @ here
-            r = noise[:, i, :m, :m]
-            fixed_off, messages_off = z[i, :m] + here @ mean, here @ response + ephemeris[i, :m]
-            others = total.sum(axis=0) if smoothed is None else np.delete(total, _RANGES, axis=0).sum(axis=0)
-            second = here @ others @ here.T + r.sum(axis=0) + messages_off @ messages_off.T
-            total = keep @ total @ keep.T + feedback @ r @ feedback.T
-            if smoothed is not None:
-                second += smoothed.fixed(i, here, feedback, m)
+    total, mean = _at_start(carried, flight.initial, gyro, accel)
+    response = np.zeros((carried.size, ephemeris.shape[2]))
+    kept, copied = (total, mean, response), (total, mean, response)
+    was_ahead = False
+    for i in range(events.time.size):
+        # on a copy of the filter that runs ahead nothing but the answer is kept
+        ahead = bool(events.ahead[i])
+        total, mean, response = copied if ahead and was_ahead else kept
+        was_ahead = ahead
+        interval = steps.interval[i]
+        if interval >= 0:
+            way, added = carried.interval(lin, interval, steps.length[i], density)
+            total = way @ total @ way.T + added
+            mean, response = way @ mean, way @ response
+            if smoothed is not None and not ahead:
+                smoothed.carry(way)
                 total[list(_RANGES)] = smoothed.state()
-            expected = innovation[i, :m, :m]
-            systematic[i] = fixed_off @ np.linalg.solve(expected, fixed_off)
-            nis[i] = np.trace(np.linalg.solve(expected, second)) + systematic[i]
-            mean = keep @ mean - feedback @ z[i, :m]
-            response = keep @ response - feedback @ ephemeris[i, :m]
-        if late:
-            way, added = _augmented(ahead[0][i], ahead[1][i], ahead[2][i], density)
-            record(i + 1, way @ total @ way.T + added, way @ mean, way @ response)
+        if events.kind[i] == OUTPUT:
+            o = events.row[i]
+            error = carried.to_error @ total @ carried.to_error.T
+            one = carried.to_error @ response
+            error[_EPHEMERIS] = one @ one.T
+            variance[:, o] = np.diagonal(error, axis1=1, axis2=2)
+            sums[o] = error.sum(axis=0)
+            means[o] = carried.to_error @ mean
+        elif events.kind[i] == FIX and not ahead:
+            epoch, w = events.row[i], steps.measurement[i]
+            if smoothed is not None:
+                smoothed.measure(epoch)
+            m = degrees[epoch] = lin.degrees[w]
+            if m:
+                here = lin.h[w, :m] @ carried.to_error
+                feedback = np.zeros((carried.size, m))
+                feedback[:n] = lin.gain[w, :, :m]
+                keep = np.eye(carried.size) - feedback @ here
+                r = noise[:, epoch, :m, :m]
+                z = lin.z[w, :m]
+                fixed_off, messages_off = z + here @ mean, here @ response + ephemeris[epoch, :m]
+                others = total.sum(axis=0) if smoothed is None else np.delete(total, _RANGES, axis=0).sum(axis=0)
+                second = here @ others @ here.T + r.sum(axis=0) + messages_off @ messages_off.T
+                total = keep @ total @ keep.T + feedback @ r @ feedback.T
+                if smoothed is not None:
+                    second += smoothed.fixed(epoch, here, feedback, m)
+                    total[list(_RANGES)] = smoothed.state()
+                expected = lin.expected[w, :m, :m]
+                systematic[epoch] = fixed_off @ np.linalg.solve(expected, fixed_off)
+                nis[epoch] = np.trace(np.linalg.solve(expected, second)) + systematic[epoch]
+                mean = keep @ mean - feedback @ z
+                response = keep @ response - feedback @ ephemeris[epoch, :m]
+        if ahead:
+            copied = (total, mean, response)
         else:
-            record(i + 1, total, mean, response)
-    out = Analysis(variance, means, sums, believed, nis, degrees)
-    white = smoothed is None and s.space is None and settings.sigma_scale == 1.0
-    same = np.allclose(settings.noise(), imu.process_noise(gyro, accel), rtol=1e-12, atol=0.0)
-    start = np.allclose(believed[0], sums[0], rtol=1e-9, atol=0.0)
+            kept = (total, mean, response)
+    out = Analysis(variance, means, sums, lin.believed, nis, degrees)
+    white = smoothed is None and s.space is None and beliefs.sigma_scale == 1.0
+    matched = _same(beliefs.sensors, followed(gyro, accel))
+    begins = np.allclose(lin.believed[0], sums[0], rtol=1e-9, atol=0.0)
     # a constant bias beside a Markov one is more than the filter's one state a bias can follow
-    followed = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
-    _check(out, matched=bool(white and same and start and followed and np.all(systematic < 1e-3)))
+    can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
+    _check(out, matched=bool(white and matched and begins and can_follow and np.all(systematic < 1e-3)))
     return out
+
+
+def _same(a: SensorBeliefs, b: SensorBeliefs) -> bool:
+    """Whether two beliefs give a filter the same process noise."""
+    mine, other = states.declared(a.blocks), states.declared(b.blocks)
+    return mine.size == other.size and all(
+        np.allclose(x, y, rtol=1e-12, atol=0.0)
+        for x, y in ((a.noise, b.noise), *((mine[name], other[name]) for name in states.DECLARED.names or ()))
+    )
 
 
 def _check(analysis: Analysis, matched: bool) -> None:
@@ -339,16 +398,12 @@ def _messages(signals: Signals, by_range: np.ndarray) -> np.ndarray:
     return np.einsum("ers,esk->ersk", by_range, size).reshape(e, 6, -1)
 
 
-def _truth_at_start(world: World) -> np.ndarray:
-    """The navigation state at time 0 without error (20,)."""
-    none = InitialErrors(0.0, 0.0, 0.0)
-    return initial_estimate(np.random.default_rng(0), world.at_filter, none)
-
-
-def _at_start(initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances (source, 27, 27) and mean (27,) at time 0."""
-    total = np.zeros((len(SOURCES), _SIZE, _SIZE))
-    mean = np.zeros(_SIZE)
+def _at_start(
+    carried: _Carried, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances (source, S, S) and mean (S,) at time 0."""
+    total = np.zeros((len(SOURCES), carried.size, carried.size))
+    mean = np.zeros(carried.size)
 
     def draw(source: str, first: int, sigma: float) -> None:
         at = range(first, first + 3)
@@ -359,29 +414,15 @@ def _at_start(initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad) -> tupl
         draw("initial_velocity", states.VEL, initial.velocity)
         draw("initial_attitude", states.ATT, initial.attitude)
     else:
-        mean[:9] = initial.fixed
+        mean[: states.SENSORS] = initial.fixed
     for name, triad, place in (("gyro", gyro, 0), ("accelerometer", accel, 3)):
+        first = carried.true(_CONSTANT.start + place)
         if triad.fixed_bias is None:
-            draw(f"{name}_bias", _CONSTANT + place, triad.bias)
+            draw(f"{name}_bias", first, triad.bias)
         else:
-            mean[_CONSTANT + place : _CONSTANT + place + 3] = triad.fixed_bias
-        draw(f"{name}_markov", _MARKOV + place, triad.markov)
+            mean[first : first + 3] = triad.fixed_bias
+        draw(f"{name}_markov", carried.true(_MARKOV.start + place), triad.markov)
     return total, mean
-
-
-def _augmented(phi: np.ndarray, gamma: np.ndarray, q: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Transition (27, 27) and added covariance (source, 27, 27) of one interval."""
-    n = states.N
-    way = np.eye(_SIZE)
-    way[:n, :n] = phi
-    way[:9, n:] = gamma[:9]
-    way[_MARKOV:, _MARKOV:] = gamma[_BIASES, 6:]
-    # the bias rows of q are those of the Markov process itself
-    place = np.concatenate([np.arange(9), np.arange(_MARKOV, _SIZE)])
-    added = np.zeros((density.shape[0], _SIZE, _SIZE))
-    for source, noise in zip(*np.nonzero(density), strict=True):
-        added[source][np.ix_(place, place)] += density[source, noise] * q[noise]
-    return way, added
 
 
 def folded_quantile(probability: float, mean: float, sigma: float) -> float:

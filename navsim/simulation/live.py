@@ -12,10 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from navsim.core import covariance, states
-from navsim.estimation import loosely_coupled
+from navsim.estimation.estimate import estimate, is_smoother
+from navsim.estimation.judge import judge
+from navsim.estimation.observations import FIX, MOST, Measurements
+from navsim.estimation.records import TIME_TOLERANCE, History, Imu, Judgement, State, Truth, schedule, start
 from navsim.models.kinematics import Moving
-from navsim.simulation.landing import FilterSettings
+from navsim.simulation.landing import Flight, table_of_fixes
 
 
 @dataclass
@@ -34,14 +36,14 @@ class Increments:
 
     def until(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The whole intervals that reach up to `time`, at least one; all of them stay."""
-        last = max(1, int(np.searchsorted(self.time, time - loosely_coupled.TIME_TOLERANCE)))
+        last = max(1, int(np.searchsorted(self.time, time - TIME_TOLERANCE)))
         return np.array(self.time[: last + 1]), np.array(self.dtheta[:last]), np.array(self.dv[:last])
 
     def drop(self, time: float) -> None:
         """Forget what was before `time`; an interval across it is cut in proportion."""
-        first = int(np.searchsorted(self.time, time + loosely_coupled.TIME_TOLERANCE, side="right")) - 1
+        first = int(np.searchsorted(self.time, time + TIME_TOLERANCE, side="right")) - 1
         self.time, self.dtheta, self.dv = self.time[first:], self.dtheta[first:], self.dv[first:]
-        if time > self.time[0] + loosely_coupled.TIME_TOLERANCE:
+        if time > self.time[0] + TIME_TOLERANCE:
             share = (self.time[1] - time) / (self.time[1] - self.time[0])
             self.time[0], self.dtheta[0], self.dv[0] = time, share * self.dtheta[0], share * self.dv[0]
 
@@ -50,21 +52,22 @@ class Increments:
 class LiveFilter:
     """A filter that is fed as data come.
 
-    settings, nav (20,), trajectory: as for a landing. What it leaves: a list of (time of its answer, s,
-    `loosely_coupled.Flown` of one fix).
+    flight: what it believes, as for a landing; the covariance it starts from. trajectory: what it is judged by.
+    navigation (NAV,): where it starts. What it leaves: a list of (time of its answer, s, history of one fix,
+    judgement).
     """
 
-    settings: FilterSettings
+    flight: Flight
     trajectory: Moving
-    nav: np.ndarray
+    navigation: np.ndarray
     increments: Increments
-    covariance: np.ndarray = field(init=False)
-    rejected: int = 0
-    """fixes in a row that the gate rejected"""
-    left: list[tuple[float, loosely_coupled.Flown]] = field(default_factory=list)
+    state: State = field(init=False)
+    left: list[tuple[float, History, Judgement]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.covariance = self.settings.covariance()
+        if is_smoother(self.flight.beliefs.kind):
+            raise ValueError("a smoother cannot run live")
+        self.state = start(self.navigation, self.flight.covariance)
 
     @property
     def time(self) -> float:
@@ -82,46 +85,40 @@ class LiveFilter:
 
         False where that time is past, or increments up to the arrival are not there yet.
         """
-        tolerance = loosely_coupled.TIME_TOLERANCE
-        latency = self.settings.latency
-        valid = max(arrival - latency, 0.0)
-        if valid < self.time - tolerance or arrival > self.known_until + tolerance:
+        beliefs = self.flight.beliefs
+        valid = max(arrival - beliefs.latency, 0.0)
+        if valid < self.time - TIME_TOLERANCE or arrival > self.known_until + TIME_TOLERANCE:
             return False
-        if self.settings.kind > loosely_coupled.TFG:
-            raise ValueError("a smoother cannot run live")
         arrival = min(arrival, self.known_until)
         valid = min(valid, arrival)
-        imu_time, dtheta, dv = self.increments.until(arrival)
-        truth = self.trajectory.motion(np.array([imu_time[0], arrival]))
-        out = loosely_coupled.Flown.of(1)
-        loosely_coupled.run(
-            self.settings.kind, imu_time, dtheta, dv, self.nav, self.covariance, self.settings.noise(),
-            np.array([valid]), llh[None].copy(), velocity[None].copy(), noise[None].copy(), self.settings.with_velocity,
-            latency, self.settings.lever_arm, self.settings.gate, max(self.settings.max_rejected - self.rejected, 0),
-            truth.llh, truth.velocity_ned, truth.quaternion, np.zeros((2, 6)), out, covariance.STRIDE,
-        )  # fmt: skip
-        # each call counts from none: what was rejected before it is taken off the limit
-        if out.status[0] == loosely_coupled.REJECTED:
-            self.rejected += 1
-        elif out.status[0] == loosely_coupled.USED:
-            self.rejected = 0
+        history = estimate(
+            Imu(*self.increments.until(arrival)),
+            Measurements(table_of_fixes(beliefs, llh[None].copy(), velocity[None].copy(), noise[None])),
+            schedule(np.array([arrival]), (FIX, np.array([valid]), np.array([arrival]))),
+            self.state,
+            self.flight.model,
+        )
+        truth = self.trajectory.motion(np.array([arrival]))
+        # what the sensors' true errors are nobody knows of real ones
+        unknown = np.full((1, self.flight.model.declared.size), np.nan)
+        judged = judge(beliefs.kind, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
         self.increments.drop(valid)
-        self.left.append((arrival, out))
+        self.left.append((arrival, history, judged))
         return True
 
     def estimates(self) -> dict[str, np.ndarray]:
-        """What was left, stacked: time (t,) of the answers, error, sigma (t, 15), estimate (t, 20), misfit (t, 6),
-        squared, degrees, status (t,). Errors of biases are nan: what they truly are is not known of real sensors."""
-        n = len(self.left)
-        error = np.array([f.error[1] for _, f in self.left]).reshape(n, states.N)
-        error[:, states.GYRO :] = np.nan
+        """What was left, stacked: time (t,) of the answers, error, sigma (t, n), navigation (t, NAV), innovation (t,
+        6), innovation_squared, degrees, status (t,). Errors of sensor states are nan."""
+        histories = [history for _, history, _ in self.left]
+        count, n = len(self.left), self.flight.covariance.shape[0]
+        # the fix is the first event of its history
         return {
-            "time": np.array([t for t, _ in self.left]),
-            "error": error,
-            "sigma": np.array([f.sigma[1] for _, f in self.left]).reshape(n, states.N),
-            "estimate": np.array([f.estimate[1] for _, f in self.left]).reshape(n, states.NAV_N),
-            "misfit": np.array([f.misfit[0] for _, f in self.left]).reshape(n, 6),
-            "squared": np.array([f.innovation[0] for _, f in self.left]),
-            "degrees": np.array([f.degrees[0] for _, f in self.left], dtype=np.int64),
-            "status": np.array([f.status[0] for _, f in self.left], dtype=np.int64),
+            "time": np.array([time for time, _, _ in self.left]),
+            "error": np.array([judged.error[0] for _, _, judged in self.left]).reshape(count, n),
+            "sigma": np.array([h.sigma()[0] for h in histories]).reshape(count, n),
+            "navigation": np.array([h.navigation[0] for h in histories]).reshape(count, self.state.navigation.size),
+            "innovation": np.array([h.innovation[0] for h in histories]).reshape(count, MOST),
+            "innovation_squared": np.array([h.innovation_squared[0] for h in histories]),
+            "degrees": np.array([h.degrees[0] for h in histories], dtype=np.int64),
+            "status": np.array([h.status[0] for h in histories], dtype=np.int64),
         }

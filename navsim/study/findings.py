@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.estimation.loosely_coupled import NO_FIX, REJECTED
+from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import CONSISTENT, FIX, Finding
 from navsim.io.results import Result
 from navsim.study.statistics import chi_square_quantile, poisson_exceedance
@@ -125,7 +125,7 @@ def of_flight(result: Result, probability: float, withheld: np.ndarray | None = 
     sigma = result["/filter/sigma"]
     out = []
     for name, mask, when, total in (
-        ("unweighed_fixes", given & (status == NO_FIX), time, int(given.sum())),
+        ("unweighed_fixes", given & (status == NOT_USED), time, int(given.sum())),
         ("not_finite", ~finite, answers, answers.size),
         ("covariance_not_positive", finite & ~(sigma > 0.0).all(axis=1), answers, answers.size),
     ):

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from navsim.core import states, wgs84
-from navsim.estimation.loosely_coupled import REJECTED
+from navsim.estimation.records import REJECTED
 from navsim.io.findings import Finding
 from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result, Variable
@@ -116,9 +116,9 @@ class Session:
         world, case = self.case.world, self.case
         initial = generator(self.seed, 0, "initial")
         self.filter = LiveFilter(
-            case.settings,
+            case.flight,
             case.trajectory,
-            initial_estimate(initial, world.at_filter, case.initial),
+            initial_estimate(initial, world.at_filter, case.flight.initial),
             Increments([0.0]),
         )
         self.assembler = Assembler()
@@ -139,7 +139,7 @@ class Session:
         if self.block == "receiver":
             step = world.imu_time[1] - world.imu_time[0]
             dtheta, dv, _ = imu.simulate(
-                generator(self.seed, 0, "imu"), world.dtheta, world.dv, step, case.gyro, case.accel
+                generator(self.seed, 0, "imu"), world.dtheta, world.dv, step, case.flight.gyro, case.flight.accel
             )
             for t, a, b in zip(world.imu_time[1:], dtheta, dv, strict=True):
                 self.filter.increments.add(float(t), a, b)
@@ -361,15 +361,19 @@ class Session:
         v["/filter/state"] = Variable(("state",), np.array(states.NAMES, dtype=object), "1", "names of the states")
         v["/filter/error"] = Variable(("time", "state"), left["error"], mixed, "truth of the scenario minus estimate")
         v["/filter/sigma"] = Variable(("time", "state"), left["sigma"], mixed, "1 sigma of the filter")
-        llh = left["estimate"][:, states.NAV_LLH : states.NAV_LLH + 3]
+        llh = left["navigation"][:, states.NAV_LLH : states.NAV_VEL]
         v["/filter/position_llh"] = Variable(("time", "llh"), llh, "rad, rad, m", "estimated position of the IMU")
-        velocity = left["estimate"][:, states.NAV_VEL : states.NAV_VEL + 3]
+        velocity = left["navigation"][:, states.NAV_VEL : states.NAV_QUAT]
         v["/filter/velocity_ned"] = Variable(("time", "ned"), velocity, "m/s", "estimated velocity")
         time = np.array([t for t, _ in self.fixes])
         v["/innovations/time"] = Variable(("time",), time, "s", "times of the fixes since the epoch")
         for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
-            v[f"/innovations/{name}"] = Variable(("time", "ned"), left["misfit"][:, part], unit, "fix less prediction")
-        v["/innovations/normalized_squared"] = Variable(("time",), left["squared"], "1", "normalised and squared")
+            v[f"/innovations/{name}"] = Variable(
+                ("time", "ned"), left["innovation"][:, part], unit, "fix less prediction"
+            )
+        v["/innovations/normalized_squared"] = Variable(
+            ("time",), left["innovation_squared"], "1", "normalised and squared"
+        )
         v["/innovations/degrees"] = Variable(("time",), left["degrees"], "1", "degrees of freedom of the same")
         v["/innovations/status"] = Variable(("time",), left["status"], "1", "0 no fix, 1 used, 2 rejected by the gate")
         for name, count in self.counts.items():
@@ -394,7 +398,7 @@ class Session:
         rms = np.sqrt(squares.mean(axis=0)) if late.any() else np.full(3, np.nan)
         v["/summary/rms_position_ned"] = Variable(("ned",), rms, "m", "rms position error over the last 20 s")
         degrees = int(left["degrees"].sum())
-        nis = np.nansum(left["squared"]) / degrees if degrees else np.nan
+        nis = np.nansum(left["innovation_squared"]) / degrees if degrees else np.nan
         v["/summary/nis"] = Variable((), np.float64(nis), "1", "normalised innovation squared per degree of freedom")
         base = "not settled" if self.clock is None else self.clock.base
         given: dict[str, Any] = {"replaced_block": self.block, "clock": base}
@@ -527,4 +531,4 @@ def _fixes(case: Case, seed: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndar
     """Covariances of the fixes (e, 6, 6) NED, and the simulated fixes themselves: llh, velocity (e, 3)."""
     llh, velocity, _, cov = fixed(case.world, *measured(case.world, seed, 0))
     usual = np.diag([25.0, 25.0, 100.0, 0.1, 0.1, 0.4])  # where the scenario's own receiver would have no fix
-    return np.where(np.isnan(cov), usual, cov) * case.settings.sigma_scale**2, (llh, velocity)
+    return np.where(np.isnan(cov), usual, cov), (llh, velocity)

@@ -295,7 +295,7 @@ class _Flight:
         """What the covariance analysis of a placement (k, 2) finds."""
         here = self.with_pseudolites(llh_from_ecef(kept.ground.ecef(places)))
         signals = here.world.signals
-        here = replace(here, world=replace(here.world, dop=dops(signals.los, signals.clock)))
+        here = here.over(replace(here.world, dop=dops(signals.los, signals.clock)))
         return covariance_findings(here, covariance_analysis(here))
 
     def with_pseudolites(self, llh: np.ndarray) -> Case:
@@ -310,7 +310,7 @@ class _Flight:
             signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
             fix_sigma=share * signals.fix_sigma,
         )  # fmt: skip
-        return replace(self.case, environment=sources, world=replace(self.case.world, signals=signals))
+        return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
 
 
 def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> _Flight:
@@ -333,7 +333,7 @@ def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> _Flight
     )
     world = world_of(scenario, case.trajectory, sources)
     return _Flight(
-        replace(case, scenario=scenario, environment=sources, world=world),
+        replace(case, scenario=scenario, environment=sources).over(world),
         case.trajectory.motion(world.signals.time),
         np.any(world.signals.used, axis=0),
         math.sqrt(fix_rate / receiver.rate_hz),

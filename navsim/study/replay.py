@@ -22,8 +22,10 @@ from typing import Any, Literal
 import numpy as np
 
 from navsim.core import states
-from navsim.estimation.loosely_coupled import KINDS, REJECTED, TFG
-from navsim.estimation.smoother import PASSES
+from navsim.estimation.beliefs import Beliefs
+from navsim.estimation.estimate import KINDS, is_smoother
+from navsim.estimation.filter_loop import TFG
+from navsim.estimation.records import REJECTED
 from navsim.io import files
 from navsim.io.findings import Finding, kept
 from navsim.io.recording import is_nmea, read_fixes, read_imu
@@ -36,6 +38,7 @@ from navsim.scenario.replay import Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
+from navsim.simulation.sensors import followed
 from navsim.study.diagnosis import Log, diagnose
 from navsim.study.findings import notes, of_flight
 from navsim.study.root import root_attributes
@@ -82,33 +85,36 @@ class Recording:
     has_vertical: bool
     warnings: list[str] = field(default_factory=list)
 
-    def beliefs(self, settings: np.ndarray, judged: bool = True) -> replay.Beliefs:
-        """The filter's beliefs for values of `_TUNED` (5,); judged: with the gate."""
-        horizontal, vertical, gyro, accel, latency = settings
-        if not self.has_vertical:
-            vertical = horizontal
-        gnss, gate = self.scenario.gnss, self.scenario.filter.gate
-        velocity = np.array([horizontal, horizontal, vertical])
-        position = POSITION_TIME * velocity
-        if gnss.position_sigma_m is not None:
-            position = np.array(gnss.position_sigma_m)[[0, 0, 1]]
-        return replay.Beliefs(
-            gyro=replace(self.gyro, noise_density=gyro),
-            accel=replace(self.accel, noise_density=accel),
-            position_sigma=position,
-            velocity_sigma=velocity,
-            latency=latency,
-            lever_arm=np.array(gnss.lever_arm_m),
+    def beliefs(self, settings: np.ndarray, kind: int, judged: bool = True) -> Beliefs:
+        """What a filter of `kind` believes for values of `_TUNED` (5,); judged: with the gate."""
+        _, _, gyro, accel, latency = settings
+        gate = self.scenario.filter.gate
+        sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
+        return Beliefs(
+            kind=kind,
+            sensors=sensors,
+            velocity=True,
+            latency=float(latency),
+            lever_arm=np.array(self.scenario.gnss.lever_arm_m),
+            sigma_scale=1.0,
             gate=gate_limits(gate.probability if judged else 0.0),
             max_rejected=gate.max_rejected,
         )
 
+    def fix_sigma(self, settings: np.ndarray) -> np.ndarray:
+        """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `_TUNED` (5,)."""
+        horizontal, vertical = settings[:2]
+        velocity = np.array([horizontal, horizontal, vertical if self.has_vertical else horizontal])
+        given = self.scenario.gnss.position_sigma_m
+        position = POSITION_TIME * velocity if given is None else np.array(given)[[0, 0, 1]]
+        return np.concatenate([position, velocity])
+
     def flight(self, latency: float) -> replay.Flight:
         """The increments and fixes after the alignment."""
-        return replay.prepare(self._felt, self.fixes, self.alignment, latency)
+        return replay.prepare(self._sensed, self.fixes, self.alignment, latency)
 
     @cached_property
-    def _felt(self) -> replay.Felt:
+    def _sensed(self) -> replay.Sensed:
         """The increments, which no setting changes: a tuning flies them hundreds of times."""
         averaged = self.scenario.imu.samples != "instantaneous"
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
@@ -366,7 +372,9 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
         if not 0.0 <= values[4] <= 2.0:
             return 1e12
         flight = recording.flight(values[4])
-        seen = replay.fly(flight, TFG, recording.beliefs(values, judged=False), np.empty(0))
+        seen = replay.fly(
+            flight, recording.beliefs(values, TFG, judged=False), recording.fix_sigma(values), np.empty(0)
+        )
         moving = flight.speed > MOVING
         total = seen.surprise(moving if moving.sum() > 20 else np.ones_like(moving))
         total += 0.5 * float(np.sum((np.log(values[2:4] / recording.settings[2:4]) / TRUST) ** 2))
@@ -388,7 +396,9 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     """Tune, fly, impose the outages: the result tree of `interface.md`. Raises ReplayError where a smoother fails."""
     scenario = recording.scenario
     settings = tune(recording, done)
-    flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings)
+    kind = KINDS[scenario.filter.kind]
+    flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings, kind)
+    fix_sigma = recording.fix_sigma(settings)
     begin, end = flight.imu_time[0], flight.imu_time[-1]
     rate = scenario.filter.output_rate_hz
     times = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
@@ -397,15 +407,14 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         if outage.withhold:
             for first, last in _spans(outage):
                 withheld |= (flight.arrival >= first) & (flight.arrival <= last)
-    kind = KINDS[scenario.filter.kind]
     try:
-        flown = replay.fly(flight, kind, beliefs, times, withheld=withheld)
+        flown = replay.fly(flight, beliefs, fix_sigma, times, withheld=withheld)
     except ArithmeticError as error:
         raise ReplayError(str(error)) from None
     v: dict[str, Variable] = {}
     _filter(v, flown, np.isin(flown.time, times))
     _innovations(v, flight, flown)
-    _outages(v, scenario, flight, beliefs, TFG if kind in PASSES else kind)
+    _outages(v, scenario, flight, of_outages(beliefs), fix_sigma)
     _fixes(v, flight)
     for name, value, unit, was_free in zip(
         _TUNED, settings, _UNITS, np.isin(np.arange(5), recording.free), strict=True
@@ -452,16 +461,25 @@ def _filter(v: dict[str, Variable], flown: replay.Replay, wanted: np.ndarray) ->
         v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
     v["/filter/time"] = Variable(("time",), flown.time[wanted], "s", "time of the log")
     v["/filter/state"] = Variable(("state",), np.array(states.NAMES, dtype=object), "1", "names of the error states")
-    v["/filter/position_llh"] = Variable(("time", "llh"), flown.llh[wanted], "rad, rad, m", "position of the IMU")
-    v["/filter/velocity_ned"] = Variable(("time", "ned"), flown.velocity[wanted], "m/s", "velocity over ground")
+    v["/filter/position_llh"] = Variable(
+        ("time", "llh"), flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL], "rad, rad, m", "position of the IMU"
+    )
+    v["/filter/velocity_ned"] = Variable(
+        ("time", "ned"), flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT], "m/s", "velocity over ground"
+    )
     v["/filter/attitude_rpy"] = Variable(("time", "rpy"), flown.rpy[wanted], "rad", "roll, pitch, yaw")
     v["/filter/sigma"] = Variable(
         ("time", "state"), flown.sigma[wanted], ", ".join(dict.fromkeys(states.UNITS)), "1 sigma of the errors"
     )
     v["/filter/axis"] = Variable(("axis",), np.array(["x", "y", "z"]), "1", "body axes, forward-right-down")
-    v["/filter/gyro_bias"] = Variable(("time", "axis"), flown.bias[wanted, :3], "rad/s", "estimated bias of the gyros")
+    v["/filter/gyro_bias"] = Variable(
+        ("time", "axis"),
+        flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL],
+        "rad/s",
+        "estimated bias of the gyros",
+    )
     v["/filter/accelerometer_bias"] = Variable(
-        ("time", "axis"), flown.bias[wanted, 3:], "m/s2", "estimated bias of the accelerometers"
+        ("time", "axis"), flown.navigation[wanted, states.NAV_ACCEL :], "m/s2", "estimated bias of the accelerometers"
     )
 
 
@@ -470,10 +488,13 @@ def _innovations(v: dict[str, Variable], flight: replay.Flight, flown: replay.Re
     v[f"{g}/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
     for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
         v[f"{g}/{name}"] = Variable(
-            ("time", "ned"), flown.misfit[:, part], unit, f"fix less prediction, {name[:8]}, nan where it was not used"
+            ("time", "ned"),
+            flown.innovation[:, part],
+            unit,
+            f"fix less prediction, {name[:8]}, nan where it was not used",
         )
-        v[f"{g}/{name}_sigma"] = Variable(("time", "ned"), flown.misfit_sigma[:, part], unit, "1 sigma of the same")
-    v[f"{g}/normalized_squared"] = Variable(("time",), flown.squared, "1", "normalised innovation squared")
+        v[f"{g}/{name}_sigma"] = Variable(("time", "ned"), flown.innovation_sigma[:, part], unit, "1 sigma of the same")
+    v[f"{g}/normalized_squared"] = Variable(("time",), flown.innovation_squared, "1", "normalised innovation squared")
     v[f"{g}/degrees"] = Variable(("time",), flown.degrees, "1", "degrees of freedom of the same")
     v[f"{g}/status"] = Variable(("time",), flown.status, "1", "0 no fix, 1 used, 2 rejected by the gate")
 
@@ -485,7 +506,7 @@ def _fixes(v: dict[str, Variable], flight: replay.Flight) -> None:
 
 
 def _outages(
-    v: dict[str, Variable], scenario: Replay, flight: replay.Flight, beliefs: replay.Beliefs, kind: int
+    v: dict[str, Variable], scenario: Replay, flight: replay.Flight, beliefs: Beliefs, fix_sigma: np.ndarray
 ) -> None:
     rows = []
     for first, last in sorted({span for outage in scenario.outages for span in _spans(outage)}):
@@ -495,8 +516,8 @@ def _outages(
             continue
         final = int(np.flatnonzero(inside)[-1])
         inside[final] = False  # the innovation of this one is the drift
-        flown = replay.fly(flight, kind, beliefs_without_gate(beliefs), np.empty(0), flight.arrival[final], inside)
-        north, east, down = flown.misfit[final, :3]
+        flown = replay.fly(flight, beliefs, fix_sigma, np.empty(0), flight.arrival[final], inside)
+        north, east, down = flown.innovation[final, :3]
         rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
     table = np.array(rows).reshape(-1, 4)
     for index, (name, unit, meaning) in enumerate(
@@ -511,19 +532,23 @@ def _outages(
     v["/outages/outage"] = Variable(("outage",), np.arange(table.shape[0]), "1", "number of the outage")
 
 
-def beliefs_without_gate(beliefs: replay.Beliefs) -> replay.Beliefs:
-    """The same beliefs, every fix taken."""
-    return replace(beliefs, gate=gate_limits(0.0))
+def of_outages(beliefs: Beliefs) -> Beliefs:
+    """The same beliefs, every fix taken; a filter, since nothing may be known of what comes after an outage."""
+    kind = TFG if is_smoother(beliefs.kind) else beliefs.kind
+    return replace(beliefs, kind=kind, gate=gate_limits(0.0))
 
 
 def _summary(v: dict[str, Variable], flight: replay.Flight, flown: replay.Replay) -> None:
     used = flown.degrees > 0
     groups = {"all": used, "moving": used & (flight.speed > MOVING)}
     v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")
-    rms = np.array([[_rms(flown.misfit[m][:, i]) for i in range(6)] for m in groups.values()])
+    rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
     v["/summary/innovation_position"] = Variable(("fixes", "ned"), rms[:, :3], "m", "rms of the position innovations")
     v["/summary/innovation_velocity"] = Variable(("fixes", "ned"), rms[:, 3:], "m/s", "rms of the velocity innovations")
-    nis = [float(np.sum(flown.squared[m]) / np.sum(flown.degrees[m])) if m.any() else np.nan for m in groups.values()]
+    nis = [
+        float(np.sum(flown.innovation_squared[m]) / np.sum(flown.degrees[m])) if m.any() else np.nan
+        for m in groups.values()
+    ]
     v["/summary/nis"] = Variable(("fixes",), np.array(nis), "1", "normalised innovation squared per degree of freedom")
     counts = {
         "samples": flight.imu_time.size, "fixes": flight.arrival.size,

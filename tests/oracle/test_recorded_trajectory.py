@@ -47,7 +47,7 @@ def test_error_free_sensors_return_the_recording() -> None:
     nav = np.zeros(states.NAV_N)
     nav[:10] = np.concatenate([exact.llh[0], exact.velocity_ned[0], exact.quaternion[0]])
     history = np.empty((2, states.NAV_N))
-    navigate(nav, dtheta, dv, 0.01, t.size - 1, history)
+    navigate(nav, states.declared(states.biases()), dtheta, dv, 0.01, t.size - 1, history)
     assert np.linalg.norm(ecef_from_llh(nav[:3]) - exact.position_ecef[-1]) < 1e-2
     assert np.abs(nav[3:6] - exact.velocity_ned[-1]).max() < 1e-3
     assert 2.0 * np.arccos(min(1.0, abs(nav[6:10] @ exact.quaternion[-1]))) < 1e-4

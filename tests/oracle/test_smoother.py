@@ -8,15 +8,16 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from navsim.core import states
-from navsim.core.covariance import SIZE, STRIDE
 from navsim.core.strapdown import navigate
-from navsim.estimation import error_state, smoother
-from navsim.estimation.loosely_coupled import MAP, Flown
+from navsim.estimation import error_state, records, smoother
+from navsim.estimation.estimate import estimate
+from navsim.estimation.observations import FIX, Fixes, Measurements
 from tests.helpers import case
 
 SIGMA = np.repeat([10.0, 1.0, np.radians(5.0), np.radians(700.0 / 3600.0), 9.8e-3], 3)
 FIX_SIGMA = 4.0
 EPOCHS = 20
+DECLARED = states.declared(states.biases())
 
 
 def injected(start: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -49,13 +50,13 @@ def test_map_is_the_least_squares_solution() -> None:
         # in sigmas and away from zero, so that the solver's relative steps are steps of 1e-4 sigma
         x = SIGMA * (shifted - 10.0)
         out = np.empty((EPOCHS + 1, states.NAV_N))
-        navigate(injected(start, x), dtheta, dv, dt, 100, out)
+        navigate(injected(start, x), DECLARED, dtheta, dv, dt, 100, out)
         misfit = np.empty((EPOCHS, 3))
         for row, nav, fix in zip(misfit, out[1:], fixes, strict=True):
             z = np.empty(15)
             target = nav.copy()
             target[:3] = fix
-            smoother._difference(target, nav, z)
+            smoother.difference(target, nav, z)
             row[:] = z[:3]
         return np.concatenate([x / SIGMA, misfit.ravel() / FIX_SIGMA])
 
@@ -63,25 +64,26 @@ def test_map_is_the_least_squares_solution() -> None:
         residuals, np.full(15, 10.0), "3-point", diff_step=1e-5, xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
     expected = np.empty((EPOCHS + 1, states.NAV_N))
-    navigate(injected(start, SIGMA * (solution.x - 10.0)), dtheta, dv, dt, 100, expected)
+    navigate(injected(start, SIGMA * (solution.x - 10.0)), DECLARED, dtheta, dv, dt, 100, expected)
 
-    p = np.zeros(SIZE)
-    p[np.arange(15) * (STRIDE + 1)] = SIGMA**2
-    nav = start.copy()
-    out = Flown.of(EPOCHS)
+    fix_time = np.arange(1.0, EPOCHS + 1)
     cov = np.tile(np.diag(np.repeat([FIX_SIGMA**2, 1.0], 3)), (EPOCHS, 1, 1))
-    smoother.run(
-        world.imu_time, dtheta, dv, nav, p, np.zeros((1, 6)), np.arange(1.0, EPOCHS + 1), fixes,
-        np.full((EPOCHS, 3), 0.0), cov, False, 0.0, np.zeros(3), np.full(7, np.inf), 0, truth.llh,
-        truth.velocity_ned, truth.quaternion, np.tile(bias, (EPOCHS + 1, 1)), out, STRIDE, smoother.PASSES[MAP],
-    )  # fmt: skip
+    state = records.start(start, np.diag(SIGMA**2))
+    history = estimate(
+        records.Imu(world.imu_time, dtheta, dv),
+        Measurements(Fixes(fixes, np.full((EPOCHS, 3), np.nan), cov, np.zeros(3))),
+        records.schedule(np.arange(EPOCHS + 1.0), (FIX, fix_time, fix_time)),
+        state,
+        records.FilterModel(smoother.MAP, np.zeros((1, 2)), DECLARED, np.full(7, np.inf), 0),
+    )
+    nav, sigma = state.navigation, history.sigma()
     gap = np.empty(15)
-    smoother._difference(nav, expected[-1], gap)
-    assert np.all(np.abs(gap) < 5e-3 * out.sigma[-1]), gap / out.sigma[-1]
+    smoother.difference(nav, expected[-1], gap)
+    assert np.all(np.abs(gap) < 5e-3 * sigma[-1]), gap / sigma[-1]
     # the prior is left by 0.5 degrees and more, so this is not the linear problem
     turned = Rotation.from_quat(nav[[7, 8, 9, 6]]) * Rotation.from_quat(start[[7, 8, 9, 6]]).inv()
     assert turned.magnitude() > np.radians(0.5)
     # its sigmas are those of the Jacobian at the solution, carried to the end
     jacobian = solution.jac
     initial = SIGMA * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    np.testing.assert_allclose(out.sigma[0][9:], initial[9:], rtol=2e-2)
+    np.testing.assert_allclose(sigma[0][9:], initial[9:], rtol=2e-2)

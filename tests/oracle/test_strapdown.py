@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, strapdown, wgs84
+from navsim.core import attitude, states, strapdown, wgs84
 from navsim.models.kinematics import Trajectory
 from tests.helpers import case, cross, scenario
 
@@ -20,10 +20,10 @@ def mechanised(trajectory: Trajectory, rate: float, duration: float = 120.0) -> 
     t = np.arange(round(duration * rate) + 1) / rate
     dtheta, dv = trajectory.increments(t)
     truth = trajectory.motion(t[[0, -1]])
-    nav = np.zeros(16)
+    nav = np.zeros(states.NAV_N)
     nav[:3], nav[3:6], nav[6:10] = truth.llh[0], truth.velocity_ned[0], truth.quaternion[0]
-    out = np.empty((2, 16))
-    strapdown.navigate(nav, dtheta, dv, 1 / rate, t.size - 1, out)
+    out = np.empty((2, states.NAV_N))
+    strapdown.navigate(nav, states.declared(states.biases()), dtheta, dv, 1 / rate, t.size - 1, out)
     error = wgs84.ned_matrix(truth.llh[1]) @ (truth.position_ecef[1] - wgs84.ecef_from_llh(out[1, :3]))
     turn = np.empty(3)
     attitude.difference(truth.quaternion[1], out[1, 6:10], turn)
@@ -98,7 +98,7 @@ def test_truth_against_an_independent_integrator(name: str) -> None:
 def test_published_increment(oracles: dict[str, Any]) -> None:
     """Velocity increment turned by half the rotation; ours goes one order further, 2e-6 here."""
     entry = oracles["strapdown_increment"]
-    nav = np.zeros(16)
+    nav = np.zeros(states.NAV_N)
     nav[6] = 1.0
     mid, dt = np.zeros(strapdown.MID_N), 0.01
     dtheta, dv = (
@@ -158,7 +158,7 @@ def test_coning(oracles: dict[str, Any]) -> None:
 def test_kernel_uses_the_same_coning_correction() -> None:
     """The correction tested above is the one in `step`: with Earth rate taken out, the same attitude."""
     previous, now = np.array([0.02, -0.01, 0.005]), np.array([-0.01, 0.015, 0.02])
-    nav = np.zeros(16)
+    nav = np.zeros(states.NAV_N)
     nav[6] = 1.0
     work = np.concatenate([previous, np.zeros(3)])
     mid, dt = np.zeros(strapdown.MID_N), 0.01

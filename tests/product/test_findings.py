@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.estimation.loosely_coupled import NO_FIX
+from navsim.estimation.records import NOT_USED
 from navsim.io.findings import CONSISTENT, FIX, Finding, kept, of
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.scenario.load import read as read_scenario
@@ -95,7 +95,7 @@ def test_each_flaw_of_a_run() -> None:
     run.sigma[30, 4] = abs(run.error[30, 4]) / 11.0
     run.nees_position_velocity[30] = 121.0
     run.fix_velocity[40] = np.nan
-    run.status[45:47] = NO_FIX
+    run.status[45:47] = NOT_USED
 
     class Flown(landing.Case):
         def fly(self, seed: int, number: int):  # type: ignore[no-untyped-def]
@@ -197,7 +197,7 @@ def test_combinations_without_a_fix(tmp_path: Path) -> None:
 def test_a_flight_whose_truth_is_not_known() -> None:
     time = np.arange(1.0, 101.0)
     status = np.full(100, 1)
-    status[:2], status[10:13], status[50:] = NO_FIX, NO_FIX, 1
+    status[:2], status[10:13], status[50:] = NOT_USED, NOT_USED, 1
     status[20:24] = 2
     llh = np.zeros((100, 3))
     llh[7] = np.nan

@@ -123,7 +123,7 @@ def imu_rows(c: landing.Case, seed: int | None = None) -> list[str]:
     step = np.diff(world.imu_time)[:, None]
     dtheta, dv = world.dtheta, world.dv
     if seed is not None:
-        dtheta, dv, _ = imu.simulate(generator(seed, 0, "imu"), dtheta, dv, step[0, 0], c.gyro, c.accel)
+        dtheta, dv, _ = imu.simulate(generator(seed, 0, "imu"), dtheta, dv, step[0, 0], c.flight.gyro, c.flight.accel)
     rows = zip(world.imu_time[1:], dtheta / step, dv / step, strict=True)
     return [",".join(f"{x:.12g}" for x in (t, *w, *f)) for t, w, f in rows]
 

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, states
+from navsim.core import attitude, covariance, states
 from navsim.estimation import error_state, invariant, tfg
 from tests.helpers import cross
 from tests.unit.test_covariance import error, flat, some_covariance, square
 
 N = states.N
+HELD = slice(states.NAV_HELD, states.NAV_SENSORS)
+FIRST = states.NAV_SENSORS
 
 
 def start() -> np.ndarray:
@@ -21,13 +23,13 @@ def start() -> np.ndarray:
     nav[:3] = 0.98, 0.64, 150.0
     nav[3:6] = 30.0, -4.0, 3.0
     nav[6:10] = Rotation.from_euler("ZYX", [0.4, 0.1, -0.2]).as_quat()[[3, 0, 1, 2]]
-    nav[10:16] = 3e-3, -2e-3, 1e-3, 0.02, -0.01, 0.03
-    nav[16:20] = Rotation.from_rotvec([0.1, 0.3, -0.2]).as_quat()[[3, 0, 1, 2]]  # bias axes held back
+    nav[states.NAV_SENSORS :] = 3e-3, -2e-3, 1e-3, 0.02, -0.01, 0.03
+    nav[HELD] = Rotation.from_rotvec([0.1, 0.3, -0.2]).as_quat()[[3, 0, 1, 2]]  # bias axes held back
     return nav
 
 
 def bias_axes(nav: np.ndarray) -> Rotation:
-    return rotation(nav) * Rotation.from_quat(nav[[17, 18, 19, 16]]).inv()
+    return rotation(nav) * Rotation.from_quat(nav[states.NAV_HELD + np.array([1, 2, 3, 0])]).inv()
 
 
 def rotation(nav: np.ndarray) -> Rotation:
@@ -52,14 +54,14 @@ def retract(kind: str, nav: np.ndarray, x: np.ndarray) -> np.ndarray:
     out[3:6] += j @ x[3:6] if kind != "eskf" else x[3:6]
     out[6:10] = after.as_quat()[[3, 0, 1, 2]]
     for first in (0, 3):
-        b, db = nav[10 + first : 13 + first], x[9 + first : 12 + first]
+        b, db = nav[FIRST + first : FIRST + 3 + first], x[9 + first : 12 + first]
         if kind == "tfg":
             axes = bias_axes(nav)
             big = axes.as_matrix() @ b
             y = axes.as_matrix() @ db - cross(big) @ theta
-            out[10 + first : 13 + first] = (Rotation.from_rotvec(theta) * axes).as_matrix().T @ (big + j @ y)
+            out[FIRST + first : FIRST + 3 + first] = (Rotation.from_rotvec(theta) * axes).as_matrix().T @ (big + j @ y)
         else:
-            out[10 + first : 13 + first] = b + db
+            out[FIRST + first : FIRST + 3 + first] = b + db
     return out
 
 
@@ -86,7 +88,7 @@ def own(kind: str, nav: np.ndarray, plain: np.ndarray) -> np.ndarray:
 def test_feedback_is_the_retraction(kind: str) -> None:
     nav = start()
     expected = retract(kind, nav, X)
-    KINDS[kind](nav, flat(some_covariance()), X, np.zeros(720))
+    KINDS[kind](nav, flat(some_covariance()), X, np.zeros(3 * covariance.SIZE))
     sign = np.sign(nav[6] * expected[6])
     np.testing.assert_allclose(nav[6:10], sign * expected[6:10], atol=1e-12)
     np.testing.assert_allclose(np.delete(nav, range(6, 10)), np.delete(expected, range(6, 10)), rtol=1e-10, atol=1e-12)
@@ -115,7 +117,7 @@ def test_reset_is_the_derivative_of_the_error_left(kind: str) -> None:
         g[:, i] = (ends[0] - ends[1]) / (2 * sizes[i])
     p = some_covariance(7)
     ours = flat(p)
-    KINDS[kind](start(), ours, X, np.zeros(720))
+    KINDS[kind](start(), ours, X, np.zeros(3 * covariance.SIZE))
     expected = g @ p @ g.T
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(square(ours) / scale / scale[:, None], expected / scale / scale[:, None], atol=3e-5)
@@ -138,12 +140,12 @@ def test_bias_axes_are_held_through_quick_turns_only() -> None:
     """Quick turns with an uncertain heading are held back; slow ones and those with a known heading are not."""
     p = flat(np.diag(np.repeat([1.0, 1.0, 0.04, 1e-6, 1e-4], 3)))
     nav = start()
-    nav[16:20] = 1.0, 0.0, 0.0, 0.0
+    nav[HELD] = 1.0, 0.0, 0.0, 0.0
     turn = np.array([0.0, 0.002, 0.0])
     tfg.hold_axes(nav, p, turn, 0.01)
-    np.testing.assert_allclose(nav[16:20], Rotation.from_rotvec(turn).as_quat()[[3, 0, 1, 2]], atol=1e-15)
+    np.testing.assert_allclose(nav[HELD], Rotation.from_rotvec(turn).as_quat()[[3, 0, 1, 2]], atol=1e-15)
     tfg.hold_axes(nav, p, turn, 1.0)
-    np.testing.assert_allclose(nav[18], 0.001, rtol=1e-5)
+    np.testing.assert_allclose(nav[states.NAV_HELD + 2], 0.001, rtol=1e-5)
     known = flat(np.diag(np.repeat([1.0, 1.0, 1e-4, 1e-6, 1e-4], 3)))
     tfg.hold_axes(nav, known, turn, 0.01)
-    np.testing.assert_array_equal(nav[16:20], [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(nav[HELD], [1.0, 0.0, 0.0, 0.0])

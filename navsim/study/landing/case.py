@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
-from navsim.estimation.loosely_coupled import KINDS
+from navsim.estimation.beliefs import Beliefs
+from navsim.estimation.estimate import KINDS
 from navsim.io import files
 from navsim.io.results import ResultError, read
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
@@ -26,7 +27,7 @@ from navsim.scenario.sky import CLOCKS, SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
 from navsim.simulation.effects import Effects, Ionosphere, Reference, Space, Troposphere
 from navsim.simulation.landing import (
-    FilterSettings,
+    Flight,
     InitialErrors,
     Run,
     World,
@@ -34,6 +35,8 @@ from navsim.simulation.landing import (
     fix_epochs,
     fly,
 )
+from navsim.simulation.landing import prepare as prepare_flight
+from navsim.simulation.sensors import followed
 from navsim.simulation.signals import Environment, ErrorLaw, Ground, Listed, Satellites
 from navsim.study.landing.sky import read_satellites
 from navsim.study.statistics import gate_limits
@@ -53,11 +56,7 @@ class Case:
     scenario: Landing
     trajectory: Moving
     environment: Environment
-    world: World
-    initial: InitialErrors
-    gyro: Triad
-    accel: Triad
-    settings: FilterSettings
+    flight: Flight
     sky_warnings: list[str] = field(default_factory=list)
 
     @property
@@ -72,6 +71,20 @@ class Case:
             f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined",
         ]
 
+    def over(self, world: World) -> Case:
+        """The same in another world."""
+        return replace(self, flight=self.flight.over(world))
+
+    @property
+    def world(self) -> World:
+        """What all its runs share."""
+        return self.flight.world
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """What its filter believes."""
+        return self.flight.beliefs
+
     @property
     def ground(self) -> Ground:
         """The pseudolites."""
@@ -79,7 +92,7 @@ class Case:
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
-        return fly(self.world, self.initial, self.gyro, self.accel, self.settings, seed, run)
+        return fly(self.flight, seed, run)
 
 
 def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:
@@ -231,18 +244,14 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     sources, scenario, warnings = environment(scenario, document, trajectory)
     ask(scenario, sources)
-    truth_gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
-    truth_accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
+    gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
+    accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = world_of(scenario, trajectory, sources)
     return Case(
         scenario,
         trajectory,
         sources,
-        world,
-        _initial(scenario),
-        truth_gyro,
-        truth_accel,
-        _settings(scenario, truth_gyro, truth_accel),
+        prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel)),
         warnings,
     )
 
@@ -299,8 +308,8 @@ def _initial(scenario: Landing) -> InitialErrors:
     return InitialErrors(section.attitude_deg * DEG, section.position_m, section.velocity_m_s, fixed)
 
 
-def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
-    """The filter's beliefs: what its section leaves out is what the truth has."""
+def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, InitialErrors]:
+    """What the filter believes, and of the initial errors: what its section leaves out is what the truth has."""
     section = scenario.filter
     rate = scenario.imu.rate_hz
     truth = scenario.initial_errors
@@ -315,18 +324,17 @@ def _settings(scenario: Landing, gyro: Triad, accel: Triad) -> FilterSettings:
     if section.imu.accelerometer is not None:
         accel = believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
-    return FilterSettings(
+    beliefs = Beliefs(
         kind=KINDS[section.kind],
-        initial=initial,
-        gyro=gyro,
-        accel=accel,
-        with_velocity=section.velocity,
+        sensors=followed(gyro, accel),
+        velocity=section.velocity,
         latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,
         lever_arm=np.array(lever_arm),
         sigma_scale=section.fix_sigma_scale,
         gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
     )
+    return beliefs, initial
 
 
 def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ def covariance_analysis(case: Case) -> Analysis:
     """The analysis of a case. Raises ValueError for a smoother, AnalysisError for a defect of the analysis."""
     case.scenario.check_analysable()
     ground = np.isin(case.world.signals.names, case.ground.names)
-    return analyse(case.world, case.initial, case.gyro, case.accel, case.settings, ground)
+    return analyse(case.flight, ground)
 
 
 def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
@@ -90,7 +90,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     solvable = np.isfinite(case.world.dop[:, 1])
     fixes = np.zeros((GATED + 1, e), bool)
     fixes[UNHEARD], fixes[UNSOLVED] = none & ~solvable, none & solvable
-    fixes[NO_VELOCITY] = case.settings.with_velocity & (analysis.degrees == 3)
+    fixes[NO_VELOCITY] = case.beliefs.velocity & (analysis.degrees == 3)
     outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
     rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]
     believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]

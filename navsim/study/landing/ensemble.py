@@ -15,7 +15,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.rotation import rpy_error, rpy_jacobian
-from navsim.estimation.loosely_coupled import NO_FIX, REJECTED
+from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
@@ -99,7 +99,7 @@ class LandingStudy:
         for i in range(count):
             # one run at a time: holding all of a batch costs more in memory traffic than flying them
             run = self.case.fly(self.seed, first + i)
-            fixes, outputs = fix_flaws(run, self.solvable, self.case.settings.with_velocity), output_flaws(run)
+            fixes, outputs = fix_flaws(run, self.solvable, self.case.beliefs.velocity), output_flaws(run)
             rows.append(
                 {
                     "mean_square": _mean_square(run.error[window]),
@@ -209,7 +209,7 @@ def fix_flaws(run: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
     masks = np.empty((5, none.size), bool)
     masks[UNHEARD], masks[UNSOLVED] = none & ~solvable, none & solvable
     masks[NO_VELOCITY] = with_velocity & ~none & np.isnan(run.fix_velocity[:, 0])
-    masks[UNWEIGHED] = ~none & (run.status == NO_FIX)
+    masks[UNWEIGHED] = ~none & (run.status == NOT_USED)
     masks[GATED] = run.status == REJECTED
     return judging.tally(masks)
 

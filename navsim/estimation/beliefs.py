@@ -1,0 +1,65 @@
+"""What a filter believes: of the sensors, of the measurements, and what it does with those that cannot be true.
+
+The one home of it, for simulated, recorded and live flights. What the truth is stands elsewhere (`models.imu`,
+`simulation`); that a filter believes what is true is a choice of the scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.states import Block
+from navsim.estimation.records import FilterModel
+
+_FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
+"""Smallest initial sigma a filter is given, by the unit of the state: with zeros P would be singular, and a perfect
+sensor or a perfect start is a common check."""
+
+
+@dataclass(frozen=True)
+class SensorBeliefs:
+    """What a filter believes of its inertial sensors: the states it follows, biases first, their 1 sigma at the start
+    (one a block), and the white densities of gyros and accelerometers (2,), see `core.covariance`."""
+
+    blocks: tuple[Block, ...]
+    sigma: tuple[float, ...]
+    noise: np.ndarray
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """What a filter is and believes.
+
+    kind: `estimate.KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they come, s.
+    lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its fixes. gate:
+    limits by the number of measurements, see `FilterModel`.
+    """
+
+    kind: int
+    sensors: SensorBeliefs
+    velocity: bool
+    latency: float
+    lever_arm: np.ndarray
+    sigma_scale: float
+    gate: np.ndarray
+    max_rejected: int
+
+    def model(self, noise: np.ndarray | None = None) -> FilterModel:
+        """What the kernels take; noise: densities of each interval of the IMU (n, 2) instead of the sensors' own."""
+        densities = self.sensors.noise[None] if noise is None else noise
+        return FilterModel(self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected)
+
+    def covariance(self, position: float, velocity: float, attitude: float) -> np.ndarray:
+        """P (n, n) of a start with these 1 sigmas per axis, m, m/s, rad."""
+        return initial_covariance((position, velocity, attitude, *self.sensors.sigma), self.sensors.blocks)
+
+
+def initial_covariance(sigma: Sequence[float], blocks: Sequence[Block]) -> np.ndarray:
+    """P (n, n) from 1 sigma of each group of three states, none below what keeps it regular."""
+    each = np.repeat(np.asarray(sigma, dtype=float), 3)
+    floors = np.array([_FLOORS[unit] for unit in states.units(blocks)])
+    return np.diag(np.maximum(each, floors) ** 2)

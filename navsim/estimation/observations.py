@@ -1,0 +1,128 @@
+"""What measurements say about the state: of each kind its innovation, its matrix and its noise.
+
+    z = measured - predicted = H d + noise,  d the plain errors (dr, dv, theta, sensor states)
+
+A new kind is a number, a table and a function here, with a line in `Measurements` and one in `observe`.
+Source: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.attitude import dcm
+from navsim.core.earth import RATE, radii, short_way
+from navsim.core.jit import kernel
+from navsim.core.states import (
+    A_D,
+    A_E,
+    A_N,
+    CONSTANT,
+    GYROS,
+    NAV_HELD,
+    NAV_LLH,
+    NAV_QUAT,
+    NAV_VEL,
+    POS,
+    SENSORS,
+    VEL,
+)
+
+FIX = 2
+"""Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them)."""
+KINDS = 3
+MOST = 6
+"""Most numbers that one measurement has."""
+
+
+class Fixes(NamedTuple):
+    """Fixes of a receiver's antenna, m of them: llh (m, 3) rad, rad, m, nan without a fix; velocity (m, 3) NED m/s, its
+    components that are nan are not used; covariance (m, 6, 6) of both, NED; lever_arm (3,) IMU -> antenna, body, m."""
+
+    llh: np.ndarray
+    velocity: np.ndarray
+    covariance: np.ndarray
+    lever_arm: np.ndarray
+
+
+class Measurements(NamedTuple):
+    """The tables of all kinds of measurements, without rows where there are none."""
+
+    fixes: Fixes
+
+
+@kernel
+def _across(arm, h, first):
+    """-[arm x] into the attitude columns of the rows first .. first + 2: what turning does to an arm in NED."""
+    h[first, A_E], h[first, A_D] = arm[2], -arm[1]
+    h[first + 1, A_N], h[first + 1, A_D] = -arm[2], arm[0]
+    h[first + 2, A_N], h[first + 2, A_E] = arm[1], -arm[0]
+
+
+@kernel
+def _fix(nav, felt, dt, declared, c_nb, lever, llh, vel, z, h):
+    """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n)."""
+    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
+    sin_lat = math.sin(lat)
+    cos_lat = math.cos(lat)
+    meridian, transverse = radii(sin_lat)
+    h[:] = 0.0
+    arm = np.empty(3)
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+        h[i, POS + i] = 1.0
+    z[0] = (llh[0] - lat) * (meridian + height) - arm[0]
+    z[1] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat - arm[1]
+    z[2] = height - llh[2] - arm[2]
+    # r_antenna = r + C l: d = -[C l x] theta
+    _across(arm, h, 0)
+    # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
+    rate = np.empty(3)
+    for i in range(3):
+        rate[i] = felt[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
+    bx = rate[1] * lever[2] - rate[2] * lever[1]
+    by = rate[2] * lever[0] - rate[0] * lever[2]
+    bz = rate[0] * lever[1] - rate[1] * lever[0]
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * bx + c_nb[i, 1] * by + c_nb[i, 2] * bz
+        z[3 + i] = vel[i] - nav[NAV_VEL + i] - arm[i]
+        h[3 + i, VEL + i] = 1.0
+    _across(arm, h, 3)
+    # omega_true = omega_measured - error: d = C [l x] error
+    for c in range(declared.shape[0]):
+        if declared[c].triad == GYROS:
+            b, d = (declared[c].axis + 1) % 3, (declared[c].axis + 2) % 3
+            size = 1.0 if declared[c].signal == CONSTANT else felt[declared[c].signal] / dt
+            for i in range(3):
+                h[3 + i, SENSORS + c] = size * (c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b])
+
+
+@kernel
+def observe(kind, row, measurements, nav, felt, dt, declared, c_nb, place, z, h, r):
+    """What a measurement says: returns the number m of its numbers in use, 0 where there is nothing to use.
+
+    kind, row: as of `records.Events`. nav: navigation state; felt (6,): compensated increments of the last interval of
+    dt s. declared: the filter's sensor states. c_nb (3, 3): work space. Out: place (MOST,) which of the kind's numbers
+    are in use, z (MOST,) innovation, h (MOST, n), r (MOST, MOST) noise, in the first m rows.
+    """
+    kept = 0
+    if kind == FIX:
+        fixes = measurements.fixes
+        if math.isnan(fixes.llh[row, 0]):
+            return 0
+        _fix(nav, felt, dt, declared, c_nb, fixes.lever_arm, fixes.llh[row], fixes.velocity[row], z, h)
+        for a in range(MOST):
+            if not math.isnan(z[a]):
+                place[kept] = a
+                kept += 1
+        for a in range(kept):
+            if place[a] != a:
+                z[a] = z[place[a]]
+                h[a] = h[place[a]]
+            for b in range(kept):
+                r[a, b] = fixes.covariance[row, place[a], place[b]]
+    return kept

@@ -1,0 +1,193 @@
+"""What goes into an estimator and what comes out of it, as few records that kernels take whole.
+
+    IMU, measurements, events, state, model -> history
+
+The truth is in none of them: `estimation.judge` compares a history with one. An `Events` list says in what order things
+happen; a measurement is a row of the table of its kind (`estimation.observations`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.covariance import SIZE, STRIDE
+from navsim.estimation.observations import KINDS, MOST
+
+TIME_TOLERANCE = 1e-9
+"""Times closer than this are one, s: well under any sample interval, well over rounding."""
+
+PASS, OUTPUT = 0, 1
+"""Kinds of events that are no measurements (`observations`): nothing but a time to get to; an output of the history."""
+
+NOT_USED, USED, REJECTED = 0, 1, 2
+"""What became of a measurement: nothing to use, used, rejected by the innovation gate."""
+
+
+class Imu(NamedTuple):
+    """Increments of n intervals: time (n + 1,) s; dtheta, dv (n, 3) rad, m/s, as measured."""
+
+    time: np.ndarray
+    dtheta: np.ndarray
+    dv: np.ndarray
+
+
+class Events(NamedTuple):
+    """What happens, in order (k,): time s; kind; row in the table of that kind, or of the outputs; ahead: on a copy of
+    the filter that runs ahead of what may still arrive, thrown away before the next event that is not."""
+
+    time: np.ndarray
+    kind: np.ndarray
+    row: np.ndarray
+    ahead: np.ndarray
+
+    def rows(self, kind: int) -> np.ndarray:
+        """The event (m,) of each row of the table of `kind`, that of the filter itself."""
+        own = np.flatnonzero((self.kind == kind) & ~self.ahead)
+        return own[np.argsort(self.row[own], kind="stable")]
+
+
+class State(NamedTuple):
+    """A filter at a moment: navigation (NAV,), covariance flat (SIZE,), rejected (kinds,) measurements of each kind
+    that the gate rejected in a row."""
+
+    navigation: np.ndarray
+    covariance: np.ndarray
+    rejected: np.ndarray
+
+
+class FilterModel(NamedTuple):
+    """What a filter does and believes: kind (`estimation.estimate.KINDS`); noise (1, 2) or (n, 2) white densities of
+    the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate (MOST + 1,)
+    largest normalised innovation squared by the number of measurements; rejections in a row after which one is taken
+    nevertheless.
+    """
+
+    kind: int
+    noise: np.ndarray
+    declared: np.ndarray
+    gate: np.ndarray
+    max_rejected: int
+
+
+class History(NamedTuple):
+    """What an estimator leaves. At its outputs (o,): navigation (o, NAV), covariance (o, n, n). Of its events (k,),
+    where they are measurements: innovation and its 1 sigma (k, MOST), nan where there is none; innovation_squared (k,)
+    normalised, nan where there is none; degrees (k,) of it; status (k,)."""
+
+    navigation: np.ndarray
+    covariance: np.ndarray
+    innovation: np.ndarray
+    innovation_sigma: np.ndarray
+    innovation_squared: np.ndarray
+    degrees: np.ndarray
+    status: np.ndarray
+
+    def sigma(self) -> np.ndarray:
+        """1 sigma of the errors (o, n)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+class Truth(NamedTuple):
+    """What a history is judged by, at its outputs (o,): llh, velocity NED (o, 3), quaternion (o, 4) b -> n, sensors (o,
+    k) the true values of the declared sensor states."""
+
+    llh: np.ndarray
+    velocity: np.ndarray
+    quaternion: np.ndarray
+    sensors: np.ndarray
+
+
+class Judgement(NamedTuple):
+    """A history against a truth: plain errors (o, n), truth minus estimate; normalised squared errors: nees (o,) of all
+    states in the filter's own coordinates, nees_position_velocity (o,), nees_group (o, n / 3) of each three states."""
+
+    error: np.ndarray
+    nees: np.ndarray
+    nees_position_velocity: np.ndarray
+    nees_group: np.ndarray
+
+
+def empty_history(outputs: int, events: int, declared: np.ndarray) -> History:
+    """Room for what an estimator leaves."""
+    k = declared.size
+    n = states.SENSORS + k
+    return History(
+        np.empty((outputs, states.NAV_SENSORS + k)), np.empty((outputs, n, n)), np.full((events, MOST), np.nan),
+        np.full((events, MOST), np.nan), np.full(events, np.nan), np.zeros(events, np.int64),
+        np.full(events, NOT_USED),
+    )  # fmt: skip
+
+
+def flat(covariance: np.ndarray) -> np.ndarray:
+    """A covariance (n, n) as kernels keep it, (SIZE,)."""
+    n = covariance.shape[0]
+    out = np.zeros((STRIDE, STRIDE))
+    out[:n, :n] = covariance
+    return out.reshape(SIZE)
+
+
+def start(navigation: np.ndarray, covariance: np.ndarray) -> State:
+    """The state of a filter before anything happened, from copies of navigation and covariance (n, n); sensor states
+    that the navigation state is too short for start from zero."""
+    whole = np.zeros(states.NAV_SENSORS + covariance.shape[0] - states.SENSORS)
+    whole[: navigation.size] = navigation
+    return State(whole, flat(covariance), np.zeros(KINDS, np.int64))
+
+
+def schedule(outputs: np.ndarray, *tables: tuple[int, np.ndarray, np.ndarray]) -> Events:
+    """The events of a flight, in the order in which a filter may act on them.
+
+    outputs: (o,) times, s, increasing, at which to answer with all that has arrived by then. tables: of each kind of
+    measurement its kind, when they were valid and when they arrived (m,), s, in order.
+
+    A measurement is used for the time it was valid. The filter itself goes no further than nothing older can still
+    arrive; for each answer a copy runs ahead from there, with what has arrived in the meantime. Raises ValueError for
+    outputs that do not increase.
+    """
+    if np.any(np.diff(outputs) <= 0.0):
+        raise ValueError("each output needs a time of its own")
+    kind = np.concatenate([np.full(valid.size, which) for which, valid, _ in tables]).astype(np.int64)
+    row = np.concatenate([np.arange(valid.size) for _, valid, _ in tables]).astype(np.int64)
+    valid = np.concatenate([valid for _, valid, _ in tables])
+    arrival = np.concatenate([arrival for _, _, arrival in tables])
+    order = np.argsort(valid, kind="stable")
+    kind, row, valid, arrival = kind[order], row[order], valid[order], arrival[order]
+    held = float(np.max(arrival - valid, initial=0.0))
+    held = 0.0 if held < TIME_TOLERANCE else held
+    # where the filter is for each answer; measurements of that very time come first
+    safe = outputs - held
+    if valid.size:
+        nearest = np.clip(np.searchsorted(valid, safe + TIME_TOLERANCE, side="right") - 1, 0, None)
+        safe = np.where(np.abs(valid[nearest] - safe) <= TIME_TOLERANCE, valid[nearest], safe)
+    reached = np.concatenate([valid, safe])
+    of_output = np.concatenate([np.full(valid.size, -1), np.arange(outputs.size)])
+    order = np.lexsort((of_output, of_output >= 0, reached))
+    if held == 0.0:
+        is_output = of_output[order] >= 0
+        at = np.where(is_output, 0, order)
+        return Events(
+            np.concatenate([valid, outputs])[order],
+            np.where(is_output, OUTPUT, kind[at] if kind.size else OUTPUT),
+            np.where(is_output, of_output[order], row[at] if row.size else 0),
+            np.zeros(order.size, np.bool_),
+        )
+    listed: list[tuple[float, int, int, bool]] = []
+    for i in order:
+        if of_output[i] < 0:
+            listed.append((valid[i], kind[i], row[i], False))
+            continue
+        o, time = int(of_output[i]), float(outputs[of_output[i]])
+        listed.append((reached[i], PASS, 0, False))
+        first = int(np.searchsorted(valid, reached[i] + TIME_TOLERANCE, side="right"))
+        for j in range(first, int(np.searchsorted(valid, time + TIME_TOLERANCE, side="right"))):
+            if arrival[j] <= time + TIME_TOLERANCE:
+                listed.append((valid[j], kind[j], row[j], True))
+        listed.append((time, OUTPUT, o, True))
+    time_, kind_, row_, ahead = zip(*listed, strict=True) if listed else ((), (), (), ())
+    return Events(
+        np.array(time_, dtype=float), np.array(kind_, dtype=np.int64), np.array(row_, dtype=np.int64),
+        np.array(ahead, dtype=np.bool_),
+    )  # fmt: skip
