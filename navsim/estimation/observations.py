@@ -9,7 +9,8 @@ Source: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,6 +53,11 @@ class Measurements(NamedTuple):
     """The tables of all kinds of measurements, without rows where there are none."""
 
     fixes: Fixes
+
+    @classmethod
+    def of(cls, tables: Mapping[int, Any]) -> Measurements:
+        """These tables by their kinds; of others there are no measurements."""
+        return cls(tables.get(FIX, Fixes(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))))
 
 
 @kernel

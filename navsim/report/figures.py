@@ -386,6 +386,11 @@ def budget(result: Result) -> Figure:
     return fig
 
 
+def _degrees(result: Result) -> int:
+    """States that a filter's NEES is of."""
+    return int(result.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"])
+
+
 def nees(result: Result) -> Figure:
     """NEES and NIS per degree of freedom over time with their 95 % bands."""
     fig = new_figure(COLUMN, 4.4)
@@ -395,7 +400,7 @@ def nees(result: Result) -> Figure:
     for ax, (name, colour, label) in zip(
         axes,
         (
-            ("nees", _BLUE, "15 states"),
+            ("nees", _BLUE, f"{_degrees(result)} states"),
             ("nees_position_velocity", _GREEN, "position, velocity"),
             ("nis", _ORANGE, "innovations"),
         ),

@@ -204,7 +204,10 @@ def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
     section("Consistency (mean per degree of freedom, 1 is right)")
-    row("  NEES, 15 states", lambda r: _unit_mean(r, "nees"))
+    counts = sorted(
+        {int(r.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"]) for _, r in results}
+    )
+    row(f"  NEES, {' or '.join(map(str, counts))} states", lambda r: _unit_mean(r, "nees"))
     row("  NEES, position and velocity", lambda r: _unit_mean(r, "nees_position_velocity"))
     row("  NIS", lambda r: _unit_mean(r, "nis"))
     flown = next((r for _, r in results if "/summary/coverage/level" in r), None)

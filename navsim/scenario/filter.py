@@ -59,3 +59,9 @@ class Filter(Section):
     initial: FilterInitial = FilterInitial()
     imu: FilterSensors = FilterSensors()
     gate: Gate = Gate()
+
+    def states(self) -> tuple[str, ...]:
+        """Names of the errors that it follows."""
+        from navsim.core import states
+
+        return states.names(states.biases())

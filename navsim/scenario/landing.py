@@ -7,7 +7,7 @@ left out, its default is written there and nowhere else. Sections: `approach`, `
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -146,6 +146,10 @@ class Landing(Section):
         """Length of the paper's glide path, m: start height over the sine of the slope."""
         assert not isinstance(self.approach, RecordedApproach)
         return self.approach.start_height_m / math.sin(self.approach.glide_slope_deg * DEG)
+
+    def aiding(self) -> list[Any]:
+        """The models of the sensors beside the receiver that there are."""
+        return []
 
     def trajectory(self) -> Trajectory:
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""

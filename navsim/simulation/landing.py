@@ -8,7 +8,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +21,11 @@ from navsim.estimation import error_state, receiver
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import estimate, is_smoother
 from navsim.estimation.judge import judge
-from navsim.estimation.observations import FIX, Fixes, Measurements
-from navsim.estimation.records import Events, FilterModel, Imu, Truth, schedule, start
+from navsim.estimation.observations import FIX, MOST, Fixes, Measurements
+from navsim.estimation.records import Events, FilterModel, History, Imu, Truth, schedule, start
 from navsim.models import imu, pseudorange, tracking
 from navsim.models.kinematics import Motion, Moving
+from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.signals import Environment, build_signals
 from navsim.simulation.streams import generator
 
@@ -48,7 +51,7 @@ class World:
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) exact increments. truth: motion at imu_time. at_filter: motion
     at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
     the IMU sample at or just before them. dop: (e, 5). fix_covariance: (e, 3, 3) weighted, ENU.
-    clock: (e, 2) receiver clock offset (m) and drift (m/s).
+    clock: (e, 2) receiver clock offset (m) and drift (m/s). aids: sensors beside the receiver.
     """
 
     imu_time: np.ndarray
@@ -62,6 +65,7 @@ class World:
     start: np.ndarray
     at_filter: Motion
     filter_index: np.ndarray
+    aids: tuple[Aid, ...]
 
     @property
     def filter_time(self) -> np.ndarray:
@@ -92,11 +96,12 @@ def build_world(
     latency: float,
     clock_offset: float,
     clock_drift: float,
+    aiding: Sequence[Any] = (),
 ) -> World:
     """Route and geometry of the signals.
 
     utc: of time 0, s from 1970-01-01. duration: s. imu_rate, fix_rate: Hz. latency: s; fixes that would come
-    after the end are left out. clock_offset: s, clock_drift: s/s of the receiver.
+    after the end are left out. clock_offset: s, clock_drift: s/s of the receiver. aiding: models of sensors beside it.
     """
     imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
     dtheta, dv = trajectory.increments(imu_time)
@@ -118,13 +123,16 @@ def build_world(
         start=trajectory.frame.origin,
         at_filter=at_filter,
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
+        aids=aids_of(aiding, trajectory, duration, imu_rate),
     )
 
 
 @dataclass(frozen=True)
 class Run:
     """What one run leaves behind; shapes and units as in the result file, without the run axis; cross (e + 1, 6): what
-    else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude."""
+    else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude;
+    aided (a, MOST): what sensors beside the receiver measured, one after the other in the order of `World.aids`, nan
+    behind their numbers; aided_squared, aided_degrees, aided_status (a,): as those of the fixes."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -140,6 +148,10 @@ class Run:
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
+    aided: np.ndarray
+    aided_squared: np.ndarray
+    aided_degrees: np.ndarray
+    aided_status: np.ndarray
 
 
 def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErrors) -> np.ndarray:
@@ -246,7 +258,10 @@ def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
     # the filter knows when a fix came and how old it believes it to be
     arrival = world.filter_time[1:]
     valid = np.maximum(arrival - beliefs.latency, 0.0)
-    events = schedule(world.filter_time, (FIX, valid, valid if is_smoother(beliefs.kind) else arrival))
+    known = valid if is_smoother(beliefs.kind) else arrival
+    events = schedule(
+        world.filter_time, (FIX, valid, known), *((aid.sensor.kind, aid.time, aid.time) for aid in world.aids)
+    )
     return events, events.rows(FIX)
 
 
@@ -254,6 +269,12 @@ def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, cova
     """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
     used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)
     return Fixes(llh, used, beliefs.sigma_scale**2 * covariance, beliefs.lever_arm)
+
+
+def measurements(flight: Flight, fixes: Fixes, aided: Sequence[np.ndarray]) -> Measurements:
+    """All that the filter is given: fixes, and what each sensor beside the receiver measured (m, k)."""
+    of_aids = zip(flight.world.aids, aided, strict=True)
+    return Measurements.of({FIX: fixes, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}})
 
 
 def fly(flight: Flight, seed: int, run: int) -> Run:
@@ -266,9 +287,10 @@ def fly(flight: Flight, seed: int, run: int) -> Run:
 
     ranges, rates = measured(world, seed, run)
     llh, velocity, clocks, cov = fixed(world, ranges, rates)
+    aided = [aid.measured(seed, run) for aid in world.aids]
     history = estimate(
         Imu(world.imu_time, dtheta, dv),
-        Measurements(table_of_fixes(beliefs, llh, velocity, cov)),
+        measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), aided),
         flight.events,
         start(nav, flight.covariance),
         flight.model,
@@ -283,5 +305,18 @@ def fly(flight: Flight, seed: int, run: int) -> Run:
     return Run(
         ranges, rates, llh, velocity, clocks, judged.error, history.sigma(), cross, judged.nees,
         judged.nees_position_velocity, judged.nees_group, history.innovation_squared[at], history.degrees[at],
-        history.status[at],
+        history.status[at], *_of_aids(flight, history, aided),
     )  # fmt: skip
+
+
+def _of_aids(
+    flight: Flight, history: History, aided: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What a run keeps of the sensors beside the receiver."""
+    at = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
+    measured = np.full((at.size, MOST), np.nan)
+    first = 0
+    for numbers in aided:
+        measured[first : first + numbers.shape[0], : numbers.shape[1]] = numbers
+        first += numbers.shape[0]
+    return measured, history.innovation_squared[at], history.degrees[at], history.status[at]

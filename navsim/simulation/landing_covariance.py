@@ -27,7 +27,7 @@ from navsim.core.states import Block
 from navsim.core.wgs84 import E2, A, short_way
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
-from navsim.estimation.observations import FIX, MOST, Measurements
+from navsim.estimation.observations import FIX, MOST
 from navsim.estimation.records import OUTPUT, Imu, start
 from navsim.models import imu
 from navsim.models.pseudorange import Signals
@@ -38,6 +38,7 @@ from navsim.simulation.landing import (
     World,
     exact_start,
     fixed,
+    measurements,
     table_of_fixes,
     without_noise,
 )
@@ -59,7 +60,8 @@ SOURCES = (
     "pseudolite_range",
     "pseudolite_range_rate",
 )
-"""Independent random sources of error, in the order of the budget; systematic errors come beside them as a mean."""
+"""Independent random sources of error, in the order of the budget; noise of sensors beside the receiver comes after
+them, systematic errors beside them as a mean."""
 _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
@@ -84,11 +86,12 @@ class AnalysisError(Defect):
 class Analysis:
     """True accuracy of the filter to first order.
 
-    variance: (source, t, 15) of each of `SOURCES`. mean: (t, 15) from systematic errors and fixed values.
-    covariance: (t, 15, 15) of all sources, without the mean. believed: (t, 15, 15) the filter's own.
-    nis: (e,) expected normalised innovation squared, nan without a fix; degrees: (e,).
+    sources: names of the random sources of error. variance: (source, t, n) of each of them. mean: (t, n) from
+    systematic errors and fixed values. covariance: (t, n, n) of all sources, without the mean. believed: (t, n, n) the
+    filter's own. nis: (e,) expected normalised innovation squared, nan without a fix; degrees: (e,).
     """
 
+    sources: tuple[str, ...]
     variance: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
@@ -159,7 +162,7 @@ class _Smoothed:
         self.cov = np.zeros((2, size + ground.size, size + ground.size))
 
     def carry(self, way: np.ndarray) -> None:
-        """On by an interval that changes the state by `way` (S, S)."""
+        """On by what changes the state by `way` (S, S): an interval, or the weighing of another sensor."""
         self.cov[:, : self.size] = way @ self.cov[:, : self.size]
         self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ way.T
 
@@ -260,6 +263,8 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     ground: (s,) bool, which sources are pseudolites. Raises AnalysisError where the result contradicts itself.
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
+    sources = (*SOURCES, *(aid.sensor.name for aid in world.aids))
+    of_kind = {aid.sensor.kind: (len(SOURCES) + k, aid) for k, aid in enumerate(world.aids)}
     s = world.signals
     ranges, rates = without_noise(world)
     llh, velocity, cov = _solve(world, ranges, rates)
@@ -271,12 +276,13 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     outputs = world.filter_time.size
     lin = room(steps, outputs, flight.model.declared, states.declared(true))
     linearise(
-        Imu(world.imu_time, world.dtheta, world.dv), Measurements(table_of_fixes(beliefs, llh, velocity, cov)), events,
-        steps, start(exact_start(world.at_filter), flight.covariance), flight.model, states.declared(true),
-        states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 / accel.markov_time, 0.0))), lin,
+        Imu(world.imu_time, world.dtheta, world.dv), measurements(flight, table_of_fixes(beliefs, llh, velocity, cov),
+        [aid.exact for aid in world.aids]), events, steps, start(exact_start(world.at_filter), flight.covariance),
+        flight.model, states.declared(true), states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 /
+        accel.markov_time, 0.0))), lin,
     )  # fmt: skip
 
-    density = np.zeros((len(SOURCES), NOISES))
+    density = np.zeros((len(sources), NOISES))
     for row, (name, value) in enumerate(
         (
             ("gyro_noise", gyro.noise_density**2),
@@ -288,7 +294,7 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
         density[SOURCES.index(name), row] = value
     by_range, by_rate = _slopes(world, ranges, rates)
     e = s.time.size
-    noise = np.zeros((len(SOURCES), e, MOST, MOST))
+    noise = np.zeros((len(sources), e, MOST, MOST))
     smoothed = None
     if s.smoothing is not None:
         smoothed = _Smoothed(carried.size, s.smoothing, s.sigma, s.used, by_range, ground)
@@ -298,11 +304,11 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
             noise[_RANGES[which]] = _white(by_range, s.sigma, s.used, chosen)
     ephemeris = _messages(s, by_range)
 
-    variance = np.empty((len(SOURCES), outputs, n))
+    variance = np.empty((len(sources), outputs, n))
     means, sums = np.empty((outputs, n)), np.empty((outputs, n, n))
     nis, degrees, systematic = np.full(e, np.nan), np.zeros(e, np.int64), np.zeros(e)
 
-    total, mean = _at_start(carried, flight.initial, gyro, accel)
+    total, mean = _at_start(carried, len(sources), flight.initial, gyro, accel)
     response = np.zeros((carried.size, ephemeris.shape[2]))
     kept, copied = (total, mean, response), (total, mean, response)
     was_ahead = False
@@ -351,12 +357,27 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
                 nis[epoch] = np.trace(np.linalg.solve(expected, second)) + systematic[epoch]
                 mean = keep @ mean - feedback @ z
                 response = keep @ response - feedback @ ephemeris[epoch, :m]
+        elif events.kind[i] in of_kind:
+            source, aid = of_kind[events.kind[i]]
+            w = steps.measurement[i]
+            m = lin.degrees[w]
+            here = lin.h[w, :m] @ carried.to_error
+            feedback = np.zeros((carried.size, m))
+            feedback[:n] = lin.gain[w, :, :m]
+            keep = np.eye(carried.size) - feedback @ here
+            total = keep @ total @ keep.T
+            total[source] += feedback @ np.diag(aid.sigma[lin.place[w, :m]] ** 2) @ feedback.T
+            mean = keep @ mean - feedback @ lin.z[w, :m]
+            response = keep @ response
+            if smoothed is not None and not ahead:
+                smoothed.carry(keep)
         if ahead:
             copied = (total, mean, response)
         else:
             kept = (total, mean, response)
-    out = Analysis(variance, means, sums, lin.believed, nis, degrees)
+    out = Analysis(sources, variance, means, sums, lin.believed, nis, degrees)
     white = smoothed is None and s.space is None and beliefs.sigma_scale == 1.0
+    white &= all(np.array_equal(aid.sigma, aid.believed) for aid in world.aids)
     matched = _same(beliefs.sensors, followed(gyro, accel))
     begins = np.allclose(lin.believed[0], sums[0], rtol=1e-9, atol=0.0)
     # a constant bias beside a Markov one is more than the filter's one state a bias can follow
@@ -399,10 +420,10 @@ def _messages(signals: Signals, by_range: np.ndarray) -> np.ndarray:
 
 
 def _at_start(
-    carried: _Carried, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad
+    carried: _Carried, sources: int, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances (source, S, S) and mean (S,) at time 0."""
-    total = np.zeros((len(SOURCES), carried.size, carried.size))
+    total = np.zeros((sources, carried.size, carried.size))
     mean = np.zeros(carried.size)
 
     def draw(source: str, first: int, sigma: float) -> None:

@@ -93,7 +93,7 @@ class LiveFilter:
         valid = min(valid, arrival)
         history = estimate(
             Imu(*self.increments.until(arrival)),
-            Measurements(table_of_fixes(beliefs, llh[None].copy(), velocity[None].copy(), noise[None])),
+            Measurements.of({FIX: table_of_fixes(beliefs, llh[None].copy(), velocity[None].copy(), noise[None])}),
             schedule(np.array([arrival]), (FIX, np.array([valid]), np.array([arrival]))),
             self.state,
             self.flight.model,

@@ -173,7 +173,7 @@ def fly(
     events = schedule(outputs, (FIX, valid, valid if is_smoother(kind) else arrival))
     history = estimate(
         Imu(flight.imu_time, flight.dtheta, flight.dv),
-        Measurements(Fixes(llh, velocity, noise, beliefs.lever_arm)),
+        Measurements.of({FIX: Fixes(llh, velocity, noise, beliefs.lever_arm)}),
         events,
         start(*_start(flight, beliefs, fix_sigma)),
         replace(beliefs, kind=kind).model(_noise(flight, beliefs)),

@@ -356,9 +356,9 @@ class Session:
             ("ned", ("north", "east", "down"), "axes of the local level frame"),
         ):
             v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
-        mixed = ", ".join(dict.fromkeys(states.UNITS))
+        mixed = ", ".join(dict.fromkeys(self.case.state_units))
         v["/filter/time"] = Variable(("time",), left["time"], "s", "times when the fixes had come, since the epoch")
-        v["/filter/state"] = Variable(("state",), np.array(states.NAMES, dtype=object), "1", "names of the states")
+        v["/filter/state"] = Variable(("state",), np.array(self.case.states, dtype=object), "1", "names of the states")
         v["/filter/error"] = Variable(("time", "state"), left["error"], mixed, "truth of the scenario minus estimate")
         v["/filter/sigma"] = Variable(("time", "state"), left["sigma"], mixed, "1 sigma of the filter")
         llh = left["navigation"][:, states.NAV_LLH : states.NAV_VEL]

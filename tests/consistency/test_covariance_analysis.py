@@ -149,7 +149,7 @@ def test_a_satellite_without_message_is_as_if_it_were_not_there(settings: tuple[
     scenario = silent.scenario
     motion = silent.trajectory.motion(silent.world.signals.time)
     world = replace(silent.world, signals=build_signals(motion, scenario.epoch.timestamp(), environment))
-    silent = replace(silent, environment=environment, world=world)
+    silent = replace(silent, environment=environment).over(world)
     assert not world.signals.used[:, [0, 1]].any()
     expected, found = covariance_analysis(without), covariance_analysis(silent)
     np.testing.assert_array_equal(found.variance, expected.variance)

@@ -32,7 +32,7 @@ def test_numbers_of_a_landing_are_those_of_its_arrays(more: tuple[str, ...]) -> 
     assert (told.epochs, told.sources) == run.pseudorange.shape == here.world.signals.range.shape
     assert told.clocks == len(set(here.world.signals.clock[np.any(here.world.signals.used, axis=0)].tolist()))
     for name in Run.__dataclass_fields__:
-        assert history_bytes(name, told.epochs, told.sources) == getattr(run, name).nbytes, name
+        assert history_bytes(name, told.sizes()) == getattr(run, name).nbytes, name
 
 
 def test_a_scenario_is_asked_about_before_its_arrays_are_made(monkeypatch: pytest.MonkeyPatch) -> None:

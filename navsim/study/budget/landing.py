@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from navsim.scenario.landing import Landing
 from navsim.simulation.landing import epochs, fix_epochs
+from navsim.simulation.landing_covariance import SOURCES
 from navsim.simulation.signals import Environment
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
@@ -18,7 +19,6 @@ from navsim.study.budget.estimate import (
     Budget,
 )  # fmt: skip
 from navsim.study.ensemble import BATCH
-from navsim.study.landing.covariance import BUDGET as SOURCES_OF_ERROR
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
 
 SAMPLE_MEMORY = 3200
@@ -47,12 +47,21 @@ _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 @dataclass(frozen=True)
 class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
-    a fix."""
+    a fix, states of the filter, measurements of sensors beside the receiver."""
 
     samples: int
     epochs: int
     sources: int
     clocks: int
+    states: int
+    aided: int
+
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the dimensions of a run's histories."""
+        return {
+            "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
+            "group": self.states // 3, "aided": self.aided,
+        }  # fmt: skip
 
 
 def extent(scenario: Landing, sources: Environment) -> Extent:
@@ -68,7 +77,8 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         clocks.add(sources.ground.clock)
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names,
-        1 if sources.effects.one_clock else len(clocks),
+        1 if sources.effects.one_clock else len(clocks), len(scenario.filter.states()),
+        sum(epochs(scenario.duration_s, model.rate).size for model in scenario.aiding()),
     )  # fmt: skip
 
 
@@ -78,7 +88,7 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     if scenario.method == "covariance":
         return _analysed(scenario, here)
     workers = max(1, min(workers, -(-runs // BATCH)))
-    of_run = sum(history_bytes(name, here.epochs, here.sources) for name in HISTORIES[keep])
+    of_run = sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
     stored = _stored(here, keep)
     batches = -(-runs // BATCH)
     sums = batches * SUMS * (here.epochs + 1)
@@ -114,7 +124,7 @@ def _stored(here: Extent, keep: str) -> float:
     """What a run adds to the result file by what is kept of it, bytes."""
 
     def of(*names: str) -> int:
-        return sum(history_bytes(name, here.epochs, here.sources) for name in names)
+        return sum(history_bytes(name, here.sizes()) for name in names)
 
     if keep == "none":
         return 0
@@ -137,7 +147,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 def _analysed(scenario: Landing, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (3 + len(SOURCES_OF_ERROR)) * 15) + 101 * VARIABLE
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (4 + len(SOURCES)) * here.states) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here),
         shared_memory(here) + ANALYSED_MEMORY * outputs + WRITING * result,

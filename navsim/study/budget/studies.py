@@ -161,8 +161,8 @@ def search_time(here: Problem) -> float:
     points = len(here.geometry.receiver)
     fixes = fix_epochs(case.duration_s, case.imu.rate_hz, case.receiver.rate_hz, case.receiver.latency_s).size
     heard = 24 + max(here.study.pseudolites)
-    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1)
-    rough = Extent(int(case.duration_s * COARSE_IMU), int(case.duration_s * COARSE_FIXES), heard, 1)
+    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0)
+    rough = Extent(int(case.duration_s * COARSE_IMU), int(case.duration_s * COARSE_FIXES), heard, 1, whole.states, 0)
     cost = {
         GEOMETRY: 4.0 * points * _POINT_TIME, FULL: analysis_time(whole), COARSE: analysis_time(rough),
     }  # fmt: skip
@@ -181,7 +181,7 @@ def tables(runs: int, workers: int) -> Budget:
             one = landing(scenario, sources, runs, keep, workers)
             time += one.time_s - BASE_TIME
             # no partial work is kept: histories stay in memory
-            held = runs * sum(history_bytes(name, here.epochs, here.sources) for name in HISTORIES[keep])
+            held = runs * sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
             sums = -(-runs // BATCH) * SUMS * (here.epochs + 1)
             memory = max(memory, shared_memory(here) + held + sums + 3 * STATISTICS * runs)
         points = max(points, here.epochs)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from navsim.core import states
 from navsim.core.rotation import dcm_from_rpy
 from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.estimation.beliefs import Beliefs
@@ -79,6 +80,21 @@ class Case:
     def world(self) -> World:
         """What all its runs share."""
         return self.flight.world
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states of its filter."""
+        return states.names(self.beliefs.sensors.blocks)
+
+    @property
+    def state_units(self) -> tuple[str, ...]:
+        """Their units."""
+        return states.units(self.beliefs.sensors.blocks)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of three states that are judged by themselves."""
+        return tuple(states.slices(self.beliefs.sensors.blocks))
 
     @property
     def beliefs(self) -> Beliefs:
@@ -269,6 +285,7 @@ def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> Wor
         latency=receiver.latency_s,
         clock_offset=receiver.clock_offset_us * 1e-6,
         clock_drift=receiver.clock_drift_ppb * 1e-9,
+        aiding=scenario.aiding(),
     )
 
 

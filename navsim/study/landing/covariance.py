@@ -10,7 +10,7 @@ from navsim.core import states
 from navsim.core.rotation import rpy_jacobian
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
-from navsim.simulation.landing_covariance import SOURCES, Analysis, analyse, folded_quantile
+from navsim.simulation.landing_covariance import Analysis, analyse, folded_quantile
 from navsim.study.findings import (
     BEYOND,
     Flaws,
@@ -37,9 +37,11 @@ from navsim.study.landing.ensemble import (
 )
 from navsim.study.landing.tree import accuracy, base, belief
 
-BUDGET = (*SOURCES, "systematic")
-"""Sources of error in the order of the budget; systematic: what is not random, such as survey errors, fixed biases,
-a wrong lever arm or latency in the filter."""
+
+def budget(analysis: Analysis) -> tuple[str, ...]:
+    """Sources of error in the order of the budget; systematic: what is not random, such as survey errors, fixed biases,
+    a wrong lever arm or latency in the filter."""
+    return (*analysis.sources, "systematic")
 
 
 def covariance_analysis(case: Case) -> Analysis:
@@ -59,10 +61,10 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     total = square.sum(axis=0)
     believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))
 
-    mixed = "m, m/s, rad, rad/s, m/s2"
-    units = {"state_units": ", ".join(states.UNITS)}
+    mixed = ", ".join(dict.fromkeys(case.state_units))
+    units = {"state_units": ", ".join(case.state_units)}
     v["/filter/time"] = Variable(("time",), t, "s", "time 0, then the times the fixes are applied")
-    v["/filter/state"] = Variable(("state",), np.array(states.NAMES), "1", "states of the filter", units)
+    v["/filter/state"] = Variable(("state",), np.array(case.states), "1", "states of the filter", units)
     v["/filter/sigma"] = Variable(
         ("run", "time", "state"), believed[None], mixed, "1 sigma the filter believes in, after the update"
     )
@@ -73,7 +75,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
         ("time", "state"), np.sqrt(total), mixed, "true root mean square error, after the update"
     )
     v["/covariance/mean"] = Variable(("time", "state"), analysis.mean, mixed, "mean error, truth minus estimate")
-    v["/budget/source"] = Variable(("source",), np.array(BUDGET), "1", "sources of error")
+    v["/budget/source"] = Variable(("source",), np.array(budget(analysis)), "1", "sources of error")
     v["/budget/time"] = v["/filter/time"]
     v["/budget/state"] = v["/filter/state"]
     v["/budget/rms"] = Variable(
@@ -86,6 +88,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
 
 def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     """What was wrong with the input, with the fixes of the error-free flight and with what the filter would believe."""
+    n = len(case.states)
     none, e = analysis.degrees == 0, analysis.degrees.size
     solvable = np.isfinite(case.world.dop[:, 1])
     fixes = np.zeros((GATED + 1, e), bool)
@@ -101,7 +104,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
         return found  # no normalised square is defined
     for name, states_, words in (
         ("sigma_position_velocity", slice(0, 6), "errors of position and velocity"),
-        ("sigma_all_states", slice(0, states.N), "errors of 15 states"),
+        ("sigma_all_states", slice(0, n), f"errors of {n} states"),
     ):
         mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
         found += doubted(name, words, mean, math.inf)
@@ -135,8 +138,8 @@ def _exact(values: np.ndarray) -> np.ndarray:
 
 
 def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.ndarray) -> None:
-    window = rms_window(case)
-    late = square[:, window].mean(axis=1) if window.any() else np.full((len(BUDGET), states.N), np.nan)
+    window, n = rms_window(case), len(case.states)
+    late = square[:, window].mean(axis=1) if window.any() else np.full(square.shape[::2], np.nan)
     mean, cov = _at_heights(case, analysis)
     attitude = states.SLICES["attitude"]
     square_of_all = analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :]
@@ -157,7 +160,7 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
     variance = np.diagonal(analysis.believed, axis1=1, axis2=2)[window]
     belief(
         v,
-        variance.mean(axis=0) if window.any() else np.full(states.N, np.nan),
+        variance.mean(axis=0) if window.any() else np.full(n, np.nan),
         late_rpy(analysis.believed),
         variances_at_heights(case, crossing_times(case), analysis.believed[:, :3, :3]),
     )
@@ -170,7 +173,7 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
         v[f"/summary/at/{name}_percentile"] = Variable(
             ("height", "percentile"), np.array(quantiles), "m", f"percentiles of the size of the {name} position error"
         )
-    v["/summary/budget/source"] = Variable(("source",), np.array(BUDGET), "1", "sources of error")
+    v["/summary/budget/source"] = Variable(("source",), np.array(budget(analysis)), "1", "sources of error")
     for name, columns in (("horizontal", [0, 1]), ("vertical", [2])):
         part = late[:, columns].sum(axis=1)
         v[f"/summary/budget/{name}"] = Variable(
@@ -186,7 +189,7 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
     v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
     nis = np.concatenate([[np.nan], analysis.nis / np.maximum(analysis.degrees, 1)])
     for name, values, degrees, meaning in (
-        ("nees", analysis.expected_square(slice(0, states.N)), states.N, "estimation error squared, 15 states"),
+        ("nees", analysis.expected_square(slice(0, n)), n, f"estimation error squared, {n} states"),
         ("nees_position_velocity", analysis.expected_square(slice(0, 6)), 6, "estimation error squared, 6 states"),
         ("nis", nis, int(analysis.degrees.max(initial=0)), "innovation squared"),
     ):

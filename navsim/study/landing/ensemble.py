@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +15,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.rotation import rpy_error, rpy_jacobian
+from navsim.estimation.observations import MOST
 from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
@@ -28,8 +29,6 @@ from navsim.study.landing.case import Case, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
 
-GROUPS = tuple(states.SLICES)
-"""Groups of states that are judged by themselves."""
 LEVELS = np.array([1.0, 2.0, 3.0])
 """Sigma levels of the position ellipsoids whose coverage is counted."""
 _NO_LEVEL = np.full(LEVELS.size, np.nan)
@@ -44,17 +43,17 @@ HISTORIES = {
 
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "pseudorange": ("epoch", "source"), "range_rate": ("epoch", "source"), "fix_llh": ("epoch", 3),
-    "fix_velocity": ("epoch", 3), "fix_clock": ("epoch", MAX_CLOCKS), "error": ("output", states.N),
-    "sigma": ("output", states.N), "cross": ("output", 6), "nees": ("output",), "nees_position_velocity": ("output",),
-    "nees_group": ("output", len(GROUPS)), "innovation_squared": ("epoch",), "degrees": ("epoch",),
-    "status": ("epoch",),
+    "fix_velocity": ("epoch", 3), "fix_clock": ("epoch", MAX_CLOCKS), "error": ("output", "state"),
+    "sigma": ("output", "state"), "cross": ("output", 6), "nees": ("output",), "nees_position_velocity": ("output",),
+    "nees_group": ("output", "group"), "innovation_squared": ("epoch",), "degrees": ("epoch",),
+    "status": ("epoch",), "aided": ("aided", MOST), "aided_squared": ("aided",), "aided_degrees": ("aided",),
+    "aided_status": ("aided",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
 
-def history_bytes(name: str, epochs: int, sources: int) -> int:
-    """Size of a history of one run, told before one is flown, bytes."""
-    sizes = {"epoch": epochs, "output": epochs + 1, "source": sources}
+def history_bytes(name: str, sizes: Mapping[str, int]) -> int:
+    """Size of a history of one run, told before one is flown, bytes; sizes: of the dimensions of `_SHAPES`."""
     return 8 * math.prod(sizes[d] if isinstance(d, str) else d for d in _SHAPES[name])
 
 
@@ -94,7 +93,8 @@ class LandingStudy:
         rows: list[dict[str, np.ndarray | np.generic]] = []
         sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
         sums["nis"][0] = np.nan
-        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, len(GROUPS)))
+        n = len(self.case.states)
+        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, n // 3))
         kept: Arrays = {}
         for i in range(count):
             # one run at a time: holding all of a batch costs more in memory traffic than flying them
@@ -111,7 +111,7 @@ class LandingStudy:
                     "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in _PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in _PARTS},
-                    "nees_mean": np.float64(_finite_mean(run.nees[1:]) / states.N),
+                    "nees_mean": np.float64(_finite_mean(run.nees[1:]) / n),
                     "nees_position_velocity_mean": np.float64(_finite_mean(run.nees_position_velocity[1:]) / 6),
                     "innovations": np.nansum(run.innovation_squared),
                     "weighed": run.degrees.sum(),
@@ -119,7 +119,7 @@ class LandingStudy:
                     "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
                 }
             )
-            sums["nees"] += run.nees / states.N
+            sums["nees"] += run.nees / n
             sums["nees_position_velocity"] += run.nees_position_velocity / 6
             sums["nees_group"] += run.nees_group / 3
             sums["nis"][1:] += run.innovation_squared / np.maximum(run.degrees, 1)
@@ -242,8 +242,9 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     mean = _finite_mean(ensemble.per_run("nees_position_velocity_mean"))
     out += judging.doubted("sigma_position_velocity", "errors of position and velocity", mean, 6 * runs, runs)
     if runs > 1:  # of the lower half of runs: the few with a wrong heading are known, see `FAR_OFF`
+        n = len(case.states)
         half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
-        out += judging.doubted("sigma_all_states", "errors of 15 states in half of the runs", half, 15 * runs, runs)
+        out += judging.doubted("sigma_all_states", f"errors of {n} states in half of the runs", half, n * runs, runs)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
         mean = float(ensemble.per_run("innovations").sum()) / weighed

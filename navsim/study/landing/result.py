@@ -6,16 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from navsim.core import states
 from navsim.io.findings import kept
 from navsim.io.results import Result, Stream, Variable
 from navsim.scenario.sky import CLOCKS
-from navsim.simulation.landing import (
-    World,
-)
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
-from navsim.study.landing.ensemble import GATED, GROUPS, LEVELS, UNHEARD, UNSOLVED, findings
+from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, base, belief
 from navsim.study.statistics import (
     SIGMA_TOLERANCE,
@@ -42,7 +38,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _receiver(v, case, ensemble)
         _measurements(v, case, ensemble)
     if keep != "none":
-        _filter(v, case.world, ensemble)
+        _filter(v, case, ensemble)
     _summary(v, case, ensemble)
     v.update(kept(findings(case, ensemble)))
     return out
@@ -88,16 +84,17 @@ def _receiver(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     )
 
 
-def _filter(v: dict[str, Variable], world: World, ensemble: Ensemble) -> None:
+def _filter(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
+    world, n = case.world, len(case.states)
     v["/filter/time"] = Variable(("time",), world.filter_time, "s", "time 0, then the times the fixes are applied")
     v["/filter/state"] = Variable(
         ("state",),
-        np.array(states.NAMES),
+        np.array(case.states),
         "1",
         "states of the filter",
-        {"state_units": ", ".join(states.UNITS)},
+        {"state_units": ", ".join(case.state_units)},
     )
-    mixed = "m, m/s, rad, rad/s, m/s2"
+    mixed = ", ".join(dict.fromkeys(case.state_units))
     v["/filter/error"] = Variable(
         ("run", "time", "state"), _history(ensemble, "error"), mixed, "truth minus estimate, after the update"
     )
@@ -108,8 +105,8 @@ def _filter(v: dict[str, Variable], world: World, ensemble: Ensemble) -> None:
         ("run", "time"),
         _history(ensemble, "nees"),
         "1",
-        "normalised estimation error squared, 15 states",
-        {"degrees_of_freedom": states.N},
+        f"normalised estimation error squared, {n} states",
+        {"degrees_of_freedom": n},
     )
     v["/filter/nees_position_velocity"] = Variable(
         ("run", "time"), _history(ensemble, "nees_position_velocity"), "1",
@@ -168,11 +165,11 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
         ("level",), np.array([ellipsoid_probability(k, 3) for k in LEVELS]), "1", "share of a Gaussian error"
     )
 
-    runs = ensemble.runs
+    runs, n = ensemble.runs, len(case.states)
     v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
     most = int(ensemble.per_run("degrees").max())
     for name, degrees, meaning in (
-        ("nees", states.N, "normalised estimation error squared, 15 states"),
+        ("nees", n, f"normalised estimation error squared, {n} states"),
         ("nees_position_velocity", 6, "normalised estimation error squared, position and velocity"),
         ("nis", most, "normalised innovation squared"),
     ):
@@ -185,14 +182,14 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     band = consistency_band(3, runs)
     groups = ensemble.mean("nees_group")
     v["/summary/consistency/group"] = Variable(
-        ("group",), np.array(GROUPS, dtype=object), "1", "groups of three states"
+        ("group",), np.array(case.groups, dtype=object), "1", "groups of three states"
     )
     v["/summary/consistency/nees_group"] = Variable(
         ("time", "group"), groups, "1", "ensemble mean per degree of freedom of each group's normalised squared error",
         {"band_low": band[0], "band_high": band[1], "degrees_of_freedom": 3},
     )  # fmt: skip
     window = rms_window(case)
-    late = groups[window].mean(axis=0) if window.any() else np.full(len(GROUPS), np.nan)
+    late = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
     v["/summary/consistency/mean_group"] = Variable(
         ("group",), late, "1", "mean of nees_group over 20 s to touchdown; one is right"
     )
