@@ -164,6 +164,8 @@ def live(
 
         if section.filter.kind in SMOOTHERS:
             leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
+        if section.aiding():
+            leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
         start = None if start_time is None else source_clock.start_time(start_time)
         begin(target)
 

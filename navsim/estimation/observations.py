@@ -28,13 +28,14 @@ from navsim.core.states import (
     NAV_QUAT,
     NAV_VEL,
     POS,
+    R_D,
     SENSORS,
     VEL,
 )
 
-FIX = 2
+FIX, ALTITUDE = 2, 3
 """Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them)."""
-KINDS = 3
+KINDS = 4
 MOST = 6
 """Most numbers that one measurement has."""
 
@@ -49,15 +50,26 @@ class Fixes(NamedTuple):
     lever_arm: np.ndarray
 
 
+class Altitudes(NamedTuple):
+    """Heights of the IMU above the ellipsoid, m of them: height (m,) m, nan where there is none; variance (m,) m2."""
+
+    height: np.ndarray
+    variance: np.ndarray
+
+
 class Measurements(NamedTuple):
     """The tables of all kinds of measurements, without rows where there are none."""
 
     fixes: Fixes
+    altitudes: Altitudes
 
     @classmethod
     def of(cls, tables: Mapping[int, Any]) -> Measurements:
         """These tables by their kinds; of others there are no measurements."""
-        return cls(tables.get(FIX, Fixes(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))))
+        return cls(
+            tables.get(FIX, Fixes(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))),
+            tables.get(ALTITUDE, Altitudes(np.empty(0), np.empty(0))),
+        )
 
 
 @kernel
@@ -131,4 +143,14 @@ def observe(kind, row, measurements, nav, felt, dt, declared, c_nb, place, z, h,
                 h[a] = h[place[a]]
             for b in range(kept):
                 r[a, b] = fixes.covariance[row, place[a], place[b]]
+    elif kind == ALTITUDE:
+        altitudes = measurements.altitudes
+        if math.isnan(altitudes.height[row]):
+            return 0
+        h[:] = 0.0
+        z[0] = nav[NAV_LLH + 2] - altitudes.height[row]  # down, as the error of position
+        h[0, R_D] = 1.0
+        r[0, 0] = altitudes.variance[row]
+        place[0] = 0
+        kept = 1
     return kept

@@ -20,7 +20,7 @@ from navsim.scenario.base import (
     reject,
 )
 from navsim.scenario.filter import SMOOTHERS, Filter
-from navsim.scenario.sensors import Imu, InitialErrors, believed
+from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrors, believed
 from navsim.scenario.signals import Pseudolites, Receiver, Signals
 from navsim.scenario.sky import Sky
 
@@ -46,6 +46,8 @@ class Landing(Section):
     approach: Annotated[PaperApproach | SmoothApproach | STurn | RecordedApproach, Field(discriminator="profile")]
     wind: WindSection = WindSection()
     imu: Imu = Imu()
+    altimeter: AltimeterSection | None = None
+    """a sensor of height beside the receiver; null: none"""
     initial_errors: InitialErrors = InitialErrors()
     sky: Sky = Sky()
     pseudolites: Pseudolites = Pseudolites()
@@ -149,7 +151,7 @@ class Landing(Section):
 
     def aiding(self) -> list[Any]:
         """The models of the sensors beside the receiver that there are."""
-        return []
+        return [section.model() for section in (self.altimeter,) if section is not None]
 
     def trajectory(self) -> Trajectory:
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""

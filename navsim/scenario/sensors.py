@@ -14,12 +14,14 @@ from navsim.scenario.base import (
     CorrelationTime,
     NonNegative,
     Section,
+    Sigma,
     Triple,
     reject,
 )
 from navsim.scenario.presets import IMU_PRESETS
 
 if TYPE_CHECKING:
+    from navsim.models.altimeter import Altimeter
     from navsim.models.imu import Triad
 
 
@@ -165,6 +167,25 @@ class Imu(_Sensors):
     """The inertial sensors as they really are."""
 
     rate_hz: Annotated[float, Field(ge=10.0, le=2000.0)] = 100.0
+
+
+class AltimeterSection(Section):
+    """An altimeter beside the receiver: the height of the IMU above the ellipsoid."""
+
+    rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 10.0
+    sigma_m: Sigma = 1.0
+    """1 sigma of its white noise"""
+    offset_m: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    """how much too high it reads; the filter knows nothing of it"""
+    believed_sigma_m: Sigma | None = None
+    """1 sigma of the noise that the filter believes in; default: sigma_m"""
+
+    def model(self) -> Altimeter:
+        """The sensor in SI units."""
+        from navsim.models.altimeter import Altimeter
+
+        believed = self.sigma_m if self.believed_sigma_m is None else self.believed_sigma_m
+        return Altimeter(self.rate_hz, self.offset_m, (self.sigma_m,), (believed,))
 
 
 class Vectors(Section):

@@ -13,18 +13,23 @@ from typing import Any
 
 import numpy as np
 
+from navsim.estimation.observations import ALTITUDE, Altitudes
+from navsim.models.altimeter import Altimeter
 from navsim.models.kinematics import Motion, Moving
 from navsim.simulation.streams import generator
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """How a model becomes a sensor of a flight: name, kind of its measurements (`estimation.observations`); exact: what
+    """How a model becomes a sensor of a flight: name, kind of its measurements
+    (`estimation.observations`), what their numbers are and their unit; exact: what
     it would measure along a motion without noise (m, k); table: what was measured (m, k), with the 1 sigma (k,) that
     the filter believes in, as that kind's table."""
 
     name: str
     kind: int
+    numbers: tuple[str, ...]
+    unit: str
     exact: Callable[[Any, Motion], np.ndarray]
     table: Callable[[np.ndarray, np.ndarray], Any]
 
@@ -42,14 +47,25 @@ class Aid:
 
     def measured(self, seed: int, run: int) -> np.ndarray:
         """What it measures in a run (m, k)."""
-        return self.exact + self.sigma * generator(seed, run, self.sensor.name).standard_normal(self.exact.shape)
+        return self.exact + self.sigma * generator(seed, run, "aids", self.sensor.kind).standard_normal(
+            self.exact.shape
+        )
 
     def table(self, measured: np.ndarray) -> Any:
         """Measurements (m, k) as the filter takes them."""
         return self.sensor.table(measured, self.believed)
 
 
-_SENSORS: Mapping[type, Sensor] = {}
+_SENSORS: Mapping[type, Sensor] = {
+    Altimeter: Sensor(
+        "altimeter",
+        ALTITUDE,
+        ("height",),
+        "m",
+        lambda model, motion: motion.llh[:, 2:] + model.offset,
+        lambda measured, believed: Altitudes(measured[:, 0].copy(), np.full(measured.shape[0], believed[0] ** 2)),
+    ),
+}
 """The sensor of each model."""
 
 

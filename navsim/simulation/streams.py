@@ -13,10 +13,12 @@ STREAMS = {
     "onboard": 5,
     "space": 6,
     "carrier": 7,
+    "aids": 8,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 
 
-def generator(seed: int, run: int, stream: str) -> np.random.Generator:
-    """The random numbers of one stream of one run."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, STREAMS[stream]))))
+def generator(seed: int, run: int, stream: str, *branch: int) -> np.random.Generator:
+    """The random numbers of one stream of one run, or of a branch of it."""
+    key = (run, STREAMS[stream], *branch)
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))

@@ -107,6 +107,13 @@ def rejections(found: Spread | None, of: int, probability: float, of_runs: int =
     return [counted("rejected_fixes", found.count, of, found.first, found.last, found.runs, of_runs)]
 
 
+def rejected_of(name: str, count: int, of: int, probability: float) -> list[Finding]:
+    """The finding of a sensor's measurements rejected by a gate of this probability, more than chance makes them."""
+    if not too_many(count, of * probability):
+        return []
+    return [Finding(f"{name}_rejected", f"{count} of {of} measurements of the {name} were rejected by the gate")]
+
+
 def notes(texts: Iterable[str]) -> list[Finding]:
     """Warnings about the input."""
     return [Finding("input", text) for text in texts]

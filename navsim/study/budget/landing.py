@@ -128,12 +128,16 @@ def _stored(here: Extent, keep: str) -> float:
 
     if keep == "none":
         return 0
-    errors = of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared") + here.epochs
+    errors = (
+        of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
+        + here.epochs
+        + here.aided
+    )
     if keep == "errors":
         return errors
     # the carrier to noise ratio has the shape of the ranges
     ranges = of("pseudorange", "range_rate", "pseudorange")
-    return errors + ranges + of("fix_llh", "fix_velocity") + NUMBER * here.epochs * here.clocks
+    return errors + ranges + of("fix_llh", "fix_velocity", "aided") + NUMBER * here.epochs * here.clocks
 
 
 def _common_bytes(scenario: Landing, here: Extent) -> float:

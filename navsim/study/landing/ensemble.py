@@ -36,7 +36,16 @@ _NO_LEVEL = np.full(LEVELS.size, np.nan)
 
 HISTORIES = {
     "none": (),
-    "errors": ("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "status"),
+    "errors": (
+        "error",
+        "sigma",
+        "nees",
+        "nees_position_velocity",
+        "innovation_squared",
+        "status",
+        "aided_squared",
+        "aided_status",
+    ),
     "all": tuple(Run.__dataclass_fields__),
 }
 """Histories of a run that are stored, by `--keep`."""
@@ -115,6 +124,7 @@ class LandingStudy:
                     "nees_position_velocity_mean": np.float64(_finite_mean(run.nees_position_velocity[1:]) / 6),
                     "innovations": np.nansum(run.innovation_squared),
                     "weighed": run.degrees.sum(),
+                    **of_aids(self.case, run),
                     "degrees": run.degrees.max(initial=0),
                     "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
                 }
@@ -203,6 +213,18 @@ FOLLOWED = slice(0, 6)
 """States whose errors and sigmas follow the fixes: position and velocity."""
 
 
+def of_aids(case: Case, run: Run) -> dict[str, np.ndarray]:
+    """Of each sensor beside the receiver (aid,): sums of innovations squared and of their degrees, and how many the
+    gate rejected."""
+    parts = np.split(np.arange(run.aided_status.size), np.cumsum([aid.time.size for aid in case.world.aids])[:-1])
+    parts = parts[: len(case.world.aids)]
+    return {
+        "aided_innovations": np.array([np.nansum(run.aided_squared[part]) for part in parts]),
+        "aided_weighed": np.array([run.aided_degrees[part].sum() for part in parts], dtype=np.int64),
+        "aided_rejected": np.array([np.sum(run.aided_status[part] == REJECTED) for part in parts], dtype=np.int64),
+    }
+
+
 def fix_flaws(run: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
     """Flaws of the fix epochs of a run. solvable: (e,) where the geometry has a solution."""
     none = np.isnan(run.fix_llh[:, 0])
@@ -245,6 +267,13 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         n = len(case.states)
         half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
         out += judging.doubted("sigma_all_states", f"errors of {n} states in half of the runs", half, n * runs, runs)
+    for k, aid in enumerate(case.world.aids):
+        rejected, weighed = (int(ensemble.per_run(f"aided_{name}")[:, k].sum()) for name in ("rejected", "weighed"))
+        name = aid.sensor.name
+        out += judging.rejected_of(name, rejected, runs * aid.time.size, probability)
+        if weighed:
+            mean = float(ensemble.per_run("aided_innovations")[:, k].sum()) / weighed
+            out += judging.doubted(f"{name}_innovations", f"innovations of the {name}", mean, weighed, runs)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
         mean = float(ensemble.per_run("innovations").sum()) / weighed

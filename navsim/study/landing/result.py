@@ -39,6 +39,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _measurements(v, case, ensemble)
     if keep != "none":
         _filter(v, case, ensemble)
+        _aiding(v, case, ensemble, keep == "all")
     _summary(v, case, ensemble)
     v.update(kept(findings(case, ensemble)))
     return out
@@ -120,6 +121,36 @@ def _filter(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
     )  # fmt: skip
     status = _history(ensemble, "status", lambda block: block.astype(np.int8))
     v["/filter/fix_status"] = Variable(("run", "epoch"), status, "1", "0 no fix, 1 used, 2 rejected by the gate")
+
+
+def _aiding(v: dict[str, Variable], case: Case, ensemble: Ensemble, measured: bool) -> None:
+    """What each sensor beside the receiver measured, and what the filter made of it."""
+    first = 0
+    for aid in case.world.aids:
+        branch, part = f"/aiding/{aid.sensor.name}", slice(first, first + aid.time.size)
+        first = part.stop
+
+        def of(name: str, part: slice = part, numbers: int = 0, kind: type | None = None) -> Stream:
+            def one(block: np.ndarray) -> np.ndarray:
+                out = block[:, part, :numbers] if numbers else block[:, part]
+                return out if kind is None else out.astype(kind)
+
+            return _history(ensemble, name, one)
+
+        v[f"{branch}/time"] = Variable(("time",), aid.time, "s", "times of the measurements since the epoch")
+        if measured:
+            v[f"{branch}/number"] = Variable(("number",), np.array(aid.sensor.numbers), "1", "what is measured")
+            v[f"{branch}/measured"] = Variable(
+                ("run", "time", "number"), of("aided", numbers=aid.exact.shape[1]), aid.sensor.unit, "as measured"
+            )
+        v[f"{branch}/innovation_squared"] = Variable(
+            ("run", "time"), of("aided_squared"), "1", "normalised innovation squared, nan where there is none",
+            {"degrees_of_freedom": aid.exact.shape[1]},
+        )  # fmt: skip
+        v[f"{branch}/status"] = Variable(
+            ("run", "time"), of("aided_status", kind=np.int8), "1",
+            "0 not used, 1 used, 2 rejected by the gate",
+        )  # fmt: skip
 
 
 def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
@@ -204,6 +235,14 @@ def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
         ("group",), np.array(words, dtype=object), "1", "what sigma_error says, by its interval and its tolerance"
     )
 
+    for k, aid in enumerate(case.world.aids):
+        sums = [ensemble.per_run(f"aided_{name}")[:, k].sum() for name in ("innovations", "weighed", "rejected")]
+        nis = float(sums[0] / sums[1]) if sums[1] else np.nan
+        branch = f"/summary/aiding/{aid.sensor.name}"
+        v[f"{branch}/nis"] = Variable(
+            (), nis, "1", "normalised innovation squared per degree of freedom, mean of all runs"
+        )
+        v[f"{branch}/rejected"] = Variable((), np.int64(sums[2]), "1", "measurements of all runs rejected by the gate")
     for name, value, meaning in (
         ("runs", runs, "number of runs"),
         ("fixes", int(ensemble.per_run("fixes").sum()), "fixes of all runs"),
