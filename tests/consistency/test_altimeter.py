@@ -1,0 +1,115 @@
+"""An altimeter beside the receiver: the second kind of measurement, in filter, smoother and covariance analysis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.core import states
+from navsim.estimation import filter_loop, records
+from navsim.estimation.estimate import estimate
+from navsim.estimation.observations import ALTITUDE, Altitudes, Measurements
+from navsim.io.results import read
+from navsim.simulation.landing import exact_start
+from navsim.study.landing import covariance_analysis, default_workers, fly_all
+from tests.conftest import SCENARIOS
+from tests.helpers import case
+from tests.product.test_run import navsim
+
+GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
+DOWN, DOWN_RATE = states.R_D, states.V_D
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("altimeter={sigma_m: 0.5}",),
+        ("altimeter={sigma_m: 0.5, rate_hz: 4, believed_sigma_m: 1.5}", "receiver.latency_s=0.3"),
+        ("altimeter={sigma_m: 2, offset_m: 1.5}", "receiver.smoothing_s=20", "filter.gate.probability=0"),
+    ],
+    ids=["as believed", "late fixes, believed worse", "offset, smoothed code"],
+)
+def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
+    """Every component of position and velocity at every 10 s: 400 runs within 16 % (4.5 sigma of the sampling)."""
+    flown = case(*GENTLE, *settings)
+    runs = fly_all(flown, 5, 0, 400, default_workers())
+    analysis = covariance_analysis(flown)
+    assert analysis.sources[-1] == "altimeter"
+    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
+    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 61, 10)]
+    ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
+    assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
+    without = covariance_analysis(case(*GENTLE, *settings[1:]))
+    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[:, DOWN]
+    assert np.all(believed[1:] < np.sqrt(without.believed[1:, DOWN, DOWN]))
+
+
+def test_its_budget_is_what_it_does_alone() -> None:
+    """With ten times its noise, in the truth alone, its share of the budget grows tenfold and no other changes."""
+    small = covariance_analysis(case(*GENTLE, "altimeter={sigma_m: 0.5, believed_sigma_m: 2}")).variance
+    large = covariance_analysis(case(*GENTLE, "altimeter={sigma_m: 5, believed_sigma_m: 2}")).variance
+    np.testing.assert_allclose(large[-1], 100.0 * small[-1], rtol=1e-9)
+    np.testing.assert_array_equal(large[:-1], small[:-1])
+
+
+@pytest.mark.parametrize("kind", ["rts", "map"])
+def test_smoothers_use_it_and_stay_true(kind: str) -> None:
+    flown = case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}", f"filter.kind={kind}")
+    runs = fly_all(flown, 6, 0, 120, default_workers())
+    nees = runs["nees_position_velocity"].mean(axis=0) / 6
+    assert 0.85 < nees[5:].mean() < 1.2, nees
+    filtered = fly_all(case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}"), 6, 0, 120, default_workers())
+    late = slice(10, 50)
+    assert np.mean(runs["error"][:, late, DOWN] ** 2) < 0.9 * np.mean(filtered["error"][:, late, DOWN] ** 2)
+
+
+def test_heights_alone_are_a_straight_line_fit() -> None:
+    """Perfect sensors and nothing but heights: the filter's sigmas of height and climb are those of least squares
+    (but for gravity, which falls with height: 3e-4)."""
+    flown = case("imu.preset=perfect", "duration_s=20")
+    world = flown.world
+    time = np.arange(1.0, 11.0)
+    n, declared = states.N, states.declared(states.biases())
+    p = np.diag(np.repeat([10.0, 1.0, 1e-9, 1e-12, 1e-12], 3) ** 2)
+    table = Altitudes(world.truth.llh[[round(t * 100) for t in time], 2], np.full(time.size, 0.25))
+    history = estimate(
+        records.Imu(world.imu_time, world.dtheta, world.dv),
+        Measurements.of({ALTITUDE: table}),
+        records.schedule(time, (ALTITUDE, time, time)),
+        records.start(exact_start(world.at_filter), p),
+        records.FilterModel(filter_loop.ESKF, np.zeros((1, 2)), declared, np.full(7, np.inf), 0),
+    )
+    assert history.covariance.shape == (time.size, n, n)
+    information = np.diag([1.0 / 100.0, 1.0])
+    for i, t in enumerate(time):
+        row = np.array([1.0, t])
+        information += np.outer(row, row) / 0.25
+        there = np.array([[1.0, t], [0.0, 1.0]])
+        expected = there @ np.linalg.inv(information) @ there.T
+        found = history.covariance[i][np.ix_([DOWN, DOWN_RATE], [DOWN, DOWN_RATE])]
+        np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_result_and_budget_name_it(tmp_path: Path) -> None:
+    brief = ("--set", "duration_s=20", "--set", "altimeter={sigma_m: 0.5, rate_hz: 5}", "--figures", "none", "-q")
+    navsim("run", SCENARIOS / "landing.yaml", *brief, "--runs", 3, "--keep", "all", "-o", "a.h5", cwd=tmp_path)
+    result = read(tmp_path / "a.h5")
+    measured = result["/aiding/altimeter/measured"]
+    assert measured.shape == (3, 100, 1)
+    height = np.interp(result["/aiding/altimeter/time"], result["/truth/time"], result["/truth/position_llh"][:, 2])
+    assert np.std(measured[:, :, 0] - height) == pytest.approx(0.5, rel=0.15)
+    assert set(np.unique(result["/aiding/altimeter/status"])) == {1}
+    assert 0.7 < float(result["/summary/aiding/altimeter/nis"]) < 1.3
+    method = ("--method", "covariance", "-o", "c.h5")
+    navsim("run", SCENARIOS / "landing.yaml", *brief, *method, cwd=tmp_path)
+    analysed = read(tmp_path / "c.h5")
+    assert list(analysed["/budget/source"][-2:]) == ["altimeter", "systematic"]
+
+
+def test_live_says_that_it_cannot_take_it(tmp_path: Path) -> None:
+    said = navsim(
+        "live", SCENARIOS / "landing.yaml", "--set", "altimeter={}", "--receiver", "-", cwd=tmp_path, code=2
+    ).stderr
+    assert "altimeter" in said
