@@ -53,10 +53,18 @@ def sample_sigma_from_density(density: float, rate: float) -> float:
     return density * math.sqrt(rate)
 
 
+@dataclass(frozen=True)
+class SensorErrors:
+    """The errors that a run's measured increments have, but for white noise: bias (n + 1, 6) of gyros and
+    accelerometers, at the start of every interval and at the end, rad/s, m/s2."""
+
+    bias: np.ndarray
+
+
 def simulate(
     rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Measured increments dtheta, dv (n, 3) and the biases (n + 1, 6) behind them, for one run."""
+) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
+    """Measured increments dtheta, dv (n, 3) and the errors behind them, for one run."""
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
 
     constant = np.zeros(6)
@@ -69,7 +77,7 @@ def simulate(
     out_dtheta, out_dv = np.empty_like(dtheta), np.empty_like(dv)
     bias = np.empty((dtheta.shape[0] + 1, 6))
     corrupt(rng, dtheta, dv, dt, constant, white, markov, decay, out_dtheta, out_dv, bias)
-    return out_dtheta, out_dv, bias
+    return out_dtheta, out_dv, SensorErrors(bias)
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:

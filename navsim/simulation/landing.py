@@ -26,6 +26,7 @@ from navsim.estimation.records import Events, FilterModel, History, Imu, Truth, 
 from navsim.models import imu, pseudorange, tracking
 from navsim.models.kinematics import Motion, Moving
 from navsim.simulation.aiding import Aid, aids_of
+from navsim.simulation.sensors import true_values
 from navsim.simulation.signals import Environment, build_signals
 from navsim.simulation.streams import generator
 
@@ -283,7 +284,9 @@ def fly(flight: Flight, seed: int, run: int) -> Run:
     nav = initial_estimate(generator(seed, run, "initial"), world.at_filter, flight.initial)
 
     dt = world.imu_time[1] - world.imu_time[0]
-    dtheta, dv, bias = imu.simulate(generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel)
+    dtheta, dv, errors = imu.simulate(
+        generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel
+    )
 
     ranges, rates = measured(world, seed, run)
     llh, velocity, clocks, cov = fixed(world, ranges, rates)
@@ -296,9 +299,8 @@ def fly(flight: Flight, seed: int, run: int) -> Run:
         flight.model,
     )
     truth = world.at_filter
-    judged = judge(
-        beliefs.kind, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, bias[world.filter_index])
-    )
+    sensors = true_values(beliefs.sensors.blocks, errors, world.filter_index)
+    judged = judge(beliefs.kind, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, sensors))
     at = flight.weighed
     p = history.covariance
     cross = np.concatenate([p[:, [f, f, f + 1], [f + 1, f + 2, f + 2]] for f in (states.POS, states.ATT)], axis=1)

@@ -29,7 +29,6 @@ from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
 from navsim.estimation.observations import FIX, MOST
 from navsim.estimation.records import OUTPUT, Imu, start
-from navsim.models import imu
 from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
@@ -42,7 +41,7 @@ from navsim.simulation.landing import (
     table_of_fixes,
     without_noise,
 )
-from navsim.simulation.sensors import followed, true_states
+from navsim.simulation.sensors import TrueState, followed, true_states
 
 SOURCES = (
     "initial_position",
@@ -60,14 +59,14 @@ SOURCES = (
     "pseudolite_range",
     "pseudolite_range_rate",
 )
-"""Independent random sources of error, in the order of the budget; noise of sensors beside the receiver comes after
-them, systematic errors beside them as a mean."""
+"""Independent random sources of error, in the order of the budget; further errors of the inertial sensors and noise of
+sensors beside the receiver come after them, systematic errors beside them as a mean."""
 _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
 
-_CONSTANT, _MARKOV = slice(0, 6), slice(6, 12)
-"""Constant and Markov biases among the states of `true_states`."""
+_MARKOV = np.arange(6, 12)
+"""The Markov biases among the states of `true_states`."""
 
 _DIFFERENCE = 0.05
 """Step of pseudoranges (m) and range rates (m/s) for the receiver's derivatives: a fix is nearly linear in them, and
@@ -236,11 +235,7 @@ class _Carried:
         means = [np.stack([d["triad"], d["axis"], d["signal"]], axis=1) for d in (mine, truth)]
         same = (means[0][:, None] == means[1][None]).all(axis=2)
         self.to_error[states.SENSORS :, self.n :] = same
-        self.markov = self.n + np.arange(_MARKOV.start, _MARKOV.stop)
-
-    def true(self, state: int) -> int:
-        """The place of a true sensor state."""
-        return self.n + state
+        self.markov = self.n + _MARKOV
 
     def interval(self, lin: Linearised, i: int, length: float, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transition (S, S) and added covariance (source, S, S) of interval i, length s. density: (source, NOISES)."""
@@ -263,22 +258,24 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     ground: (s,) bool, which sources are pseudolites. Raises AnalysisError where the result contradicts itself.
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
-    sources = (*SOURCES, *(aid.sensor.name for aid in world.aids))
-    of_kind = {aid.sensor.kind: (len(SOURCES) + k, aid) for k, aid in enumerate(world.aids)}
     s = world.signals
     ranges, rates = without_noise(world)
     llh, velocity, cov = _solve(world, ranges, rates)
     true = true_states(gyro, accel)
-    carried = _Carried(beliefs.sensors.blocks, true)
+    own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
+    sources = (*own, *(aid.sensor.name for aid in world.aids))
+    of_kind = {aid.sensor.kind: (len(own) + k, aid) for k, aid in enumerate(world.aids)}
+    blocks = [state.block for state in true]
+    carried = _Carried(beliefs.sensors.blocks, blocks)
     n = carried.n
     events = flight.events
     steps = steps_of(float(world.imu_time[0]), events)
     outputs = world.filter_time.size
-    lin = room(steps, outputs, flight.model.declared, states.declared(true))
+    lin = room(steps, outputs, flight.model.declared, states.declared(blocks))
     linearise(
         Imu(world.imu_time, world.dtheta, world.dv), measurements(flight, table_of_fixes(beliefs, llh, velocity, cov),
         [aid.exact for aid in world.aids]), events, steps, start(exact_start(world.at_filter), flight.covariance),
-        flight.model, states.declared(true), states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 /
+        flight.model, states.declared(blocks), states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 /
         accel.markov_time, 0.0))), lin,
     )  # fmt: skip
 
@@ -308,7 +305,7 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     means, sums = np.empty((outputs, n)), np.empty((outputs, n, n))
     nis, degrees, systematic = np.full(e, np.nan), np.zeros(e, np.int64), np.zeros(e)
 
-    total, mean = _at_start(carried, len(sources), flight.initial, gyro, accel)
+    total, mean = _at_start(carried, sources, flight.initial, true)
     response = np.zeros((carried.size, ephemeris.shape[2]))
     kept, copied = (total, mean, response), (total, mean, response)
     was_ahead = False
@@ -420,15 +417,15 @@ def _messages(signals: Signals, by_range: np.ndarray) -> np.ndarray:
 
 
 def _at_start(
-    carried: _Carried, sources: int, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad
+    carried: _Carried, sources: Sequence[str], initial: InitialErrors, true: Sequence[TrueState]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances (source, S, S) and mean (S,) at time 0."""
-    total = np.zeros((sources, carried.size, carried.size))
+    total = np.zeros((len(sources), carried.size, carried.size))
     mean = np.zeros(carried.size)
 
     def draw(source: str, first: int, sigma: float) -> None:
         at = range(first, first + 3)
-        total[SOURCES.index(source), at, at] = sigma**2
+        total[sources.index(source), at, at] = sigma**2
 
     if initial.fixed is None:
         draw("initial_position", states.POS, initial.position)
@@ -436,13 +433,12 @@ def _at_start(
         draw("initial_attitude", states.ATT, initial.attitude)
     else:
         mean[: states.SENSORS] = initial.fixed
-    for name, triad, place in (("gyro", gyro, 0), ("accelerometer", accel, 3)):
-        first = carried.true(_CONSTANT.start + place)
-        if triad.fixed_bias is None:
-            draw(f"{name}_bias", first, triad.bias)
+    for k, state in enumerate(true):
+        first = carried.n + 3 * k
+        if state.fixed is None:
+            draw(state.source, first, state.sigma)
         else:
-            mean[first : first + 3] = triad.fixed_bias
-        draw(f"{name}_markov", carried.true(_MARKOV.start + place), triad.markov)
+            mean[first : first + 3] = state.fixed
     return total, mean
 
 

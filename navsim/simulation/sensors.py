@@ -1,13 +1,20 @@
-"""From models of inertial sensors to what a filter believes of them: the one converter between truth and belief."""
+"""From models of inertial sensors to states: those that there really are, and those that a filter believes in.
+
+The one converter between truth and belief. A further error of a sensor is a term in `models.imu`, a line in
+`true_states`, and one in `followed` and `true_values` where a filter can have it as states.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from navsim.core import states
 from navsim.core.states import Block
 from navsim.estimation.beliefs import SensorBeliefs
-from navsim.models.imu import Triad
+from navsim.models.imu import SensorErrors, Triad
 
 
 def followed(gyro: Triad, accel: Triad) -> SensorBeliefs:
@@ -32,9 +39,29 @@ def _decay_and_drive(triad: Triad) -> tuple[float, float]:
     return (1.0 / triad.markov_time if alone else 0.0), triad.drive()
 
 
-def true_states(gyro: Triad, accel: Triad) -> tuple[Block, ...]:
-    """The sensor states that there really are: constant biases, then Markov biases."""
+@dataclass(frozen=True)
+class TrueState:
+    """Three like errors that a triad really has: the source of error that they are, their 1 sigma at time 0, or their
+    values (3,) where they are not drawn."""
+
+    source: str
+    block: Block
+    sigma: float
+    fixed: tuple[float, float, float] | None = None
+
+
+def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
+    """The errors of these sensors: constant biases, then Markov biases, then what else there is."""
+    triads = (("gyro", gyro), ("accelerometer", accel))
+    markov = states.biases(*((1.0 / t.markov_time, t.drive()) for _, t in triads))
+    constant = zip(triads, states.biases(), strict=True)
+    varying = zip(triads, markov, strict=True)
     return (
-        *states.biases(),
-        *states.biases(*((1.0 / t.markov_time, t.drive()) for t in (gyro, accel))),
+        *(TrueState(f"{name}_bias", block, t.bias, t.fixed_bias) for (name, t), block in constant),
+        *(TrueState(f"{name}_markov", block, t.markov) for (name, t), block in varying),
     )
+
+
+def true_values(followed: Sequence[Block], errors: SensorErrors, at: np.ndarray) -> np.ndarray:
+    """What the states that a filter follows really are (o, k), at these samples (o,) of the IMU."""
+    return errors.bias[at]
