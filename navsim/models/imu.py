@@ -1,6 +1,6 @@
-"""Inertial sensor errors on top of exact increments: constant bias, white noise, Gauss-Markov bias.
+"""Inertial sensor errors on top of exact increments: scale factor, constant bias, white noise, Gauss-Markov bias.
 
-Measured rate = true rate + bias + Markov process + white noise, for each axis alike; the same for specific
+Measured rate = (1 + scale) true rate + bias + Markov process + white noise, for each axis alike; the same for specific
 force. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their Allan variances).
 [2] Titterton & Weston (2004), section 12.5 (datasheet units).
 """
@@ -20,6 +20,7 @@ class Triad:
     bias: 1 sigma of the constant bias drawn per run and axis; fixed_bias: (3,) instead of it.
     noise_density: root of the white density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW).
     markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias.
+    scale: 1 sigma of the error of the scale factor, drawn per run and axis.
     """
 
     bias: float
@@ -27,6 +28,7 @@ class Triad:
     markov: float = 0.0
     markov_time: float = math.inf
     fixed_bias: tuple[float, float, float] | None = None
+    scale: float = 0.0
 
     def drive(self) -> float:
         """Density of the white noise that drives the Markov bias, unit2/s."""
@@ -56,9 +58,10 @@ def sample_sigma_from_density(density: float, rate: float) -> float:
 @dataclass(frozen=True)
 class SensorErrors:
     """The errors that a run's measured increments have, but for white noise: bias (n + 1, 6) of gyros and
-    accelerometers, at the start of every interval and at the end, rad/s, m/s2."""
+    accelerometers, at the start of every interval and at the end, rad/s, m/s2; scale (6,) of their scale factors."""
 
     bias: np.ndarray
+    scale: np.ndarray
 
 
 def simulate(
@@ -76,8 +79,13 @@ def simulate(
     decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
     out_dtheta, out_dv = np.empty_like(dtheta), np.empty_like(dv)
     bias = np.empty((dtheta.shape[0] + 1, 6))
+    scale = np.zeros(6)
+    for first, triad in ((0, gyro), (3, accel)):
+        if triad.scale > 0.0:
+            scale[first : first + 3] = triad.scale * rng.standard_normal(3)
+    dtheta, dv = (1.0 + scale[:3]) * dtheta, (1.0 + scale[3:]) * dv
     corrupt(rng, dtheta, dv, dt, constant, white, markov, decay, out_dtheta, out_dv, bias)
-    return out_dtheta, out_dv, SensorErrors(bias)
+    return out_dtheta, out_dv, SensorErrors(bias, scale)
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:

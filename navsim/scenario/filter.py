@@ -58,10 +58,13 @@ class Filter(Section):
     """factor on the receiver's own 1 sigma"""
     initial: FilterInitial = FilterInitial()
     imu: FilterSensors = FilterSensors()
+    scale_factors: bool = False
+    """follow the scale factors of gyros and accelerometers as six more states; their 1 sigma at the start is that of
+    imu"""
     gate: Gate = Gate()
 
     def states(self) -> tuple[str, ...]:
         """Names of the errors that it follows."""
         from navsim.core import states
 
-        return states.names(states.biases())
+        return states.names((*states.biases(), *(states.SCALE_FACTORS if self.scale_factors else ())))

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from navsim.models.imu import Triad
 
 
+PPM = 1e-6
+
+
 class Gyro(Section):
     """Errors of three like gyros; what is left out comes from the preset."""
 
@@ -36,6 +39,8 @@ class Gyro(Section):
     """1 sigma of white noise per sample; or give arw_deg_sqrt_h"""
     arw_deg_sqrt_h: NonNegative | None = None
     """angle random walk: the density of the same white noise"""
+    scale_ppm: NonNegative | None = None
+    """1 sigma of the constant error of the scale factor, drawn per run and axis"""
     markov_deg_h: NonNegative | None = None
     """1 sigma of the exponentially correlated drift"""
     markov_time_s: CorrelationTime | None = None
@@ -64,6 +69,7 @@ class Gyro(Section):
             markov=_si(self.markov_deg_h, DEG_H),
             markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
             fixed_bias=_scaled(self.drift_fixed_deg_h, DEG_H),
+            scale=_si(self.scale_ppm, PPM),
         )
 
 
@@ -78,6 +84,8 @@ class Accelerometer(Section):
     """1 sigma of white noise per sample; or give vrw_m_s_sqrt_h"""
     vrw_m_s_sqrt_h: NonNegative | None = None
     """velocity random walk: the density of the same white noise"""
+    scale_ppm: NonNegative | None = None
+    """1 sigma of the constant error of the scale factor, drawn per run and axis"""
     markov_mg: NonNegative | None = None
     """1 sigma of the exponentially correlated bias"""
     markov_time_s: CorrelationTime | None = None
@@ -106,6 +114,7 @@ class Accelerometer(Section):
             markov=_si(self.markov_mg, MG),
             markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
             fixed_bias=_scaled(self.bias_fixed_mg, MG),
+            scale=_si(self.scale_ppm, PPM),
         )
 
 

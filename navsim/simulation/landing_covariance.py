@@ -375,7 +375,9 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     out = Analysis(sources, variance, means, sums, lin.believed, nis, degrees)
     white = smoothed is None and s.space is None and beliefs.sigma_scale == 1.0
     white &= all(np.array_equal(aid.sigma, aid.believed) for aid in world.aids)
-    matched = _same(beliefs.sensors, followed(gyro, accel))
+    # every error that there is has its state, and all are as believed
+    matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
+    matched &= _same(beliefs.sensors, followed(gyro, accel, n > states.N))
     begins = np.allclose(lin.believed[0], sums[0], rtol=1e-9, atol=0.0)
     # a constant bias beside a Markov one is more than the filter's one state a bias can follow
     can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))

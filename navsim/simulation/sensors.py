@@ -17,16 +17,19 @@ from navsim.estimation.beliefs import SensorBeliefs
 from navsim.models.imu import SensorErrors, Triad
 
 
-def followed(gyro: Triad, accel: Triad) -> SensorBeliefs:
-    """The beliefs of a filter that takes these sensors for true.
+def followed(gyro: Triad, accel: Triad, scale_factors: bool = False) -> SensorBeliefs:
+    """The beliefs of a filter that takes these sensors for true; scale_factors: whether it follows them.
 
     A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
     short-term growth, since one state cannot be both. A fixed bias counts with its root mean square.
     """
     triads = (gyro, accel)
     return SensorBeliefs(
-        blocks=states.biases(*(_decay_and_drive(t) for t in triads)),
-        sigma=tuple(t.initial_sigma() for t in triads),
+        blocks=(
+            *states.biases(*(_decay_and_drive(t) for t in triads)),
+            *(states.SCALE_FACTORS if scale_factors else ()),
+        ),
+        sigma=(*(t.initial_sigma() for t in triads), *(t.scale for t in triads if scale_factors)),
         noise=np.array([t.noise_density**2 for t in triads]),
     )
 
@@ -59,9 +62,17 @@ def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
     return (
         *(TrueState(f"{name}_bias", block, t.bias, t.fixed_bias) for (name, t), block in constant),
         *(TrueState(f"{name}_markov", block, t.markov) for (name, t), block in varying),
+        *(
+            TrueState(block.name, block, t.scale)
+            for (_, t), block in zip(triads, states.SCALE_FACTORS, strict=True)
+            if t.scale > 0.0
+        ),
     )
 
 
 def true_values(followed: Sequence[Block], errors: SensorErrors, at: np.ndarray) -> np.ndarray:
     """What the states that a filter follows really are (o, k), at these samples (o,) of the IMU."""
-    return errors.bias[at]
+    parts = [errors.bias[at]]
+    if len(followed) > len(states.biases()):
+        parts.append(np.tile(errors.scale, (at.size, 1)))
+    return np.concatenate(parts, axis=1)

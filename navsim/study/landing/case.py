@@ -343,7 +343,7 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(
         kind=KINDS[section.kind],
-        sensors=followed(gyro, accel),
+        sensors=followed(gyro, accel, section.scale_factors),
         velocity=section.velocity,
         latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,
         lever_arm=np.array(lever_arm),

@@ -1,0 +1,85 @@
+"""Scale factors of gyros and accelerometers: as errors of the truth, and as six more states of the filter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.core import states
+from navsim.io.results import read
+from navsim.study.landing import covariance_analysis, default_workers, fly_all
+from tests.conftest import SCENARIOS
+from tests.helpers import case
+from tests.product.test_run import navsim
+
+GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
+SCALED = ("imu.gyro.scale_ppm=20000", "imu.accelerometer.scale_ppm=20000")
+"""Two percent: large enough to be seen within a minute of turns."""
+FOLLOWED = "filter.scale_factors=true"
+
+
+@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg"])
+def test_a_filter_that_follows_them_is_true(kind: str) -> None:
+    """21 states in an S-turn: NEES of all, and of each group at the end, in the bands of the default (0.9 to 1.15)."""
+    flown = case(*GENTLE, *SCALED, FOLLOWED, f"filter.kind={kind}", name="s_turn")
+    assert len(flown.states) == 21
+    runs = fly_all(flown, 11, 0, 400, default_workers())
+    full = runs["nees"].mean(axis=0)[[10, 20, 30, 40, 50, 60]] / 21
+    assert np.all((full > 0.9) & (full < 1.15)), full
+    groups = runs["nees_group"][:, 30:].mean(axis=(0, 1)) / 3
+    assert np.all((groups > 0.85) & (groups < 1.2)), dict(zip(flown.groups, groups, strict=True))
+    # what can be seen is seen: the gyro about the axis that turns, the accelerometer along gravity
+    sigma = runs["sigma"][:, -1].mean(axis=0)
+    assert sigma[flown.states.index("accelerometer_scale_z")] < 0.5 * 0.02
+    assert sigma[flown.states.index("gyro_scale_x")] < 0.5 * 0.02
+
+
+def test_a_filter_that_does_not_know_of_them_is_worse_and_untrue() -> None:
+    wise = fly_all(case(*GENTLE, *SCALED, FOLLOWED, name="s_turn"), 12, 0, 150, default_workers())
+    ignorant = fly_all(case(*GENTLE, *SCALED, name="s_turn"), 12, 0, 150, default_workers())
+    np.testing.assert_array_equal(wise["pseudorange"], ignorant["pseudorange"])  # the same flights
+    late = slice(30, None)
+    attitude = slice(states.ATT, states.SENSORS)
+    assert np.mean(wise["error"][:, late, attitude] ** 2) < 0.7 * np.mean(ignorant["error"][:, late, attitude] ** 2)
+    assert ignorant["nees"].mean(axis=0)[late].mean() / 15 > 1.3
+
+
+@pytest.mark.parametrize("settings", [(FOLLOWED,), ()], ids=["followed", "ignored"])
+def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
+    """Every component of position and velocity at every 10 s, 400 runs within 16 % (4.5 sigma of the sampling)."""
+    small = ("imu.gyro.scale_ppm=5000", "imu.accelerometer.scale_ppm=5000")
+    flown = case(*GENTLE, *small, *settings, name="s_turn")
+    runs = fly_all(flown, 13, 0, 400, default_workers())
+    analysis = covariance_analysis(flown)
+    assert analysis.sources[-2:] == ("gyro_scale", "accelerometer_scale")
+    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
+    at = list(range(10, 61, 10))
+    ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
+    assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
+
+
+def test_smoothed_with_them() -> None:
+    flown = case(*GENTLE, *SCALED, FOLLOWED, "filter.kind=rts", name="s_turn")
+    runs = fly_all(flown, 14, 0, 150, default_workers())
+    nees = runs["nees_position_velocity"].mean(axis=0)[5:].mean() / 6
+    assert 0.85 < nees < 1.2, nees
+
+
+def test_without_them_nothing_is_drawn() -> None:
+    """A scale of zero takes no random numbers: flights are those without the key, to the bit."""
+    a, b = (case("duration_s=20", *more).fly(1, 0) for more in ((), ("imu.gyro.scale_ppm=0",)))
+    np.testing.assert_array_equal(a.error, b.error)
+
+
+def test_result_names_its_states(tmp_path: Path) -> None:
+    settings = [word for key in ("duration_s=20", "imu.gyro.scale_ppm=300", FOLLOWED) for word in ("--set", key)]
+    done = navsim(
+        "run", SCENARIOS / "landing.yaml", *settings, "--runs", 4, "--figures", "none", "-o", "a.h5", cwd=tmp_path
+    )
+    assert "NEES, 21 states" in done.stdout
+    result = read(tmp_path / "a.h5")
+    assert list(result["/filter/state"][-6:]) == [f"{s}_scale_{a}" for s in ("gyro", "accelerometer") for a in "xyz"]
+    assert result["/filter/error"].shape[2] == 21
+    assert list(result["/summary/consistency/group"])[-2:] == ["gyro_scale", "accelerometer_scale"]
