@@ -137,7 +137,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     from navsim.core import states, strapdown
     from navsim.estimation import filter_loop
     from navsim.estimation.observations import Measurements
-    from navsim.estimation.records import Imu, empty_history, start
+    from navsim.estimation.records import ImuData, empty_history, start
     from navsim.scenario.load import read
     from navsim.simulation.landing import exact_start, table_of_fixes
     from navsim.study.landing import prepare
@@ -152,7 +152,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     measurements = Measurements(table_of_fixes(case.beliefs, run.fix_llh, run.fix_velocity, cov))
     declared = flight.model.declared
     history = empty_history(e + 1, flight.events.time.size, declared)
-    imu = Imu(world.imu_time, world.dtheta, world.dv)
+    imu = ImuData(world.imu_time, world.dtheta, world.dv)
 
     def navsim_filter(kind: int = filter_loop.ESKF) -> None:
         model = flight.model._replace(kind=kind, gate=np.full(7, np.inf), max_rejected=0)

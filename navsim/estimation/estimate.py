@@ -8,7 +8,7 @@ from navsim.core import states
 from navsim.core.covariance import STRIDE
 from navsim.estimation import filter_loop, smoother
 from navsim.estimation.observations import Measurements
-from navsim.estimation.records import OUTPUT, Events, FilterModel, History, Imu, State, empty_history
+from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, State, empty_history
 
 KINDS = {
     "eskf": filter_loop.ESKF,
@@ -25,7 +25,7 @@ def is_smoother(kind: int) -> bool:
     return kind in smoother.PASSES
 
 
-def estimate(imu: Imu, measurements: Measurements, events: Events, state: State, model: FilterModel) -> History:
+def estimate(imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel) -> History:
     """The history of a flight; arguments are those of `estimation.records`.
 
     state: where to start, overwritten by the final one. Outputs are those that the events name. Where a

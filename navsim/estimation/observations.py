@@ -40,7 +40,7 @@ MOST = 6
 """Most numbers that one measurement has."""
 
 
-class Fixes(NamedTuple):
+class FixTable(NamedTuple):
     """Fixes of a receiver's antenna, m of them: llh (m, 3) rad, rad, m, nan without a fix; velocity (m, 3) NED m/s, its
     components that are nan are not used; covariance (m, 6, 6) of both, NED; lever_arm (3,) IMU -> antenna, body, m."""
 
@@ -50,7 +50,7 @@ class Fixes(NamedTuple):
     lever_arm: np.ndarray
 
 
-class Altitudes(NamedTuple):
+class AltitudeTable(NamedTuple):
     """Heights of the IMU above the ellipsoid, m of them: height (m,) m, nan where there is none; variance (m,) m2."""
 
     height: np.ndarray
@@ -60,15 +60,15 @@ class Altitudes(NamedTuple):
 class Measurements(NamedTuple):
     """The tables of all kinds of measurements, without rows where there are none."""
 
-    fixes: Fixes
-    altitudes: Altitudes
+    fixes: FixTable
+    altitudes: AltitudeTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any]) -> Measurements:
         """These tables by their kinds; of others there are no measurements."""
         return cls(
-            tables.get(FIX, Fixes(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))),
-            tables.get(ALTITUDE, Altitudes(np.empty(0), np.empty(0))),
+            tables.get(FIX, FixTable(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))),
+            tables.get(ALTITUDE, AltitudeTable(np.empty(0), np.empty(0))),
         )
 
 

@@ -26,7 +26,7 @@ NOT_USED, USED, REJECTED = 0, 1, 2
 """What became of a measurement: nothing to use, used, rejected by the innovation gate."""
 
 
-class Imu(NamedTuple):
+class ImuData(NamedTuple):
     """Increments of n intervals: time (n + 1,) s; dtheta, dv (n, 3) rad, m/s, as measured."""
 
     time: np.ndarray

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.estimation.observations import ALTITUDE, Altitudes
+from navsim.estimation.observations import ALTITUDE, AltitudeTable
 from navsim.models.altimeter import Altimeter
 from navsim.models.kinematics import Motion, Moving
 from navsim.simulation.streams import generator
@@ -63,7 +63,7 @@ _SENSORS: Mapping[type, Sensor] = {
         ("height",),
         "m",
         lambda model, motion: motion.llh[:, 2:] + model.offset,
-        lambda measured, believed: Altitudes(measured[:, 0].copy(), np.full(measured.shape[0], believed[0] ** 2)),
+        lambda measured, believed: AltitudeTable(measured[:, 0].copy(), np.full(measured.shape[0], believed[0] ** 2)),
     ),
 }
 """The sensor of each model."""

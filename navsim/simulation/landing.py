@@ -21,8 +21,8 @@ from navsim.estimation import error_state, receiver
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import estimate, is_smoother
 from navsim.estimation.judge import judge
-from navsim.estimation.observations import FIX, MOST, Fixes, Measurements
-from navsim.estimation.records import Events, FilterModel, History, Imu, Truth, schedule, start
+from navsim.estimation.observations import FIX, MOST, FixTable, Measurements
+from navsim.estimation.records import Events, FilterModel, History, ImuData, Truth, schedule, start
 from navsim.models import imu, pseudorange, tracking
 from navsim.models.kinematics import Motion, Moving
 from navsim.simulation.aiding import Aid, aids_of
@@ -266,13 +266,13 @@ def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
     return events, events.rows(FIX)
 
 
-def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> Fixes:
+def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
     """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
     used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)
-    return Fixes(llh, used, beliefs.sigma_scale**2 * covariance, beliefs.lever_arm)
+    return FixTable(llh, used, beliefs.sigma_scale**2 * covariance, beliefs.lever_arm)
 
 
-def measurements(flight: Flight, fixes: Fixes, aided: Sequence[np.ndarray]) -> Measurements:
+def measurements(flight: Flight, fixes: FixTable, aided: Sequence[np.ndarray]) -> Measurements:
     """All that the filter is given: fixes, and what each sensor beside the receiver measured (m, k)."""
     of_aids = zip(flight.world.aids, aided, strict=True)
     return Measurements.of({FIX: fixes, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}})
@@ -292,7 +292,7 @@ def fly(flight: Flight, seed: int, run: int) -> Run:
     llh, velocity, clocks, cov = fixed(world, ranges, rates)
     aided = [aid.measured(seed, run) for aid in world.aids]
     history = estimate(
-        Imu(world.imu_time, dtheta, dv),
+        ImuData(world.imu_time, dtheta, dv),
         measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), aided),
         flight.events,
         start(nav, flight.covariance),

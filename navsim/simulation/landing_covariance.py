@@ -28,7 +28,7 @@ from navsim.core.wgs84 import E2, A, short_way
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
 from navsim.estimation.observations import FIX, MOST
-from navsim.estimation.records import OUTPUT, Imu, start
+from navsim.estimation.records import OUTPUT, ImuData, start
 from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
@@ -218,7 +218,7 @@ def _metres(difference: np.ndarray, llh: np.ndarray) -> np.ndarray:
     )
 
 
-class _Carried:
+class _Augmented:
     """The state carried and what happens to it: minus the filter's estimates, and the sensor states that there are.
 
     n: states of the filter; size: S of the state carried; to_error (n, S): the filter's errors from it; markov: places
@@ -266,18 +266,25 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     of_kind = {aid.sensor.kind: (len(own) + k, aid) for k, aid in enumerate(world.aids)}
     blocks = [state.block for state in true]
-    carried = _Carried(beliefs.sensors.blocks, blocks)
+    carried = _Augmented(beliefs.sensors.blocks, blocks)
     n = carried.n
     events = flight.events
     steps = steps_of(float(world.imu_time[0]), events)
     outputs = world.filter_time.size
     lin = room(steps, outputs, flight.model.declared, states.declared(blocks))
+    fixes = table_of_fixes(beliefs, llh, velocity, cov)
+    markov = states.biases((1.0 / gyro.markov_time, 0.0), (1.0 / accel.markov_time, 0.0))
     linearise(
-        Imu(world.imu_time, world.dtheta, world.dv), measurements(flight, table_of_fixes(beliefs, llh, velocity, cov),
-        [aid.exact for aid in world.aids]), events, steps, start(exact_start(world.at_filter), flight.covariance),
-        flight.model, states.declared(blocks), states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 /
-        accel.markov_time, 0.0))), lin,
-    )  # fmt: skip
+        ImuData(world.imu_time, world.dtheta, world.dv),
+        measurements(flight, fixes, [aid.exact for aid in world.aids]),
+        events,
+        steps,
+        start(exact_start(world.at_filter), flight.covariance),
+        flight.model,
+        states.declared(blocks),
+        states.declared(markov),
+        lin,
+    )
 
     density = np.zeros((len(sources), NOISES))
     for row, (name, value) in enumerate(
@@ -419,7 +426,7 @@ def _messages(signals: Signals, by_range: np.ndarray) -> np.ndarray:
 
 
 def _at_start(
-    carried: _Carried, sources: Sequence[str], initial: InitialErrors, true: Sequence[TrueState]
+    carried: _Augmented, sources: Sequence[str], initial: InitialErrors, true: Sequence[TrueState]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances (source, S, S) and mean (S,) at time 0."""
     total = np.zeros((len(sources), carried.size, carried.size))

@@ -15,7 +15,7 @@ import numpy as np
 from navsim.estimation.estimate import estimate, is_smoother
 from navsim.estimation.judge import judge
 from navsim.estimation.observations import FIX, MOST, Measurements
-from navsim.estimation.records import TIME_TOLERANCE, History, Imu, Judgement, State, Truth, schedule, start
+from navsim.estimation.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
 from navsim.models.kinematics import Moving
 from navsim.simulation.landing import Flight, table_of_fixes
 
@@ -92,7 +92,7 @@ class LiveFilter:
         arrival = min(arrival, self.known_until)
         valid = min(valid, arrival)
         history = estimate(
-            Imu(*self.increments.until(arrival)),
+            ImuData(*self.increments.until(arrival)),
             Measurements.of({FIX: table_of_fixes(beliefs, llh[None].copy(), velocity[None].copy(), noise[None])}),
             schedule(np.array([arrival]), (FIX, np.array([valid]), np.array([arrival]))),
             self.state,

@@ -16,10 +16,9 @@ from navsim.core.rotation import dcm_from_quaternion, roll_pitch_yaw
 from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import KINDS, estimate, is_smoother, lost
-from navsim.estimation.observations import FIX, Fixes, Measurements
-from navsim.estimation.records import Imu, schedule, start
-from navsim.models import recording
-from navsim.models.recording import Samples
+from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.estimation.records import ImuData, schedule, start
+from navsim.models.recording import Fixes, Samples
 from navsim.simulation.alignment import Alignment
 
 _ACCELERATION = 5.0
@@ -40,7 +39,7 @@ class Sensed:
 
 
 @dataclass(frozen=True)
-class Flight(Sensed):
+class RecordedFlight(Sensed):
     """A recording ready for the filter, from the alignment on.
 
     arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), nan where unknown; speed (m,) over ground,
@@ -61,7 +60,7 @@ class Flight(Sensed):
 
 
 @dataclass(frozen=True)
-class Replay:
+class Replayed:
     """What the filter made of a flight, at the times it was asked for: time (t,), navigation (t, NAV), sigma (t, n);
     and of each fix (m,): innovation and its 1 sigma (m, 6), innovation_squared, degrees, status, as of `History`."""
 
@@ -116,7 +115,7 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
     )
 
 
-def prepare(sensed: Sensed, fixes: recording.Fixes, alignment: Alignment, latency: float) -> Flight:
+def prepare(sensed: Sensed, fixes: Fixes, alignment: Alignment, latency: float) -> RecordedFlight:
     """The flight after an alignment, its fixes `latency` seconds old when they came; sensed: from the alignment on."""
     begin = alignment.time
     late = fixes.time
@@ -130,7 +129,7 @@ def prepare(sensed: Sensed, fixes: recording.Fixes, alignment: Alignment, latenc
     start = wgs84.llh_from_ecef(
         wgs84.ecef_from_llh(fixes.llh[at]) + ahead * wgs84.ned_matrix(fixes.llh[at]).T @ velocity
     )
-    return Flight(
+    return RecordedFlight(
         **vars(sensed),
         arrival=late[inside],
         llh=fixes.llh[inside],
@@ -145,13 +144,13 @@ def prepare(sensed: Sensed, fixes: recording.Fixes, alignment: Alignment, latenc
 
 
 def fly(
-    flight: Flight,
+    flight: RecordedFlight,
     beliefs: Beliefs,
     fix_sigma: np.ndarray,
     times: np.ndarray,
     until: float = np.inf,
     withheld: np.ndarray | None = None,
-) -> Replay:
+) -> Replayed:
     """The flight through a filter or smoother.
 
     fix_sigma: (6,) of position and velocity of the fixes, north, east, down, m, m/s. times: (t,) at which to answer,
@@ -172,8 +171,8 @@ def fly(
     noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
     events = schedule(outputs, (FIX, valid, valid if is_smoother(kind) else arrival))
     history = estimate(
-        Imu(flight.imu_time, flight.dtheta, flight.dv),
-        Measurements.of({FIX: Fixes(llh, velocity, noise, beliefs.lever_arm)}),
+        ImuData(flight.imu_time, flight.dtheta, flight.dv),
+        Measurements.of({FIX: FixTable(llh, velocity, noise, beliefs.lever_arm)}),
         events,
         start(*_start(flight, beliefs, fix_sigma)),
         replace(beliefs, kind=kind).model(_noise(flight, beliefs)),
@@ -181,13 +180,13 @@ def fly(
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
     weighed = events.rows(FIX)
-    return Replay(
+    return Replayed(
         outputs, history.navigation, history.sigma(), history.innovation[weighed], history.innovation_sigma[weighed],
         history.innovation_squared[weighed], history.degrees[weighed], history.status[weighed],
     )  # fmt: skip
 
 
-def _start(flight: Flight, beliefs: Beliefs, fix_sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _start(flight: RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Navigation state (NAV_N,) and covariance (n, n) at the alignment; the start position is the antenna's less the
     lever arm, its accelerometer biases are zero."""
     alignment = flight.alignment
@@ -218,7 +217,7 @@ def _start(flight: Flight, beliefs: Beliefs, fix_sigma: np.ndarray) -> tuple[np.
     return nav, matrix
 
 
-def _noise(flight: Flight, beliefs: Beliefs) -> np.ndarray:
+def _noise(flight: RecordedFlight, beliefs: Beliefs) -> np.ndarray:
     """White densities of each IMU interval (n, 2), or one row where no samples are missing.
 
     In an interval without samples rate and specific force were anywhere within their scatter over the flight. As white

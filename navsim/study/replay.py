@@ -109,7 +109,7 @@ class Recording:
         position = POSITION_TIME * velocity if given is None else np.array(given)[[0, 0, 1]]
         return np.concatenate([position, velocity])
 
-    def flight(self, latency: float) -> replay.Flight:
+    def flight(self, latency: float) -> replay.RecordedFlight:
         """The increments and fixes after the alignment."""
         return replay.prepare(self._sensed, self.fixes, self.alignment, latency)
 
@@ -456,7 +456,7 @@ _LABELS = (
 )
 
 
-def _filter(v: dict[str, Variable], flown: replay.Replay, wanted: np.ndarray) -> None:
+def _filter(v: dict[str, Variable], flown: replay.Replayed, wanted: np.ndarray) -> None:
     for name, labels, meaning in _LABELS:
         v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
     v["/filter/time"] = Variable(("time",), flown.time[wanted], "s", "time of the log")
@@ -483,7 +483,7 @@ def _filter(v: dict[str, Variable], flown: replay.Replay, wanted: np.ndarray) ->
     )
 
 
-def _innovations(v: dict[str, Variable], flight: replay.Flight, flown: replay.Replay) -> None:
+def _innovations(v: dict[str, Variable], flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
     g = "/innovations"
     v[f"{g}/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
     for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
@@ -499,14 +499,14 @@ def _innovations(v: dict[str, Variable], flight: replay.Flight, flown: replay.Re
     v[f"{g}/status"] = Variable(("time",), flown.status, "1", "0 no fix, 1 used, 2 rejected by the gate")
 
 
-def _fixes(v: dict[str, Variable], flight: replay.Flight) -> None:
+def _fixes(v: dict[str, Variable], flight: replay.RecordedFlight) -> None:
     v["/gnss/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
     v["/gnss/position_llh"] = Variable(("time", "llh"), flight.llh, "rad, rad, m", "position of the fixes")
     v["/gnss/velocity_ned"] = Variable(("time", "ned"), flight.velocity, "m/s", "velocity of the fixes, nan where none")
 
 
 def _outages(
-    v: dict[str, Variable], scenario: Replay, flight: replay.Flight, beliefs: Beliefs, fix_sigma: np.ndarray
+    v: dict[str, Variable], scenario: Replay, flight: replay.RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray
 ) -> None:
     rows = []
     for first, last in sorted({span for outage in scenario.outages for span in _spans(outage)}):
@@ -538,7 +538,7 @@ def of_outages(beliefs: Beliefs) -> Beliefs:
     return replace(beliefs, kind=kind, gate=gate_limits(0.0))
 
 
-def _summary(v: dict[str, Variable], flight: replay.Flight, flown: replay.Replay) -> None:
+def _summary(v: dict[str, Variable], flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
     used = flown.degrees > 0
     groups = {"all": used, "moving": used & (flight.speed > MOVING)}
     v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")

@@ -10,7 +10,7 @@ import pytest
 from navsim.core import states
 from navsim.estimation import filter_loop, records
 from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import ALTITUDE, Altitudes, Measurements
+from navsim.estimation.observations import ALTITUDE, AltitudeTable, Measurements
 from navsim.io.results import read
 from navsim.simulation.landing import exact_start
 from navsim.study.landing import covariance_analysis, default_workers, fly_all
@@ -73,9 +73,9 @@ def test_heights_alone_are_a_straight_line_fit() -> None:
     time = np.arange(1.0, 11.0)
     n, declared = states.N, states.declared(states.biases())
     p = np.diag(np.repeat([10.0, 1.0, 1e-9, 1e-12, 1e-12], 3) ** 2)
-    table = Altitudes(world.truth.llh[[round(t * 100) for t in time], 2], np.full(time.size, 0.25))
+    table = AltitudeTable(world.truth.llh[[round(t * 100) for t in time], 2], np.full(time.size, 0.25))
     history = estimate(
-        records.Imu(world.imu_time, world.dtheta, world.dv),
+        records.ImuData(world.imu_time, world.dtheta, world.dv),
         Measurements.of({ALTITUDE: table}),
         records.schedule(time, (ALTITUDE, time, time)),
         records.start(exact_start(world.at_filter), p),

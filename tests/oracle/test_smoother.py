@@ -11,7 +11,7 @@ from navsim.core import states
 from navsim.core.strapdown import navigate
 from navsim.estimation import error_state, records, smoother
 from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import FIX, Fixes, Measurements
+from navsim.estimation.observations import FIX, FixTable, Measurements
 from tests.helpers import case
 
 SIGMA = np.repeat([10.0, 1.0, np.radians(5.0), np.radians(700.0 / 3600.0), 9.8e-3], 3)
@@ -70,8 +70,8 @@ def test_map_is_the_least_squares_solution() -> None:
     cov = np.tile(np.diag(np.repeat([FIX_SIGMA**2, 1.0], 3)), (EPOCHS, 1, 1))
     state = records.start(start, np.diag(SIGMA**2))
     history = estimate(
-        records.Imu(world.imu_time, dtheta, dv),
-        Measurements(Fixes(fixes, np.full((EPOCHS, 3), np.nan), cov, np.zeros(3))),
+        records.ImuData(world.imu_time, dtheta, dv),
+        Measurements.of({FIX: FixTable(fixes, np.full((EPOCHS, 3), np.nan), cov, np.zeros(3))}),
         records.schedule(np.arange(EPOCHS + 1.0), (FIX, fix_time, fix_time)),
         state,
         records.FilterModel(smoother.MAP, np.zeros((1, 2)), DECLARED, np.full(7, np.inf), 0),

@@ -48,6 +48,71 @@ def test_imports_point_one_way(room: str) -> None:
         assert not wrong, f"{source.relative_to(PACKAGE)} imports {wrong}"
 
 
+def modules_imported(source: Path, modules: set[str]) -> set[str]:
+    """Modules of navsim that a file imports as it is imported itself."""
+    found = set()
+    for node in ast.parse(source.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found |= {whole if whole in modules else node.module} & modules
+    return found
+
+
+def test_no_module_imports_itself_by_a_circle() -> None:
+    """Within a room too: what stands on what can be read from the imports."""
+    files = {
+        str(path.relative_to(PACKAGE.parent).with_suffix("")).replace("/", ".").removesuffix(".__init__"): path
+        for path in PACKAGE.glob("**/*.py")
+    }
+    imported = {name: modules_imported(path, set(files)) for name, path in files.items()}
+    done: set[str] = set()
+
+    def visit(name: str, way: tuple[str, ...]) -> None:
+        assert name not in way, " -> ".join([*way[way.index(name) :], name])
+        if name not in done:
+            for other in sorted(imported[name]):
+                visit(other, (*way, name))
+            done.add(name)
+
+    for name in files:
+        visit(name, ())
+
+
+OF_STATES = ("nav", "x", "p", "phi", "mid", "error", "own", "mean", "cov", "covariance", "matrix", "way")
+"""What arrays over states are called in the navigation filters and around them."""
+
+
+def test_states_are_named_and_not_counted() -> None:
+    """No literal index into an array over states: `x[A_N]`, not `x[6]`."""
+    sources = [
+        *(PACKAGE / "core" / f"{name}.py" for name in ("strapdown", "covariance")),
+        *(
+            PACKAGE / "estimation" / f"{name}.py"
+            for name in (
+                "error_state", "invariant", "tfg", "filter_loop", "smoother", "linearised", "judge", "observations",
+                "estimate", "records", "beliefs",
+            )
+        ),
+        *(PACKAGE / "simulation" / f"{name}.py" for name in ("landing", "replay", "live", "sensors")),
+    ]  # fmt: skip
+    counted = []
+    for source in sources:
+        for node in ast.walk(ast.parse(source.read_text())):
+            if not (
+                isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in OF_STATES
+            ):
+                continue
+            parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+            bounds = [
+                b for part in parts for b in ((part.lower, part.upper) if isinstance(part, ast.Slice) else (part,))
+            ]
+            # a number up to 2 may be an axis
+            if any(isinstance(b, ast.Constant) and isinstance(b.value, int) and b.value > 2 for b in bounds):
+                counted.append(f"{source.name}:{node.lineno}: {ast.unparse(node)}")
+    assert not counted, counted
+
+
 def test_every_room_has_its_rule() -> None:
     rooms = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
     assert rooms == set(ALLOWED)
