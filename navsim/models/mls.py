@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DEG = 180.0 / np.pi
+TO_DEGREES = 180.0 / np.pi
 
 LEVEL_END = 80.0
 """End of the level leg, s."""
@@ -73,7 +73,7 @@ def elevation(leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     square = leg.h**2 + leg.d**2
     cross = leg.h1 * leg.d - leg.h * leg.d1
     second = (leg.h2 * leg.d - leg.h * leg.d2) / square - 2.0 * cross * (leg.h * leg.h1 + leg.d * leg.d1) / square**2
-    return DEG * np.arctan2(leg.h, leg.d), DEG * cross / square, DEG * second
+    return TO_DEGREES * np.arctan2(leg.h, leg.d), TO_DEGREES * cross / square, TO_DEGREES * second
 
 
 def approach(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -94,4 +94,4 @@ def approach(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def manoeuvre_sigma(d: float, h: float, sigma_d2: float, sigma_h2: float) -> float:
     """1 sigma of beta'' (deg/s2) from accelerations along and up of 1 sigma sigma_d2, sigma_h2 (m/s2), linearised."""
-    return float(DEG * np.hypot(h * sigma_d2, d * sigma_h2) / (h**2 + d**2))
+    return float(TO_DEGREES * np.hypot(h * sigma_d2, d * sigma_h2) / (h**2 + d**2))
