@@ -27,8 +27,10 @@ from navsim.scenario.sky import Sky
 if TYPE_CHECKING:
     import numpy as np
 
+    from navsim.models.effects import Effects
     from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import Path
+    from navsim.models.signals import Ground
 
 
 class Landing(Section):
@@ -148,6 +150,27 @@ class Landing(Section):
         """Length of the paper's glide path, m: start height over the sine of the slope."""
         assert not isinstance(self.approach, RecordedApproach)
         return self.approach.start_height_m / math.sin(self.approach.glide_slope_deg * DEG)
+
+    def effects(self, ground: Ground) -> Effects:
+        """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
+        from navsim.models.effects import Effects
+
+        signals, pseudolites, tracking = self.signals, self.pseudolites, self.signals.tracking
+        space, station, multipath = signals.ephemeris, pseudolites.differential, pseudolites.multipath
+        return Effects(
+            ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
+            troposphere=None if signals.troposphere is None else signals.troposphere.model(),
+            space=None if space is None else space.model(),
+            reference=None if station is None else station.model(ground),
+            loop=tracking.loop(),
+            thermal=signals.range_law == "cn0",
+            horizon_db=tracking.gain_horizon_db,
+            ground=None if multipath is None else multipath.model(self.runway.height_m, tracking.gain_horizon_db),
+            cn0_reference=pseudolites.cn0_reference_m,
+            offsets=signals.offsets(),
+            one_clock=self.receiver.one_clock,
+            smoothing=self.receiver.smoothing_s,
+        )
 
     def aiding(self) -> list[Any]:
         """The models of the sensors beside the receiver that there are."""

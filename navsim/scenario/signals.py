@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from navsim.scenario.base import (
+    DEG,
     Latitude,
     Longitude,
     NonNegative,
@@ -20,7 +21,14 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
-from navsim.scenario.sky import Clock
+from navsim.scenario.sky import CLOCKS, Clock
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from navsim.models import effects
+    from navsim.models.signals import ErrorLaw, Ground
+    from navsim.models.tracking import CodeLoop, GroundReflection
 
 Klobuchar = Annotated[float, Field(ge=-1e8, le=1e8)]
 Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(as_tuple)]
@@ -59,6 +67,14 @@ class Ionosphere(Section):
     corrected: bool = True
     """the receiver takes the model off"""
 
+    def model(self) -> effects.Ionosphere:
+        """What it does to signals."""
+        import numpy as np
+
+        from navsim.models import effects
+
+        return effects.Ionosphere(np.array(self.alpha), np.array(self.beta), self.truth_scale, self.corrected)
+
 
 class Troposphere(Section):
     """The troposphere by the seasonal climatology of DO-229 with Niell's mapping, for satellites."""
@@ -68,6 +84,12 @@ class Troposphere(Section):
     correction: Literal["none", "saastamoinen", "mops"] = "saastamoinen"
     """what the receiver takes off: nothing, Saastamoinen's standard atmosphere, or the climatology itself"""
 
+    def model(self) -> effects.Troposphere:
+        """What it does to signals."""
+        from navsim.models import effects
+
+        return effects.Troposphere(self.truth_scale, self.correction)
+
 
 class Ephemeris(Section):
     """Errors of the satellites' messages: drawn per run and satellite, constant over a run."""
@@ -75,6 +97,14 @@ class Ephemeris(Section):
     orbit_sigma_m: Triple = (0.3, 1.0, 0.7)
     """radial, along, across the track"""
     clock_sigma_m: NonNegative = 1.0
+
+    def model(self) -> effects.Space:
+        """The errors of satellites."""
+        import numpy as np
+
+        from navsim.models import effects
+
+        return effects.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
 
 
 class Tracking(Section):
@@ -88,6 +118,12 @@ class Tracking(Section):
     gain_horizon_db: Annotated[float, Field(ge=-40.0, le=0.0)] = -10.0
     """gain of the receiving antenna at its horizon relative to the zenith, where cn0_dbhz is meant"""
 
+    def loop(self) -> CodeLoop:
+        """The code loop."""
+        from navsim.models.tracking import CodeLoop
+
+        return CodeLoop(self.spacing_chips, self.bandwidth_hz, self.integration_s)
+
 
 class GroundMultipath(Section):
     """Reflection of the pseudolites' signals by flat ground: two rays, Fresnel's coefficients, antenna gain."""
@@ -96,6 +132,12 @@ class GroundMultipath(Section):
     """of the ground, relative; ITU-R P.527: 3 dry sand, 15 medium soil, 30 wet soil, 80 water"""
     conductivity_s_m: NonNegative = 0.035
     """1e-3 dry, 0.035 medium, 0.1 wet"""
+
+    def model(self, height: float, horizon_db: float) -> GroundReflection:
+        """The reflection by ground at a height, m, into an antenna of this gain at its horizon."""
+        from navsim.models.tracking import GroundReflection
+
+        return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db)
 
 
 class Differential(Section):
@@ -107,6 +149,13 @@ class Differential(Section):
     """1 sigma of the station's own noise in them"""
     site: str | None = None
     """name of the pseudolite whose site has the station; default: the first"""
+
+    def model(self, ground: Ground) -> effects.Reference:
+        """The station among these pseudolites."""
+        from navsim.models import effects
+
+        at = ground.names.index(self.site) if self.site else 0
+        return effects.Reference(ground.llh[at], self.latency_s, self.sigma_m)
 
 
 class Pseudolites(Section):
@@ -181,6 +230,25 @@ class Pseudolites(Section):
         """PL1, PL2, ... or the names given."""
         return tuple(site.name or f"PL{i}" for i, site in enumerate(self.placed(), 1))
 
+    def ground(self, llh: np.ndarray) -> Ground:
+        """The transmitters at surveyed positions (p, 3), rad, rad, m."""
+        import numpy as np
+
+        from navsim.core.wgs84 import SPEED_OF_LIGHT
+        from navsim.models.signals import Ground
+
+        return Ground(
+            names=self.names(),
+            llh=llh,
+            survey_error=np.array(self.survey_error_m),
+            clock=CLOCKS.index(self.clock),
+            # a transmitter ahead of its time scale is heard too early
+            delay=-SPEED_OF_LIGHT * self.clock_offset_ns * 1e-9,
+            sigma=self.range_sigma_m,
+            rate_sigma=self.range_rate_sigma_m_s,
+            cn0=self.cn0_dbhz,
+        )
+
 
 class Signals(Section):
     """Errors of the ranging signals of satellites."""
@@ -203,6 +271,20 @@ class Signals(Section):
     """errors of orbits and clocks; left out: none"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
+
+    def law(self) -> ErrorLaw:
+        """How the noise of satellite signals grows towards the horizon."""
+        from navsim.models.signals import ErrorLaw
+
+        scale = self.range_scale_deg * DEG
+        return ErrorLaw(self.range_law, self.range_sigma_m, scale, self.range_rate_sigma_m_s, self.cn0_dbhz)
+
+    def offsets(self) -> tuple[float, ...]:
+        """What the offsets of time scales add to the pseudoranges of each clock, m."""
+        from navsim.core.wgs84 import SPEED_OF_LIGHT
+
+        # a clock ahead of the other makes its signals seem to come earlier
+        return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == "gps" else 0.0 for c in CLOCKS)
 
 
 class Receiver(Section):

@@ -21,6 +21,7 @@ from navsim.scenario.base import (
 )
 
 if TYPE_CHECKING:
+    from navsim.models.signals import Listed
     from navsim.models.sky import Mask
 
 
@@ -124,6 +125,21 @@ class Sky(Section):
             if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|R\d{3}|G\d{2}|T[0-9A-Z]\d{4}|X\d{2})", name):
                 raise reject(f"'{name}' names no source; GLONASS slots are R01 to R24, GPS G01 on", "exclude", index)
         return self
+
+    def listed(self) -> Listed:
+        """The sources in fixed directions."""
+        import numpy as np
+
+        from navsim.models.signals import Listed
+
+        names = tuple(f"X{i:02d}" for i in range(1, len(self.directions) + 1))
+        return Listed(
+            names,
+            np.array([d.azimuth_deg for d in self.directions]) * DEG,
+            np.array([d.elevation_deg for d in self.directions]) * DEG,
+            np.array([CLOCKS.index(d.clock) for d in self.directions]),
+            np.array([name not in self.exclude for name in names]),
+        )
 
     def mask(self) -> Mask:
         """The mask in radians."""

@@ -14,8 +14,8 @@ import numpy as np
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.placement import BLOCK, SAT_FIXED, SAT_N, SAT_SHARED, placement_dops
 from navsim.models.kinematics import Moving
+from navsim.models.signals import Environment, build_signals, clock_unknowns, fixed_with
 from navsim.models.sky import enu_matrix
-from navsim.simulation.signals import Environment, build_signals, clock_unknowns, fixed_with
 
 _LOWER = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 """Rows and columns of the lower triangle, in the kernel's order."""

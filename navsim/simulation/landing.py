@@ -3,7 +3,7 @@
     route -> signal simulator with pseudolites -> receiver -> fix ┐
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
-`World` is what all runs of a scenario share: the route, and the signals (`simulation.signals`). `fly` is one run.
+`World` is what all runs of a scenario share: the route, and the signals (`models.signals`). `fly` is one run.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from navsim.estimation.observations import FIX, MOST, FixTable, Measurements
 from navsim.estimation.records import Events, FilterModel, History, ImuData, Truth, schedule, start
 from navsim.models import imu, pseudorange, tracking
 from navsim.models.kinematics import Motion, Moving
+from navsim.models.signals import Environment, build_signals
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.sensors import true_values
-from navsim.simulation.signals import Environment, build_signals
 from navsim.simulation.streams import generator
 
 CARRIER_SIGMA = 3e-3

@@ -24,9 +24,9 @@ from navsim.io.stream import Lines
 from navsim.io.text import plain_number
 from navsim.models import imu
 from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
+from navsim.models.signals import antenna_ecef
 from navsim.simulation.landing import fixed, initial_estimate, measured
 from navsim.simulation.live import Increments, LiveFilter
-from navsim.simulation.signals import antenna_ecef
 from navsim.simulation.streams import generator
 from navsim.study import source_clock
 from navsim.study.findings import notes, of_flight

@@ -29,6 +29,7 @@ from navsim.core.wgs84 import llh_from_ecef
 from navsim.io.findings import Finding
 from navsim.models import timescales
 from navsim.models.kinematics import Motion
+from navsim.models.signals import Environment, build_signals
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
@@ -36,7 +37,6 @@ from navsim.scenario.source import Document, InputError, set_value
 from navsim.scenario.source import Problem as Complaint
 from navsim.scenario.sweep import HEIGHTS
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.simulation.signals import Environment, build_signals
 from navsim.study.landing import Case, covariance_analysis, covariance_findings, covariance_summary, prepare
 from navsim.study.landing.case import (
     RMS_WINDOW,

@@ -22,6 +22,7 @@ from navsim.io import files
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame, Moving
+from navsim.models.signals import Environment
 from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
@@ -31,7 +32,6 @@ from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.simulation.signals import Environment
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.findings import LANDING, among, marks, notes, without_fix
 from navsim.study.landing import (

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from navsim.core import states
+from navsim.models.signals import build_signals
 from navsim.simulation import landing_covariance
 from navsim.simulation.landing_covariance import SOURCES
-from navsim.simulation.signals import build_signals
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing import Case, covariance_analysis, covariance_result, default_workers, fly_all
 from tests.helpers import case

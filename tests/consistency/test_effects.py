@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from navsim.models import atmosphere, timescales
+from navsim.models.signals import build_signals
 from navsim.scenario.source import InputError
-from navsim.simulation.signals import build_signals
 from navsim.study import landing
 from tests.helpers import case, scenario
 

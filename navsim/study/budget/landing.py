@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.simulation.landing import epochs, fix_epochs
 from navsim.simulation.landing_covariance import SOURCES
-from navsim.simulation.signals import Environment
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
     BASE_TIME,

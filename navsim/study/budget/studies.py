@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from navsim.models.signals import Environment
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.shipped import path
 from navsim.simulation.landing import epochs, fix_epochs
-from navsim.simulation.signals import Environment
 from navsim.study import optimize, replay, table2
 from navsim.study.budget.estimate import (
     AXIS,

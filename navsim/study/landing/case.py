@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.rotation import dcm_from_rpy
-from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh
+from navsim.core.wgs84 import ecef_from_llh
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import KINDS
 from navsim.io import files
@@ -19,14 +19,13 @@ from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded import recorded_trajectory
-from navsim.models.tracking import CodeLoop, GroundReflection
+from navsim.models.signals import Environment, Ground, Satellites
 from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.landing import Landing
 from navsim.scenario.sensors import believed
-from navsim.scenario.sky import CLOCKS, SOURCES_FROM_FILES
+from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
-from navsim.simulation.effects import Effects, Ionosphere, Reference, Space, Troposphere
 from navsim.simulation.landing import (
     Flight,
     InitialErrors,
@@ -38,7 +37,6 @@ from navsim.simulation.landing import (
 )
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.sensors import followed
-from navsim.simulation.signals import Environment, ErrorLaw, Ground, Listed, Satellites
 from navsim.study.landing.sky import read_satellites
 from navsim.study.statistics import gate_limits
 
@@ -183,62 +181,16 @@ def environment(
     warnings: list[str] = []
     if trajectory is None:
         trajectory, scenario = trajectory_of(scenario, document)
-    ground = _ground(scenario, trajectory)
+    ground = scenario.pseudolites.ground(scenario.pseudolite_positions(trajectory.frame))
     satellites: tuple[Satellites, ...] = ()
-    listed = _listed(scenario) if scenario.sky.source == "directions" else None
+    listed = scenario.sky.listed() if scenario.sky.source == "directions" else None
     if listed is None:
         satellites, scenario = read_satellites(scenario, document, warnings)
-    signals = scenario.signals
-    law = ErrorLaw(
-        signals.range_law,
-        signals.range_sigma_m,
-        signals.range_scale_deg * DEG,
-        signals.range_rate_sigma_m_s,
-        signals.cn0_dbhz,
-    )
     lever_arm = np.array(scenario.receiver.lever_arm_m)
-    effects = _effects(scenario, ground)
-    return Environment(satellites, listed, scenario.sky.mask(), ground, law, lever_arm, effects), scenario, warnings
-
-
-def _effects(scenario: Landing, ground: Ground) -> Effects:
-    """What becomes of the signals on their way and in the receiver."""
-    signals, pseudolites = scenario.signals, scenario.pseudolites
-    loop = CodeLoop(signals.tracking.spacing_chips, signals.tracking.bandwidth_hz, signals.tracking.integration_s)
-    ionosphere, troposphere = signals.ionosphere, signals.troposphere
-    space, station, multipath = signals.ephemeris, pseudolites.differential, pseudolites.multipath
-    offsets = [0.0] * len(CLOCKS)
-    # a clock ahead of the other makes its signals seem to come earlier
-    offsets[CLOCKS.index("gps")] = -SPEED_OF_LIGHT * signals.gps_offset_ns * 1e-9
-    return Effects(
-        ionosphere=None
-        if ionosphere is None
-        else Ionosphere(
-            np.array(ionosphere.alpha), np.array(ionosphere.beta), ionosphere.truth_scale, ionosphere.corrected
-        ),
-        troposphere=None if troposphere is None else Troposphere(troposphere.truth_scale, troposphere.correction),
-        space=None if space is None else Space(np.array(space.orbit_sigma_m), space.clock_sigma_m),
-        reference=None
-        if station is None
-        else Reference(
-            ground.llh[ground.names.index(station.site) if station.site else 0], station.latency_s, station.sigma_m
-        ),
-        loop=loop,
-        thermal=signals.range_law == "cn0",
-        horizon_db=signals.tracking.gain_horizon_db,
-        ground=None
-        if multipath is None
-        else GroundReflection(
-            scenario.runway.height_m,
-            multipath.permittivity,
-            multipath.conductivity_s_m,
-            signals.tracking.gain_horizon_db,
-        ),
-        cn0_reference=pseudolites.cn0_reference_m,
-        offsets=tuple(offsets),
-        one_clock=scenario.receiver.one_clock,
-        smoothing=scenario.receiver.smoothing_s,
+    sources = Environment(
+        satellites, listed, scenario.sky.mask(), ground, scenario.signals.law(), lever_arm, scenario.effects(ground)
     )
+    return sources, scenario, warnings
 
 
 Ask = Callable[[Landing, Environment], None]
@@ -286,33 +238,6 @@ def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> Wor
         clock_offset=receiver.clock_offset_us * 1e-6,
         clock_drift=receiver.clock_drift_ppb * 1e-9,
         aiding=scenario.aiding(),
-    )
-
-
-def _listed(scenario: Landing) -> Listed:
-    directions = scenario.sky.directions
-    names = tuple(f"X{i:02d}" for i in range(1, len(directions) + 1))
-    return Listed(
-        names,
-        np.array([d.azimuth_deg for d in directions]) * DEG,
-        np.array([d.elevation_deg for d in directions]) * DEG,
-        np.array([CLOCKS.index(d.clock) for d in directions]),
-        np.array([name not in scenario.sky.exclude for name in names]),
-    )
-
-
-def _ground(scenario: Landing, trajectory: Moving) -> Ground:
-    section = scenario.pseudolites
-    return Ground(
-        names=section.names(),
-        llh=scenario.pseudolite_positions(trajectory.frame),
-        survey_error=np.array(section.survey_error_m),
-        clock=CLOCKS.index(section.clock),
-        # a transmitter ahead of its time scale is heard too early
-        delay=-SPEED_OF_LIGHT * section.clock_offset_ns * 1e-9,
-        sigma=section.range_sigma_m,
-        rate_sigma=section.range_rate_sigma_m_s,
-        cn0=section.cn0_dbhz,
     )
 
 

@@ -14,10 +14,10 @@ from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps, timescales, tle
+from navsim.models.signals import Satellites
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import CLOCKS, LENIENT, SOURCES_FROM_FILES, SYSTEMS, Sky
 from navsim.scenario.source import Document, InputError, Place, Problem
-from navsim.simulation.signals import Satellites
 
 
 def read_satellites(

@@ -1,6 +1,6 @@
 """The simulator of satellite and pseudolite signals: what there is to receive along a motion, and in what state.
 
-Source: `landing.md` section 4; the effects are those of `simulation.effects`.
+Source: `landing.md` section 4; the effects are those of `models.effects`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from navsim.core.defect import Defect
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
 from navsim.models import atmosphere, pseudorange, timescales, tracking
+from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.glonass import FDMA_L1
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
-from navsim.simulation.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
