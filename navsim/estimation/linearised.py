@@ -77,7 +77,9 @@ def steps_of(begin: float, events: Events) -> Steps:
     count = events.time.size
     length = np.empty(count)
     own, copy = begin, begin
-    for i, (time, ahead) in enumerate(zip(events.time.tolist(), events.ahead.tolist(), strict=True)):
+    # nothing happens before the flight begins: a filter that waits for late fixes is at its start
+    times = np.maximum(events.time, begin).tolist()
+    for i, (time, ahead) in enumerate(zip(times, events.ahead.tolist(), strict=True)):
         if not ahead:
             length[i] = time - own
             own = copy = time

@@ -2,7 +2,8 @@
 
     z = measured - predicted = H d + noise,  d the plain errors (dr, dv, theta, sensor states)
 
-A new kind is a number, a table and a function here, with a line in `Measurements` and one in `observe`.
+A new kind is a number (counted in `KIND_COUNT`), a table and a function here, with a line in `Measurements` and one in
+`observe`.
 Source: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108).
 """
 
@@ -35,7 +36,8 @@ from navsim.core.states import (
 
 FIX, ALTITUDE = 2, 3
 """Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them)."""
-KINDS = 4
+KIND_COUNT = 1 + max(FIX, ALTITUDE)
+"""Room for them and those before."""
 MOST = 6
 """Most numbers that one measurement has."""
 
@@ -65,7 +67,10 @@ class Measurements(NamedTuple):
 
     @classmethod
     def of(cls, tables: Mapping[int, Any]) -> Measurements:
-        """These tables by their kinds; of others there are no measurements."""
+        """These tables by their kinds; of others there are no measurements. Raises KeyError for a kind that is none."""
+        unknown = tables.keys() - {FIX, ALTITUDE}
+        if unknown:
+            raise KeyError(f"no measurements are of the kind {unknown.pop()}")
         return cls(
             tables.get(FIX, FixTable(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))),
             tables.get(ALTITUDE, AltitudeTable(np.empty(0), np.empty(0))),

@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.covariance import SIZE, STRIDE
-from navsim.estimation.observations import KINDS, MOST
+from navsim.estimation.observations import KIND_COUNT, MOST
 
 TIME_TOLERANCE = 1e-9
 """Times closer than this are one, s: well under any sample interval, well over rounding."""
@@ -134,7 +134,7 @@ def start(navigation: np.ndarray, covariance: np.ndarray) -> State:
     that the navigation state is too short for start from zero."""
     whole = np.zeros(states.NAV_SENSORS + covariance.shape[0] - states.SENSORS)
     whole[: navigation.size] = navigation
-    return State(whole, flat(covariance), np.zeros(KINDS, np.int64))
+    return State(whole, flat(covariance), np.zeros(KIND_COUNT, np.int64))
 
 
 def schedule(outputs: np.ndarray, *tables: tuple[int, np.ndarray, np.ndarray]) -> Events:

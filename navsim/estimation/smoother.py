@@ -149,7 +149,8 @@ def _nodes(begin, events):
     n = 1
     for i in range(count):
         if events.kind[i] == OUTPUT:
-            if events.time[i] - time[n - 1] > TIME_TOLERANCE:
+            # two outputs nearer than what is one time are two nodes: each has its row
+            if output[n - 1] >= 0 or events.time[i] - time[n - 1] > TIME_TOLERANCE:
                 time[n] = events.time[i]
                 n += 1
             output[n - 1] = events.row[i]

@@ -273,13 +273,13 @@ def _blocks(result: Result, path: str) -> Iterator[np.ndarray]:
 
 
 def _rms_over_runs(result: Result, path: str) -> np.ndarray:
-    """Root mean square over runs (t, 15)."""
+    """Root mean square over runs (t, n)."""
     total = sum(np.sum(block**2, axis=0) for block in _blocks(result, path))
     return np.sqrt(total / result["/run"].size)
 
 
 def _first_runs(result: Result, path: str) -> np.ndarray:
-    """As many runs as are drawn one by one (r, t, 15)."""
+    """As many runs as are drawn one by one (r, t, n)."""
     found: list[np.ndarray] = []
     for block in _blocks(result, path):
         found.append(block[: MOST_RUNS - sum(len(b) for b in found)])
@@ -288,16 +288,23 @@ def _first_runs(result: Result, path: str) -> np.ndarray:
     return np.concatenate(found)
 
 
+def _further_rows(result: Result) -> list[tuple[str, float]]:
+    """Labels and scales of what a filter follows beside the biases, three states a row."""
+    names = [str(name) for name in result["/filter/state"][3 * len(_ROWS) :: 3]]
+    return [(f"{name.removesuffix('_x').replace('_', ' ')}, ppm", 1e6) for name in names]
+
+
 def errors(result: Result) -> Figure:
-    """The fifteen errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
-    fig = new_figure(2 * COLUMN, 6.6)
-    axes = fig.subplots(5, 3, sharex=True)
+    """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
+    rows = [*_ROWS, *_further_rows(result)]
+    fig = new_figure(2 * COLUMN, 6.6 * len(rows) / len(_ROWS))
+    axes = fig.subplots(len(rows), 3, sharex=True)
     t = result["/filter/time"]
     error = _first_runs(result, "/filter/error")
     alone = single(result)
     sigma, rms = _rms_over_runs(result, "/filter/sigma"), _rms_over_runs(result, "/filter/error")
     late = settled(t)
-    for row, (label, scale) in enumerate(_ROWS):
+    for row, (label, scale) in enumerate(rows):
         for column in range(3):
             ax: Axes = axes[row, column]
             i = 3 * row + column
@@ -321,7 +328,7 @@ def errors(result: Result) -> Figure:
                 ax.set_title(("north", "east", "down")[column])
             if row == 3:
                 ax.set_title("xyz"[column])
-            if row == 4:
+            if row == len(rows) - 1:
                 ax.set_xlabel("time, s")
     fig.align_ylabels(axes[:, 0])
     legend_above(fig, axes[0, 0], 4, runs_of(result))

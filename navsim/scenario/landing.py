@@ -71,6 +71,7 @@ class Landing(Section):
             given = getattr(self.filter.imu, sensor)
             if given is not None:
                 believed(getattr(self.imu, sensor), given).check_markov("filter", "imu", sensor)
+        self._checked_aiding()
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
         if self.method == "covariance":
@@ -90,6 +91,26 @@ class Landing(Section):
         self._checked_speed(path)
         self._checked_pseudolites()
         return self
+
+    def _checked_aiding(self) -> None:
+        """What sensors and states of the filter have to do with each other."""
+        if self.altimeter is not None:
+            if self.altimeter.rate_hz > self.imu.rate_hz:
+                raise reject("cannot be faster than the IMU's samples (imu.rate_hz)", "altimeter", "rate_hz")
+            if self.altimeter.rate_hz * self.duration_s < 1.0:
+                raise reject("measures nothing within duration_s", "altimeter", "rate_hz")
+        given = [getattr(self.filter.imu, sensor) for sensor in ("gyro", "accelerometer")]
+        of_filter = [section is not None and section.scale_ppm is not None for section in given]
+        if self.filter.scale_factors:
+            true = [getattr(self.imu, sensor).scale_ppm for sensor in ("gyro", "accelerometer")]
+            if not any(true) and not any(section and section.scale_ppm for section in given):
+                raise reject(
+                    "there are none: give imu.gyro.scale_ppm, imu.accelerometer.scale_ppm, or those of filter.imu",
+                    "filter", "scale_factors",
+                )  # fmt: skip
+        elif any(of_filter):
+            sensor = ("gyro", "accelerometer")[of_filter.index(True)]
+            raise reject("is for `filter.scale_factors: true`", "filter", "imu", sensor, "scale_ppm")
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""

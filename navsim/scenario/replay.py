@@ -103,6 +103,9 @@ class Sensors(Section):
             raise reject("recorded rates differ, so give the density, arw_deg_sqrt_h", "gyro", "noise_deg_h")
         if self.accelerometer.noise_mg is not None:
             raise reject("recorded rates differ, so give the density, vrw_m_s_sqrt_h", "accelerometer", "noise_mg")
+        for sensor in ("gyro", "accelerometer"):
+            if getattr(self, sensor).scale_ppm is not None:
+                raise reject("the filter of a recorded flight does not follow scale factors", sensor, "scale_ppm")
         return self
 
     def convention(self) -> ImuConvention:

@@ -71,7 +71,11 @@ _SENSORS: Mapping[type, Sensor] = {
 
 def aids_of(models: Sequence[Any], trajectory: Moving, duration: float, imu_rate: float) -> tuple[Aid, ...]:
     """The sensors of these models on a flight of `duration` s: at 1 / rate, 2 / rate, ... s of each, up to the last
-    sample of the IMU. A model has its `rate` (Hz), and `sigma` and `believed` as of `Aid`."""
+    sample of the IMU. A model has its `rate` (Hz), and `sigma` and `believed` as of `Aid`. Raises ValueError for two
+    of a kind."""
+    kinds = [_SENSORS[type(model)].kind for model in models]
+    if len(set(kinds)) < len(kinds):
+        raise ValueError("a table of measurements belongs to one sensor: two of a kind cannot fly together")
     last = np.floor(duration * imu_rate + 1e-9) / imu_rate
     out = []
     for model in models:

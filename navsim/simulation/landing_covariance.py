@@ -15,6 +15,7 @@ Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), sect
 
 from __future__ import annotations
 
+import copy as copying
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -97,6 +98,7 @@ class Analysis:
     believed: np.ndarray
     nis: np.ndarray
     degrees: np.ndarray
+    aided: dict[str, np.ndarray]
 
     def expected_square(self, states_: slice) -> np.ndarray:
         """Expected normalised squared error of some states, per degree of freedom (t,)."""
@@ -159,6 +161,12 @@ class _Smoothed:
         self.sigma, self.slope, self.used = sigma, slope, used
         self.chosen = (~ground, ground)
         self.cov = np.zeros((2, size + ground.size, size + ground.size))
+
+    def copied(self) -> _Smoothed:
+        """The same, to go on by itself."""
+        out = copying.copy(self)
+        out.cov = self.cov.copy()
+        return out
 
     def carry(self, way: np.ndarray) -> None:
         """On by what changes the state by `way` (S, S): an interval, or the weighing of another sensor."""
@@ -314,72 +322,77 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
 
     total, mean = _at_start(carried, sources, flight.initial, true)
     response = np.zeros((carried.size, ephemeris.shape[2]))
-    kept, copied = (total, mean, response), (total, mean, response)
+    kept = copied = (total, mean, response)
+    # smoothed ranges are carried on a copy that runs ahead where fixes are weighed there
+    smoothed_ahead = smoothed is not None and bool(np.any(events.ahead & (events.kind == FIX)))
+    copy: _Smoothed | None = None
     was_ahead = False
+    aided = {aid.sensor.name: np.zeros(2) for aid in world.aids}
     for i in range(events.time.size):
         # on a copy of the filter that runs ahead nothing but the answer is kept
         ahead = bool(events.ahead[i])
         total, mean, response = copied if ahead and was_ahead else kept
+        if ahead and not was_ahead and smoothed is not None and smoothed_ahead:
+            copy = smoothed.copied()
+        ranges_here = copy if ahead else smoothed
         was_ahead = ahead
         interval = steps.interval[i]
         if interval >= 0:
             way, added = carried.interval(lin, interval, steps.length[i], density)
             total = way @ total @ way.T + added
             mean, response = way @ mean, way @ response
-            if smoothed is not None and not ahead:
-                smoothed.carry(way)
-                total[list(_RANGES)] = smoothed.state()
-        if events.kind[i] == OUTPUT:
-            o = events.row[i]
+            if ranges_here is not None:
+                ranges_here.carry(way)
+                total[list(_RANGES)] = ranges_here.state()
+        kind, row, w = int(events.kind[i]), int(events.row[i]), steps.measurement[i]
+        if kind == OUTPUT:
             error = carried.to_error @ total @ carried.to_error.T
             one = carried.to_error @ response
             error[_EPHEMERIS] = one @ one.T
-            variance[:, o] = np.diagonal(error, axis1=1, axis2=2)
-            sums[o] = error.sum(axis=0)
-            means[o] = carried.to_error @ mean
-        elif events.kind[i] == FIX and not ahead:
-            epoch, w = events.row[i], steps.measurement[i]
-            if smoothed is not None:
-                smoothed.measure(epoch)
-            m = degrees[epoch] = lin.degrees[w]
-            if m:
-                here = lin.h[w, :m] @ carried.to_error
-                feedback = np.zeros((carried.size, m))
-                feedback[:n] = lin.gain[w, :, :m]
-                keep = np.eye(carried.size) - feedback @ here
-                r = noise[:, epoch, :m, :m]
-                z = lin.z[w, :m]
-                fixed_off, messages_off = z + here @ mean, here @ response + ephemeris[epoch, :m]
-                others = total.sum(axis=0) if smoothed is None else np.delete(total, _RANGES, axis=0).sum(axis=0)
-                second = here @ others @ here.T + r.sum(axis=0) + messages_off @ messages_off.T
-                total = keep @ total @ keep.T + feedback @ r @ feedback.T
-                if smoothed is not None:
-                    second += smoothed.fixed(epoch, here, feedback, m)
-                    total[list(_RANGES)] = smoothed.state()
-                expected = lin.expected[w, :m, :m]
-                systematic[epoch] = fixed_off @ np.linalg.solve(expected, fixed_off)
-                nis[epoch] = np.trace(np.linalg.solve(expected, second)) + systematic[epoch]
-                mean = keep @ mean - feedback @ z
-                response = keep @ response - feedback @ ephemeris[epoch, :m]
-        elif events.kind[i] in of_kind:
-            source, aid = of_kind[events.kind[i]]
-            w = steps.measurement[i]
-            m = lin.degrees[w]
+            variance[:, row] = np.diagonal(error, axis1=1, axis2=2)
+            sums[row] = error.sum(axis=0)
+            means[row] = carried.to_error @ mean
+        if kind == FIX and ranges_here is not None:
+            ranges_here.measure(row)
+        if kind == FIX and not ahead:
+            degrees[row] = lin.degrees[w]
+        if w >= 0 and lin.degrees[w]:
+            m = int(lin.degrees[w])
             here = lin.h[w, :m] @ carried.to_error
             feedback = np.zeros((carried.size, m))
             feedback[:n] = lin.gain[w, :, :m]
             keep = np.eye(carried.size) - feedback @ here
-            total = keep @ total @ keep.T
-            total[source] += feedback @ np.diag(aid.sigma[lin.place[w, :m]] ** 2) @ feedback.T
-            mean = keep @ mean - feedback @ lin.z[w, :m]
-            response = keep @ response
-            if smoothed is not None and not ahead:
-                smoothed.carry(keep)
+            z, expected = lin.z[w, :m], lin.expected[w, :m, :m]
+            if kind == FIX:
+                r, message = noise[:, row, :m, :m], ephemeris[row, :m]
+            else:
+                source, aid = of_kind[kind]
+                r, message = np.zeros((len(sources), m, m)), np.zeros((m, response.shape[1]))
+                r[source] = np.diag(aid.sigma[lin.place[w, :m]] ** 2)
+            fixed_off, messages_off = z + here @ mean, here @ response + message
+            correlated = kind == FIX and ranges_here is not None
+            others = (np.delete(total, _RANGES, axis=0) if correlated else total).sum(axis=0)
+            second = here @ others @ here.T + r.sum(axis=0) + messages_off @ messages_off.T
+            total = keep @ total @ keep.T + feedback @ r @ feedback.T
+            if ranges_here is not None:
+                if correlated:
+                    second += ranges_here.fixed(row, here, feedback, m)
+                else:
+                    ranges_here.carry(keep)
+                total[list(_RANGES)] = ranges_here.state()
+            mean = keep @ mean - feedback @ z
+            response = keep @ response - feedback @ message
+            off = fixed_off @ np.linalg.solve(expected, fixed_off)
+            square = np.trace(np.linalg.solve(expected, second)) + off
+            if kind == FIX and not ahead:
+                systematic[row], nis[row] = off, square
+            elif not ahead:
+                aided[aid.sensor.name] += square, m
         if ahead:
             copied = (total, mean, response)
         else:
             kept = (total, mean, response)
-    out = Analysis(sources, variance, means, sums, lin.believed, nis, degrees)
+    out = Analysis(sources, variance, means, sums, lin.believed, nis, degrees, aided)
     white = smoothed is None and s.space is None and beliefs.sigma_scale == 1.0
     white &= all(np.array_equal(aid.sigma, aid.believed) for aid in world.aids)
     # every error that there is has its state, and all are as believed

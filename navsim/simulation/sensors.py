@@ -70,9 +70,10 @@ def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
     )
 
 
-def true_values(followed: Sequence[Block], errors: SensorErrors, at: np.ndarray) -> np.ndarray:
+def true_values(blocks: Sequence[Block], errors: SensorErrors, at: np.ndarray) -> np.ndarray:
     """What the states that a filter follows really are (o, k), at these samples (o,) of the IMU."""
-    parts = [errors.bias[at]]
-    if len(followed) > len(states.biases()):
-        parts.append(np.tile(errors.scale, (at.size, 1)))
-    return np.concatenate(parts, axis=1)
+    columns = []
+    for block in blocks:
+        part = slice(3 * block.triad, 3 * block.triad + 3)
+        columns.append(np.tile(errors.scale[part], (at.size, 1)) if block.scaled else errors.bias[at, part])
+    return np.concatenate(columns, axis=1)

@@ -10,8 +10,10 @@ import pytest
 from navsim.core import states
 from navsim.estimation import filter_loop, records
 from navsim.estimation.estimate import estimate
-from navsim.estimation.observations import ALTITUDE, AltitudeTable, Measurements
+from navsim.estimation.observations import ALTITUDE, FIX, AltitudeTable, Measurements
 from navsim.io.results import read
+from navsim.scenario.source import InputError
+from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing import exact_start
 from navsim.study.landing import covariance_analysis, default_workers, fly_all
 from tests.conftest import SCENARIOS
@@ -113,3 +115,63 @@ def test_live_says_that_it_cannot_take_it(tmp_path: Path) -> None:
         "live", SCENARIOS / "landing.yaml", "--set", "altimeter={}", "--receiver", "-", cwd=tmp_path, code=2
     ).stderr
     assert "altimeter" in said
+
+
+def test_wrong_heights_are_rejected_and_fixes_are_not() -> None:
+    """Each kind of measurement is counted by itself: fifty heights in a row, 200 m off, and not a fix among them."""
+    flown = case(*GENTLE, "altimeter={sigma_m: 0.5, offset_m: 200}", "filter.gate.max_rejected=50")
+    run = flown.fly(1, 0)
+    # fixes are used in between, which does not interrupt the count of heights
+    assert np.all(run.aided_status[:50] == records.REJECTED)
+    assert run.aided_status[50] == records.USED
+    assert np.all(run.status[:5] == records.USED)
+    waiting = ("altimeter={sigma_m: 0.5, offset_m: 200}", "filter.gate.max_rejected=100000", "receiver.latency_s=0.5")
+    late = case(*GENTLE, *waiting)
+    run = late.fly(1, 0)
+    assert np.all(run.aided_status == records.REJECTED)
+    assert np.all(run.status == records.USED)
+    without = case(*GENTLE, "receiver.latency_s=0.5").fly(1, 0)
+    assert np.sqrt(np.mean(run.error[20:, DOWN] ** 2)) < 2.0 * np.sqrt(np.mean(without.error[20:, DOWN] ** 2)) + 0.5
+
+
+def test_fixes_on_the_copy_that_runs_ahead_are_analysed() -> None:
+    """A filter that believes its fixes older than the flight has them on its copy alone at first."""
+    settings = (*GENTLE[:2], "duration_s=12", "receiver.rate_hz=2", "filter.latency_s=2", "filter.gate.probability=0")
+    for more in ((), ("receiver.smoothing_s=5",)):
+        flown = case(*settings, *more)
+        events = flown.flight.events
+        assert np.any(events.ahead & (events.kind == FIX))
+        analysis = covariance_analysis(flown)
+        runs = fly_all(flown, 7, 0, 300, default_workers())
+        predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)[1:6, :2]
+        ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[1:6, :2] / predicted
+        assert np.all(np.abs(ratio - 1.0) < 0.2), ratio
+
+
+def test_a_late_fix_leaves_the_start_as_it_is() -> None:
+    """A filter that waits is at its start until then: a Markov bias does not decay before the flight."""
+    markov = ("imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=2", "duration_s=20")
+    begun = [covariance_analysis(case(*GENTLE[1:3], *markov, f"receiver.latency_s={late}")) for late in (0, 1)]
+    np.testing.assert_allclose(begun[1].variance[:, 0], begun[0].variance[:, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (("altimeter.rate_hz=100", "imu.rate_hz=10", "receiver.rate_hz=1"), "imu.rate_hz"),
+        (("altimeter.rate_hz=0.1", "duration_s=5"), "nothing within"),
+        (("filter.scale_factors=true",), "scale_ppm"),
+        (("filter.imu={gyro: {scale_ppm: 3}}",), "scale_factors"),
+    ],
+)
+def test_what_would_do_nothing_is_refused(settings: tuple[str, ...], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        case(*settings)
+    assert said in str(caught.value.problems[0])
+
+
+def test_two_of_a_kind_are_refused() -> None:
+    flown = case("altimeter={}")
+    model = flown.scenario.altimeter.model()
+    with pytest.raises(ValueError, match="two of a kind"):
+        aids_of([model, model], flown.trajectory, 20.0, 100.0)

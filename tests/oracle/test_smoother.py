@@ -12,6 +12,7 @@ from navsim.core.strapdown import navigate
 from navsim.estimation import error_state, records, smoother
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.simulation.landing import exact_start
 from tests.helpers import case
 
 SIGMA = np.repeat([10.0, 1.0, np.radians(5.0), np.radians(700.0 / 3600.0), 9.8e-3], 3)
@@ -87,3 +88,20 @@ def test_map_is_the_least_squares_solution() -> None:
     jacobian = solution.jac
     initial = SIGMA * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
     np.testing.assert_allclose(sigma[0][9:], initial[9:], rtol=2e-2)
+
+
+@pytest.mark.parametrize("kind", [smoother.RTS, smoother.MAP])
+def test_each_output_has_its_row_however_near(kind: int) -> None:
+    """Two outputs within what is one time, as an offset of clocks makes them, are both answered, alike."""
+    world = case("duration_s=3", "imu.preset=perfect").world
+    fix_time = np.array([1.0, 2.0])
+    llh = world.truth.llh[[100, 200]]
+    history = estimate(
+        records.ImuData(world.imu_time, world.dtheta, world.dv),
+        Measurements.of({FIX: FixTable(llh, np.full((2, 3), np.nan), np.tile(np.eye(6), (2, 1, 1)), np.zeros(3))}),
+        records.schedule(np.array([1.0, np.nextafter(1.0, 2.0), 2.0]), (FIX, fix_time, fix_time)),
+        records.start(exact_start(world.at_filter), np.diag(SIGMA**2)),
+        records.FilterModel(kind, np.zeros((1, 2)), DECLARED, np.full(7, np.inf), 0),
+    )
+    np.testing.assert_allclose(history.navigation[1], history.navigation[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(history.covariance[1], history.covariance[0], rtol=1e-6, atol=1e-12)

@@ -47,7 +47,8 @@ _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 @dataclass(frozen=True)
 class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
-    a fix, states of the filter, measurements of sensors beside the receiver."""
+    a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
+    while the filter waits for late fixes."""
 
     samples: int
     epochs: int
@@ -55,6 +56,7 @@ class Extent:
     clocks: int
     states: int
     aided: int
+    ahead: float
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -79,6 +81,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names,
         1 if sources.effects.one_clock else len(clocks), len(scenario.filter.states()),
         sum(epochs(scenario.duration_s, model.rate).size for model in scenario.aiding()),
+        fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
     )  # fmt: skip
 
 
@@ -106,9 +109,17 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     )
 
 
+def _waiting(scenario: Landing) -> float:
+    """How long the filter waits for late fixes, s."""
+    believed = scenario.filter.latency_s
+    return scenario.receiver.latency_s if believed is None else believed
+
+
 def run_time(scenario: Landing, here: Extent) -> float:
     """Seconds of one run on one core."""
-    once = SAMPLE_TIME * here.samples + FIX_TIME * here.epochs
+    weighed = here.epochs + here.aided + here.ahead
+    flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
+    once = SAMPLE_TIME * flown + FIX_TIME * weighed
     return SMOOTHING.get(scenario.filter.kind, 1.0) * once
 
 
@@ -154,10 +165,11 @@ def _analysed(scenario: Landing, here: Extent) -> Budget:
     result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (4 + len(SOURCES)) * here.states) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here),
-        shared_memory(here) + ANALYSED_MEMORY * outputs + WRITING * result,
+        shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
         result,
     )
 
 
 def analysis_time(here: Extent) -> float:
-    return here.epochs * (_EPOCH_TIME + _SLOPE_TIME * here.sources) + _ANALYSED_TIME * here.samples
+    weighed = here.epochs + here.aided + here.ahead
+    return weighed * _EPOCH_TIME + here.epochs * _SLOPE_TIME * here.sources + _ANALYSED_TIME * here.samples

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SMOOTHERS
@@ -66,7 +65,7 @@ _READ_MEMORY = 600
 """A sample or fix of a recording while it is read and judged, bytes."""
 _SPAN_MEMORY = 400
 """An outage, bytes."""
-_REPLAYED_MEMORY = 1000
+_REPLAYED_MEMORY = 3000
 """An output or fix of a replayed flight, bytes."""
 
 
@@ -161,8 +160,8 @@ def search_time(here: Problem) -> float:
     points = len(here.geometry.receiver)
     fixes = fix_epochs(case.duration_s, case.imu.rate_hz, case.receiver.rate_hz, case.receiver.latency_s).size
     heard = 24 + max(here.study.pseudolites)
-    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0)
-    rough = Extent(int(case.duration_s * COARSE_IMU), int(case.duration_s * COARSE_FIXES), heard, 1, whole.states, 0)
+    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0, 0.0)
+    rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
     cost = {
         GEOMETRY: 4.0 * points * _POINT_TIME, FULL: analysis_time(whole), COARSE: analysis_time(rough),
     }  # fmt: skip
@@ -194,9 +193,7 @@ def recorded(recording: replay.Recording) -> Budget:
     samples, fixes = recording.samples.time.size, recording.fixes.time.size
     lasts = float(recording.samples.time[-1]) - recording.alignment.time
     rate = recording.scenario.filter.output_rate_hz
-    # what lies on an output's time is stored before and after the fix
-    late = recording.fixes.time[recording.fixes.time > recording.alignment.time]
-    outputs = lasts * rate + float(np.sum(late == np.round(late * rate) / rate))
+    outputs = lasts * rate
     outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
     once = SAMPLE_TIME * samples + FIX_TIME * fixes
     final = SMOOTHING.get(recording.scenario.filter.kind, 1.0) * (once + SAMPLE_TIME * outputs)

@@ -108,6 +108,9 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     ):
         mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
         found += doubted(name, words, mean, math.inf)
+    for sensor, (squares, count) in analysis.aided.items():
+        if count:
+            found += doubted(f"{sensor}_innovations", f"innovations of the {sensor}", float(squares / count), math.inf)
     degrees = analysis.degrees.sum()
     if degrees:
         found += doubted("innovations", "innovations", float(np.nansum(analysis.nis)) / degrees, math.inf)
@@ -128,7 +131,7 @@ def covariance_summary(case: Case, analysis: Analysis) -> Result:
 
 
 def _squares(analysis: Analysis) -> np.ndarray:
-    """Mean squares of every source of the budget (source, t, 15)."""
+    """Mean squares of every source of the budget (source, t, n)."""
     return np.concatenate([analysis.variance, analysis.mean[None] ** 2])
 
 
