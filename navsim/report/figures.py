@@ -291,7 +291,8 @@ def _first_runs(result: Result, path: str) -> np.ndarray:
 def _further_rows(result: Result) -> list[tuple[str, float]]:
     """Labels and scales of what a filter follows beside the biases, three states a row."""
     names = [str(name) for name in result["/filter/state"][3 * len(_ROWS) :: 3]]
-    return [(f"{name.removesuffix('_x').replace('_', ' ')}, ppm", 1e6) for name in names]
+    short = [name.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ") for name in names]
+    return [(f"{name}, ppm", 1e6) for name in short]
 
 
 def errors(result: Result) -> Figure:
