@@ -66,7 +66,7 @@ def test_gauss_markov_is_stationary() -> None:
     gyro = Triad(bias=0.0, noise_density=0.0, markov=1.0, markov_time=5.0)
     accel = Triad(bias=0.0, noise_density=0.0)
     still = np.zeros((2000, 3))
-    biases = np.stack([simulate(generator(2, r, "imu"), still, still, 0.1, gyro, accel)[2] for r in range(300)])
+    biases = np.stack([simulate(generator(2, r, "imu"), still, still, 0.1, gyro, accel)[2].bias for r in range(300)])
     spread = biases[:, ::100, :3].std(axis=(0, 2))
     np.testing.assert_allclose(spread, 1.0, atol=0.1)
     lag = np.mean(biases[:, :-50, :3] * biases[:, 50:, :3])
@@ -88,7 +88,7 @@ def test_biases_are_drawn_per_axis_or_fixed() -> None:
     still = np.zeros((5, 3))
     drawn = []
     for run in range(2000):
-        _, _, bias = simulate(generator(1, run, "imu"), still, still, 0.01, gyro, accel)
+        bias = simulate(generator(1, run, "imu"), still, still, 0.01, gyro, accel)[2].bias
         np.testing.assert_allclose(np.degrees(bias[0, :3]) * 3600, [10, -20, 30])
         assert np.all(bias == bias[0])
         drawn.append(bias[0, 3:])
