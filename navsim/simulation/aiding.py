@@ -69,18 +69,23 @@ _SENSORS: Mapping[type, Sensor] = {
 """The sensor of each model."""
 
 
+def times_of(model: Any, duration: float, imu_rate: float) -> np.ndarray:
+    """When a model measures on a flight of `duration` s (m,): 1 / rate, 2 / rate, ... s up to the last sample of the
+    IMU, whose rate is in Hz."""
+    last = np.floor(duration * imu_rate + 1e-9) / imu_rate
+    return np.arange(1, int(np.floor(last * model.rate + 1e-9)) + 1) / model.rate
+
+
 def aids_of(models: Sequence[Any], trajectory: Moving, duration: float, imu_rate: float) -> tuple[Aid, ...]:
-    """The sensors of these models on a flight of `duration` s: at 1 / rate, 2 / rate, ... s of each, up to the last
-    sample of the IMU. A model has its `rate` (Hz), and `sigma` and `believed` as of `Aid`. Raises ValueError for two
-    of a kind."""
+    """The sensors of these models on a flight, measuring at their `times_of`. A model has its `rate` (Hz), and `sigma`
+    and `believed` as of `Aid`. Raises ValueError for two of a kind."""
     kinds = [_SENSORS[type(model)].kind for model in models]
     if len(set(kinds)) < len(kinds):
         raise ValueError("a table of measurements belongs to one sensor: two of a kind cannot fly together")
-    last = np.floor(duration * imu_rate + 1e-9) / imu_rate
     out = []
     for model in models:
         sensor = _SENSORS[type(model)]
-        time = np.arange(1, int(np.floor(last * model.rate + 1e-9)) + 1) / model.rate
+        time = times_of(model, duration, imu_rate)
         exact = sensor.exact(model, trajectory.motion(time))
         out.append(Aid(sensor, time, exact, np.asarray(model.sigma), np.asarray(model.believed)))
     return tuple(out)

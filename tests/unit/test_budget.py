@@ -23,7 +23,15 @@ from tests.helpers import case
 FEW = ("duration_s=65", "imu.rate_hz=20", "receiver.rate_hz=2")
 
 
-@pytest.mark.parametrize("more", [(), ("receiver.latency_s=0.7",), ("sky.source=nominal", "receiver.one_clock=true")])
+@pytest.mark.parametrize(
+    "more",
+    [
+        (),
+        ("duration_s=10.99", "imu.rate_hz=10", "altimeter={rate_hz: 9.1}"),
+        ("receiver.latency_s=0.7",),
+        ("sky.source=nominal", "receiver.one_clock=true"),
+    ],
+)
 def test_numbers_of_a_landing_are_those_of_its_arrays(more: tuple[str, ...]) -> None:
     here = case(*FEW, *more)
     told = extent(here.scenario, here.environment)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
+from navsim.simulation.aiding import times_of
 from navsim.simulation.landing import epochs, fix_epochs
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.budget.estimate import (
@@ -80,7 +81,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names,
         1 if sources.effects.one_clock else len(clocks), len(scenario.filter.states()),
-        sum(epochs(scenario.duration_s, model.rate).size for model in scenario.aiding()),
+        sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
     )  # fmt: skip
 
