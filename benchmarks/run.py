@@ -66,12 +66,13 @@ def whole_processes(rows: list[tuple[str, str, str, bool]]) -> None:
     from navsim.study.budget.estimate import SPREAD
     from navsim.study.budget.landing import landing
     from navsim.study.budget.studies import tables
-    from navsim.study.landing import default_workers, prepare
+    from navsim.study.executor import threads
+    from navsim.study.landing import prepare
 
     scenario = str(SCENARIO)
     flown = ["run", scenario, "--figures", "none"]
     command(*flown)()
-    case, cores = prepare(*read(SCENARIO)), default_workers()
+    case, cores = prepare(*read(SCENARIO)), threads().workers
     told = {
         "1000 landings, statistics, file": landing(case.scenario, case.environment, 1000, "errors", cores).time_s,
         "`navsim table2`, 400 runs a row": tables(400, cores).time_s,
@@ -104,13 +105,14 @@ def workers() -> list[tuple[str, str, str, bool]]:
     """The engine alone, batches kept on disk as they are finished, as in the process; and what it costs to tell by
     their checksums whose and how whole they are, all read once more."""
     from navsim.scenario.load import read
+    from navsim.study.executor import threads
     from navsim.study.landing import fly_all, prepare
     from navsim.study.partial import Store
 
     case = prepare(*read(SCENARIO))
 
     def job(count: int, folder: Path) -> Callable[[], object]:
-        return lambda: fly_all(case, 1, 0, 1000, count, keep="errors", store=Store(folder, {}, True))
+        return lambda: fly_all(case, 1, 0, 1000, threads(count), keep="errors", store=Store(folder, {}, True))
 
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "partial"
@@ -235,12 +237,13 @@ def placements(rows: list[tuple[str, str, str, bool]]) -> None:
 def analysis(rows: list[tuple[str, str, str, bool]]) -> None:
     """Linear covariance analysis against 2000 runs of the same landing."""
     from navsim.scenario.load import read
-    from navsim.study.landing import covariance_analysis, default_workers, fly_all, prepare
+    from navsim.study.executor import threads
+    from navsim.study.landing import covariance_analysis, fly_all, prepare
 
     case = prepare(*read(SCENARIO, ["receiver.rate_hz=1"]))
     covariance_analysis(case)
     linear = timed(lambda: covariance_analysis(case), 5)
-    runs = timed(lambda: fly_all(case, 1, 0, 2000, default_workers(), keep="none"), 1)
+    runs = timed(lambda: fly_all(case, 1, 0, 2000, threads(), keep="none"), 1)
     rows.append(("covariance analysis with budget, 1 Hz fixes", shown(linear, "s", 1.0), "", True))
     rows.append(("2000 runs against it", f"{runs[0] / statistics.median(linear):.0f}×", "", True))
 

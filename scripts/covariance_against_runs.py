@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from navsim.scenario.load import read
-from navsim.study.landing import covariance_analysis, default_workers, fly_all, prepare
+from navsim.study.executor import threads
+from navsim.study.landing import covariance_analysis, fly_all, prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 RUNS = 2000
@@ -43,7 +44,7 @@ def main() -> None:
         case = prepare(*read(ROOT / "scenarios" / "landing.yaml", settings))
         analysis = covariance_analysis(case)
         predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-        error = fly_all(case, 1, 0, RUNS, default_workers(), keep="errors")["error"]
+        error = fly_all(case, 1, 0, RUNS, threads(), keep="errors")["error"]
         at = [int(np.argmin(np.abs(case.world.filter_time - t))) for t in TIMES]
         measured = np.sqrt(np.mean(error[:, at] ** 2, axis=0))
         ratio = measured / predicted[at]

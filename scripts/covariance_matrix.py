@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from navsim.scenario.load import read
-from navsim.study.landing import Case, covariance_analysis, default_workers, fly_all, prepare
+from navsim.study.executor import threads
+from navsim.study.landing import Case, covariance_analysis, fly_all, prepare
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared" / "data"
@@ -104,7 +105,7 @@ def ratios(case: Case, runs: int, seed: int = 1) -> np.ndarray:
     """RMS errors over runs divided by the analysed ones, at every 10 s (t, 6) position, velocity."""
     analysis = covariance_analysis(case)
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-    error = fly_all(case, seed, 0, runs, default_workers(), keep="errors")["error"]
+    error = fly_all(case, seed, 0, runs, threads(), keep="errors")["error"]
     last = case.world.filter_time[-1]
     at = [int(np.argmin(np.abs(case.world.filter_time - t))) for t in np.arange(10.0, last + 1e-9, 10.0)]
     return (np.sqrt(np.mean(error[:, at] ** 2, axis=0)) / predicted[at])[:, :6]

@@ -13,7 +13,8 @@ import numpy as np
 
 from navsim.estimation.estimate import KINDS
 from navsim.scenario.load import read
-from navsim.study.landing import default_workers, fly_all, prepare
+from navsim.study.executor import threads
+from navsim.study.landing import fly_all, prepare
 from navsim.study.statistics import consistency_band
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,7 +44,7 @@ CASES: list[tuple[str, str, tuple[str, ...]]] = [
 def nees(name: str, settings: Sequence[str], times: Sequence[float] = TIMES) -> tuple[np.ndarray, np.ndarray]:
     """Mean NEES/15 and NEES/6 of a scenario at some times."""
     case = prepare(*read(ROOT / "scenarios" / f"{name}.yaml", settings))
-    ensemble = fly_all(case, 1, 0, RUNS, default_workers(), keep="errors")
+    ensemble = fly_all(case, 1, 0, RUNS, threads(), keep="errors")
     at = [int(np.argmin(np.abs(case.world.filter_time - t))) for t in times]
     return ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
 

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from navsim.cli.common import leave
 from navsim.cli.ending import BAD_INPUT, say
 
 if TYPE_CHECKING:
     from navsim.study.budget.estimate import Budget
-
-OverBudgetOption = Annotated[
-    bool,
-    typer.Option("--over-budget", help="Compute even what this machine seems to have too little memory or disk for."),
-]
 
 
 def afford(name: object, estimate: Budget, target: Path, over_budget: bool, shown: bool, at_most: bool = False) -> None:

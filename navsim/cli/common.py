@@ -1,13 +1,14 @@
-"""What the commands share: options, files found and written, progress."""
+"""What the commands share: files found and written, progress, what is printed."""
 
 from __future__ import annotations
 
-import re
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any, NoReturn, cast
+from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
 import typer
 
@@ -16,71 +17,7 @@ from navsim.cli.ending import BAD_INPUT, say
 
 if TYPE_CHECKING:
     from navsim.io.results import Result, Sort
-    from navsim.study.partial import Store
-
-MOST_RUNS = 1_000_000
-"""Where `--until` gives up, unless --runs says otherwise."""
-
-
-ScenarioArgument = Annotated[
-    Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
-]
-MOST = 2**63 - 1
-"""Largest seed and number of a run: what a result file holds as an integer."""
-_PLAIN = {int: re.compile("[0-9]{1,40}"), float: re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")}
-"""A number as people write one; Python's own reading takes `1_000`, `nan` and the digits of other scripts too."""
-
-
-def number_option(
-    kind: type[int] | type[float], least: float, meaning: str, *, most: int = MOST, show_default: bool = False
-) -> Any:
-    """An option with a whole number, or with seconds, from `least` to `most`."""
-    what, metavar = ("a whole number", "N") if kind is int else ("a number", "SECONDS")
-
-    def parse(given: object) -> float:
-        text = str(given)  # a default comes as a number
-        if not _PLAIN[kind].fullmatch(text) or not least <= kind(text) <= most:
-            raise typer.BadParameter(f"expected {what} from {least:g} to {most}, not {text[:40]!r}")
-        return kind(text)
-
-    return typer.Option(parser=parse, metavar=metavar, help=f"{meaning} [{least:g} or more]", show_default=show_default)
-
-
-WorkersOption = Annotated[int | None, number_option(int, 1, "Threads. Default: all cores.")]
-SeedOption = Annotated[int, number_option(int, 0, "Root of all random numbers.", show_default=True)]
-FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite a result of another kind.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on standard output.")
-]
-FiguresOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FOLDER|none",
-        help="Where figures go, made where it is not there. Default: beside the result; none with --quiet.",
-        show_default=False,
-    ),
-]
-
-
-def output_option(default: str) -> Any:
-    """-o of a command whose result has this name unless given."""
-    return typer.Option(
-        "--output", "-o", metavar="FILE.h5", help=f"The result file. Default: {default}.", show_default=False
-    )
-
-
-def set_option(what: str) -> Any:
-    """--set of a command that reads a scenario, a study or a log."""
-    return typer.Option(
-        "--set", metavar="KEY=VALUE", help=f"Set a key of the {what}, dotted; may be given many times.",
-        show_default=False,
-    )  # fmt: skip
-
-
-SetOption = Annotated[list[str] | None, set_option("scenario")]
-StudySetOption = Annotated[list[str] | None, set_option("study")]
+    from navsim.study.job import Tell
 
 
 def leave(code: int, *messages: object) -> NoReturn:
@@ -90,118 +27,85 @@ def leave(code: int, *messages: object) -> NoReturn:
     raise typer.Exit(code)
 
 
+SAY_EVERY_S = 10.0
+"""How often work whose extent is not known says where it stands when nobody looks at a terminal."""
+
+
 @contextmanager
-def progress(total: int, shown: bool, what: str = "runs") -> Iterator[Callable[[int], None]]:
-    """A progress bar over `total` of something on standard error, or nothing."""
-    if not shown or total < 2 or not sys.stderr.isatty():
-        yield lambda _: ending.check()
-        return
+def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = time.monotonic) -> Iterator[Tell]:
+    """Progress on standard error: a bar over an extent, counted in `unit`; for an extent of 0 words, in a live line, or
+    a line now and then where it is no terminal; nothing where it is not to be shown."""
+    live = shown and sys.stderr.isatty()
+    if extent == 0 and shown:
+        with _status() if live else _lines(clock) as tell:
+            yield tell
+    elif extent > 1 and live:
+        with _bar(extent, unit) as tell:
+            yield tell
+    else:
+        yield lambda finished, words="": ending.check()
+
+
+@contextmanager
+def _bar(extent: int, unit: str) -> Iterator[Tell]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(file=cast("IO[str]", ending.Words())), transient=True) as bar:
-        task = bar.add_task(what, total=total)
+        task = bar.add_task(unit, total=extent)
 
-        def tell(done: int) -> None:
+        def tell(finished: int, words: str = "") -> None:
             ending.check()
-            bar.update(task, completed=done)
+            bar.update(task, completed=finished)
 
         yield tell
 
 
-SAY_EVERY_S = 10.0
-"""How often a search says where it stands when nobody looks at a terminal."""
+@contextmanager
+def _status() -> Iterator[Tell]:
+    from rich.console import Console
+
+    with Console(file=cast("IO[str]", ending.Words())).status("") as line:
+
+        def tell(finished: int, words: str = "") -> None:
+            ending.check()
+            line.update(words)
+
+        yield tell
 
 
 @contextmanager
-def search_progress(shown: bool, unit: str) -> Iterator[Callable[[Any], None]]:
-    """Where a search stands (`study.watch.Progress`) on standard error: a live line, or a line now and then where it
-    is no terminal; nothing where it is not to be shown. unit: of the objective."""
-    if not shown:
-        yield lambda _: ending.check()
-        return
-    if sys.stderr.isatty():
-        from rich.console import Console
+def _lines(clock: Callable[[], float]) -> Iterator[Tell]:
+    said = clock()
 
-        with Console(file=cast("IO[str]", ending.Words())).status("") as line:
-
-            def show(progress: Any) -> None:
-                ending.check()
-                line.update(search_line(progress, unit))
-
-            yield show
-        return
-    said = 0.0
-
-    def tell(progress: Any) -> None:
+    def tell(finished: int, words: str = "") -> None:
         nonlocal said
         ending.check()
-        if progress.used - said >= SAY_EVERY_S:
-            said = progress.used
-            say(search_line(progress, unit))
+        if clock() - said >= SAY_EVERY_S:
+            said = clock()
+            say(words)
 
     yield tell
 
 
-def search_line(progress: Any, unit: str) -> str:
-    """A `study.watch.Progress` in words."""
-    from navsim.study.search import COARSE, FULL
-
-    analysed = sum(progress.tried.get(way, 0) for way in (COARSE, FULL))
-    tried = f"{sum(progress.tried.values())} placements tried"
-    if analysed:
-        tried += f", {analysed} by covariance analysis"
-    best = "none found yet"
-    if progress.best is not None:
-        at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
-        best = f"best {progress.best:.4g}{'' if unit == '1' else f' {unit}'} at s, l1 {at} m"
-    left = "time left not known yet" if progress.left is None else f"at most {progress.left:.0f} s left"
-    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {left}"
+def target_of(output: Path | None, default: str) -> Path:
+    """The result's path: as given by -o, else results/<default>.h5."""
+    if output is not None and not output.parent.is_dir():
+        leave(BAD_INPUT, f"{output.parent}: no such folder; create it first or choose another -o/--output")
+    return output or Path("results") / f"{default}.h5"
 
 
-def read(scenario: Path, assignments: list[str] | None) -> Any:
-    from navsim.scenario.load import read_runnable
-    from navsim.scenario.source import InputError
-
-    try:
-        return read_runnable(scenario, assignments or [])
-    except InputError as error:
-        leave(BAD_INPUT, *error.problems)
-
-
-def method_given(path: Path, assignments: list[str] | None, method: str | None) -> tuple[list[str], str]:
-    """The assignment for --method, and the suffix of the result's name where it is not the file's own method."""
-    from navsim.scenario.load import own_method
-    from navsim.scenario.source import InputError
-
-    if method is None:
-        return [], ""
-    try:
-        own = own_method(path, assignments or [])
-    except InputError as error:
-        leave(BAD_INPUT, *error.problems)
-    return ([], "") if own is None else ([f"method={method}"], "" if own == method else f"_{method}")
-
-
-def target_of(scenario: Path, output: Path | None, sort: Sort, force: bool, suffix: str = "") -> Path:
-    """The result's path, found writable and free of other data before anything is computed.
-
-    Without `output` it is results/<stem of the scenario><suffix>.h5; the suffix tells results of one scenario apart
-    that are of different sorts. A result of another sort is not overwritten unless `force` says so, anything that is
-    no result never.
-    """
+def check_target(target: Path, sort: Sort, force: bool) -> None:
+    """Leave, before anything is computed, where the path cannot be written or holds what must stay: a result of another
+    sort unless `force` says so, anything that is no result always."""
     from navsim.io.results import ResultError, check_writable
 
-    target = output or Path("results") / f"{scenario.stem}{suffix}.h5"
     try:
-        if output is not None and not target.parent.is_dir():
-            raise ResultError(f"{target.parent}: no such folder; create it first or choose another -o/--output")
         check_writable(target)
         refuse_other(target, sort, force)
     except ResultError as error:
         leave(BAD_INPUT, error)
-    return target
 
 
 def refuse_other(target: Path, sort: Sort, force: bool) -> None:
@@ -239,62 +143,37 @@ def begin(target: Path) -> None:
         say(f"compiling the kernels, once, up to a minute; kept in {jit.cache_place()}")
 
 
-def save(result: Result, target: Path, figures: Path | None) -> list[Path]:
-    """Write a result and, where they are wanted, its figures; returns the figures. Raises ResultError.
+@dataclass(frozen=True)
+class Written:
+    """Files beside a result."""
+
+    texts: list[Path]
+    figures: list[Path]
+
+
+def save(result: Result, target: Path, figures: Path | None) -> Written:
+    """Write a result, the files of text beside it and, where they are wanted, its figures. Raises ResultError.
 
     Figures of the result that stood there before are removed: they are not of this one.
     """
     from navsim.io.results import write
     from navsim.report.figure_files import remove_former
+    from navsim.report.view import draw, write_texts
 
     write(target, result)
     remove_former(target.parent, target.stem)
-    if figures is None:
-        return []
-    from navsim.report.views import save as draw
-
-    return draw(result, figures, target.stem)
+    texts = write_texts(result, target)
+    return Written(texts, [] if figures is None else draw(result, figures, target.stem))
 
 
-def open_store(target: Path, key: dict[str, Any], fresh: bool) -> Store:
-    """The place for partial work beside the result."""
-    from navsim.io.whole import partial_folder
-    from navsim.study.partial import PartialError, Store
-
-    try:
-        return Store(partial_folder(target), key, fresh)
-    except PartialError as error:
-        leave(BAD_INPUT, error)
-
-
-def store_beside(target: Path, key: dict[str, Any], runs: int, fresh: bool, batch: int | None = None) -> Store | None:
-    """The same for runs in batches; None for a study of a single batch."""
-    from navsim.io.whole import partial_folder
-    from navsim.study.ensemble import BATCH
-
-    if runs <= (batch or BATCH) and not partial_folder(target).exists():
-        return None
-    return open_store(target, key, fresh)
-
-
-def figure_folder(figures: str | None, target: Path, runs: int, quiet: bool) -> Path | None:
-    if figures == "none" or (figures is None and (runs > 1 or quiet)):
+def figure_folder(figures: str | None, target: Path, skipped: bool) -> Path | None:
+    """Where figures go; skipped: there are none unless a folder is given."""
+    if figures == "none" or (figures is None and skipped):
         return None
     folder = target.parent if figures is None else Path(figures)
     if folder.exists() and not folder.is_dir():
         leave(BAD_INPUT, f"--figures {folder}: is a file, not a folder")
     return folder
-
-
-def print_summary(result: Any, name: str, quiet: bool, as_json: bool) -> None:
-    from navsim.report import tables
-
-    if as_json:
-        import json
-
-        print(json.dumps(tables.summary_json(result), indent=1, allow_nan=False))
-    elif not quiet:
-        print_table([(name, result)])
 
 
 def read_result(path: Path) -> Result:
@@ -305,12 +184,12 @@ def read_result(path: Path) -> Result:
         return read(path)
     except ResultError as error:
         if path.suffix in (".yaml", ".yml"):
-            from navsim.scenario.kinds import COMMANDS, advice
+            from navsim.kinds import OF_FILES, advice
             from navsim.scenario.source import InputError, load
 
             with suppress(InputError):  # not even readable as YAML: what it is no result for is said below
                 kind = str(load(path).data.get("kind"))
-                if kind in COMMANDS:
+                if kind in OF_FILES:
                     leave(BAD_INPUT, f"{path}: is no result but {advice(kind, path)}")
         leave(BAD_INPUT, error)
 
@@ -321,21 +200,16 @@ def lacks(result: Any, name: object, error: KeyError) -> str:
     return f"{name}: has no {error.args[0]}; it was written by navsim {version}, compute it again with this version"
 
 
-def print_table(results: list[tuple[str, Any]]) -> None:
-    from navsim.report.tables import summary_table
-    from navsim.report.views import VIEWS
+def print_tables(results: list[tuple[str, Result]]) -> None:
+    """Print the tables of results of one kind, each with its name."""
+    from navsim.report.view import view
 
     kinds = {str(result.attributes["kind"]) for _, result in results}
     if len(kinds) > 1:
         leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
-    kind = kinds.pop()
-    if kind == "landing":
-        print_console(summary_table(results), 56 + 60 * len(results))
-        return
-    view = VIEWS[kind]
-    for name, result in results:
-        print(name)
-        print_console(view.console(result), view.width)
+    here = view(kinds.pop())
+    for table in here.tables(results):
+        print_console(table, here.width + here.width_more * (len(results) - 1))
 
 
 def print_console(table: Any, width: int) -> None:
@@ -351,21 +225,21 @@ def print_console(table: Any, width: int) -> None:
     Piped(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
 
 
-def print_result(
-    result: Any, target: Path, written: list[Path], quiet: bool, as_json: bool, prefixes: tuple[str, ...]
-) -> None:
-    """The tables of a result's kind and where its files are, or as JSON what lies below the prefixes."""
+def print_json(data: Any) -> None:
+    import json
+
+    print(json.dumps(data, indent=1, allow_nan=False))
+
+
+def print_shown(result: Result, target: Path, written: Written, quiet: bool, as_json: bool) -> None:
+    """The tables of a result and where its files are, or its summary as JSON."""
+    from navsim.report.view import plain
+
     if as_json:
-        import json
-
-        from navsim.report.tables import FINDINGS, plain_tree
-
-        print(json.dumps(plain_tree(result, (*prefixes, FINDINGS)), indent=1, allow_nan=False))
+        print_json(plain(result))
     elif not quiet:
-        from navsim.report.views import VIEWS
-
-        view = VIEWS[str(result.attributes["kind"])]
-        print_console(view.console(result), view.width)
-        print(f"result   {target}")
-        if written:
-            print(f"figures  {', '.join(map(str, written))}")
+        print_tables([(target.stem, result)])
+        print(f"result   {', '.join(map(str, (target, *written.texts)))}")
+        if written.figures:
+            names = ",".join(path.stem.removeprefix(f"{target.stem}_") for path in written.figures)
+            print(f"figures  {written.figures[0].parent}/{target.stem}_{{{names}}}.png")

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leave, set_option
+from navsim.cli.common import leave, print_json
 from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.options import set_option
+from navsim.kinds import KINDS, OF_FILES
 from navsim.scenario import shipped
-from navsim.scenario.kinds import COMMANDS, noun
 from navsim.scenario.shipped import names
 
 
@@ -34,22 +35,20 @@ def validate(
             plan(*read_study(scenario, Sweep, set_ or []), seed=1)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
-    print(f"{scenario}: a valid {noun(kind)} of kind {kind}")
+    print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")
 
 
 def schema(
     kind: Annotated[
-        str, typer.Argument(help=f"One of {', '.join(COMMANDS)}.", autocompletion=lambda: list(COMMANDS))
+        str, typer.Argument(help=f"One of {', '.join(OF_FILES)}.", autocompletion=lambda: list(OF_FILES))
     ] = "landing",
 ) -> None:
     """Print the JSON Schema of a kind of file: every key, its unit, range, default."""
-    import json
+    from navsim.scenario.load import section
 
-    from navsim.scenario.load import KINDS
-
-    if kind not in KINDS:
-        leave(BAD_INPUT, f"{kind!r} is no kind of scenario; allowed: {', '.join(KINDS)}")
-    print(json.dumps(KINDS[kind].model_json_schema(), indent=1))
+    if kind not in OF_FILES:
+        leave(BAD_INPUT, f"{kind!r} is no kind of scenario; allowed: {', '.join(OF_FILES)}")
+    print_json(section(kind).model_json_schema())
 
 
 def init(
@@ -92,4 +91,4 @@ def init(
                 say(f"warning: {path} is not the shipped one and stays as it is; {target} names it")
         except OSError as error:
             leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
-    print(f"{', '.join(written)} written; go on with: navsim {COMMANDS[shipped.kind(template)]} {target}")
+    print(f"{', '.join(written)} written; go on with: navsim {KINDS[shipped.kind(template)].command} {target}")

@@ -1,47 +1,36 @@
-"""What a study found, said on standard error, and the flags that make it an error."""
+"""What a study found, said on standard error, and made an error where that is asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from navsim.cli.common import leave
 from navsim.cli.ending import RUN_FAILED, say
+from navsim.cli.options import Required
 
 if TYPE_CHECKING:
     from navsim.io.results import Result
-
-RequireFixOption = Annotated[
-    bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix, or a fix could not be used.")
-]
-RequireConsistentOption = Annotated[
-    bool,
-    typer.Option(
-        "--require-consistent",
-        help="Exit 3 where errors, innovations or the covariance contradict what the filter believes.",
-    ),
-]
 
 
 def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
     """Say what a result has to warn of. name: of the result, where there are several. known: what was said before."""
     from navsim.io.findings import of
 
-    found = [finding.text for finding in of(result) if finding.text not in known]
+    found = [finding.text for finding in of(result)]
     for text in found:
-        say(f"warning: {name}{': ' if name else ''}{text}")
+        if text not in known:
+            say(f"warning: {name}{': ' if name else ''}{text}")
     if found:
         say(f"{len(found)} warning(s)")
 
 
-def require(result: Result, target: Path, fix: bool, consistent: bool) -> None:
+def require(result: Result, target: Path, required: Required) -> None:
     """Leave with the findings that speak against what was asked for, if there are any."""
     from navsim.io.findings import CONSISTENT, FIX, of
 
-    wanted = [kind for kind, asked in ((FIX, fix), (CONSISTENT, consistent)) if asked]
+    wanted = [kind for kind, asked in ((FIX, required.require_fix), (CONSISTENT, required.require_consistent)) if asked]
     wrong = [f"--require-{kind}: {found.text}" for kind in wanted for found in of(result) if kind in found.against]
     if wrong:
         leave(RUN_FAILED, *wrong[:-1], f"{wrong[-1]} ({target} is complete)")

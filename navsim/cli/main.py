@@ -8,6 +8,7 @@ import typer
 
 from navsim.cli.ending import OK, ending
 from navsim.cli.files import init, schema, validate
+from navsim.cli.options import grouped
 from navsim.cli.recorded import live, replay
 from navsim.cli.results import export, plot, show
 from navsim.cli.run import run
@@ -22,7 +23,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
 for command in (run, table2, sweep, optimize, replay, live, show, plot, export, validate, schema, init):
-    app.command()(ending(command))
+    app.command()(ending(grouped(command)))
 
 
 def _version(wanted: bool) -> None:

@@ -7,100 +7,67 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navsim.cli.budget import OverBudgetOption, afford
-from navsim.cli.common import (
-    FiguresOption,
-    ForceOption,
+from navsim.cli.budget import afford
+from navsim.cli.carry_out import Wanted, carry_out
+from navsim.cli.carry_out import opened as opened_job
+from navsim.cli.common import begin, check_target, leave, print_shown, progress, save, target_of
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, say
+from navsim.cli.findings import warn
+from navsim.cli.options import (
+    Care,
     JsonOption,
-    QuietOption,
+    Required,
     ScenarioArgument,
     SeedOption,
-    SetOption,
-    begin,
-    figure_folder,
-    leave,
+    dry_run_option,
+    figures_option,
     number_option,
     output_option,
-    print_result,
-    progress,
-    save,
     set_option,
-    target_of,
 )
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, say
-from navsim.cli.findings import RequireConsistentOption, RequireFixOption, require, warn
 
 if TYPE_CHECKING:
     from navsim.study.live import Session
 
 
+@dataclass(frozen=True)
+class ReplayOptions:
+    """What is flown, and where it goes."""
+
+    output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None
+    set_: Annotated[list[str] | None, set_option("log")] = None
+    figures: Annotated[str | None, figures_option()] = None
+    dry_run: Annotated[bool, dry_run_option("Read, check and align; fly nothing.")] = False
+    json_: JsonOption = False
+
+
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG.yaml", help="The recorded flight.", show_default=False)],
-    output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None,
-    set_: Annotated[list[str] | None, set_option("log")] = None,
-    figures: FiguresOption = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Read, check and align; fly nothing.")] = False,
-    require_fix: RequireFixOption = False,
-    require_consistent: RequireConsistentOption = False,
-    force: ForceOption = False,
-    over_budget: OverBudgetOption = False,
-    quiet: QuietOption = False,
-    json_: JsonOption = False,
+    given: ReplayOptions,
+    required: Required,
+    care: Care,
 ) -> None:
     """Fly recorded IMU and GNSS data through the filter.
 
     Alignment, tuning of the noise, innovations, drift in outages.
     """
-    from navsim.io.results import ResultError, Sort
-    from navsim.scenario.load import read_replay
-    from navsim.scenario.source import InputError
+    from navsim.study.job import Options
 
-    try:
-        section, document = read_replay(log, set_ or [])
-    except InputError as error:
-        leave(BAD_INPUT, *error.problems)
-    target = target_of(log, output, Sort("replay"), force)
-    from navsim.core import jit
-    from navsim.study import replay as flying
-    from navsim.study.budget.studies import recorded
-
-    try:
-        recording = flying.prepare(section, document)
-    except InputError as error:
-        leave(BAD_INPUT, *error.problems)
-    except flying.ReplayError as error:
-        leave(RUN_FAILED, f"{log}: {error}")
-    afford(log, recorded(recording), target, over_budget, shown=dry_run)
-    if dry_run:
-        for warning in recording.warnings:
-            say(f"warning: {warning}")
-        aligned = recording.alignment
-        say(
-            f"{log}: {recording.samples.time.size} samples, {recording.fixes.time.size} fixes, aligned at "
-            f"{aligned.time:.2f} s with data up to {aligned.until:.2f} s; would write {target}"
-        )
-        return
-    begin(target)
-    drawing = figure_folder(figures, target, 1, quiet)
-    try:
-        with progress(flying.extent(recording), not quiet, "tuning flights") as done:
-            result = flying.compute(recording, done)
-        written = save(result, target, drawing)
-    except (ResultError, flying.ReplayError) as error:
-        leave(RUN_FAILED, error)
-    jit.mark_warm()
-    print_result(result, target, written, quiet, json_, ("/summary", "/tuning", "/outages"))
-    warn(result)
-    require(result, target, require_fix, require_consistent)
+    job = opened_job("replay", log, given.set_ or [], Options())
+    wanted = Wanted(care, required, given.figures, given.dry_run, json=given.json_)
+    carry_out(log, job, target_of(given.output, log.stem), wanted)
 
 
-def live(
-    scenario: ScenarioArgument,
+@dataclass(frozen=True)
+class LiveOptions:
+    """What is real, when it began, and where the result goes."""
+
     receiver: Annotated[
         str | None,
         typer.Option(
@@ -110,11 +77,11 @@ def live(
             "every machine, none this one alone.",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     imu: Annotated[
         str | None,
         typer.Option(metavar="SOURCE", help="The IMU is real: CSV lines from such a source.", show_default=False),
-    ] = None,
+    ] = None
     start_time: Annotated[
         str | None,
         typer.Option(
@@ -124,77 +91,53 @@ def live(
             "source's times allow it, else first.",
             show_default=False,
         ),
-    ] = None,
-    output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None,
-    seed: SeedOption = 1,
-    set_: SetOption = None,
+    ] = None
+    output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None
+    seed: SeedOption = 1
+    set_: Annotated[list[str] | None, set_option("scenario")] = None
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Hold lines of a fast source back until their time has come.")
-    ] = False,
+    ] = False
     silence: Annotated[
         float,
         number_option(float, 0.1, "End after so many seconds without a line.", most=10**9, show_default=True),
-    ] = 10.0,
-    force: ForceOption = False,
-    over_budget: OverBudgetOption = False,
-    quiet: QuietOption = False,
-    json_: JsonOption = False,
-) -> None:
+    ] = 10.0
+    json_: JsonOption = False
+
+
+def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     """Fly a landing whose receiver or IMU is a live stream.
 
     Late, lost and corrupt messages are survived and counted. Give --receiver or --imu.
     """
-    from navsim.io.findings import kept
     from navsim.io.results import ResultError, Sort
     from navsim.io.stream import StreamError, opened
-    from navsim.scenario.filter import SMOOTHERS
-    from navsim.scenario.load import read
-    from navsim.scenario.source import InputError
-    from navsim.study import source_clock
 
-    if (receiver is None) == (imu is None):
+    if (given.receiver is None) == (given.imu is None):
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
+    target = target_of(given.output, f"{scenario.stem}_live")
+    check_target(target, Sort("live"), care.force)
+    from navsim.core import jit
+    from navsim.io.findings import kept
+    from navsim.study import live as flying
+
+    session = _session(scenario, given, care, target)
+    session.tell = lambda message: None if care.quiet and not message.startswith("warning") else say(message)
+    extent = int(session.case.scenario.duration_s)
     try:
-        section, document = read(scenario, set_ or [])
-        target = target_of(scenario, output, Sort("live"), force, "_live")
-        from navsim.core import jit
-        from navsim.study import landing
-        from navsim.study import live as flying
-        from navsim.study.budget.landing import landing as estimated
-
-        if section.filter.kind in SMOOTHERS:
-            leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
-        if section.aiding():
-            leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
-        start = None if start_time is None else source_clock.start_time(start_time)
-        begin(target)
-
-        def ask(section: Any, sources: Any) -> None:
-            afford(scenario, estimated(section, sources), target, over_budget, shown=False)
-
-        case = landing.prepare(section, document, ask)
-        if not case.world.signals.time.size:
-            leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
-        session = flying.Session(case, "receiver" if receiver is not None else "imu", seed, realtime, start)
-    except InputError as error:
-        leave(BAD_INPUT, *error.problems)
-    except source_clock.StartError as error:
-        leave(BAD_INPUT, f"--start-time {error}")
-    session.tell = lambda message: None if quiet and not message.startswith("warning") else say(message)
-    try:
-        with opened(receiver or imu or "-") as lines, progress(int(section.duration_s), not quiet, "seconds") as done:
+        with opened(given.receiver or given.imu or "-") as lines, progress(extent, "seconds", not care.quiet) as done:
             session.tell(f"reading {lines.place}" + (f"; {lines.note}" if lines.note else ""))
             with _ended_by_signals(session) as came:
-                why = session.pump(lines, silence, done)
+                why = session.pump(lines, given.silence, done)
         result = session.result()
         result.variables.update(kept(flying.findings(session, result, lines)))
-        save(result, target, None)
+        written = save(result, target, None)
     except StreamError as error:
         leave(BAD_INPUT, error)
     except ResultError as error:
         leave(RUN_FAILED, error)
     jit.mark_warm()
-    print_result(result, target, [], quiet, json_, ("/summary", "/stream", "/clock"))
+    print_shown(result, target, written, care.quiet, given.json_)
     session.tell(f"ended: {why}")
     warn(result)
     wrong = flying.failures(result)
@@ -204,6 +147,36 @@ def live(
         raise typer.Exit(128 + came[0])
     if wrong:
         leave(RUN_FAILED, f"what was flown is no result; what came is kept in {target}")
+
+
+def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
+    """The landing ready to be flown with what comes."""
+    from navsim.scenario.filter import SMOOTHERS
+    from navsim.scenario.load import read
+    from navsim.scenario.source import InputError
+    from navsim.study import landing, source_clock
+    from navsim.study.budget.landing import landing as estimated
+    from navsim.study.live import Session
+
+    def ask(section: Any, sources: Any) -> None:
+        afford(scenario, estimated(section, sources), target, care.over_budget, shown=False)
+
+    try:
+        section, document = read(scenario, given.set_ or [])
+        if section.filter.kind in SMOOTHERS:
+            leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
+        if section.aiding():
+            leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
+        start = None if given.start_time is None else source_clock.start_time(given.start_time)
+        begin(target)
+        case = landing.prepare(section, document, ask)
+        if not case.world.signals.time.size:
+            leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
+        return Session(case, "receiver" if given.receiver is not None else "imu", given.seed, given.realtime, start)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    except source_clock.StartError as error:
+        leave(BAD_INPUT, f"--start-time {error}")
 
 
 @contextmanager

@@ -13,12 +13,13 @@ from navsim.cli.common import (
     figure_folder,
     lacks,
     leave,
-    number_option,
-    print_table,
+    print_json,
+    print_tables,
     read_result,
 )
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.findings import warn
+from navsim.cli.options import number_option
 
 if TYPE_CHECKING:
     from navsim.io.results import Result
@@ -34,21 +35,20 @@ def show(
 ) -> None:
     """Print the summary tables of results, side by side, and what their studies warned of."""
     results = [(path.stem, read_result(path)) for path in files]
-    from navsim.report.views import VIEWS
+    from navsim.io.results import ResultError
+    from navsim.report.view import plain, view
 
     for file, (_, result) in zip(files, results, strict=True):
-        if result.attributes["kind"] not in ("landing", *VIEWS):
-            leave(BAD_INPUT, f"{file}: not a result of this version: there is no kind {result.attributes['kind']}")
+        try:
+            view(result.attributes["kind"])
+        except ResultError as error:
+            leave(BAD_INPUT, f"{file}: {error}")
     with shown_as_stored([result for _, result in results], files):
         if json_:
-            import json
-
-            from navsim.report.tables import summary_json
-
-            summaries = [summary_json(result) for _, result in results]
-            print(json.dumps(summaries[0] if len(summaries) == 1 else summaries, indent=1, allow_nan=False))
+            summaries = [plain(result) for _, result in results]
+            print_json(summaries[0] if len(summaries) == 1 else summaries)
         else:
-            print_table(results)
+            print_tables(results)
         for name, result in results:
             warn(result, name if len(results) > 1 else "")
 
@@ -85,15 +85,15 @@ def plot(
     ] = None,
 ) -> None:
     """Draw the figures of a result again and print their names."""
-    folder = figure_folder(figures, file, runs=1, quiet=False)
+    folder = figure_folder(figures, file, skipped=False)
     result = read_result(file)
     if folder is None:
         say(f"{file}: no figures, as --figures none says")
         return
     with shown_as_stored([result], [file]):
-        from navsim.report.views import save
+        from navsim.report.view import draw
 
-        for path in save(result, folder, file.stem):
+        for path in draw(result, folder, file.stem):
             print(path)
 
 

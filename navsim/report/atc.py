@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.tables import titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,3 +143,6 @@ def _ratios(result: Result) -> Figure:
 def figures(result: Result) -> dict[str, Figure]:
     """RMSE over time of every filter; decoupled over full, state by state."""
     return {"errors": _errors(result), "ratios": _ratios(result)}
+
+
+VIEW = View(one_by_one(console), 150, figures, ("/summary", "/limits"))

@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.tables import titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -178,3 +179,6 @@ def figures(result: Result) -> dict[str, Figure]:
     if "/map/ratio" in result:
         out["map"] = _map(result)
     return out
+
+
+VIEW = View(one_by_one(console), 130, figures, ("/summary", "/map"))

@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.tables import setting, titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -147,3 +148,12 @@ def _nominal(result: Result) -> Figure:
 def figures(result: Result) -> dict[str, Figure]:
     """The angle over the approach, the proof with its band, the nominal run."""
     return {"approach": _approach(result), "proof": _proof(result), "nominal": _nominal(result)}
+
+
+_SUMMARY = ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/audit")
+VIEW = View(
+    one_by_one(console),
+    140,
+    figures,
+    _SUMMARY,
+)

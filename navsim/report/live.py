@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.tables import titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,3 +46,6 @@ def figures(result: Result) -> dict[str, Figure]:
     legend_above(fig, axes[0], 2)
     fig.align_ylabels(axes)
     return {"errors": fig}
+
+
+VIEW = View(one_by_one(console), 100, figures, ("/summary", "/stream", "/clock"))

@@ -9,6 +9,7 @@ import yaml
 
 from navsim.io.results import Result
 from navsim.report.tables import setting, titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +63,7 @@ def console(result: Result) -> RenderableType:
 def plain(result: Result) -> dict[str, Any]:
     """The optima as plain data."""
     none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
-    out: dict[str, Any] = {"kind": "optimize", "objective": str(result.attributes["objective"])}
+    out: dict[str, Any] = {"objective": str(result.attributes["objective"])}
     out["without_pseudolites"] = none if np.isfinite(none) else None
     out["stopped"] = str(result.attributes["stopped"])
     out["placements"] = [
@@ -164,3 +165,6 @@ def front(result: Result) -> Figure:
 def figures(result: Result) -> dict[str, Figure]:
     """The plan, and the front."""
     return {"plan": plan(result), "front": front(result)}
+
+
+VIEW = View(one_by_one(console), 140, figures, plain=plain)

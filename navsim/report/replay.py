@@ -9,6 +9,7 @@ import numpy as np
 from navsim.core import wgs84
 from navsim.io.results import Result
 from navsim.report.tables import titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -170,3 +171,6 @@ def figures(result: Result) -> dict[str, Figure]:
     if np.isfinite(result["/outages/horizontal_error"]).any():
         drawn["outages"] = _outages(result)
     return drawn
+
+
+VIEW = View(one_by_one(console), 110, figures, ("/summary", "/tuning", "/outages"))

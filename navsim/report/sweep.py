@@ -12,6 +12,7 @@ import numpy as np
 from navsim.io.results import Result
 from navsim.report.tables import setting as scenario_setting
 from navsim.report.tables import titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,9 +110,9 @@ def console(result: Result) -> RenderableType:
     return table
 
 
-def best_json(result: Result) -> dict[str, object]:
+def best_plain(result: Result) -> dict[str, object]:
     """The best combination for each output as plain data."""
-    out: dict[str, object] = {k: result.attributes[k] for k in ("kind", "method", "combinations", "refused")}
+    out: dict[str, object] = {k: result.attributes[k] for k in ("method", "combinations", "refused")}
     out = {k: v if isinstance(v, str) else int(v) for k, v in out.items()}  # type: ignore[call-overload]
     for name in outputs(result):
         cube = result[f"/sweep/{name}"]
@@ -321,8 +322,8 @@ def _curves(result: Result, name: str, cube: np.ndarray) -> Figure:
     return fig
 
 
-def save_csv(result: Result, path: Path) -> Path:
-    """Write the tidy table. Raises ResultError."""
-    from navsim.report.figures import save_text
+def _texts(result: Result, target: Path) -> dict[Path, str]:
+    return {target.with_suffix(".csv"): csv_text(result)}
 
-    return save_text(path, csv_text(result))
+
+VIEW = View(one_by_one(console), 150, figures, plain=best_plain, texts=_texts)

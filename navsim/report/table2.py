@@ -11,6 +11,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.tables import titled_table
+from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -227,11 +228,11 @@ def figures(result: Result) -> dict[str, Figure]:
     return out
 
 
-def save(result: Result, folder: Path) -> list[Path]:
-    """Write CSV, Markdown and figures into the folder; returns the files. Raises ResultError."""
-    from navsim.report.figures import save_figures, save_text
+def texts(result: Result, target: Path) -> dict[Path, str]:
+    """CSV files and a page of Markdown beside the result at `target`."""
+    out = {f"{name}.csv": csv_text(result, c) for c, name in enumerate(result["/calibration"])}
+    out |= {"table2_approach.csv": approach_csv(result), "table2.md": markdown(result)}
+    return {target.with_name(name): text for name, text in out.items()}
 
-    texts = {f"{name}.csv": csv_text(result, c) for c, name in enumerate(result["/calibration"])}
-    texts |= {"table2_approach.csv": approach_csv(result), "table2.md": markdown(result)}
-    written = [save_text(folder / name, text) for name, text in texts.items()]
-    return written + save_figures(lambda: figures(result), folder, "table2")
+
+VIEW = View(one_by_one(console), 170, figures, ("/fit", "/claims", "/table"), texts=texts)

@@ -224,20 +224,15 @@ def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
     return table
 
 
-def summary_json(result: Result) -> dict[str, Any]:
-    """The summary as nested plain data, with the names of the result file; nan becomes null."""
-    out: dict[str, Any] = {
-        k: result.attributes[k] for k in ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
-    }
-    out["seed"] = int(out["seed"])
-    return out | plain_tree(result, ("/summary/", FINDINGS), ("/summary/consistency/time",))
+LONG = ("/summary/consistency/time",)
+"""In the summary of a file, but no summary."""
 
 
-def plain_tree(result: Result, prefixes: tuple[str, ...], left_out: tuple[str, ...] = ()) -> dict[str, Any]:
+def plain_tree(result: Result, prefixes: tuple[str, ...]) -> dict[str, Any]:
     """The variables whose paths start with one of the prefixes as nested plain data; nan becomes null."""
     out: dict[str, Any] = {}
     for path, variable in result.variables.items():
-        if path.startswith(prefixes) and path not in left_out:
+        if path.startswith(prefixes) and path not in LONG:
             node = out
             *groups, name = path.strip("/").split("/")
             for group in groups:

@@ -5,30 +5,25 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from navsim.scenario.atc import Atc
-from navsim.scenario.azimuth import Azimuth
+from navsim.kinds import KINDS, OF_FILES, advice, named
 from navsim.scenario.base import Section, hint, validated
-from navsim.scenario.elevation import Elevation
-from navsim.scenario.kinds import COMMANDS, advice
-from navsim.scenario.landing import Landing
-from navsim.scenario.optimize import Optimize
-from navsim.scenario.replay import Replay
 from navsim.scenario.source import Document, InputError, Problem, assign, load, set_value
-from navsim.scenario.sweep import Sweep
 
-KINDS: dict[str, type[Section]] = {
-    "landing": Landing,
-    "mls-elevation": Elevation,
-    "atc-tracking": Atc,
-    "azimuth-tracking": Azimuth,
-    "sweep": Sweep,
-    "optimize": Optimize,
-    "replay": Replay,
-}
-"""The kinds of files this version knows."""
-S = TypeVar("S", Sweep, Optimize)
+if TYPE_CHECKING:
+    from navsim.scenario.landing import Landing
+    from navsim.scenario.optimize import Optimize
+    from navsim.scenario.replay import Replay
+    from navsim.scenario.sweep import Sweep
+
+S = TypeVar("S", "Sweep", "Optimize")
+
+
+def section(kind: str) -> type[Section]:
+    """The model of files of a kind."""
+    found: type[Section] = named(KINDS[kind].section)
+    return found
 
 
 def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
@@ -38,11 +33,11 @@ def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Docu
     """
     document = _assigned(path, assignments)
     kind = document.data.get("kind")
-    if str(kind) not in KINDS:  # anything may stand there, a list too
+    if str(kind) not in OF_FILES:  # anything may stand there, a list too
         missing = "kind" not in document.data
         said = "this key is required; " if missing else f"{kind!r} is no kind of scenario; "
-        raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(KINDS)))])
-    return validated(KINDS[str(kind)], document), document
+        raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(OF_FILES)))])
+    return validated(section(str(kind)), document), document
 
 
 def _assigned(path: Path, assignments: Sequence[str]) -> Document:
@@ -59,11 +54,11 @@ def own_method(path: Path, assignments: Sequence[str] = ()) -> str | None:
     """
     data = _assigned(path, assignments).data
     kind = str(data.get("kind"))
-    fields = KINDS[kind].model_fields if kind in KINDS else {}
+    fields = section(kind).model_fields if kind in OF_FILES else {}
     return str(data.get("method", fields["method"].default)) if "method" in fields else None
 
 
-def _read(path: Path, assignments: Sequence[str], *wanted: str) -> tuple[Any, Document]:
+def _read(path: Path, assignments: Sequence[str], wanted: Sequence[str]) -> tuple[Any, Document]:
     """As `read_any`, for the wanted kinds alone; a file of another kind is sent to its command."""
     scenario, document = read_any(path, assignments)
     kind = str(document.data["kind"])
@@ -74,35 +69,40 @@ def _read(path: Path, assignments: Sequence[str], *wanted: str) -> tuple[Any, Do
     return scenario, document
 
 
-def read_runnable(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
-    """As `read_any`, for scenarios that `navsim run` flies."""
-    return _read(path, assignments, *(kind for kind, command in COMMANDS.items() if command == "run"))
+def read_for(command: str, path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
+    """As `read_any`, for the kinds that a command of `navsim` computes."""
+    return _read(path, assignments, [kind for kind in OF_FILES if KINDS[kind].command == command])
 
 
 def read(path: Path, assignments: Sequence[str] = ()) -> tuple[Landing, Document]:
     """As `read_any`, for landings."""
-    return _read(path, assignments, "landing")
+    return _read(path, assignments, ("landing",))
 
 
 def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Replay, Document]:
     """As `read_any`, for recorded flights."""
-    return _read(path, assignments, "replay")
+    return _read(path, assignments, ("replay",))
 
 
 NO_RECORDED = "a recorded approach (approach.profile: recorded) is flown by `navsim run`, but by no study"
 
 
 def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tuple[S, Document, Document]:
-    """A study of the wanted kind after `--set` assignments, its document, and that of its base scenario.
+    """A study of the wanted kind, its document, and that of its base scenario. Raises InputError."""
+    study, document = _read(path, assignments, [name for name in ("sweep", "optimize") if section(name) is kind])
+    return study, document, base_of(study, document)
 
-    The base has the study's `set` in it; it need not be whole before the varied keys are in too. Raises InputError.
+
+def base_of(study: Sweep | Optimize, document: Document) -> Document:
+    """The document of a study's base scenario with the study's `set` in it.
+
+    It need not be whole before the varied keys are in too. Raises InputError.
     """
-    study, document = _read(path, assignments, next(name for name, section in KINDS.items() if section is kind))
     try:
         base = load(document.resolve(("base",), study.base))
     except InputError as error:
-        named = f" (named at {document.place(('base',))})"
-        raise InputError([Problem(p.place, p.key, p.message + named) for p in error.problems]) from None
+        where = f" (named at {document.place(('base',))})"
+        raise InputError([Problem(p.place, p.key, p.message + where) for p in error.problems]) from None
     for key, value in study.set.items():
         set_value(base, key, copy.deepcopy(value), document.place(("set", key)), document.folder)
     if base.data.get("kind") != "landing":
@@ -110,7 +110,7 @@ def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tu
         raise InputError([Problem(document.place(("base",)), "base", message)])
     if isinstance(base.data.get("approach"), dict) and base.data["approach"].get("profile") == "recorded":
         raise InputError([Problem(document.place(("base",)), "base", f"{study.base}: {NO_RECORDED}")])
-    return study, document, base
+    return base
 
 
 def resolved_yaml(scenario: Section) -> str:

@@ -1,4 +1,4 @@
-"""Many runs of one case: batches on threads, reduced in the order of runs, finished ones kept on disk.
+"""Many runs of one case: batches on workers, reduced in the order of runs, finished ones kept on disk.
 
 A batch is a fixed number of runs. What it leaves is small (per-run statistics, sums over its runs) but for the
 histories the user asked to keep; both go to one piece of the study's partial work (`study.partial`). A study that was
@@ -9,13 +9,14 @@ order, so no number depends on workers, order or interruptions.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from navsim.study.executor import Executor
 from navsim.study.partial import Arrays, Store, array_of
 
 BATCH = 25
@@ -99,17 +100,23 @@ def _save(store: Store, first: int, batch: Batch) -> Batch:
     return Batch(batch.per_run, batch.sums, None, store.write(_piece(first), arrays))
 
 
+def _fly(study: Study, store: Store | None, first: int, count: int) -> tuple[int, Batch]:
+    """What a worker does."""
+    batch = Batch(*study.batch(first, count))
+    return first, _save(store, first, batch) if store else batch
+
+
 def fly_all(
     study: Study,
     first_run: int,
     runs: int,
-    workers: int,
+    executor: Executor,
     store: Store | None = None,
     done: Callable[[int], None] = lambda _: None,
     enough: Callable[[Ensemble], bool] | None = None,
     size: int = BATCH,
 ) -> Ensemble:
-    """Fly the runs in batches of `size` on `workers` threads (the kernels release the GIL).
+    """Fly the runs in batches of `size` on the executor's workers.
 
     store: keeps finished batches and gives back those of an earlier attempt. `done(n)` is told how many runs are
     finished. enough: asked after every batch, in the order of runs, whether the ensemble so far will do; it then
@@ -128,10 +135,6 @@ def fly_all(
 
     def count(first: int) -> int:
         return min(size, first_run + runs - first)
-
-    def job(first: int) -> tuple[int, Batch]:
-        batch = Batch(*study.batch(first, count(first)))
-        return first, _save(store, first, batch) if store else batch
 
     checked = 0
 
@@ -153,13 +156,13 @@ def fly_all(
     if (ended := settled()) is not None:
         return ended
     todo = (first for first in starts if first not in finished)
-    with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
+    with executor.pool(executor.workers) as pool:
         flying: set[Future[tuple[int, Batch]]] = set()
         try:
             while True:
                 # no more than a batch in waiting per worker, so that memory does not grow with the number of runs
-                while len(flying) < 2 * workers and (start := next(todo, None)) is not None:
-                    flying.add(pool.submit(job, start))
+                while len(flying) < 2 * executor.workers and (start := next(todo, None)) is not None:
+                    flying.add(pool.submit(_fly, study, store, start, count(start)))
                 if not flying:
                     break
                 ready, flying = wait(flying, return_when=FIRST_COMPLETED)

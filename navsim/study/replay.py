@@ -41,6 +41,7 @@ from navsim.simulation import replay
 from navsim.simulation.sensors import followed
 from navsim.study.diagnosis import Log, diagnose
 from navsim.study.findings import notes, of_flight
+from navsim.study.job import JobError
 from navsim.study.root import root_attributes
 from navsim.study.statistics import gate_limits
 
@@ -65,7 +66,7 @@ _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_de
 _UNITS = ("m/s", "m/s", "rad/sqrt(s)", "m/s/sqrt(s)", "s")
 
 
-class ReplayError(Exception):
+class ReplayError(JobError):
     """A recording that can be read, but not flown."""
 
 

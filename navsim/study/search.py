@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navsim.study.job import JobError
 from navsim.study.objective import BROKEN, UNSOLVED, Judge, Problem
 from navsim.study.watch import Step, Watch
 
@@ -61,7 +62,7 @@ _NEARBY = 6
 """Coarse analyses a coordinate with which the best placement is finished."""
 
 
-class NoPlacement(Exception):
+class NoPlacement(JobError):
     """The constraints leave no place, or no placement gives a fix at every epoch."""
 
 

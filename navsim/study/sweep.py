@@ -33,6 +33,7 @@ from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotte
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble, fly_all
+from navsim.study.executor import Executor, threads
 from navsim.study.findings import LANDING, among, marks, notes, without_fix
 from navsim.study.landing import (
     Case,
@@ -383,7 +384,7 @@ class SweepStudy:
 
 
 def _flown(case: Case, seed: int, runs: int) -> Result:
-    return result(case, fly_landing(case, seed, 0, runs, 1, keep="none"), seed, keep="none")
+    return result(case, fly_landing(case, seed, 0, runs, threads(1), keep="none"), seed, keep="none")
 
 
 def dop_outputs(geometry: Geometry, sites: np.ndarray, workers: int = 1) -> dict[str, np.ndarray]:
@@ -418,10 +419,10 @@ def columns(study: Sweep) -> list[str]:
 
 
 def compute(
-    planned: Plan, workers: int, store: Store | None = None, done: Callable[[int], None] = lambda _: None
+    planned: Plan, executor: Executor, store: Store | None = None, done: Callable[[int], None] = lambda _: None
 ) -> Ensemble:
     """All combinations; see `study.ensemble.fly_all`."""
-    return fly_all(SweepStudy(planned), 0, planned.size, workers, store, done, size=planned.batch)
+    return fly_all(SweepStudy(planned), 0, planned.size, executor, store, done, size=planned.batch)
 
 
 def partial_key(planned: Plan) -> dict[str, object]:

@@ -20,6 +20,7 @@ from navsim.scenario.load import read
 from navsim.scenario.shipped import path
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble
+from navsim.study.executor import Executor
 from navsim.study.findings import among, marks
 from navsim.study.landing import Case, findings, fly_all, prepare
 from navsim.study.landing.case import environment, glide_epochs
@@ -125,7 +126,7 @@ def geometry(calibration: Calibration) -> tuple[Geometry, list[np.ndarray], floa
 
 
 def compute(
-    calibration: Calibration, seed: int, runs: int, workers: int, done: Callable[[int], None] = lambda _: None
+    calibration: Calibration, seed: int, runs: int, executor: Executor, done: Callable[[int], None] = lambda _: None
 ) -> Computed:
     """All rows under one calibration; `done(n)` is told how many rows are finished."""
     here, sites, sigma = geometry(calibration)
@@ -136,7 +137,7 @@ def compute(
     for i, row in enumerate(ROWS):
         case = prepare(*read(path(calibration.name), row.assignments()))
         drawn = i in CURVES
-        ensemble = fly_all(case, seed, 0, runs, workers, keep="errors" if drawn else "none")
+        ensemble = fly_all(case, seed, 0, runs, executor, keep="errors" if drawn else "none")
         found.append(marks(f.name for f in findings(case, ensemble)))
         error[i] = rms_interval(ensemble.per_run("mean_square")[:, :2])
         if drawn:
@@ -154,7 +155,7 @@ def compute(
     )
 
 
-def compute_all(seed: int, runs: int, workers: int, done: Callable[[int], None]) -> dict[Calibration, Computed]:
+def compute_all(seed: int, runs: int, executor: Executor, done: Callable[[int], None]) -> dict[Calibration, Computed]:
     """All calibrations, the default one first; `done(n)` is told how many rows of all are finished."""
     found: dict[Calibration, Computed] = {}
     for calibration in CALIBRATIONS:
@@ -163,7 +164,7 @@ def compute_all(seed: int, runs: int, workers: int, done: Callable[[int], None])
         def report(rows: int, before: int = before) -> None:
             done(before + rows)
 
-        found[calibration] = compute(calibration, seed, runs, workers, report)
+        found[calibration] = compute(calibration, seed, runs, executor, report)
     return found
 
 

@@ -54,7 +54,7 @@ class Watch:
         time_limit: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._tell, self._limit, self._clock = tell, time_limit, clock
+        self.tell, self._limit, self._clock = tell, time_limit, clock
         self._started = clock()
         self._cost: dict[str, float] = {}
         self._to_come: list[Step] = []
@@ -114,7 +114,7 @@ class Watch:
     def look(self) -> None:
         """Tell where the search stands. Raises TimeUp."""
         used = self._clock() - self._started
-        self._tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._left()))
+        self.tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._left()))
         if self._limit is not None and used >= self._limit:
             raise TimeUp
 

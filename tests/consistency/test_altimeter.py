@@ -15,7 +15,8 @@ from navsim.io.results import read
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing import exact_start
-from navsim.study.landing import covariance_analysis, default_workers, fly_all
+from navsim.study.executor import threads
+from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 from tests.product.test_run import navsim
@@ -36,7 +37,7 @@ DOWN, DOWN_RATE = states.R_D, states.V_D
 def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     """Every component of position and velocity at every 10 s: 400 runs within 16 % (4.5 sigma of the sampling)."""
     flown = case(*GENTLE, *settings)
-    runs = fly_all(flown, 5, 0, 400, default_workers())
+    runs = fly_all(flown, 5, 0, 400, threads())
     analysis = covariance_analysis(flown)
     assert analysis.sources[-1] == "altimeter"
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
@@ -59,10 +60,10 @@ def test_its_budget_is_what_it_does_alone() -> None:
 @pytest.mark.parametrize("kind", ["rts", "map"])
 def test_smoothers_use_it_and_stay_true(kind: str) -> None:
     flown = case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}", f"filter.kind={kind}")
-    runs = fly_all(flown, 6, 0, 120, default_workers())
+    runs = fly_all(flown, 6, 0, 120, threads())
     nees = runs["nees_position_velocity"].mean(axis=0) / 6
     assert 0.85 < nees[5:].mean() < 1.2, nees
-    filtered = fly_all(case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}"), 6, 0, 120, default_workers())
+    filtered = fly_all(case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}"), 6, 0, 120, threads())
     late = slice(10, 50)
     assert np.mean(runs["error"][:, late, DOWN] ** 2) < 0.9 * np.mean(filtered["error"][:, late, DOWN] ** 2)
 
@@ -142,7 +143,7 @@ def test_fixes_on_the_copy_that_runs_ahead_are_analysed() -> None:
         events = flown.flight.events
         assert np.any(events.ahead & (events.kind == FIX))
         analysis = covariance_analysis(flown)
-        runs = fly_all(flown, 7, 0, 300, default_workers())
+        runs = fly_all(flown, 7, 0, 300, threads())
         predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)[1:6, :2]
         ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[1:6, :2] / predicted
         assert np.all(np.abs(ratio - 1.0) < 0.2), ratio

@@ -13,7 +13,8 @@ from navsim.models.signals import build_signals
 from navsim.simulation import landing_covariance
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.ensemble import Ensemble
-from navsim.study.landing import Case, covariance_analysis, covariance_result, default_workers, fly_all
+from navsim.study.executor import threads
+from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all
 from tests.helpers import case
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
@@ -41,7 +42,7 @@ def test_runs_agree(settings: tuple[str, ...]) -> None:
     That is 4.5 sigma of the sampling; `make validate` takes 2000 runs, and 8 %.
     """
     flown = case(*GENTLE, *settings)
-    ratio = ratios(flown, fly_all(flown, 1, 0, 600, default_workers()))
+    ratio = ratios(flown, fly_all(flown, 1, 0, 600, threads()))
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
@@ -53,7 +54,7 @@ def test_a_mistuned_filter_is_shown_right() -> None:
     true = np.sqrt(analysis.variance.sum(axis=0))[-1]
     assert believed[0] / true[0] > 1.3
     assert believed[8] / true[8] < 0.95 or believed[11] / true[11] < 0.5
-    ensemble = fly_all(flown, 1, 0, 500, default_workers())
+    ensemble = fly_all(flown, 1, 0, 500, threads())
     np.testing.assert_allclose(ensemble["nees"].mean(axis=0)[20:] / 15, analysis.expected_square(slice(0, 15))[20:],
                                rtol=0.15)  # fmt: skip
 
@@ -79,7 +80,7 @@ def test_a_mistuned_filter_is_shown_right() -> None:
 def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
     """Errors the filter knows nothing of: RMS of 600 runs within 13 % (4.5 sigma of the sampling) at every 10 s."""
     flown = case(*GENTLE, *settings)
-    ratio = ratios(flown, fly_all(flown, 1, 0, 600, default_workers()))
+    ratio = ratios(flown, fly_all(flown, 1, 0, 600, threads()))
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
@@ -95,7 +96,7 @@ def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
 def test_errors_correlated_in_time(settings: tuple[str, ...]) -> None:
     """Orbits and clocks constant over a run, noise that Hatch's filter drags along: as the runs show, within 13 %."""
     flown = case(*GENTLE, *settings)
-    runs = fly_all(flown, 1, 0, 600, default_workers())
+    runs = fly_all(flown, 1, 0, 600, threads())
     ratio = ratios(flown, runs)
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
     analysis = covariance_analysis(flown)
@@ -221,7 +222,7 @@ def test_each_share_is_what_that_source_does_alone(source: str) -> None:
     flown = case(
         "receiver.rate_hz=1", "filter.velocity=false", *(f"{k}={v}" for k, v in quiet.items()), *ranging, *believed
     )
-    error = fly_all(flown, 1, 0, 400, default_workers())["error"]
+    error = fly_all(flown, 1, 0, 400, threads())["error"]
     whole = case(*GENTLE, "filter.velocity=false")
     budget = np.sqrt(covariance_analysis(whole).variance[SOURCES.index(source)])
     at = [20, 60, 100]

@@ -17,6 +17,7 @@ from navsim.io.results import Result
 from navsim.report.figures import fix_errors
 from navsim.scenario.load import read_replay
 from navsim.study import landing, replay
+from navsim.study.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -39,7 +40,7 @@ def flown(longitude: float, *more: str, method: str = "monte-carlo") -> Result:
     this = case(f"approach.start.lon_deg={longitude}", *EAST, *more, name="table2_row1")
     if method == "covariance":
         return landing.covariance_result(this, landing.covariance_analysis(this), 1)
-    return landing.result(this, landing.fly_all(this, 3, 0, 1, 1, keep="all"), 3, keep="all")
+    return landing.result(this, landing.fly_all(this, 3, 0, 1, threads(1), keep="all"), 3, keep="all")
 
 
 ACROSS = 179.995

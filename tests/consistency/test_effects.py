@@ -12,6 +12,7 @@ from navsim.models import atmosphere, timescales
 from navsim.models.signals import build_signals
 from navsim.scenario.source import InputError
 from navsim.study import landing
+from navsim.study.executor import threads
 from tests.helpers import case, scenario
 
 BASE = ("sky.source=nominal", "receiver.rate_hz=1", "pseudolites.count=1")
@@ -150,7 +151,7 @@ def test_signals_without_epochs_are_whole() -> None:
     """A flight shorter than a fix interval: warned of, not refused."""
     c = case(*BASE, "duration_s=0.5")
     assert c.world.signals.used.shape[0] == 0
-    assert "shorter than one fix interval" in landing.findings(c, landing.fly_all(c, 1, 0, 1, 1))[-1].text
+    assert "shorter than one fix interval" in landing.findings(c, landing.fly_all(c, 1, 0, 1, threads(1)))[-1].text
 
 
 def test_corrections_of_listed_directions() -> None:

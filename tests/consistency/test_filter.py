@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from navsim.study.landing import Case, default_workers, fly_all
+from navsim.study.executor import threads
+from navsim.study.landing import Case, fly_all
 from tests.conftest import LANDINGS
 from tests.helpers import case
 
@@ -26,7 +27,7 @@ ALL = itertools.product((1, 2, 3), ("eskf", "tfg", "left-invariant"), ("true", "
 def test_consistency_of_a_thousand_runs(seed: int, kind: str, velocity: str) -> None:
     """NEES and NIS of 1000 runs at 10, 20, ... 120 s: close to one for every kind in the small-angle world."""
     flown = case(*GENTLE, f"filter.velocity={velocity}", f"filter.kind={kind}")
-    ensemble = fly_all(flown, seed, 0, 1000, default_workers())
+    ensemble = fly_all(flown, seed, 0, 1000, threads())
     time = flown.world.filter_time
     at = [int(np.argmin(np.abs(time - t))) for t in range(10, 121, 10)]
     np.testing.assert_allclose(time[at], range(10, 121, 10))
@@ -50,7 +51,7 @@ FIXES = {
 
 def at_tens(flown: Case, runs: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean NEES/15 (own coordinates) and NEES/6 at 10, 20, ... 120 s."""
-    ensemble = fly_all(flown, 1, 0, runs, default_workers())
+    ensemble = fly_all(flown, 1, 0, runs, threads())
     at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
     return ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6
 
@@ -91,7 +92,7 @@ def test_main_scenario_is_consistent() -> None:
 def test_late_fixes_with_a_lever_arm_are_used_as_well() -> None:
     """0.35 s of latency, off the IMU's grid, and a lever arm: still consistent."""
     flown = case(*GENTLE, "receiver.latency_s=0.353", "receiver.lever_arm_m=[1.2, 0.3, -0.6]")
-    ensemble = fly_all(flown, 1, 0, 400, default_workers())
+    ensemble = fly_all(flown, 1, 0, 400, threads())
     settled = ensemble["nees"][:, 10:].mean() / 15
     assert 0.93 < settled < 1.07
     assert 0.98 < ensemble["innovation_squared"].sum() / ensemble["degrees"].sum() < 1.02
@@ -101,7 +102,7 @@ def test_late_fixes_with_a_lever_arm_are_used_as_well() -> None:
 def test_latency_ignored_is_noticed() -> None:
     """A filter that takes late fixes for fresh ones is 10 m off at 30 m/s, and its NIS says so."""
     flown = case(*GENTLE, "receiver.latency_s=0.353", "filter.latency_s=0", "filter.gate.probability=0")
-    ensemble = fly_all(flown, 1, 0, 50, default_workers())
+    ensemble = fly_all(flown, 1, 0, 50, threads())
     assert ensemble["innovation_squared"].sum() / ensemble["degrees"].sum() > 1.2
     north = ensemble["error"][:, 20:60, 0].mean()
     assert 7.0 < north < 13.0  # truth is ahead of the estimate
@@ -109,10 +110,10 @@ def test_latency_ignored_is_noticed() -> None:
 
 def test_mistuned_filter_is_noticed() -> None:
     flown = case(*GENTLE, "filter.fix_sigma_scale=0.5")
-    ensemble = fly_all(flown, 1, 0, 50, default_workers())
+    ensemble = fly_all(flown, 1, 0, 50, threads())
     assert ensemble["innovation_squared"].sum() / ensemble["degrees"].sum() > 2.0
     flown = case(*GENTLE, "filter.imu.gyro={drift_deg_h: 7}")
-    ensemble = fly_all(flown, 1, 0, 50, default_workers())
+    ensemble = fly_all(flown, 1, 0, 50, threads())
     assert ensemble["nees"][:, 5:].mean() / 15 > 2.0
 
 
@@ -130,7 +131,7 @@ def test_gate_rejects_blunders_and_lets_go() -> None:
 @pytest.mark.parametrize("name", LANDINGS)
 def test_covariance_stays_positive_definite(name: str, kind: str) -> None:
     """Every output of every shipped scenario: NEES is nan where the Cholesky factorisation of P fails."""
-    ensemble = fly_all(case(f"filter.kind={kind}", name=name), 1, 0, 20, default_workers())
+    ensemble = fly_all(case(f"filter.kind={kind}", name=name), 1, 0, 20, threads())
     assert np.all(np.isfinite(ensemble["nees"]))
     assert np.all(ensemble["sigma"] > 0.0)
 
@@ -141,7 +142,7 @@ def test_markov_bias_is_followed() -> None:
         *GENTLE, "imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40",
         "imu.accelerometer.bias_mg=0", "imu.accelerometer.markov_mg=2", "imu.accelerometer.markov_time_s=60",
     )  # fmt: skip
-    ensemble = fly_all(flown, 2, 0, 400, default_workers())
+    ensemble = fly_all(flown, 2, 0, 400, threads())
     assert 0.94 < ensemble["nees"][:, 10:].mean() / 15 < 1.06
 
 

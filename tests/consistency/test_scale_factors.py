@@ -9,7 +9,8 @@ import pytest
 
 from navsim.core import states
 from navsim.io.results import read
-from navsim.study.landing import covariance_analysis, default_workers, fly_all
+from navsim.study.executor import threads
+from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 from tests.product.test_run import navsim
@@ -25,7 +26,7 @@ def test_a_filter_that_follows_them_is_true(kind: str) -> None:
     """21 states in an S-turn: NEES of all, and of each group at the end, in the bands of the default (0.9 to 1.15)."""
     flown = case(*GENTLE, *SCALED, FOLLOWED, f"filter.kind={kind}", name="s_turn")
     assert len(flown.states) == 21
-    runs = fly_all(flown, 11, 0, 400, default_workers())
+    runs = fly_all(flown, 11, 0, 400, threads())
     full = runs["nees"].mean(axis=0)[[10, 20, 30, 40, 50, 60]] / 21
     assert np.all((full > 0.9) & (full < 1.15)), full
     groups = runs["nees_group"][:, 30:].mean(axis=(0, 1)) / 3
@@ -37,8 +38,8 @@ def test_a_filter_that_follows_them_is_true(kind: str) -> None:
 
 
 def test_a_filter_that_does_not_know_of_them_is_worse_and_untrue() -> None:
-    wise = fly_all(case(*GENTLE, *SCALED, FOLLOWED, name="s_turn"), 12, 0, 150, default_workers())
-    ignorant = fly_all(case(*GENTLE, *SCALED, name="s_turn"), 12, 0, 150, default_workers())
+    wise = fly_all(case(*GENTLE, *SCALED, FOLLOWED, name="s_turn"), 12, 0, 150, threads())
+    ignorant = fly_all(case(*GENTLE, *SCALED, name="s_turn"), 12, 0, 150, threads())
     np.testing.assert_array_equal(wise["pseudorange"], ignorant["pseudorange"])  # the same flights
     late = slice(30, None)
     attitude = slice(states.ATT, states.SENSORS)
@@ -51,7 +52,7 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     """Every component of position and velocity at every 10 s, 400 runs within 16 % (4.5 sigma of the sampling)."""
     small = ("imu.gyro.scale_ppm=5000", "imu.accelerometer.scale_ppm=5000")
     flown = case(*GENTLE, *small, *settings, name="s_turn")
-    runs = fly_all(flown, 13, 0, 400, default_workers())
+    runs = fly_all(flown, 13, 0, 400, threads())
     analysis = covariance_analysis(flown)
     assert analysis.sources[-2:] == ("gyro_scale", "accelerometer_scale")
     predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
@@ -62,7 +63,7 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
 
 def test_smoothed_with_them() -> None:
     flown = case(*GENTLE, *SCALED, FOLLOWED, "filter.kind=rts", name="s_turn")
-    runs = fly_all(flown, 14, 0, 150, default_workers())
+    runs = fly_all(flown, 14, 0, 150, threads())
     nees = runs["nees_position_velocity"].mean(axis=0)[5:].mean() / 6
     assert 0.85 < nees < 1.2, nees
 

@@ -20,6 +20,7 @@ from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import read_obs
 from navsim.models import glonass_broadcast, gps
 from navsim.study import landing
+from navsim.study.executor import threads
 from navsim.study.single_point import Settings, solve
 from tests.helpers import case
 
@@ -39,7 +40,7 @@ out-timendec=7
 
 def flown(*assignments: str, sky: str = "nominal", name: str = "landing") -> Result:
     c = case(f"sky.source={sky}", "sky.broadcast=true", "receiver.rate_hz=2", *assignments, name=name)
-    return landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    return landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
 
 
 @pytest.fixture(scope="module")
@@ -374,11 +375,11 @@ def test_ellipses_lie_about_the_antenna(tmp_path: Path) -> None:
 
 def test_what_cannot_be_exported_is_said(noisy: Result, tmp_path: Path) -> None:
     c = case("receiver.rate_hz=2")
-    bare = landing.result(c, landing.fly_all(c, 1, 0, 2, 1, keep="errors"), 1, keep="errors")
+    bare = landing.result(c, landing.fly_all(c, 1, 0, 2, threads(1), keep="errors"), 1, keep="errors")
     with pytest.raises(ResultError, match="--keep all"):
         export(bare, tmp_path / "r.h5", ["rinex"])
     listed = case("receiver.rate_hz=2", name="table2")
-    flat = landing.result(listed, landing.fly_all(listed, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    flat = landing.result(listed, landing.fly_all(listed, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     with pytest.raises(ResultError, match="no navigation messages"):
         export(flat, tmp_path / "r.h5", ["rinex"])
     with pytest.raises(ResultError, match="cannot be written"):

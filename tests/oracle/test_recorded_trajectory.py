@@ -16,6 +16,7 @@ from navsim.models.recorded import recorded_trajectory
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.source import InputError
 from navsim.study import landing, replay
+from navsim.study.executor import threads
 from tests.helpers import case
 from tests.recordings import write_flight
 
@@ -71,7 +72,7 @@ def test_a_replay_feeds_the_simulator(tmp_path: Path) -> None:
     assert "PL2" in flown.world.signals.names
     run = flown.fly(1, 0)
     assert np.sqrt(np.mean(run.error[-40:, :2] ** 2)) < 5.0
-    out = landing.result(flown, landing.fly_all(flown, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    out = landing.result(flown, landing.fly_all(flown, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     assert "file_sha256: " in out.attributes["scenario"]
     assert out["/truth/time"][-1] == pytest.approx(60.0)
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from navsim.io.results import write
-from navsim.scenario.load import read_any, read_replay, read_study
-from navsim.scenario.sweep import Sweep
-from navsim.study import landing, replay
-from navsim.study.budget.companions import COMPANIONS
+from navsim.kinds import KINDS, named
+from navsim.scenario.load import read_for
+from navsim.study import landing
 from navsim.study.budget.estimate import Budget
 from navsim.study.budget.landing import landing as estimated
-from navsim.study.budget.studies import posing, recorded, sweep, tables
-from navsim.study.objective import problem
+from navsim.study.executor import threads
+from navsim.study.job import Job, Opener, Options
+from navsim.study.jobs.table2 import Table2Job
 from navsim.study.partial import Store
-from navsim.study.sweep import plan
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case
 
@@ -37,7 +35,7 @@ def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) ->
     if method == "covariance":
         result = landing.covariance_result(here, landing.covariance_analysis(here), 1)
     else:
-        result = landing.result(here, landing.fly_all(here, 1, 0, 1, 1, keep="all"), 1, keep="all")
+        result = landing.result(here, landing.fly_all(here, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     write(tmp_path / "a.h5", result)
     told = estimated(here.scenario, here.environment)
     assert (tmp_path / "a.h5").stat().st_size == pytest.approx(told.result_bytes, rel=DISK)
@@ -49,7 +47,7 @@ def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) ->
 def test_result_and_partial_work_of_runs(keep: str, runs: int, tmp_path: Path) -> None:
     here = case("receiver.rate_hz=2", "sky.source=nominal")
     store = Store(tmp_path / "partial", {}, False) if runs > 25 else None
-    ensemble = landing.fly_all(here, 1, 0, runs, 2, keep=keep, store=store)
+    ensemble = landing.fly_all(here, 1, 0, runs, threads(2), keep=keep, store=store)
     write(tmp_path / "a.h5", landing.result(here, ensemble, 1, keep=keep))
     told = estimated(here.scenario, here.environment, runs, keep, 2)
     assert (tmp_path / "a.h5").stat().st_size == pytest.approx(told.result_bytes, rel=DISK)
@@ -58,51 +56,41 @@ def test_result_and_partial_work_of_runs(keep: str, runs: int, tmp_path: Path) -
         assert lies == pytest.approx(told.partial_bytes, rel=0.3)
 
 
-def companion(name: str, runs: int | None, *keys: str) -> Budget:
-    scenario: Any = read_any(SCENARIOS / f"{name}.yaml", keys)[0]
-    return COMPANIONS[scenario.kind](scenario, runs)
-
-
-def of_landing(runs: int, keep: str, *keys: str) -> Budget:
-    here = case(*keys)
-    return estimated(here.scenario, here.environment, runs, keep, 2)
-
-
-def of_sweep(*keys: str) -> Budget:
-    return sweep(plan(*read_study(SCENARIOS / "placement_sweep.yaml", Sweep, keys), seed=1), 2)
-
-
-def of_optimum(*keys: str) -> Budget:
-    from navsim.scenario.optimize import Optimize
-
+def estimate(line: str, keys: Sequence[str]) -> Budget:
+    """What the job of a command line tells of itself before it begins, the last time it does."""
     told: list[Budget] = []
-    study, document, base = read_study(SCENARIOS / "placement_optimum.yaml", Optimize, keys)
-    problem(study, document, base, lambda *found: told.append(posing(study, *found)))
-    return told[0]
+    command, *words = line.split()
+    job: Job
+    if command == "table2":
+        job = Table2Job(1, 2)
+    else:
+        section, document = read_for(command, SCENARIOS / words[0], keys)
+        given = dict(zip(words[1::2], words[2::2], strict=True))
+        runs = int(given["--runs"]) if "--runs" in given else None
+        opener: Opener = named(KINDS[document.data["kind"]].job)
+        job = opener(section, document, Options(runs=runs, keep=given.get("--keep")))
+
+    def allow(budget: Budget, final: bool = True, at_most: bool = False) -> None:
+        told.append(budget)
+
+    job.prepare(threads(2), allow)
+    return told[-1]
 
 
-def of_replay(*keys: str) -> Budget:
-    return recorded(replay.prepare(*read_replay(SCENARIOS / "recorded_flight.yaml", keys)))
-
-
-Given = tuple[str, list[str], Callable[..., Budget]]
-COMMANDS: dict[str, Given] = {
-    "one": ("run landing.yaml", [], lambda *keys: of_landing(1, "all", *keys)),
-    "long": ("run landing.yaml", ["imu.rate_hz=1000", "duration_s=65", "receiver.rate_hz=1"],
-             lambda *keys: of_landing(1, "all", *keys)),
-    "runs": ("run landing.yaml --runs 60 --keep all --workers 2", [], lambda *keys: of_landing(60, "all", *keys)),
-    "covariance": ("run landing.yaml", ["method=covariance"], lambda *keys: of_landing(1, "all", *keys)),
-    "atc": ("run atc_tracking.yaml --runs 300", [], lambda *keys: companion("atc_tracking", 300, *keys)),
-    "azimuth": ("run azimuth_tracking.yaml --runs 300", ["map.runs=0"],
-                lambda *keys: companion("azimuth_tracking", 300, *keys)),
-    "elevation": ("run mls_elevation.yaml --runs 5000", ["montecarlo.experiments=2", "montecarlo.steps=1000"],
-                  lambda *keys: companion("mls_elevation", 5000, *keys)),
-    "sweep": ("sweep placement_sweep.yaml", ["vary.1.grid.count=30", "vary.2.grid.count=50"], of_sweep),
+COMMANDS: dict[str, tuple[str, list[str]]] = {
+    "one": ("run landing.yaml", []),
+    "long": ("run landing.yaml", ["imu.rate_hz=1000", "duration_s=65", "receiver.rate_hz=1"]),
+    "runs": ("run landing.yaml --runs 60 --keep all --workers 2", []),
+    "covariance": ("run landing.yaml", ["method=covariance"]),
+    "atc": ("run atc_tracking.yaml --runs 300", []),
+    "azimuth": ("run azimuth_tracking.yaml --runs 300", ["map.runs=0"]),
+    "elevation": ("run mls_elevation.yaml --runs 5000", ["montecarlo.experiments=2", "montecarlo.steps=1000"]),
+    "sweep": ("sweep placement_sweep.yaml", ["vary.1.grid.count=30", "vary.2.grid.count=50"]),
     "sweep, runs": ("sweep placement_sweep.yaml",
-                    ["method=monte-carlo", "runs=5", "vary.1.grid.count=2", "vary.2.grid.count=2"], of_sweep),
-    "optimize": ("optimize placement_optimum.yaml", ["pseudolites=[2]", "effort=1"], of_optimum),
-    "table2": ("table2 --runs 2", [], lambda: tables(2, 2)),
-    "replay": ("replay recorded_flight.yaml", ["tuning=none"], of_replay),
+                    ["method=monte-carlo", "runs=5", "vary.1.grid.count=2", "vary.2.grid.count=2"]),
+    "optimize": ("optimize placement_optimum.yaml", ["pseudolites=[2]", "effort=1"]),
+    "table2": ("table2 --runs 2", []),
+    "replay": ("replay recorded_flight.yaml", ["tuning=none"]),
 }  # fmt: skip
 LONG = ("long", "azimuth", "elevation", "sweep, runs")
 PEAK = """
@@ -123,7 +111,7 @@ finally:
 )
 def test_memory_and_files_of_a_command(name: str, tmp_path: Path) -> None:
     """Each estimate against the peak of a process that does nothing else, and against what it leaves on disk."""
-    line, keys, estimate = COMMANDS[name]
+    line, keys = COMMANDS[name]
     words = [str(SCENARIOS / word) if word.endswith(".yaml") else word for word in line.split()]
     words += [part for key in keys for part in ("--set", key)]
     words += ["-o", "out"] if name == "table2" else ["-o", "out.h5", "--figures", "none"]
@@ -131,7 +119,7 @@ def test_memory_and_files_of_a_command(name: str, tmp_path: Path) -> None:
         [sys.executable, "-c", PEAK, *words, "-q"], capture_output=True, text=True, cwd=tmp_path, timeout=300
     )
     assert done.returncode == 0, done.stderr
-    told = estimate(*keys)
+    told = estimate(line, keys)
     peak = 1024.0 * int(done.stderr.split("PEAK")[1])
     assert MEMORY[0] < peak / told.memory_bytes < MEMORY[1]
     files = [file for file in tmp_path.iterdir() if file.is_file()] or [tmp_path / "out" / "table2.h5"]

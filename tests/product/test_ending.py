@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from navsim.cli import ending
-from navsim.cli.common import progress, search_progress
+from navsim.cli.common import progress
 from tests.conftest import ROOT, SCENARIOS
 
 NAVSIM = [sys.executable, "-m", "navsim"]
@@ -220,8 +220,8 @@ def test_words_for_a_terminal_that_went_away_are_lost(monkeypatch: pytest.Monkey
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(sys, "stderr", Gone())
-    with progress(10, True) as done:
+    with progress(10, "runs", True) as done:
         done(3)
-    with search_progress(True, "m"):
+    with progress(0, "placements", True):
         pass
     ending.say("nobody hears")

@@ -19,6 +19,7 @@ from navsim.scenario.sweep import Sweep
 from navsim.study import findings as judging
 from navsim.study import landing, sweep
 from navsim.study.ensemble import Batch, Ensemble
+from navsim.study.executor import threads
 from navsim.study.landing.ensemble import LandingStudy
 from navsim.study.objective import problem
 from tests.conftest import SCENARIOS
@@ -35,7 +36,7 @@ def case(*assignments: str, name: str = "landing") -> landing.Case:
 
 
 def found_in(c: landing.Case, runs: int = 1) -> dict[str, Finding]:
-    ensemble = landing.fly_all(c, 1, 0, runs, 1, keep="none")
+    ensemble = landing.fly_all(c, 1, 0, runs, threads(1), keep="none")
     return {f.name: f for f in landing.findings(c, ensemble) if f.name != "input"}
 
 
@@ -48,7 +49,7 @@ def test_all_fixes_lost() -> None:
     three = found_in(c, 3)["lost_fixes"]
     assert (three.count, three.of, three.runs) == (600, 600, 3)
     assert "in 3 of 3 runs" in three.text
-    result = landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="none"), 1, keep="none")
+    result = landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="none"), 1, keep="none")
     assert int(result["/summary/count/epochs_without_fix"]) == 200
     assert "lost_fixes" in [f.name for f in of(result)]
 

@@ -24,12 +24,11 @@ from navsim.cli import studies
 from navsim.cli.main import app
 from navsim.io.almanac import read_almanac
 from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort, read, read_sort
+from navsim.kinds import KINDS, OF_FILES, named
 from navsim.models import glonass, gps, timescales
 from navsim.report import figures as drawing
 from navsim.scenario import shipped
-from navsim.scenario.kinds import COMMANDS
 from navsim.scenario.landing import Landing
-from navsim.scenario.load import KINDS
 from navsim.scenario.sweep import Sweep
 from tests.conftest import ROOT, SCENARIOS
 from tests.helpers import case
@@ -210,7 +209,7 @@ def test_results_are_wanted(command: str, template: str, files: Path) -> None:
     said = navsim(command, file, *extra, cwd=files, code=2).stderr
     kind = shipped.kind(template)
     assert f"{file}: is no result" in said
-    assert f"kind {kind}: use navsim {COMMANDS[kind]} {file} or navsim validate {file}" in said
+    assert f"kind {kind}: use navsim {KINDS[kind].command} {file} or navsim validate {file}" in said
 
 
 @pytest.mark.parametrize("command", ["run", "sweep", "optimize", "replay", "live", "validate"])
@@ -246,7 +245,7 @@ def test_files_are_sent_to_their_command(command: str, template: str, files: Pat
     file = SCENARIOS / f"{template}.yaml"
     extra = ("--receiver", "-") if command == "live" else ()
     said = navsim(command, file, *extra, cwd=files, code=2).stderr
-    assert f"use navsim {COMMANDS[kind]} {file}" in said
+    assert f"use navsim {KINDS[kind].command} {file}" in said
     assert all(f"`kind: {wanted}`" in said for wanted in TAKES[command])
 
 
@@ -280,7 +279,7 @@ def test_help_lists_choices() -> None:
     assert "<errors|all|none>" in help_of("run")
     assert "<monte-carlo|covariance>" in help_of("run")
     assert "<dop|covariance|monte-carlo>" in help_of("sweep")
-    assert ", ".join(KINDS) in help_of("schema")
+    assert ", ".join(OF_FILES) in help_of("schema")
     assert ", ".join(shipped.names()) in help_of("init")
 
 
@@ -288,7 +287,21 @@ def test_choices_are_those_of_the_scenarios() -> None:
     """The command line imports no scenario classes for its help; what it lists must stay what they allow."""
     assert get_args(run_command.Method) == get_args(Landing.model_fields["method"].annotation)
     assert get_args(studies.SweepMethod) == get_args(Sweep.model_fields["method"].annotation)
-    assert list(COMMANDS) == list(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_the_list_of_kinds_names_is_there(kind: str) -> None:
+    from navsim.report.view import View
+    from navsim.scenario.base import Section
+
+    here = KINDS[kind]
+    assert isinstance(named(here.view), View)
+    assert bool(here.section) == bool(here.job)
+    if here.section:
+        section = named(here.section)
+        assert issubclass(section, Section)
+        assert get_args(section.model_fields["kind"].annotation) == (kind,)
+        assert callable(named(here.job))
 
 
 def test_a_wrong_choice_lists_the_right_ones(tmp_path: Path) -> None:
@@ -296,7 +309,7 @@ def test_a_wrong_choice_lists_the_right_ones(tmp_path: Path) -> None:
         (("run", LANDING, "--keep", "some"), ("'errors'", "'all'", "'none'")),
         (("run", LANDING, "--method", "dop"), ("'monte-carlo'", "'covariance'")),
         (("sweep", SCENARIOS / "placement_sweep.yaml", "--method", "rms"), ("'dop'", "'covariance'", "'monte-carlo'")),
-        (("schema", "landnig"), tuple(KINDS)),
+        (("schema", "landnig"), tuple(OF_FILES)),
         (("init", "landnig"), tuple(shipped.names())),
     ):
         said = navsim(*arguments, cwd=tmp_path, code=2).stderr

@@ -28,6 +28,7 @@ from navsim.simulation.landing import fixed, measured
 from navsim.simulation.streams import generator
 from navsim.study import landing
 from navsim.study import live as flying
+from navsim.study.executor import threads
 from navsim.study.live import Session
 from navsim.study.source_clock import start_time
 from tests.helpers import SCENARIOS, case
@@ -42,7 +43,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-
     """A landing, its result, and its fixes as lines of CSV and NMEA."""
     folder = tmp_path_factory.mktemp("live")
     c = case(*SHORT)
-    result = landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    result = landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     export(result, folder / "r.h5", ["csv", "nmea"])
     return c, result, folder / "r_gnss.csv", folder / "r.nmea"
 
@@ -560,7 +561,7 @@ def test_the_gate_lets_go_as_in_a_landing(flown) -> None:  # type: ignore[no-unt
 def test_the_receivers_latency_is_flown(latency: str, tmp_path: Path) -> None:
     """With latency too the chain cut at the receiver is the chain, also where the filter believes another one."""
     c = case(*SHORT, "duration_s=30", *latency.split(", "))
-    simulated = landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    simulated = landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     export(simulated, tmp_path / "r.h5", ["csv"])
     _, result, _ = flew(c, (tmp_path / "r_gnss.csv").read_text().splitlines())
     np.testing.assert_allclose(result["/filter/time"], simulated["/filter/time"][1:], atol=1e-6)
@@ -570,7 +571,7 @@ def test_the_receivers_latency_is_flown(latency: str, tmp_path: Path) -> None:
 
 def test_an_imu_in_the_loop_of_a_late_receiver() -> None:
     c = case(*SHORT, "duration_s=20", "receiver.latency_s=0.13")
-    simulated = landing.result(c, landing.fly_all(c, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    simulated = landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     session = Session(c, "imu", 1)
     session.pump(lines_of("\n".join(imu_rows(c, 1))), 1.0)
     result = session.result()

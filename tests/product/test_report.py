@@ -24,12 +24,13 @@ from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.models import mls
 from navsim.report import atc, azimuth, elevation, figures, live, sweep, tables
-from navsim.scenario.load import read_runnable, read_study, resolved_yaml
+from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
 from navsim.study import atc as atc_study
 from navsim.study import elevation as elevation_study
 from navsim.study import landing
 from navsim.study import sweep as sweep_study
+from navsim.study.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -42,7 +43,7 @@ SMOOTH = (
 
 def flown(runs: int, keep: str, *more: str, first: int = 0) -> Result:
     c = case(*SMOOTH, *more)
-    return landing.result(c, landing.fly_all(c, 1, first, runs, 1, keep=keep), 1, keep=keep)
+    return landing.result(c, landing.fly_all(c, 1, first, runs, threads(1), keep=keep), 1, keep=keep)
 
 
 @pytest.fixture(scope="module")
@@ -302,7 +303,7 @@ def test_one_run_is_exported_as_ever(one: Result, tmp_path: Path) -> None:
 def test_atc_figures_follow_the_scenario() -> None:
     settings = ["further_cases=[]", "circuit.manoeuvre_s=[[100, 150]]", "circuit.duration_s=200",
                 "circuit.straight_s=[[50, 90]]"]  # fmt: skip
-    scenario = read_runnable(SCENARIOS / "atc_tracking.yaml", settings)[0]
+    scenario = read_for("run", SCENARIOS / "atc_tracking.yaml", settings)[0]
     result = atc_study.compute(scenario, 1, 3)
     with mpl.rc_context(figures._STYLE):
         drawings = atc.figures(result)
@@ -323,7 +324,7 @@ def test_atc_figures_follow_the_scenario() -> None:
 
 def test_elevation_figures_follow_the_scenario() -> None:
     settings = ["montecarlo.band=0.3", "montecarlo.experiments=2", "montecarlo.confidence=0.9"]
-    scenario = read_runnable(SCENARIOS / "mls_elevation.yaml", settings)[0]
+    scenario = read_for("run", SCENARIOS / "mls_elevation.yaml", settings)[0]
     result = elevation_study.compute(scenario, 1, None)
     with mpl.rc_context(figures._STYLE):
         drawings = elevation.figures(result)
@@ -344,7 +345,7 @@ def test_elevation_figures_follow_the_scenario() -> None:
 
 
 def test_azimuth_names_its_filters_by_the_scenario() -> None:
-    scenario = read_runnable(SCENARIOS / "azimuth_tracking.yaml", ["filters.singer_sigma_m_s2=[0.7, 4]"])[0]
+    scenario = read_for("run", SCENARIOS / "azimuth_tracking.yaml", ["filters.singer_sigma_m_s2=[0.7, 4]"])[0]
     words = azimuth._words(Result({"scenario": resolved_yaml(scenario)}, {}))
     assert words["S1"] == "Singer, 0.7 m/s²"
     assert words["S2"] == "Singer, 4 m/s²"
@@ -402,7 +403,7 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     assert ax.get_ylim() == pytest.approx((-105.0, 105.0), abs=0.5)
     corners = ax.collections[0].get_coordinates()  # type: ignore[attr-defined]
     assert np.ptp(np.diff(corners[:, :, 0], axis=1)) < 1e-6
-    assert sweep.best_json(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
+    assert sweep.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
     text = printed(sweep.console(result))
     assert "500 *" in text
     assert "the best may lie beyond" in text

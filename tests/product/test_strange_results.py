@@ -32,6 +32,7 @@ from navsim.io.results import (
     write_text,
 )
 from navsim.study import landing
+from navsim.study.executor import threads
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -298,7 +299,7 @@ def test_texts_that_share_their_place_are_counted(file: Path) -> None:
 @pytest.fixture(scope="module")
 def flown() -> Result:
     this = case("duration_s=20")
-    return landing.result(this, landing.fly_all(this, 1, 0, 1, 1, keep="all"), 1, keep="all")
+    return landing.result(this, landing.fly_all(this, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
 
 
 def run(*arguments: object) -> Any:

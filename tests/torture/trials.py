@@ -16,7 +16,8 @@ from typing import Any
 import jsonschema
 
 from navsim.io.results import ResultError, read
-from navsim.scenario.load import KINDS
+from navsim.kinds import KINDS, OF_FILES
+from navsim.scenario.load import section
 from tests.conftest import SCENARIOS
 from tests.forks import HANG_S, MOST_MB, Forks
 from tests.steps import FULL, KILL
@@ -68,7 +69,7 @@ def scenario_folder(folder: Path) -> Path:
 def mutated(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     """`validate` of mutants: refused with a place, or in order by the published schema."""
     tally = Tally()
-    schemas = {kind: jsonschema.Draft202012Validator(section.model_json_schema()) for kind, section in KINDS.items()}
+    schemas = {kind: jsonschema.Draft202012Validator(section(kind).model_json_schema()) for kind in OF_FILES}
     for mutant in islice(mutants.mutants(sources(), seed), count):
         (folder / mutants.NAME).write_bytes(mutant.text)
         done = commands.run("validate", mutants.NAME, cwd=folder, limit_s=HANG_S)
@@ -111,7 +112,6 @@ SHORTER = {
     "replay": ("--set", "tuning=none"),
 }
 """Settings that make the shipped files quick."""
-VERBS = {"sweep": "sweep", "optimize": "optimize", "replay": "replay"}
 _SOON = re.compile(r": (?:at most )?about ([123]) s on .*?about ([0-9.]+) MB of memory")
 """An estimate of up to 3 s, which holds within a factor of three."""
 
@@ -128,7 +128,7 @@ def computed(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
         (folder / mutants.NAME).write_bytes(mutant.text)
         kind = kinds[mutant.of]
         short = SHORTER[kind] if draw.random() < 0.7 else ()
-        words = (VERBS.get(kind, "run"), mutants.NAME, "-o", "r.h5", "-q", *short)
+        words = (KINDS[kind].command if kind in KINDS else "run", mutants.NAME, "-o", "r.h5", "-q", *short)
         what = f"{mutant.of}: {mutant.note}"
         planned = commands.run(*words, "--dry-run", cwd=folder, limit_s=HANG_S)
         tally.took(planned.seconds, planned.peak_mb)

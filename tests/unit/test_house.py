@@ -15,11 +15,11 @@ ALLOWED = {
     "models": {"core"},
     "estimation": {"core"},
     "simulation": {"models", "estimation", "core"},
-    "scenario": {"models", "estimation", "core", "io"},
+    "scenario": {"models", "estimation", "core", "io", "kinds"},
     "io": {"core", "models"},
     "study": {"simulation", "scenario", "io", "models", "estimation", "core"},
-    "report": {"core", "io"},
-    "cli": {"core", "models", "estimation", "simulation", "scenario", "io", "study", "report"},
+    "report": {"core", "io", "kinds"},
+    "cli": {"core", "models", "estimation", "simulation", "scenario", "io", "study", "report", "kinds"},
 }
 
 

@@ -11,12 +11,12 @@ import pytest
 
 from navsim.scenario import shipped
 from navsim.scenario.base import validated
-from navsim.scenario.load import KINDS, read_any
+from navsim.scenario.load import read_any, section
 from navsim.scenario.source import Document, InputError, load
 
 
 def published(kind: str) -> jsonschema.Draft202012Validator:
-    return jsonschema.Draft202012Validator(KINDS[kind].model_json_schema())
+    return jsonschema.Draft202012Validator(section(kind).model_json_schema())
 
 
 @pytest.mark.parametrize("name", shipped.names())
@@ -55,9 +55,9 @@ def test_one_value_may_stand_for_a_list_of_it(name: str, path: tuple[Any, ...], 
 
     for given in (value, [value]):
         published(kind).validate(with_it(given))
-        read = validated(KINDS[kind], Document("s.yaml", tmp_path, with_it(given)))
+        read = validated(section(kind), Document("s.yaml", tmp_path, with_it(given)))
         assert read.model_dump(mode="json", exclude_none=True) == with_it(value)
     for wrong in (True, {"a": value}, [[value]]):
         assert not published(kind).is_valid(with_it(wrong))
         with pytest.raises(InputError):
-            validated(KINDS[kind], Document("s.yaml", tmp_path, with_it(wrong)))
+            validated(section(kind), Document("s.yaml", tmp_path, with_it(wrong)))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.cli import common
+from navsim.study.jobs.optimize import said
 from navsim.study.watch import Progress, Step, TimeUp, Watch
 
 
@@ -68,9 +69,12 @@ def progress(used: float, best: float | None) -> Progress:
 
 
 def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with common.search_progress(True, "m") as tell:
+    clock = Clock()
+    began = clock.now
+    with common.progress(0, "placements", True, clock) as tell:
         for used in np.arange(0.0, 31.0, 0.5):
-            tell(progress(float(used), None if used < 15 else 0.15619))
+            clock.now = began + used
+            tell(0, said(progress(float(used), None if used < 15 else 0.15619), "m"))
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[0] == (
@@ -81,8 +85,8 @@ def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixtu
 
 
 def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    with common.search_progress(False, "m") as tell:
-        tell(progress(100.0, 0.1))
+    with common.progress(0, "placements", False) as tell:
+        tell(0, said(progress(100.0, 0.1), "m"))
     assert capsys.readouterr().err == ""
 
 
@@ -90,8 +94,8 @@ def test_a_live_line_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "200")
-    with common.search_progress(True, "1") as tell:
-        tell(progress(1.0, 2.5))
+    with common.progress(0, "placements", True) as tell:
+        tell(0, said(progress(1.0, 2.5), "1"))
         import time
 
         time.sleep(0.3)  # the line is drawn some ten times a second

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from navsim.scenario.atc import Atc
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.elevation import Elevation
@@ -82,11 +80,3 @@ def azimuth_tracking(scenario: Azimuth, runs: int | None = None) -> Budget:
 def _circuit_memory(duration: float) -> float:
     """The true circuit, in hundredths of a second, bytes."""
     return duration * 100.0 * 40 * NUMBER
-
-
-COMPANIONS: dict[str, Callable[..., Budget]] = {
-    "mls-elevation": mls_elevation,
-    "atc-tracking": atc_tracking,
-    "azimuth-tracking": azimuth_tracking,
-}
-"""Estimates of the companion papers' systems by kind, of (scenario, runs)."""

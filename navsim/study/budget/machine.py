@@ -8,7 +8,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from navsim.study.landing.ensemble import default_workers
+from navsim.study.executor import threads
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def machine(folder: Path) -> Machine:
         disk = float(shutil.disk_usage(place).free)
     except OSError:  # a file system that does not tell: what does not fit is found out while writing
         disk = None
-    return Machine(available_memory(), disk, default_workers())
+    return Machine(available_memory(), disk, threads().workers)
 
 
 def available_memory(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:

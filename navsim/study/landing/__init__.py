@@ -7,7 +7,7 @@ from navsim.study.landing.covariance import (
     covariance_result,
     covariance_summary,
 )
-from navsim.study.landing.ensemble import default_workers, findings, fly_all, partial_key, stopping_rule
+from navsim.study.landing.ensemble import findings, fly_all, partial_key, stopping_rule
 from navsim.study.landing.result import result
 
 __all__ = [
@@ -16,7 +16,6 @@ __all__ = [
     "covariance_findings",
     "covariance_result",
     "covariance_summary",
-    "default_workers",
     "findings",
     "fly_all",
     "partial_key",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from navsim.simulation.landing import Run
 from navsim.study import findings as judging
 from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
+from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
 from navsim.study.landing.case import Case, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
@@ -147,7 +147,7 @@ def fly_all(
     seed: int,
     first_run: int,
     runs: int,
-    workers: int,
+    executor: Executor,
     *,
     keep: str = "all",
     store: Store | None = None,
@@ -155,7 +155,7 @@ def fly_all(
     enough: Callable[[Ensemble], bool] | None = None,
 ) -> Ensemble:
     """Fly runs of a case; see `study.ensemble.fly_all`."""
-    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, workers, store, done, enough)
+    return fly_ensemble(LandingStudy(case, seed, keep), first_run, runs, executor, store, done, enough)
 
 
 _UNTIL = re.compile(r"\s*(rms_horizontal|rms_vertical)\s+within\s+([0-9.]+)\s*%\s*")
@@ -194,11 +194,6 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
         "keep": keep,
         **code_key(),
     }
-
-
-def default_workers() -> int:
-    """As many threads as this process may use cores."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 _PARTS = tuple(Flaws.__dataclass_fields__)

@@ -1,0 +1,131 @@
+"""The options of the commands, each declared once, in groups that several commands take."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+MOST = 2**63 - 1
+"""Largest seed and number of a run: what a result file holds as an integer."""
+_PLAIN = {int: re.compile("[0-9]{1,40}"), float: re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")}
+"""A number as people write one; Python's own reading takes `1_000`, `nan` and the digits of other scripts too."""
+
+
+def number_option(
+    kind: type[int] | type[float], least: float, meaning: str, *, most: int = MOST, show_default: bool = False
+) -> Any:
+    """An option with a whole number, or with seconds, from `least` to `most`."""
+    what, metavar = ("a whole number", "N") if kind is int else ("a number", "SECONDS")
+
+    def parse(given: object) -> float:
+        text = str(given)  # a default comes as a number
+        if not _PLAIN[kind].fullmatch(text) or not least <= kind(text) <= most:
+            raise typer.BadParameter(f"expected {what} from {least:g} to {most}, not {text[:40]!r}")
+        return kind(text)
+
+    return typer.Option(parser=parse, metavar=metavar, help=f"{meaning} [{least:g} or more]", show_default=show_default)
+
+
+def output_option(default: str) -> Any:
+    """-o of a command whose result has this name unless given."""
+    return typer.Option(
+        "--output", "-o", metavar="FILE.h5", help=f"The result file. Default: {default}.", show_default=False
+    )
+
+
+def set_option(what: str) -> Any:
+    """--set of a command that reads a scenario, a study or a log."""
+    return typer.Option(
+        "--set", metavar="KEY=VALUE", help=f"Set a key of the {what}, dotted; may be given many times.",
+        show_default=False,
+    )  # fmt: skip
+
+
+def figures_option(when: str = "with --quiet") -> Any:
+    """--figures of a command that draws none in these cases unless told to."""
+    return typer.Option(
+        metavar="FOLDER|none",
+        help=f"Where figures go, made where it is not there. Default: beside the result; none {when}.",
+        show_default=False,
+    )
+
+
+def dry_run_option(meaning: str) -> Any:
+    """--dry-run of a command."""
+    return typer.Option("--dry-run", help=meaning)
+
+
+ScenarioArgument = Annotated[
+    Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
+]
+WorkersOption = Annotated[int | None, number_option(int, 1, "Threads. Default: all cores.")]
+SeedOption = Annotated[int, number_option(int, 0, "Root of all random numbers.", show_default=True)]
+FreshOption = Annotated[bool, typer.Option("--fresh", help="Discard partial work of an earlier attempt.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the summary as JSON, and nothing else, on standard output.")
+]
+
+
+@dataclass(frozen=True)
+class Care:
+    """How careful a command is of what stands there, and of the machine."""
+
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a result of another sort.")] = False
+    over_budget: Annotated[
+        bool,
+        typer.Option(
+            "--over-budget", help="Compute even what this machine seems to have too little memory or disk for."
+        ),
+    ] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False
+
+
+@dataclass(frozen=True)
+class Required:
+    """What a result must be worth for the command to succeed."""
+
+    require_fix: Annotated[
+        bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix, or a fix could not be used.")
+    ] = False
+    require_consistent: Annotated[
+        bool,
+        typer.Option(
+            "--require-consistent",
+            help="Exit 3 where errors, innovations or the covariance contradict what the filter believes.",
+        ),
+    ] = False
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """A command for typer, which knows single options alone: each group of them among its parameters, a dataclass, is
+    spread to parameters of its own."""
+    signature = inspect.signature(command, eval_str=True)
+    groups: dict[str, Any] = {
+        name: p.annotation for name, p in signature.parameters.items() if is_dataclass(p.annotation)
+    }
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in signature.parameters.items():
+        if name not in groups:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        hints = get_type_hints(groups[name], include_extras=True)
+        parameters += [
+            inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name])
+            for f in fields(groups[name])
+        ]
+
+    @wraps(command)
+    def spread(**given: Any) -> None:
+        made = {name: group(**{f.name: given.pop(f.name) for f in fields(group)}) for name, group in groups.items()}
+        command(**given, **made)
+
+    spread.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # typer reads it
+    spread.__annotations__ = {p.name: p.annotation for p in parameters}
+    return spread

@@ -1,0 +1,66 @@
+"""The kinds of scenario files and results: the one list of them. What a kind needs elsewhere is named here and imported
+when it is asked for, so that `--help` can list the kinds, and to fly a landing nothing of the others is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Kind:
+    """command: computes a file of it. noun: what such a file is called. section: the model of the file (a
+    `scenario.base.Section`), "" where there is no file. job: what makes the job of it (`study.job.Opener`), "" where
+    the command alone knows how. view: how its results are shown (`report.view.View`). All as "module:name"."""
+
+    command: str
+    view: str
+    section: str = ""
+    job: str = ""
+    noun: str = "scenario"
+
+
+KINDS = {
+    "landing": Kind(
+        "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.study.jobs.landing:job"
+    ),
+    "mls-elevation": Kind(
+        "run", "navsim.report.elevation:VIEW", "navsim.scenario.elevation:Elevation",
+        "navsim.study.jobs.companions:mls_elevation",
+    ),
+    "atc-tracking": Kind(
+        "run", "navsim.report.atc:VIEW", "navsim.scenario.atc:Atc", "navsim.study.jobs.companions:atc_tracking"
+    ),
+    "azimuth-tracking": Kind(
+        "run", "navsim.report.azimuth:VIEW", "navsim.scenario.azimuth:Azimuth",
+        "navsim.study.jobs.companions:azimuth_tracking",
+    ),
+    "sweep": Kind(
+        "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.study.jobs.sweep:SweepJob", "study"
+    ),
+    "optimize": Kind(
+        "optimize", "navsim.report.optimize:VIEW", "navsim.scenario.optimize:Optimize",
+        "navsim.study.jobs.optimize:OptimizeJob", "study",
+    ),
+    "replay": Kind(
+        "replay", "navsim.report.replay:VIEW", "navsim.scenario.replay:Replay", "navsim.study.jobs.replay:ReplayJob",
+        "log",
+    ),
+    "table2": Kind("table2", "navsim.report.table2:VIEW"),
+    "live": Kind("live", "navsim.report.live:VIEW"),
+}  # fmt: skip
+OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)
+"""The kinds that files have."""
+
+
+def named(place: str) -> Any:
+    """What stands at "module:name"."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
+def advice(kind: str, path: object) -> str:
+    """Which commands take the file of this kind."""
+    this = KINDS[kind]
+    return f"a {this.noun} of kind {kind}: use navsim {this.command} {path} or navsim validate {path}"

@@ -1,0 +1,80 @@
+"""How results of a kind are shown: tables for the terminal, figures, plain data, files of text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from navsim.io.results import Result, ResultError
+from navsim.kinds import KINDS, named
+from navsim.report.tables import FINDINGS, plain_tree
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+_HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
+"""Attributes that stand over the plain data of every result."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How results of one kind are shown.
+
+    tables: of several results, each with its name. width: of the tables where there is no terminal to ask for its own,
+    wider by `width_more` for every result after the first. figures: by name. summary: the paths whose variables are the
+    summary as plain data. plain: more of it. texts: files of text beside the result, by their paths.
+    """
+
+    tables: Callable[[Sequence[tuple[str, Result]]], list[RenderableType]]
+    width: int
+    figures: Callable[[Result], dict[str, Figure]]
+    summary: tuple[str, ...] = ()
+    plain: Callable[[Result], dict[str, Any]] = lambda _: {}
+    texts: Callable[[Result, Path], dict[Path, str]] = lambda _, __: {}
+    width_more: int = 0
+
+
+def one_by_one(
+    console: Callable[[Result], RenderableType],
+) -> Callable[[Sequence[tuple[str, Result]]], list[RenderableType]]:
+    """Tables of each result under its name, where there are several."""
+
+    def tables(results: Sequence[tuple[str, Result]]) -> list[RenderableType]:
+        return [part for name, result in results for part in ([name] if len(results) > 1 else []) + [console(result)]]
+
+    return tables
+
+
+def view(kind: object) -> View:
+    """The view of a kind. Raises ResultError for one that this version does not have."""
+    if str(kind) not in KINDS:
+        raise ResultError(f"not a result of this version: there is no kind {kind}")
+    found: View = named(KINDS[str(kind)].view)
+    return found
+
+
+def plain(result: Result) -> dict[str, Any]:
+    """The summary of a result and what its study warned of as nested plain data, with the names of the result file;
+    nan becomes null."""
+    here = view(result.attributes["kind"])
+    head = {name: result.attributes[name] for name in _HEAD}
+    head["seed"] = int(head["seed"])
+    return head | here.plain(result) | plain_tree(result, (*here.summary, FINDINGS))
+
+
+def draw(result: Result, folder: Path, stem: str) -> list[Path]:
+    """Draw every figure a result has data for as `folder/stem_NAME.png`; returns the files. Raises ResultError."""
+    from navsim.report.figures import save_figures
+
+    return save_figures(lambda: view(result.attributes["kind"]).figures(result), folder, stem)
+
+
+def write_texts(result: Result, target: Path) -> list[Path]:
+    """Write the files of text that stand beside a result at `target`; returns them. Raises ResultError."""
+    from navsim.report.figures import save_text
+
+    texts = view(result.attributes["kind"]).texts(result, target)
+    return [save_text(path, text) for path, text in texts.items()]

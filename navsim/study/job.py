@@ -1,0 +1,109 @@
+"""A job: the work that a file of some kind asks for, done by every command in the same steps.
+
+opened      from the validated file and what the command line says beside it, cheap
+prepared    files read, the extent known and allowed, what all of the work shares made
+run         pieces of it kept in a store, done by an executor, to a result
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+from navsim.io.results import Result, Sort
+from navsim.study.budget.estimate import Budget
+from navsim.study.executor import Executor
+from navsim.study.partial import Store
+
+
+class JobError(Exception):
+    """Work that cannot be done although its input is right."""
+
+
+class OptionError(Exception):
+    """An option that this work does not take, or whose value is wrong."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says beside the file; None or False: nothing."""
+
+    seed: int = 1
+    runs: int | None = None
+    first_run: int | None = None
+    until: str | None = None
+    keep: str | None = None
+    method: str | None = None
+    workers: int | None = None
+    time_limit: float | None = None
+    fresh: bool = False
+    require_fix: bool = False
+
+    def only(self, *taken: str) -> list[str]:
+        """Those given that are not among the taken ones, as the command line has them."""
+        given = [field.name for field in fields(self)[1:] if getattr(self, field.name) not in (None, False)]
+        return [f"--{name.replace('_', '-')}" for name in given if name not in taken]
+
+
+class Allow(Protocol):
+    """Told what the work will take before anything of its size is made; raises where it is not to be. final: more will
+    not be known. at_most: the work may end earlier by itself."""
+
+    def __call__(self, budget: Budget, final: bool = True, at_most: bool = False) -> None: ...
+
+
+class Tell(Protocol):
+    """Told how much of a job's extent is finished, or where the work stands in words; raises where it is to stop."""
+
+    def __call__(self, finished: int, words: str = "") -> None: ...
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job came to. warnings: of how it ended, beside the findings in the result. stopped: why it ended before
+    all was done, "" where it did not; what was finished is kept then. interrupted: by the user."""
+
+    result: Result
+    warnings: tuple[str, ...] = ()
+    stopped: str = ""
+    interrupted: bool = False
+
+
+class Job(Protocol):
+    """The work of one file.
+
+    sort: of its result. suffix: of the result's name where it is not the usual work of the file. extent, unit: of
+    progress, what it counts; an extent of 0 is told in words. pieces: of the work that a store keeps, named `work` in
+    words, 0 where nothing is kept. warnings: of the input. The last three count once the job is prepared.
+    """
+
+    sort: Sort
+    suffix: str
+    unit: str
+    work: str
+
+    @property
+    def extent(self) -> int: ...
+    @property
+    def pieces(self) -> int: ...
+    @property
+    def warnings(self) -> list[str]: ...
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        """Raises InputError, JobError, and what `allow` raises."""
+
+    def described(self) -> str:
+        """The work in a line, once it is prepared."""
+
+    def key(self) -> dict[str, object]:
+        """What partial work must agree in to be resumed."""
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        """Do the work, going on from what the store has. Raises JobError, ResultError, PartialError."""
+
+
+class Opener(Protocol):
+    """What makes the job of a kind from a validated file: its section, its document (`scenario.source`), the options.
+    Raises InputError, OptionError."""
+
+    def __call__(self, section: Any, document: Any, options: Options) -> Job: ...

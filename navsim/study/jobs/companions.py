@@ -1,0 +1,75 @@
+"""The companion papers' systems, each computed by one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from navsim.io.results import Result, Sort
+from navsim.scenario.atc import Atc
+from navsim.scenario.azimuth import Azimuth
+from navsim.scenario.elevation import Elevation
+from navsim.scenario.source import Document
+from navsim.study import atc, azimuth, elevation
+from navsim.study.budget import companions as budgets
+from navsim.study.budget.estimate import Budget
+from navsim.study.executor import Executor
+from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.study.partial import Store
+
+
+class Compute(Protocol):
+    """compute(scenario, seed, runs or None, done) -> result; `done(n)` is told how much is finished."""
+
+    def __call__(self, scenario: Any, seed: int, runs: int | None, done: Callable[[int], None]) -> Result: ...
+
+
+class CompanionJob:
+    """A system of a companion paper; its work is quick and none of it is kept."""
+
+    suffix, work, pieces = "", "", 0
+
+    def __init__(
+        self, section: Any, document: Document, options: Options, unit: str, extent: int, compute: Compute,
+        budget: Callable[[Any, int | None], Budget],
+    ) -> None:  # fmt: skip
+        if foreign := options.only("runs"):
+            text = f"only for `kind: landing`; {document.file} is of kind {section.kind}"
+            raise OptionError(f"{', '.join(foreign)}: {text}")
+        self.section, self.options = section, options
+        self.sort = Sort(section.kind)
+        self.unit, self.extent = unit, extent
+        self._compute, self._budget = compute, budget
+
+    @property
+    def warnings(self) -> list[str]:
+        return []
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        allow(self._budget(self.section, self.options.runs))
+
+    def described(self) -> str:
+        return f"a study of kind {self.section.kind}"
+
+    def key(self) -> dict[str, object]:
+        return {}
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(self._compute(self.section, self.options.seed, self.options.runs, tell))
+
+
+def mls_elevation(section: Elevation, document: Document, options: Options) -> CompanionJob:
+    """The elevation filter and its proof."""
+    count = section.montecarlo.experiments
+    return CompanionJob(section, document, options, "experiments", count, elevation.compute, budgets.mls_elevation)
+
+
+def atc_tracking(section: Atc, document: Document, options: Options) -> CompanionJob:
+    """The tracking filters."""
+    return CompanionJob(section, document, options, "cases", atc.extent(section), atc.compute, budgets.atc_tracking)
+
+
+def azimuth_tracking(section: Azimuth, document: Document, options: Options) -> CompanionJob:
+    """The azimuth filter."""
+    count = azimuth.extent(section)
+    return CompanionJob(section, document, options, "cases", count, azimuth.compute, budgets.azimuth_tracking)

@@ -1,0 +1,121 @@
+"""Landings: Monte Carlo runs, and covariance analysis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort
+from navsim.models.signals import Environment
+from navsim.scenario.landing import Landing
+from navsim.scenario.source import Document
+from navsim.study import landing
+from navsim.study.budget.landing import landing as estimated
+from navsim.study.ensemble import BATCH
+from navsim.study.executor import Executor
+from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.study.partial import Store
+
+MOST_RUNS = 1_000_000
+"""Where `--until` gives up, unless --runs says otherwise."""
+_MOST = int(np.iinfo(np.int64).max)
+"""Largest number of a run: what a result file holds as an integer."""
+
+
+def job(section: Landing, document: Document, options: Options) -> Runs | Analysis:
+    """The job of a landing by its method."""
+    return (Analysis if section.method == "covariance" else Runs)(section, document, options)
+
+
+class _Prepared:
+    """What both methods do before the work."""
+
+    work = "runs"
+    case: landing.Case
+
+    def __init__(self, section: Landing, document: Document) -> None:
+        self.section, self.document = section, document
+
+    def _prepare(self, runs: int, keep: str, executor: Executor, allow: Allow, at_most: bool) -> None:
+        def ask(scenario: Landing, sources: Environment) -> None:
+            allow(estimated(scenario, sources, runs, keep, executor.workers), at_most=at_most)
+
+        self.case = landing.prepare(self.section, self.document, ask)
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.case.warnings
+
+    def _described(self, what: str) -> str:
+        world = self.case.world
+        return (
+            f"{what} of {self.case.scenario.duration_s:g} s, {world.dtheta.shape[0]} IMU samples, "
+            f"{world.signals.time.size} fix epochs, {len(world.signals.names)} sources"
+        )
+
+
+class Runs(_Prepared):
+    """Monte Carlo."""
+
+    unit = "runs"
+
+    def __init__(self, section: Landing, document: Document, options: Options) -> None:
+        super().__init__(section, document)
+        self.seed, self.until, self.first = options.seed, options.until, options.first_run or 0
+        self.runs = options.runs or (1 if self.until is None else MOST_RUNS)
+        if self.first > _MOST - self.runs:
+            text = f"the last of {self.runs} run(s) would have a number beyond {_MOST}"
+            raise OptionError(f"--first-run {self.first}: {text}")
+        try:
+            self.enough = landing.stopping_rule(self.until) if self.until is not None else None
+        except ValueError as error:
+            raise OptionError(f"--until {error}") from None
+        self.keep = options.keep or ("all" if self.runs == 1 else "errors")
+        several = self.runs > 1
+        self.sort = Sort("landing", section.method, SEVERAL_RUNS if several else ONE_RUN)
+        self.suffix = "" if not several else f"_runs{self.runs}" if self.until is None else "_until"
+        self.extent = self.runs
+        self.pieces = -(-self.runs // BATCH)
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self._prepare(self.runs, self.keep, executor, allow, at_most=self.until is not None)
+
+    def described(self) -> str:
+        return self._described(f"{self.runs} run(s)")
+
+    def key(self) -> dict[str, object]:
+        return landing.partial_key(self.case, self.seed, self.first, self.runs, self.keep)
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        flown = landing.fly_all(
+            self.case, self.seed, self.first, self.runs, executor,
+            keep=self.keep, store=store, done=tell, enough=self.enough,
+        )  # fmt: skip
+        reached = self.enough is None or self.enough(flown)
+        warnings = () if reached else (f"--until {self.until}: not reached within {self.runs} runs",)
+        return Outcome(landing.result(self.case, flown, self.seed, keep=self.keep), warnings)
+
+
+class Analysis(_Prepared):
+    """Covariance analysis."""
+
+    unit, suffix, extent, pieces = "analyses", "", 1, 0
+
+    def __init__(self, section: Landing, document: Document, options: Options) -> None:
+        super().__init__(section, document)
+        if foreign := options.only("method", "require_fix"):
+            text = "only for method monte-carlo; a covariance analysis has no runs"
+            raise OptionError(f"{', '.join(foreign)}: {text}")
+        self.seed = options.seed
+        self.sort = Sort("landing", section.method)
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self._prepare(1, "none", executor, allow, at_most=False)
+
+    def described(self) -> str:
+        return self._described("covariance analysis")
+
+    def key(self) -> dict[str, object]:
+        return {}
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(landing.covariance_result(self.case, landing.covariance_analysis(self.case), self.seed))

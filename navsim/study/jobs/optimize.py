@@ -1,0 +1,83 @@
+"""A search for the best placements."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from navsim.io.results import Sort
+from navsim.models.signals import Environment
+from navsim.scenario.landing import Landing
+from navsim.scenario.load import base_of
+from navsim.scenario.optimize import Optimize
+from navsim.scenario.source import Document
+from navsim.study import optimize
+from navsim.study.budget import studies as estimates
+from navsim.study.budget.estimate import Budget
+from navsim.study.executor import Executor
+from navsim.study.job import Allow, Options, Outcome, Tell
+from navsim.study.journal import Journal
+from navsim.study.objective import Problem, problem
+from navsim.study.partial import Store
+from navsim.study.search import COARSE, FULL
+from navsim.study.sweep import describe
+from navsim.study.watch import Progress, Watch
+
+
+class OptimizeJob:
+    """Placements, their neighbourhoods, maps. The time limit counts from the preparation; an interrupt ends the work
+    with what was found."""
+
+    suffix, unit, extent, work = "", "placements", 0, "analyses"
+    pieces = 2
+    posed: Problem
+
+    def __init__(self, section: Optimize, document: Document, options: Options) -> None:
+        self.section, self.document, self.options = section, document, options
+        self.base = base_of(section, document)
+        self.sort = Sort("optimize")
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.posed.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self._watch = Watch(time_limit=self.options.time_limit)
+        asked: list[Budget] = []
+
+        def ask(scenario: Landing, sources: Environment) -> None:
+            asked.append(estimates.posing(self.section, scenario, sources))
+            allow(asked[0], final=False)
+
+        self.posed = problem(self.section, self.document, self.base, ask)
+        allow(replace(asked[0], time_s=asked[0].time_s + estimates.search_time(self.posed)), at_most=True)
+
+    def described(self) -> str:
+        return f"{self.section.objective} for {list(self.section.pseudolites)} pseudolites"
+
+    def key(self) -> dict[str, object]:
+        return optimize.partial_key(self.posed, self.options.seed)
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        unit = describe(self.section.objective)[0]
+        self._watch.tell = lambda progress: tell(0, said(progress, unit))
+        found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store))
+        result = optimize.optimize_result(self.posed, found, self.options.seed)
+        interrupted = found.stopped == optimize.INTERRUPTED
+        why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""
+        if why:
+            why += f"; undone: {result.attributes['undone']}"
+        return Outcome(result, stopped=why, interrupted=interrupted)
+
+
+def said(progress: Progress, unit: str) -> str:
+    """Where a search stands in words; unit: of the objective."""
+    analysed = sum(progress.tried.get(way, 0) for way in (COARSE, FULL))
+    tried = f"{sum(progress.tried.values())} placements tried"
+    if analysed:
+        tried += f", {analysed} by covariance analysis"
+    best = "none found yet"
+    if progress.best is not None and progress.places is not None:
+        at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
+        best = f"best {progress.best:.4g}{'' if unit == '1' else f' {unit}'} at s, l1 {at} m"
+    left = "time left not known yet" if progress.left is None else f"at most {progress.left:.0f} s left"
+    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {left}"

@@ -1,0 +1,51 @@
+"""A sweep over the settings of a scenario."""
+
+from __future__ import annotations
+
+from navsim.io.results import Sort
+from navsim.scenario.load import base_of
+from navsim.scenario.source import Document
+from navsim.scenario.sweep import Sweep
+from navsim.study import sweep
+from navsim.study.budget.studies import sweep as estimated
+from navsim.study.executor import Executor
+from navsim.study.job import Allow, Options, Outcome, Tell
+from navsim.study.partial import Store
+
+
+class SweepJob:
+    """Every combination of the settings."""
+
+    suffix, unit, work = "", "combinations", "combinations"
+    plan: sweep.Plan
+
+    def __init__(self, section: Sweep, document: Document, options: Options) -> None:
+        self.section, self.document, self.seed = section, document, options.seed
+        self.base = base_of(section, document)
+        self.sort = Sort("sweep", section.method)
+
+    @property
+    def extent(self) -> int:
+        return self.plan.size
+
+    @property
+    def pieces(self) -> int:
+        return -(-self.plan.size // self.plan.batch)
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.plan.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self.plan = sweep.plan(self.section, self.document, self.base, self.seed)
+        allow(estimated(self.plan, executor.workers))
+
+    def described(self) -> str:
+        extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in self.plan.axes)
+        return f"{self.plan.size} combinations ({extent}), method {self.section.method}"
+
+    def key(self) -> dict[str, object]:
+        return sweep.partial_key(self.plan)
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(sweep.sweep_result(self.plan, sweep.compute(self.plan, executor, store, tell)))
