@@ -33,7 +33,7 @@ def note(text: str) -> None:
         notes.append(text)
 
 
-class Damaged(OSError):
+class DamagedCode(OSError):
     """A file of the cache that is not as it was written; it is removed."""
 
 
@@ -41,14 +41,14 @@ class _CheckedFiles(IndexDataCacheFile):
     """The files of one kernel."""
 
     def _content(self, path: str) -> bytes:
-        """What was written to a file. Raises FileNotFoundError, OSError, Damaged."""
+        """What was written to a file. Raises FileNotFoundError, OSError, DamagedCode."""
         with open(path, "rb") as file:
             digest, content = file.read(_DIGEST), file.read()
         if _digest(path, content) != digest:
             with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
                 os.unlink(path)
             note(f"damaged machine code in {self._cache_path} was dropped and compiled again")
-            raise Damaged(path)
+            raise DamagedCode(path)
         return content
 
     def _name(self, key: Any) -> str:

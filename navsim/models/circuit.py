@@ -30,7 +30,7 @@ class Circuit:
 
 
 @dataclass(frozen=True)
-class Flight:
+class CircuitFlight:
     """The aircraft at the times `time` (n,); SI, rad.
 
     position (n, 3): N, h, E. speed, path_angle, track, roll and the derivatives speed1, path_angle1, track1. load
@@ -152,7 +152,7 @@ def _cumulative_simpson(rate: np.ndarray, step: float) -> np.ndarray:
     return np.concatenate([np.zeros((1, *rate.shape[1:])), np.cumsum(pieces, axis=0)])
 
 
-def fly(circuit: Circuit, step: float = 0.01) -> Flight:
+def fly(circuit: Circuit, step: float = 0.01) -> CircuitFlight:
     """The circuit on a grid of `step` s, integrated by Simpson's rule; 1e-4 m against half the step."""
     nodes = round(circuit.duration / step)
     quarter = np.arange(4 * nodes + 1) * (step / 4.0)
@@ -170,10 +170,10 @@ def fly(circuit: Circuit, step: float = 0.01) -> Flight:
     roll, _ = _ramps(t, 0.0, circuit.roll)
     ny = (speed * angle1 / G + np.cos(angle)) / np.cos(roll)
     load = np.stack([speed1 / G + np.sin(angle), ny, np.zeros_like(ny)], axis=1)
-    return Flight(t, position, speed, angle, track[::2], roll, speed1, angle1, _track_rate(circuit, t), load)
+    return CircuitFlight(t, position, speed, angle, track[::2], roll, speed1, angle1, _track_rate(circuit, t), load)
 
 
-def at(flight: Flight, time: np.ndarray) -> Flight:
+def at(flight: CircuitFlight, time: np.ndarray) -> CircuitFlight:
     """The flight at other times, linear between its nodes (1e-4 m at 0.01 s)."""
 
     def picked(values: np.ndarray) -> np.ndarray:
@@ -181,6 +181,6 @@ def at(flight: Flight, time: np.ndarray) -> Flight:
             return np.interp(time, flight.time, values)
         return np.stack([np.interp(time, flight.time, column) for column in values.T], axis=1)
 
-    return Flight(np.asarray(time, dtype=float), *(
-        picked(getattr(flight, name)) for name in Flight.__dataclass_fields__ if name != "time"
+    return CircuitFlight(np.asarray(time, dtype=float), *(
+        picked(getattr(flight, name)) for name in CircuitFlight.__dataclass_fields__ if name != "time"
     ))  # fmt: skip

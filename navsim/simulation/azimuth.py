@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.models.circuit import Flight, G, level_acceleration
+from navsim.models.circuit import CircuitFlight, G, level_acceleration
 from navsim.simulation.streams import generator
 
 DRAWS = 8
@@ -41,7 +41,7 @@ def draw(seed: int, runs: int, scans: int) -> Draws:
     return Draws(plots, reports)
 
 
-def reported(flight: Flight, draws: np.ndarray, onboard: Onboard) -> np.ndarray:
+def reported(flight: CircuitFlight, draws: np.ndarray, onboard: Onboard) -> np.ndarray:
     """Reports (run, n, 8) of a flight at the reports' own times: noise first, quantised after it."""
     true = np.column_stack([flight.load, flight.roll, flight.path_angle, flight.track, flight.speed, flight.track1])
     values = true + onboard.sigma * draws

@@ -14,7 +14,7 @@ from navsim.core.kalman import singer, steady_state
 from navsim.estimation.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
-from navsim.models.circuit import Flight, at, fly
+from navsim.models.circuit import CircuitFlight, at, fly
 from navsim.scenario.atc import Atc
 from navsim.scenario.base import DEG
 from navsim.simulation.streams import generator
@@ -30,7 +30,7 @@ UNITS = ("m", "m/s", "m/s2", "m/s", "m/s2", *("rad", "rad/s") * 4)
 
 
 @dataclass(frozen=True)
-class Settings:
+class TrackingCase:
     """A case in SI units and rad; variance (9,), decay, rate_variance (5,)."""
 
     period: float
@@ -40,7 +40,7 @@ class Settings:
     rate_variance: np.ndarray
 
 
-def settings(scenario: Atc, period: float, rates: bool) -> Settings:
+def settings(scenario: Atc, period: float, rates: bool) -> TrackingCase:
     """The filters' numbers of one case."""
     s, g = scenario.sigmas, scenario.groups
     sigma = np.array([
@@ -51,10 +51,10 @@ def settings(scenario: Atc, period: float, rates: bool) -> Settings:
     decay = np.array([1.0 - group.alpha_1_s * period for group in groups])
     unit = np.array([1.0, DEG, DEG, DEG, DEG])
     rate = np.array([group.rate_sigma for group in groups]) * unit
-    return Settings(period, rates, sigma**2, decay, rate**2 * (1.0 - decay**2))
+    return TrackingCase(period, rates, sigma**2, decay, rate**2 * (1.0 - decay**2))
 
 
-def truth(flight: Flight) -> np.ndarray:
+def truth(flight: CircuitFlight) -> np.ndarray:
     """The 13 states (n, 13) of a flight."""
     return np.column_stack([
         flight.range, flight.range1, flight.range2, flight.speed, flight.speed1, flight.path_angle, flight.path_angle1,
@@ -62,8 +62,9 @@ def truth(flight: Flight) -> np.ndarray:
     ])  # fmt: skip
 
 
-def fly_case(scenario: Atc, flight: Flight, case: Settings, seed: int, runs: int) -> tuple[np.ndarray, dict[str, tuple[
-    np.ndarray, np.ndarray]]]:  # fmt: skip
+def fly_case(
+    scenario: Atc, flight: CircuitFlight, case: TrackingCase, seed: int, runs: int
+) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, np.ndarray]]]:
     """Time (k,) and, by filter, errors (run, k, m) and the filter's sigma in the first run (k, m)."""
     time = np.arange(scenario.circuit.scans(case.period)) * case.period
     states = truth(at(flight, time))
@@ -105,7 +106,7 @@ def _states(name: str) -> tuple[str, ...]:
     return {"singer": NAMES[:3], "cartesian": CARTESIAN}.get(name, NAMES)
 
 
-def group_limits(case: Settings) -> list[tuple[float, np.ndarray]]:
+def group_limits(case: TrackingCase) -> list[tuple[float, np.ndarray]]:
     """Steady 1 sigma of the level and gain (2,) of each pair, without measured rates: SI, rad."""
     out = []
     for g in range(5):

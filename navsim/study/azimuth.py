@@ -14,7 +14,7 @@ from navsim.core.kalman import singer
 from navsim.estimation.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result, Variable
-from navsim.models.circuit import Flight, at, fly
+from navsim.models.circuit import CircuitFlight, at, fly
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import DEG
 from navsim.scenario.circuit import CircuitSection
@@ -45,7 +45,9 @@ class Scans:
     latency: float
 
 
-def scans(scenario: Azimuth, flight: Flight, period: float, draws: Draws, latency: float, sigma_deg: float) -> Scans:
+def scans(
+    scenario: Azimuth, flight: CircuitFlight, period: float, draws: Draws, latency: float, sigma_deg: float
+) -> Scans:
     """Plots and reports of one case."""
     quiet = scenario.noise == "none"
     time = np.arange(draws.plots.shape[1]) * period
@@ -218,7 +220,9 @@ def _case(v: dict[str, Variable], place: str, case: Scans, found: dict[str, Erro
             )
 
 
-def _latencies(scenario: Azimuth, flight: Flight, period: float, draws: Draws, mask: np.ndarray) -> list[list[float]]:
+def _latencies(
+    scenario: Azimuth, flight: CircuitFlight, period: float, draws: Draws, mask: np.ndarray
+) -> list[list[float]]:
     out = []
     for latency in scenario.latencies_s:
         case = scans(scenario, flight, period, draws, latency, scenario.radar.azimuth_sigma_deg)
@@ -227,7 +231,7 @@ def _latencies(scenario: Azimuth, flight: Flight, period: float, draws: Draws, m
     return out
 
 
-def _truth(v: dict[str, Variable], flight: Flight) -> None:
+def _truth(v: dict[str, Variable], flight: CircuitFlight) -> None:
     thin = slice(None, None, 10)
     v["/instant"] = Variable(("instant",), np.arange(flight.time[thin].size), "1", "instants of the true circuit")
     v["/truth/time"] = Variable(("instant",), flight.time[thin], "s", "time of the circuit")
@@ -244,7 +248,7 @@ def _truth(v: dict[str, Variable], flight: Flight) -> None:
         v[f"/truth/{name}"] = Variable(("instant",), values[thin], unit, meaning)
 
 
-def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: Flight) -> None:
+def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: CircuitFlight) -> None:
     """How far the paper's acceleration is from the true one, window by window, without a filter."""
     ahead, right = flight.level_acceleration()
     d = flight.track - flight.azimuth
@@ -267,7 +271,9 @@ def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: Flight) -> 
     )
 
 
-def _maps(v: dict[str, Variable], scenario: Azimuth, flight: Flight, seed: int, done: Callable[[int], None]) -> None:
+def _maps(
+    v: dict[str, Variable], scenario: Azimuth, flight: CircuitFlight, seed: int, done: Callable[[int], None]
+) -> None:
     """Singer over L4, each at its best tuning in the manoeuvre."""
     section = scenario.map
     v["/map/scan_period"] = Variable(("scan_period",), np.array(section.periods_s), "s", "scan period")

@@ -709,7 +709,7 @@ def _crosses(vectors: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _Interpretation:
     """The fixes under one reading, with all velocities, and what it takes to read them so."""
 
     fixes: Fixes
@@ -719,7 +719,7 @@ class _Reading:
     scale: np.ndarray
 
 
-def _readings(log: Log) -> list[_Reading]:
+def _readings(log: Log) -> list[_Interpretation]:
     """As written first; others where no velocity tells whether positions are read rightly."""
     same = np.ones(3)
     logs: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = [(log, {}, "", same)]
@@ -743,7 +743,7 @@ def _readings(log: Log) -> list[_Reading]:
     logs = [entry for entry in logs if np.degrees(np.abs(entry[0].fixes.llh[:, 0])).max() <= 90.0]
     counts = _compared(log)
     return [
-        _Reading(each.fixes.with_velocity()[0].take(counts), each, remedy, seems, scale)
+        _Interpretation(each.fixes.with_velocity()[0].take(counts), each, remedy, seems, scale)
         for each, remedy, seems, scale in logs
     ]
 
@@ -774,7 +774,7 @@ class _Explanation:
 class _Judge:
     """Compares hypotheses with the same windows of a log."""
 
-    def __init__(self, log: Log, readings: list[_Reading]) -> None:
+    def __init__(self, log: Log, readings: list[_Interpretation]) -> None:
         self.log = log
         self.targets = [gained(reading.fixes, reading.scale) for reading in readings]
         self.windows = self.targets[0].windows
@@ -991,7 +991,7 @@ def _evidence(home: _Fit, as_written: float, best: _Explanation) -> str:
 
 
 def _explained(
-    log: Log, readings: list[_Reading], fit: _Fit, square: float, tolerated: tuple[float, float]
+    log: Log, readings: list[_Interpretation], fit: _Fit, square: float, tolerated: tuple[float, float]
 ) -> list[_Explanation]:
     """What a fit says of the log, for each way of pointing its axes that gravity and the velocity allow."""
     hypothesis = fit.hypothesis

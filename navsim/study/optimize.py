@@ -40,7 +40,7 @@ TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
 
 
 @dataclass
-class Outcome:
+class SearchOutcome:
     """What a study has come to. found, neighbourhoods, maps: by number of pseudolites, see `neighbourhood` and
     `objective_map`. without: the objective without pseudolites. stopped: TIME_LIMIT or INTERRUPTED where the work ended
     early, else empty."""
@@ -99,7 +99,7 @@ def partial_key(here: Problem, seed: int) -> dict[str, object]:
     return {"study_sha256": hashlib.sha256(text.encode()).hexdigest(), "seed": seed, **code_key()}
 
 
-def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal | None = None) -> Outcome:
+def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal | None = None) -> SearchOutcome:
     """Placements, then their neighbourhoods, then maps. The time limit of the watch or an interrupt ends the work; what
     was found until then is kept, the best of a search in progress with it.
 
@@ -117,7 +117,7 @@ def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal
     nothing = np.empty((1, 0, 2))
     if here.coarse is not None:
         here.coarse(nothing)  # so that what is timed next is not the loading of kernels
-    outcome = Outcome(float(here.objective(nothing)[0]))
+    outcome = SearchOutcome(float(here.objective(nothing)[0]))
 
     def step(what: str, count: int, work: Callable[[Problem, Found, Trials], np.ndarray], best: Found) -> np.ndarray:
         return journal.step(f"{what}-{count}", lambda: {what: work(here, best, trials)})[what]
@@ -149,7 +149,7 @@ def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal
     return outcome
 
 
-def _keep_unfinished(here: Problem, outcome: Outcome, counts: tuple[int, ...], watch: Watch) -> None:
+def _keep_unfinished(here: Problem, outcome: SearchOutcome, counts: tuple[int, ...], watch: Watch) -> None:
     """The best so far of the number of pseudolites whose search was stopped."""
     if len(outcome.found) == len(counts) or watch.places is None:
         return
@@ -272,7 +272,7 @@ def objective_map(here: Problem, best: Found, trials: Trials) -> np.ndarray:
     return np.where(values < UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
 
-def optimize_result(here: Problem, outcome: Outcome, seed: int) -> Result:
+def optimize_result(here: Problem, outcome: SearchOutcome, seed: int) -> Result:
     """The optima, their neighbourhoods and the front as a result tree of kind optimize."""
     study, found = here.study, outcome.found
     counts = sorted(found)
@@ -343,7 +343,7 @@ def optimize_result(here: Problem, outcome: Outcome, seed: int) -> Result:
     return Result(attributes, v)
 
 
-def _findings(here: Problem, outcome: Outcome) -> list[Finding]:
+def _findings(here: Problem, outcome: SearchOutcome) -> list[Finding]:
     """What the full analysis finds in the best placements; nothing in those judged by geometry."""
     if here.found is None:
         return []

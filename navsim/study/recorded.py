@@ -17,7 +17,7 @@ from navsim.core.kalman import singer
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
 from navsim.estimation.atc import singer_range
 from navsim.estimation.azimuth import FIRST, SINGER, azimuth_filter, range_filter
-from navsim.models.circuit import Flight, G
+from navsim.models.circuit import CircuitFlight, G
 from navsim.simulation.streams import generator
 
 KNOT, FOOT, DEG = 0.514444, 0.3048, np.pi / 180.0
@@ -34,7 +34,7 @@ SLOPE_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
-class Recording:
+class ModeSRecording:
     """What was received, time from the first position, s; SI and rad, nan for what is missing.
 
     positions (p, 4): time, N, h, E from the radar, m. velocities (v, 3): time, speed, track. reports (r, 5): time,
@@ -52,7 +52,7 @@ def _table(path: Path) -> np.ndarray:
     return np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
 
 
-def read(folder: Path, stem: str, radar: np.ndarray) -> Recording:
+def read(folder: Path, stem: str, radar: np.ndarray) -> ModeSRecording:
     """A recording as `modes_afr34zg` has it, the aircraft airborne; radar (3,): rad, rad, m."""
     p, v, b = (_table(folder / f"{stem}_{name}.csv") for name in ("pos", "vel09", "bds50"))
     p = p[(p[:, 4] == 0.0) & np.isfinite(p[:, 3])]
@@ -62,10 +62,10 @@ def read(folder: Path, stem: str, radar: np.ndarray) -> Recording:
     positions = np.column_stack([p[:, 0] - start, ned[:, 0], -ned[:, 2], ned[:, 1]])
     velocities = np.column_stack([v[:, 0] - start, v[:, 1] * KNOT, v[:, 2] * DEG])
     reports = np.column_stack([b[:, 0] - start, b[:, 1] * DEG, b[:, 2] * DEG, b[:, 3] * DEG, b[:, 4] * KNOT])
-    return Recording(positions, velocities[np.all(np.isfinite(velocities), axis=1)], reports)
+    return ModeSRecording(positions, velocities[np.all(np.isfinite(velocities), axis=1)], reports)
 
 
-def smoothed(recording: Recording, time: np.ndarray) -> Flight:
+def smoothed(recording: ModeSRecording, time: np.ndarray) -> CircuitFlight:
     """The flight at `time`, from positions and velocities by a Kalman smoother for each axis (Singer acceleration)."""
     p, v = recording.positions, recording.velocities
     ends = p[0, 0], p[-1, 0]
@@ -85,7 +85,7 @@ def smoothed(recording: Recording, time: np.ndarray) -> Flight:
     ahead, right = an * np.cos(track) + ae * np.sin(track), ae * np.cos(track) - an * np.sin(track)
     none = np.zeros_like(speed)
     load = np.stack([ahead / G, none + 1.0, right / G], axis=1)
-    return Flight(
+    return CircuitFlight(
         time,
         np.stack([n, height, e], axis=1),
         speed,
@@ -129,7 +129,7 @@ def _smooth(when: np.ndarray, what: np.ndarray, value: np.ndarray) -> np.ndarray
     return out
 
 
-def received_nodes(recording: Recording, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def received_nodes(recording: ModeSRecording, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What was known on the ground at each scan: acceleration along and right, speed, track (n, 4), and what it came
     from (n,): 0 track rate, 1 roll, 2 slope of velocity squitters, 3 nothing."""
     out, source = np.zeros((time.size, 4)), np.full(time.size, 3)
@@ -188,7 +188,9 @@ def radial(node: np.ndarray, azimuth: np.ndarray, ground_range: np.ndarray) -> n
     return node[:, 0] * np.cos(d) - node[:, 1] * np.sin(d) + across**2 / ground_range
 
 
-def track_plots(flight: Flight, driven: dict[str, tuple[np.ndarray, np.ndarray]], seed: int, runs: int) -> Tracks:
+def track_plots(
+    flight: CircuitFlight, driven: dict[str, tuple[np.ndarray, np.ndarray]], seed: int, runs: int
+) -> Tracks:
     """Simulated plots of a flight through Singer's filters and through L4 driven by nodes (n, 4) or (run, n, 4), each
     with what they leave over (n,), m/s2."""
     n = flight.time.size

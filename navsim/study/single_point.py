@@ -27,7 +27,7 @@ _PASSES = 4
 
 
 @dataclass(frozen=True)
-class Settings:
+class PositioningOptions:
     """How to position: mask (rad), 1 sigma of a range overhead (m), it grows as 1 / sin(elevation); klobuchar: alpha
     and beta (4,) or None for no ionosphere; troposphere: whether to take Saastamoinen's; channels: frequency channels
     of GLONASS satellites, by name, that neither the orbits nor the observation file tell."""
@@ -56,7 +56,7 @@ class Solution:
     residual: np.ndarray
 
 
-def solve(observations: Observations, constellations: Sequence[Any], settings: Settings) -> Solution:
+def solve(observations: Observations, constellations: Sequence[Any], settings: PositioningOptions) -> Solution:
     """A fix at every epoch from code on L1, one receiver clock a constellation.
 
     constellations: `gps.Constellation`, `glonass_broadcast.Constellation` or `precise.Orbits`; satellites of which
@@ -110,7 +110,7 @@ def solve(observations: Observations, constellations: Sequence[Any], settings: S
 
 
 def _columns(
-    observations: Observations, constellations: Sequence[Any], settings: Settings
+    observations: Observations, constellations: Sequence[Any], settings: PositioningOptions
 ) -> tuple[list[int], list[list[int]], np.ndarray, np.ndarray]:
     """Observed satellites that a constellation knows: their columns, for each constellation its members in that order,
     the clock of each, and (L1 / f)^2 of each."""
@@ -185,7 +185,7 @@ def _delays(
     azimuth: np.ndarray,
     elevation: np.ndarray,
     ratio2: np.ndarray,
-    settings: Settings,
+    settings: PositioningOptions,
 ) -> np.ndarray:
     """Atmospheric delays (e, s), m."""
     total = np.zeros_like(elevation)

@@ -21,7 +21,7 @@ from navsim.io.rinex_obs import read_obs
 from navsim.models import glonass_broadcast, gps
 from navsim.study import landing
 from navsim.study.executor import threads
-from navsim.study.single_point import Settings, solve
+from navsim.study.single_point import PositioningOptions, solve
 from tests.helpers import case
 
 EXACT = ("signals.range_sigma_m=1e-6", "signals.range_rate_sigma_m_s=1e-6", "filter.gate.probability=0")
@@ -237,7 +237,7 @@ def test_the_offset_between_systems_is_in_the_pseudoranges(tmp_path: Path) -> No
     assert navigation.gps is not None
     assert navigation.glonass is not None
     known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
-    found = solve(read_obs(tmp_path / "r.obs"), known, Settings(mask=0.0, troposphere=False))
+    found = solve(read_obs(tmp_path / "r.obs"), known, PositioningOptions(mask=0.0, troposphere=False))
     # a receiver's clock is by so much less ahead of the time scale that is ahead itself
     np.testing.assert_allclose(found.clocks[:, 0] - found.clocks[:, 1], 299792458.0 * 100e-9, atol=0.05)
 
@@ -281,7 +281,7 @@ def test_our_own_reader_and_solver_find_the_fixes_again(noisy: Result, tmp_path:
     assert navigation.gps is not None
     assert navigation.glonass is not None
     known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
-    found = solve(observations, known, Settings(mask=0.0, troposphere=False))
+    found = solve(observations, known, PositioningOptions(mask=0.0, troposphere=False))
     ours = ecef_from_llh(alone["/receiver/position_llh"][0])
     assert np.linalg.norm(found.position - ours, axis=1).max() < 0.02
     assert np.abs(found.velocity - alone["/receiver/velocity_ned"][0]).max() < 0.2

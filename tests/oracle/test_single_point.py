@@ -15,7 +15,7 @@ from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import Observations, read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.models import glonass_broadcast, gps
-from navsim.study.single_point import Settings, solve
+from navsim.study.single_point import PositioningOptions, solve
 
 FOLDER = "data/esbc_2020177"
 LIMITS = {"G": (1.5, 1.6, 1.83), "R": (2.4, 3.4, 2.15), "GR": (1.3, 1.9, 1.27)}
@@ -41,7 +41,7 @@ def station(shared: Path) -> tuple[Any, Any, np.ndarray]:
 def test_a_day_of_positions(systems: str, station: tuple[Any, Any, np.ndarray]) -> None:
     navigation, observations, antenna = station
     known = {"G": gps.Constellation(navigation.gps), "R": glonass_broadcast.Constellation(navigation.glonass)}
-    solution = solve(observations, [known[s] for s in systems], Settings(klobuchar=navigation.klobuchar))
+    solution = solve(observations, [known[s] for s in systems], PositioningOptions(klobuchar=navigation.klobuchar))
     error = (solution.position - antenna) @ ned_matrix(llh_from_ecef(antenna)).T
     horizontal, vertical, pdop = LIMITS[systems]
     assert np.isfinite(error).all()
@@ -83,7 +83,7 @@ def test_precise_orbits(systems: str, station: tuple[Any, Any, np.ndarray], shar
     navigation, observations, antenna = station
     orbits = read_sp3(shared / FOLDER / PRECISE)
     known = {"G": orbits.of("G", "gps"), "R": orbits.of("R", "glonass")}
-    solution = solve(observations, [known[s] for s in systems], Settings(klobuchar=navigation.klobuchar))
+    solution = solve(observations, [known[s] for s in systems], PositioningOptions(klobuchar=navigation.klobuchar))
     # the table begins with the first epoch, and ends 15 minutes before midnight
     sent = observations.time - 0.075
     inside = (sent > orbits.time[0]) & (sent < orbits.time[-1])
@@ -100,7 +100,7 @@ def test_precise_and_broadcast_orbits_agree(station: tuple[Any, Any, np.ndarray]
     """With the group delays left out of both, positions differ by the broadcast orbits' and clocks' own errors."""
     navigation, observations, antenna = station
     hour = part(observations)
-    settings = Settings(klobuchar=navigation.klobuchar)
+    settings = PositioningOptions(klobuchar=navigation.klobuchar)
     bare = gps.Constellation(replace(navigation.gps, tgd=np.zeros_like(navigation.gps.tgd)))
     ours = solve(hour, [read_sp3(shared / FOLDER / PRECISE).of("G", "gps")], settings)
     theirs = solve(hour, [bare], settings)
@@ -119,7 +119,7 @@ def test_channels_come_from_messages_where_the_file_has_none(
     # R10 is without messages that day, and the file knows it
     told = observations.channels | told
     bare = replace(part(observations), channels={})
-    settings = Settings(klobuchar=navigation.klobuchar)
+    settings = PositioningOptions(klobuchar=navigation.klobuchar)
     with pytest.raises(ValueError, match=r"no frequency channel is known of R01, R02.*GLONASS SLOT / FRQ #"):
         solve(bare, orbits, settings)
     with pytest.raises(ValueError, match=r"no frequency channel is known of R05:"):
@@ -138,7 +138,7 @@ def test_satellites_without_place_clock_or_measurement_shift_nothing(
     navigation, observations, _ = station
     orbits = read_sp3(shared / FOLDER / PRECISE).of("G", "gps")
     hour = part(observations)
-    settings = Settings(klobuchar=navigation.klobuchar)
+    settings = PositioningOptions(klobuchar=navigation.klobuchar)
     i = max(range(len(orbits.names)), key=lambda k: _seen(hour, orbits.names[k]))
     name = orbits.names[i]
 
@@ -168,7 +168,7 @@ def test_satellites_without_place_clock_or_measurement_shift_nothing(
 def test_a_missing_doppler_is_no_range_rate_of_zero(station: tuple[Any, Any, np.ndarray]) -> None:
     """Position stays, velocity is that of the other satellites, and there is none of three."""
     navigation, observations, _ = station
-    known, settings = [gps.Constellation(navigation.gps)], Settings(klobuchar=navigation.klobuchar)
+    known, settings = [gps.Constellation(navigation.gps)], PositioningOptions(klobuchar=navigation.klobuchar)
     hour = part(observations)
     full = solve(hour, known, settings)
     columns = [i for i, n in enumerate(hour.satellites) if n[0] == "G" and np.isfinite(hour.of("C1C")[:, i]).all()]

@@ -21,9 +21,9 @@ _MOST = int(np.iinfo(np.int64).max)
 """Largest number of a run: what a result file holds as an integer."""
 
 
-def job(section: Landing, document: Document, options: Options) -> Runs | Analysis:
+def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob:
     """The job of a landing by its method."""
-    return (Analysis if section.method == "covariance" else Runs)(section, document, options)
+    return (CovarianceJob if section.method == "covariance" else MonteCarloJob)(section, document, options)
 
 
 class _Prepared:
@@ -53,7 +53,7 @@ class _Prepared:
         )
 
 
-class Runs(_Prepared):
+class MonteCarloJob(_Prepared):
     """Monte Carlo."""
 
     unit = "runs"
@@ -95,7 +95,7 @@ class Runs(_Prepared):
         return Outcome(landing.result(self.case, flown, self.seed, keep=self.keep), warnings)
 
 
-class Analysis(_Prepared):
+class CovarianceJob(_Prepared):
     """Covariance analysis."""
 
     unit, suffix, extent, pieces = "analyses", "", 1, 0
