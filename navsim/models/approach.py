@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,30 +43,38 @@ def paper_profile(speed_start: float, speed_touchdown: float, height: float, slo
     return Path((glide, joint, level), {GLIDE_START: 0.0, TOUCHDOWN: touchdown})
 
 
+@dataclass(frozen=True)
+class Ending:
+    """How a smooth profile leaves the slope: height where the flare begins, m; blend from the slope into it, s; sink
+    rate at touchdown, m/s; time in which the landing gear takes it up, s; deceleration of the roll-out, m/s2."""
+
+    height: float
+    blend: float
+    sink: float
+    settle: float
+    deceleration: float
+
+
 def smooth_profile(
     speed_start: float,
     speed_touchdown: float,
     height: float,
     slope: float,
-    *,
     lead_in: float,
     capture: float,
-    flare_height: float,
-    flare_blend: float,
-    sink_touchdown: float,
-    settle: float,
-    rollout_deceleration: float,
+    ending: Ending,
 ) -> Path:
     """Level lead-in, glide-slope capture, uniform deceleration on the slope, exponential flare, roll-out.
 
     Continuous in position, velocity and acceleration. In the flare the sink rate falls exponentially with
-    height, h + c = (h_f + c) exp(-t / tau), from that of the glide to `sink_touchdown`; after contact the
-    landing gear takes it up within `settle` seconds.
+    height, h + c = (h_f + c) exp(-t / tau), from that of the glide to the one at touchdown; after contact the
+    landing gear takes it up.
 
-    speed_*: m/s over ground; height: of the lead-in over the touchdown point, m; slope: rad; lead_in,
-    capture, flare_blend, settle: durations, s; flare_height: m; sink_touchdown: m/s;
-    rollout_deceleration: m/s2. Raises ValueError where no such path exists.
+    speed_*: m/s over ground; height: of the lead-in over the touchdown point, m; slope: rad; lead_in, capture:
+    durations, s. Raises ValueError where no such path exists.
     """
+    flare_height, flare_blend, sink_touchdown = ending.height, ending.blend, ending.sink
+    settle, rollout_deceleration = ending.settle, ending.deceleration
     t1 = lead_in
     t2 = t1 + capture
     sin, cos = math.sin(slope), math.cos(slope)

@@ -133,20 +133,22 @@ class SmoothApproach(_Approach):
 
     def path(self) -> Path:
         """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
-        from navsim.models.approach import smooth_profile
+        from navsim.models.approach import Ending, smooth_profile
 
         return smooth_profile(
             self.speed_start_kmh * KMH,
             self.speed_touchdown_kmh * KMH,
             self.start_height_m,
             self.glide_slope_deg * DEG,
-            lead_in=self.lead_in_s,
-            capture=self.capture_s,
-            flare_height=self.flare_height_m,
-            flare_blend=self.flare_blend_s,
-            sink_touchdown=self.touchdown_sink_m_s,
-            settle=self.settle_s,
-            rollout_deceleration=self.rollout_deceleration_m_s2,
+            self.lead_in_s,
+            self.capture_s,
+            Ending(
+                self.flare_height_m,
+                self.flare_blend_s,
+                self.touchdown_sink_m_s,
+                self.settle_s,
+                self.rollout_deceleration_m_s2,
+            ),
         )
 
 
