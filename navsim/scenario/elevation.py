@@ -23,7 +23,7 @@ from navsim.scenario.base import (
 Steps = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
-class Filter(Section):
+class ElevationFilterSection(Section):
     """The filter; defaults are the paper's table."""
 
     model: Literal["paper", "full", "singer"] = "paper"
@@ -52,7 +52,7 @@ class MonteCarlo(Section):
     """for which the smallest number of runs is looked up"""
 
 
-class Nominal(Section):
+class NominalSection(Section):
     """The run on the nominal trajectory, where truth does not follow the filter's model."""
 
     from_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 60.0
@@ -77,9 +77,9 @@ class Elevation(Section):
     title: str = ""
     epoch: Utc = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
     """UTC of time 0; nothing depends on it"""
-    filter: Filter = Filter()
+    filter: ElevationFilterSection = ElevationFilterSection()
     montecarlo: MonteCarlo = MonteCarlo()
-    nominal: Nominal = Nominal()
+    nominal: NominalSection = NominalSection()
 
     @property
     def nominal_steps(self) -> int:

@@ -42,7 +42,7 @@ SMOOTHERS = ("rts", "map")
 """Kinds whose outputs know the fixes that come after them."""
 
 
-class Filter(Section):
+class FilterSection(Section):
     """What the filter does and believes; what is left out follows from the truth."""
 
     kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"

@@ -19,9 +19,9 @@ from navsim.scenario.base import (
     Version,
     reject,
 )
-from navsim.scenario.filter import SMOOTHERS, Filter
-from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrors, believed
-from navsim.scenario.signals import Pseudolites, Receiver, Signals
+from navsim.scenario.filter import SMOOTHERS, FilterSection
+from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
+from navsim.scenario.signals import PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 
 if TYPE_CHECKING:
@@ -50,12 +50,12 @@ class Landing(Section):
     imu: Imu = Imu()
     altimeter: AltimeterSection | None = None
     """a sensor of height beside the receiver; null: none"""
-    initial_errors: InitialErrors = InitialErrors()
+    initial_errors: InitialErrorsSection = InitialErrorsSection()
     sky: Sky = Sky()
-    pseudolites: Pseudolites = Pseudolites()
-    signals: Signals = Signals()
-    receiver: Receiver = Receiver()
-    filter: Filter = Filter()
+    pseudolites: PseudolitesSection = PseudolitesSection()
+    signals: SignalsSection = SignalsSection()
+    receiver: ReceiverSection = ReceiverSection()
+    filter: FilterSection = FilterSection()
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

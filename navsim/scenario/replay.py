@@ -172,7 +172,7 @@ class Gnss(Section):
         )
 
 
-class Alignment(Section):
+class AlignmentSection(Section):
     """How the attitude is found: level at rest, heading from the changes of velocity once it moves."""
 
     heading_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
@@ -183,7 +183,7 @@ class Alignment(Section):
     """give up an attempt after this time and try later"""
 
 
-class Filter(Section):
+class ReplayFilterSection(Section):
     """The filter."""
 
     kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"
@@ -218,10 +218,10 @@ class Replay(Section):
     end_s: LogTime | None = None
     checks: Literal["refuse", "warn", "off"] = "refuse"
     """what becomes of a recording that seems to have wrong units, axes, signs or times"""
-    alignment: Alignment = Alignment()
+    alignment: AlignmentSection = AlignmentSection()
     tuning: Literal["likelihood", "none"] = "likelihood"
     """likelihood: noise of fixes and sensors, and latency, as make the innovations of the moving flight most likely"""
-    filter: Filter = Filter()
+    filter: ReplayFilterSection = ReplayFilterSection()
     outages: list_of(Outage) = ()  # type: ignore[valid-type]
 
     @model_validator(mode="after")

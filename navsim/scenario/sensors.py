@@ -205,7 +205,7 @@ class Vectors(Section):
     velocity_m_s: Triple = (0.0, 0.0, 0.0)
 
 
-class InitialErrors(Section):
+class InitialErrorsSection(Section):
     """Errors (truth - estimate) the navigation starts with: 1 sigma per axis, drawn per run."""
 
     attitude_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 5.0

@@ -56,7 +56,7 @@ class Site(Section):
         return self
 
 
-class Ionosphere(Section):
+class IonosphereSection(Section):
     """The ionosphere by the model GPS broadcasts, for satellites; off the L1 of GPS with the square of frequency."""
 
     alpha: Four = (1.1176e-8, 1.4901e-8, -5.9605e-8, -5.9605e-8)
@@ -76,7 +76,7 @@ class Ionosphere(Section):
         return effects.Ionosphere(np.array(self.alpha), np.array(self.beta), self.truth_scale, self.corrected)
 
 
-class Troposphere(Section):
+class TroposphereSection(Section):
     """The troposphere by the seasonal climatology of DO-229 with Niell's mapping, for satellites."""
 
     truth_scale: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.02
@@ -158,7 +158,7 @@ class Differential(Section):
         return effects.Reference(ground.llh[at], self.latency_s, self.sigma_m)
 
 
-class Pseudolites(Section):
+class PseudolitesSection(Section):
     """Ground transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
     count: Annotated[Literal[0, 1, 2], whole] = 0
@@ -250,7 +250,7 @@ class Pseudolites(Section):
         )
 
 
-class Signals(Section):
+class SignalsSection(Section):
     """Errors of the ranging signals of satellites."""
 
     range_sigma_m: Sigma = 2.23606797749979
@@ -263,9 +263,9 @@ class Signals(Section):
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
     """carrier to noise density ratio, reported with the measurements; with `range_law: cn0` at the zenith"""
     tracking: Tracking = Tracking()
-    ionosphere: Ionosphere | None = None
+    ionosphere: IonosphereSection | None = None
     """left out: none"""
-    troposphere: Troposphere | None = None
+    troposphere: TroposphereSection | None = None
     """left out: none"""
     ephemeris: Ephemeris | None = None
     """errors of orbits and clocks; left out: none"""
@@ -287,7 +287,7 @@ class Signals(Section):
         return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == "gps" else 0.0 for c in CLOCKS)
 
 
-class Receiver(Section):
+class ReceiverSection(Section):
     """The satellite receiver: epochs, antenna, clock."""
 
     rate_hz: Annotated[float, Field(ge=1e-3, le=100.0)] = 10.0

@@ -27,7 +27,7 @@ from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import NO_RECORDED, resolved_yaml
-from navsim.scenario.signals import Pseudolites
+from navsim.scenario.signals import PseudolitesSection
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
@@ -339,7 +339,7 @@ class SweepStudy:
         for i in range(count):
             settings = {key.split(".")[1]: value for key, value in self.plan.settings(first + i).items()}
             try:
-                section = Pseudolites.model_validate(base | settings)
+                section = PseudolitesSection.model_validate(base | settings)
                 moved = scenario.model_copy(update={"pseudolites": section})
                 site = ecef_from_llh(moved.pseudolite_positions(self.plan.frame))
                 moved.check_clearance(self.plan.track, site)

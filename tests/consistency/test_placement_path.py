@@ -13,7 +13,7 @@ from navsim.core.wgs84 import ecef_from_llh
 from navsim.models.pseudolite import NEAREST, clearance
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
-from navsim.scenario.signals import Receiver
+from navsim.scenario.signals import ReceiverSection
 from navsim.scenario.sky import CLOCKS
 from navsim.scenario.sweep import DOP_OUTPUTS, Sweep
 from navsim.study import landing, objective
@@ -54,7 +54,7 @@ def study_of(tmp_path: Path, kind: str, text: str, name: str = "landing") -> Pat
 
 def test_every_setting_of_the_receiver_is_drawn() -> None:
     """A key that is added to the receiver must be added here."""
-    assert RECEIVER.keys() == Receiver.model_fields.keys()
+    assert RECEIVER.keys() == ReceiverSection.model_fields.keys()
 
 
 @settings(max_examples=25, derandomize=True)
