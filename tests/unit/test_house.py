@@ -113,6 +113,41 @@ def test_states_are_named_and_not_counted() -> None:
     assert not counted, counted
 
 
+def nodes_of(kind: type[ast.AST]) -> list[tuple[Path, ast.AST]]:
+    """Every node of a kind in the package, with its file."""
+    return [
+        (source.relative_to(PACKAGE), node)
+        for source in sorted(PACKAGE.glob("**/*.py"))
+        for node in ast.walk(ast.parse(source.read_text()))
+        if isinstance(node, kind)
+    ]
+
+
+def test_no_class_name_stands_twice() -> None:
+    where: dict[str, list[str]] = {}
+    for source, node in nodes_of(ast.ClassDef):
+        assert isinstance(node, ast.ClassDef)
+        where.setdefault(node.name, []).append(str(source))
+    assert len(where) > 200
+    assert {name: files for name, files in where.items() if len(files) > 1} == {}
+
+
+MOST_PARAMETERS = 9
+
+
+def test_functions_have_few_parameters() -> None:
+    """Kernels take arrays by hand: numba is to see each."""
+    long = {}
+    for source, node in nodes_of(ast.FunctionDef):
+        assert isinstance(node, ast.FunctionDef)
+        compiled = any(ast.unparse(decorator).startswith(("kernel", "inlined")) for decorator in node.decorator_list)
+        arguments = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+        count = len([a for a in arguments if a.arg not in ("self", "cls")])
+        if count > MOST_PARAMETERS and not compiled:
+            long[f"{source}:{node.name}"] = count
+    assert long == {}
+
+
 def test_every_room_has_its_rule() -> None:
     rooms = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
     assert rooms == set(ALLOWED)
