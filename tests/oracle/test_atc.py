@@ -1,4 +1,4 @@
-"""`kind: atc-tracking` against the specification's oracle (section 3)."""
+"""`kind: atc-tracking` against a second program: `docs/theory/atc.md`, sections 3, 4."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ LIMITS = {
 }  # fmt: skip
 
 
-@pytest.mark.validates("Steady state of the five pairs", "specification 3B", "1e-7")
+@pytest.mark.validates("Steady state of the five pairs", "a second program's Riccati solver", "1e-7")
 @pytest.mark.parametrize("period", LIMITS)
 def test_limits_of_the_pairs(period: float) -> None:
     for (sigma, gain), expected, unit in zip(
@@ -76,7 +76,6 @@ def at(result, path: str, case: str, *index: int) -> np.ndarray:  # type: ignore
 
 
 def test_decoupled_against_full(result) -> None:  # type: ignore[no-untyped-def]
-    """Items 4 and 5 of 3C."""
     for case in result["/case"]:
         for level in ("speed", "path_angle", "track", "elevation", "azimuth"):
             value = at(result, "/summary/decoupled_to_full", case, 0, 0, NAMES.index(level), 0)
@@ -88,7 +87,7 @@ def test_decoupled_against_full(result) -> None:  # type: ignore[no-untyped-def]
 
 
 def test_singer_against_onboard(result) -> None:  # type: ignore[no-untyped-def]
-    """Item 6 of 3C. Tolerances are 3.5 sd at 1000 runs."""
+    """Tolerances are 3.5 sd at 1000 runs."""
     d, rate = at(result, "/summary/singer_to_adapt", "T1_angles", 0)[:, 0]
     assert abs(d - 1.749) <= 0.025
     assert abs(rate - 4.11) <= 0.06
@@ -105,7 +104,7 @@ EXPECTED = {
 
 @pytest.mark.parametrize("case", EXPECTED)
 def test_errors_in_the_manoeuvre(result, case: str) -> None:  # type: ignore[no-untyped-def]
-    """The table of 3B, of another 1000 runs: within 3 %."""
+    """The table, of another 1000 runs: within 3 %."""
     for m, row in enumerate(EXPECTED[case]):
         found = at(result, "/summary/rmse", case)[:4, 0, m, 0]
         np.testing.assert_allclose(found, row, rtol=0.03)

@@ -143,11 +143,9 @@ def test_nominal_is_near_the_real_constellation(shared: Path) -> None:
 ALMANAC = "sky.almanac={}/data/almanacs/MCCJ_180913.agl"
 
 
-@pytest.mark.validates(
-    "nine satellites and their DOPs, 56N 37E, 2018-09-13 12:00 UTC", "`almanacs/SOURCE.md` (regression figure)", "0.02"
-)
+@pytest.mark.validates("nine satellites and their DOPs, 56N 37E, 2018-09-13 12:00 UTC", "a second program", "0.02")
 def test_published_figure_at_56n_37e(shared: Path) -> None:
-    """`almanacs/SOURCE.md`: nine satellites and their DOPs at 2018-09-13 12:00 UTC, each within 0.02."""
+    """Figures of a second program, by the almanac of the day."""
     flown = case(
         ALMANAC.format(shared),
         "sky.source=almanac",
@@ -161,10 +159,9 @@ def test_published_figure_at_56n_37e(shared: Path) -> None:
 
 @pytest.mark.validates("row 1 of Table 2 from a real jammed sky", "the landing paper", "0.005")
 def test_sky_of_row_one(shared: Path) -> None:
-    """`landing.md` section 3: a real sky, its upper part jammed, has row 1 of Table 2 at touchdown.
+    """A real sky, its upper part jammed, has row 1 of Table 2 at touchdown: `docs/landing.md`, "A real sky".
 
-    The specification says "nothing above 46 degrees". R19 stands at 45.87 degrees there and must be lost for
-    the printed figures, so the limit meant lies just below; with 46.0 exactly PDOP is 3.41.
+    R19 stands at 45.87 degrees there and must be lost for the printed figures; with a limit of 46.0 PDOP is 3.41.
     """
     common = (
         ALMANAC.format(shared), "sky.source=almanac", "epoch=2018-09-15T01:05:59.9Z", "pseudolites.count=0",

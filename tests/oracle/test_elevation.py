@@ -1,4 +1,7 @@
-"""`kind: mls-elevation` against the specification's oracle (1B, 1C), chi-square tables, finite differences."""
+"""`kind: mls-elevation` against a second program, chi-square tables, finite differences.
+
+The figures: `docs/theory/elevation.md`, sections 1 to 4.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ SEQUENCE = {
 }
 
 
-@pytest.mark.validates("Covariance and gain of the elevation filter, step by step", "specification 1B", "1e-9")
+@pytest.mark.validates("Covariance and gain of the elevation filter, step by step", "a second program", "1e-9")
 def test_covariance_sequence() -> None:
     m = model("paper", PERIOD, Q, 1.0, R)
     covariances, gains = covariance_sequence(m.phi, m.q, m.h, m.r, P0, 5)
@@ -78,7 +81,7 @@ def test_steady_state_closed_form() -> None:
         assert steady_state(m.phi, m.q, m.h, m.r)[0][0, 0] == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.validates("Exact Singer discretisation", "published MathWorks example; specification 1A", "1e-9")
+@pytest.mark.validates("Exact Singer discretisation", "published MathWorks example; a second program", "1e-9")
 def test_singer() -> None:
     _, q = singer(1.0, 1.0 / 20.0, 1.0)
     np.testing.assert_allclose(q[np.triu_indices(3)], [0.0049, 0.0121, 0.0159, 0.0321, 0.0476, 0.0952], atol=5e-5)
@@ -99,7 +102,7 @@ ANGLES = [
 ]
 
 
-@pytest.mark.validates("beta, beta', beta'' on the four segments", "specification 1B; finite differences", "1e-9; 1e-6")
+@pytest.mark.validates("beta, beta', beta'' on the four segments", "a second program; finite differences", "1e-9; 1e-6")
 @pytest.mark.parametrize(("leg", "t", "expected"), ANGLES)
 def test_angles(leg, t: float, expected: tuple[float, float, float]) -> None:  # type: ignore[no-untyped-def]
     values = [float(x[0]) for x in mls.elevation(leg(np.array([t])))]

@@ -19,7 +19,7 @@ from navsim.study.single_point import Settings, solve
 
 FOLDER = "data/esbc_2020177"
 LIMITS = {"G": (1.5, 1.6, 1.83), "R": (2.4, 3.4, 2.15), "GR": (1.3, 1.9, 1.27)}
-"""rms horizontal and vertical, m (of issue 6; GLONASS alone: a tenth over a plain solver's), mean PDOP."""
+"""rms horizontal and vertical, m (a tenth over a plain solver's), mean PDOP."""
 
 
 @pytest.fixture(scope="module")

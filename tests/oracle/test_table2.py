@@ -1,4 +1,4 @@
-"""Table 2: every cell against an independent computation, the calibrations against what the specification asks."""
+"""Table 2: every cell against an independent computation, the calibrations against what they promise."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ LAYOUT: dict[str, tuple[str, ...]] = {
     "/summary/consistency/nees_position_velocity": ("t",), "/summary/consistency/nis": ("t",),
     "/summary/count/runs": (), "/summary/count/fixes": (), "/summary/count/epochs_without_fix": (),
 }  # fmt: skip
-"""Paths and shapes of `interface.md`."""
+"""Paths and shapes: names that other programs rely on."""
 
 
 def test_layout(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:

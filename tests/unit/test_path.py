@@ -1,4 +1,4 @@
-"""Paths: continuity, the numbers of the specification, derivatives."""
+"""Paths: continuity, the numbers of `docs/theory/landing.md`, section 1, derivatives."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_jets_are_derivatives(name: str) -> None:
     np.testing.assert_allclose(slope, here[:, 1:], atol=2e-3)
 
 
-def test_paper_profile_is_that_of_the_specification() -> None:
+def test_paper_profile_has_the_paper_s_numbers() -> None:
     path = scenario().approach.path()
     assert path.events[TOUCHDOWN] == pytest.approx(60.19, abs=0.005)
     start, mid, late = path.jet(np.array([0.0, 30.0, 100.0]))
@@ -43,7 +43,7 @@ def test_paper_profile_is_that_of_the_specification() -> None:
     assert late[0, 0] == pytest.approx((100.0 - path.events[TOUCHDOWN]) * 80 / 3.6)
 
 
-def test_smooth_profile_is_that_of_the_specification() -> None:
+def test_smooth_profile_has_the_shape_described() -> None:
     path = scenario("approach.speed_start_kmh=130", name="landing_smooth").approach.path()
     touchdown = path.events[TOUCHDOWN]
     assert 95.0 < touchdown < 105.0
