@@ -16,22 +16,24 @@ settings.load_profile("navsim")
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
 SCENARIOS = ROOT / "scenarios"
+DATA = ROOT / "tests" / "data"
+"""Figures of others that tests compare with."""
 LANDINGS = sorted(p.stem for p in SCENARIOS.glob("*.yaml") if "kind: landing\n" in p.read_text())
 """Shipped scenarios of kind landing; the other files are studies."""
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder of oracle data; tests that need it skip where it is absent."""
+    """The folder of other people's files; tests that need it skip where it is absent."""
     if not SHARED.is_dir():
-        pytest.skip("needs the oracle data in ../shared, which is not here")
+        pytest.skip("needs the files in ../shared, which is not here")
     return SHARED
 
 
 @pytest.fixture(scope="session")
-def oracles(shared: Path) -> dict[str, Any]:
-    """Worked examples with their sources and tolerances."""
-    return json.loads((shared / "data" / "oracles" / "oracles.json").read_text())
+def oracles() -> dict[str, Any]:
+    """Published figures and worked examples; `tests/data/SOURCE.md` says whose."""
+    return json.loads((DATA / "oracles.json").read_text())
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
