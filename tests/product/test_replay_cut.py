@@ -108,6 +108,9 @@ OF_FIXES = [made for made in MISTAKES if next(iter(made.remedy)).startswith("gns
 def test_no_key_of_tables_is_proposed_for_sentences(made: Made) -> None:
     """Whatever is wrong with fixes without a vertical velocity."""
     samples, fixes = record(circuit(), 1, velocities="horizontal")
-    for mistake in diagnose(Log(*made.make(samples, fixes), sentences=True)):
+    wrong = made.make(samples, fixes)
+    of_table = {key for mistake in diagnose(Log(*wrong)) for remedy in mistake.remedies for key in remedy}
+    assert of_table & made.remedy.keys()
+    for mistake in diagnose(Log(*wrong, sentences=True)):
         keys = {key for remedy in mistake.remedies for key in remedy if key.startswith("gnss.")}
         assert keys <= {"gnss.time_offset_s"}, mistake

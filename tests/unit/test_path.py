@@ -13,6 +13,7 @@ from tests.helpers import scenario
 @pytest.mark.parametrize("name", ["landing", "landing_smooth", "s_turn"])
 def test_continuous_to_the_acceleration(name: str) -> None:
     path = scenario(name=name).approach.path()
+    assert path.knots.size > 1
     for knot, before, after in zip(path.knots, path.segments[:-1], path.segments[1:], strict=True):
         left, right = before.jet(np.array([knot]))[0], after.jet(np.array([knot]))[0]
         np.testing.assert_allclose(left[:3], right[:3], atol=1e-9)
