@@ -13,6 +13,7 @@ from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.circuit import CircuitSection
 from navsim.simulation.azimuth import Onboard, draw, nodes, reported, stamped
 from navsim.study.azimuth import compute, scans
+from tests.conftest import Within
 
 DEG = np.pi / 180.0
 FLIGHT = fly(CircuitSection().circuit())
@@ -29,24 +30,23 @@ def scenario(**keys: object) -> Azimuth:
 
 
 @pytest.mark.validates("The landing circuit: position, azimuth, range and their derivatives", "a second program",
-                       "1e-3 m, 1e-7 deg")  # fmt: skip
+                       place="1e-3 m", azimuth="1e-7 deg", rate="1e-8 deg/s", acceleration="1e-9 deg/s2",
+                       **{"range rate": "1e-6 m/s", "range acceleration": "1e-6 m/s2"})  # fmt: skip
 @pytest.mark.parametrize("row", ORACLE)
-def test_circuit(row: tuple[float, ...]) -> None:
+def test_circuit(row: tuple[float, ...], within: Within) -> None:
     t, north, east, speed, track, az, az1, az2, literal, range1, range2 = row
     i = round(t / 0.01)
-    np.testing.assert_allclose(FLIGHT.position[i], [north, 450.0, east], atol=1e-3)
+    np.testing.assert_allclose(FLIGHT.position[i], [north, 450.0, east], rtol=0.0, atol=within["place"])
     assert FLIGHT.speed[i] == pytest.approx(speed, abs=5e-5)
     assert FLIGHT.track[i] / DEG == pytest.approx(track, abs=1e-6)
-    assert FLIGHT.azimuth[i] / DEG == pytest.approx(az, abs=1e-7)
-    assert FLIGHT.azimuth1[i] / DEG == pytest.approx(az1, abs=1e-8)
-    assert FLIGHT.azimuth2[i] / DEG == pytest.approx(az2, abs=1e-9)
-    assert FLIGHT.azimuth2_literal[i] / DEG == pytest.approx(literal, abs=1e-9)
-    assert FLIGHT.range1[i] == pytest.approx(range1, abs=1e-6)
-    assert FLIGHT.range2[i] == pytest.approx(range2, abs=1e-6)
+    assert FLIGHT.azimuth[i] / DEG == pytest.approx(az, abs=within["azimuth"])
+    assert FLIGHT.azimuth1[i] / DEG == pytest.approx(az1, abs=within["rate"])
+    assert FLIGHT.azimuth2[i] / DEG == pytest.approx(az2, abs=within["acceleration"])
+    assert FLIGHT.azimuth2_literal[i] / DEG == pytest.approx(literal, abs=within["acceleration"])
+    assert FLIGHT.range1[i] == pytest.approx(range1, abs=within["range rate"])
+    assert FLIGHT.range2[i] == pytest.approx(range2, abs=within["range acceleration"])
 
 
-@pytest.mark.validates("Accelerations from load factors: velocity, azimuth, range", "finite differences of the circuit",
-                       "1e-7 rad/s2, 1e-5 m/s2")  # fmt: skip
 def test_identities_against_finite_differences() -> None:
     """Fourth-order differences away from the ends of the ramps, where third derivatives jump."""
     step = 0.01
