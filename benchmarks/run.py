@@ -354,7 +354,7 @@ def main() -> int:
         f"{datetime.now(UTC):%Y-%m-%d}, {cpu}, {os.cpu_count()} cores, Python {platform.python_version()}, "
         f"numpy {np.__version__}. Made by `make bench`.",
         "",
-        "Median (range). Reference job: 120 s landing, 100 Hz, 12 000 steps. Targets: `performance.md`.",
+        "Median (range). Reference job: 120 s landing, 100 Hz, 12 000 steps.",
         "",
         "| what | measured | must | |",
         "|---|---|---|---|",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +17,24 @@ settings.load_profile("navsim")
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
 SCENARIOS = ROOT / "scenarios"
+DATA = ROOT / "tests" / "data"
+"""Figures of others that tests compare with."""
 LANDINGS = sorted(p.stem for p in SCENARIOS.glob("*.yaml") if "kind: landing\n" in p.read_text())
 """Shipped scenarios of kind landing; the other files are studies."""
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder of oracle data; tests that need it skip where it is absent."""
+    """The folder of other people's files; tests that need it skip where it is absent."""
     if not SHARED.is_dir():
-        pytest.skip("needs the oracle data in ../shared, which is not here")
+        pytest.skip("needs the files in ../shared, which is not here")
     return SHARED
 
 
 @pytest.fixture(scope="session")
-def oracles(shared: Path) -> dict[str, Any]:
-    """Worked examples with their sources and tolerances."""
-    return json.loads((shared / "data" / "oracles" / "oracles.json").read_text())
+def oracles() -> dict[str, Any]:
+    """Published figures and worked examples; `tests/data/SOURCE.md` says whose."""
+    return json.loads((DATA / "oracles.json").read_text())
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -47,21 +50,77 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = wanted
 
 
-Row = tuple[str, int, list[str]]
+class Within(dict[str, float]):
+    """The tolerances of an oracle test by what they are of, and which of them the test has used."""
+
+    def __init__(self, texts: dict[str, str]) -> None:
+        super().__init__()
+        for name, text in texts.items():
+            number, _, unit = text.partition(" ")
+            self[name] = float(number) * (0.01 if unit == "%" else 1.0)
+        self.unused = set(texts)
+
+    def __getitem__(self, name: str) -> float:
+        self.unused.discard(name)
+        return super().__getitem__(name)
+
+
+_WITHIN = pytest.StashKey[Within]()
+
+
+@pytest.fixture
+def within(request: pytest.FixtureRequest) -> Within:
+    """The numbers that the test's mark `validates` promises, the only place where they stand: `place="2e-3 m"` there is
+    `within["place"]` in the test, in the unit that is given, per cent as a share."""
+    return request.node.stash[_WITHIN]
+
+
+@dataclass
+class Row:
+    """An oracle test of docs/validation.md: where it stands, what it says, how it ended, and what of its tolerances no
+    case of it has used."""
+
+    file: str
+    line: int
+    claim: str
+    oracle: str
+    tolerance: str
+    outcome: str
+    unused: set[str]
+
+
 _rows: dict[str, Row] = {}
-"""Of each oracle test: its file and line, and claim, oracle, tolerance and result."""
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    mark = item.get_closest_marker("validates")
+    if mark is not None:
+        item.stash[_WITHIN] = Within(mark.kwargs)
+
+
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+    """What the page says of a test travels with its report, from the process that ran it."""
+    mark = item.get_closest_marker("validates")
+    if mark is None or call.when == "teardown":
+        return
+    claim, oracle, *rest = mark.args
+    tolerances = ", ".join(f"{name} {text}" for name, text in mark.kwargs.items())
+    told = [claim, oracle, " ".join(filter(None, [tolerances, *rest])), sorted(item.stash[_WITHIN].unused)]
+    item.user_properties[:] = [("validates", told)]
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Gather the results of oracle tests, where several processes run them in the one that hears of all."""
-    claim = dict(report.user_properties).get("validates")
-    if claim is None or not (report.when == "call" or (report.when == "setup" and report.outcome != "passed")):
+    told = dict(report.user_properties).get("validates")
+    if told is None or not (report.when == "call" or (report.when == "setup" and report.outcome != "passed")):
         return
-    name = report.nodeid.split("[")[0]
+    claim, oracle, tolerance, unused = told
     file, line, _ = report.location
-    _, _, row = _rows.setdefault(name, (file, line or 0, [*claim, report.outcome]))
+    name = report.nodeid.split("[")[0]
+    row = _rows.setdefault(name, Row(file, line or 0, claim, oracle, tolerance, report.outcome, set(unused)))
+    row.unused &= set(unused)
     if report.outcome == "failed":
-        row[3] = report.outcome
+        row.outcome = report.outcome
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
@@ -69,24 +128,22 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     target = session.config.getoption("--validation")
     if not target or hasattr(session.config, "workerinput"):
         return
+    idle = {name: row.unused for name, row in _rows.items() if row.outcome == "passed" and row.unused}
+    if idle:
+        raise pytest.UsageError(f"tolerances that their tests do not use: {idle}")
     lines = [
         "# Validation",
         "",
         "Made by `make docs` from the oracle tests; every claim is checked against something that is not navsim's own",
-        "code, each time the tests run. Self-checks (unit, product and consistency tests) are not listed.",
+        "code, each time the tests run, by the tolerances that stand here. Self-checks (unit, product and consistency",
+        "tests, and those oracle tests that compare navsim with itself) are not listed.",
         "",
         "| claim | oracle | tolerance | result | test |",
         "|---|---|---|---|---|",
         *(
-            f"| {claim} | {oracle} | {tolerance} | {outcome} | `{name.split('/')[-1].split('::')[-1]}` |"
-            for name, (_, _, (claim, oracle, tolerance, outcome)) in sorted(_rows.items(), key=lambda row: row[1][:2])
+            f"| {row.claim} | {row.oracle} | {row.tolerance} | {row.outcome} | `{name.split('::')[-1]}` |"
+            for name, row in sorted(_rows.items(), key=lambda item: (item[1].file, item[1].line))
         ),
         "",
     ]
     Path(target).write_text("\n".join(lines))
-
-
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    marker = item.get_closest_marker("validates")
-    if marker is not None:
-        item.user_properties.append(("validates", list(marker.args[:3])))

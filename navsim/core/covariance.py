@@ -12,7 +12,7 @@ Error model, truth minus estimate, in the local-level frame (r in metres NED, C_
     x' = -x / tau for each sensor state x; a bias enters as b above, a scale factor as s times what its axis feels
 Sources: [1] Groves (2013), section 14.2.4 (local-navigation-frame error states, with position in metres and
 signs of truth minus estimate). [2] Bucy & Joseph (1968), the update that keeps P symmetric and positive;
-`landing.md` eq. (2). [3] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with an
+`docs/theory/filter.md`, eq. (23). [3] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with an
 attitude, JGCD 40 (2017).
 """
 

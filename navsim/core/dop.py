@@ -2,7 +2,7 @@
 
 Row of H for one source: (-u, 1 in the column of its clock). The clocks of one epoch are those its used
 sources belong to. Sources: [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 11.2.1.
-[2] `landing.md` sections 3, 4.
+[2] `docs/theory/landing.md`, section 5.
 """
 
 from __future__ import annotations

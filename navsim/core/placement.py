@@ -9,7 +9,7 @@ and its inverse is closed form. The variances it gives do not depend on axes but
 in ECEF: trace of the inverse for PDOP, up' C^-1 up for VDOP, the difference for HDOP. One placement after the other
 lies in memory, so that LLVM works on several at once.
 
-Source: `landing.md` section 3; [1] Kaplan & Hegarty, Understanding GPS/GNSS, 3rd ed. (2017), section 11.2.1.
+Source: `docs/theory/landing.md`, section 6.
 """
 
 from __future__ import annotations

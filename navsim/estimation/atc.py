@@ -7,7 +7,7 @@ range acceleration follows from the rest,
 and enters the range as a first-order hold between scans. Decoupled: six filters, the range driven by the others'
 estimates, the variance of that input ignored (`fix`) or counted (`adapt`). Full: one filter of 13 states. Cartesian:
 position, velocity and Singer acceleration in N, h, E with all six measurements, what modern practice does.
-Source: `elevation-atc-azimuth.md` section 3.
+Source: `docs/theory/atc.md`, sections 1, 2.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Azimuth filters of a scanning radar: Singer's, and those driven by reported load factors.
 
     SINGER    [azimuth, rate, acceleration], exact discretisation, its sigma scaled by 1/Dh
-    LITERAL   [azimuth, rate], acceleration g nXg / Dh as the paper's eq. (14) has it, held over the scan (L1)
+    LITERAL   [azimuth, rate], acceleration g nXg / Dh as the paper's (14) has it, held over the scan (L1)
     TANGENT   the tangential component a_t / Dh instead of the northern one (L2)
     HELD      rigorous, with the Coriolis term, held over the scan (L3)
     FIRST     the same with first-order hold between two reports (L4)
-Source: `elevation-atc-azimuth.md` section 4B. Angles in rad, errors truth - estimate after the update.
+Source: `docs/theory/azimuth.md`, section 2. Angles in rad, errors truth - estimate after the update.
 """
 
 from __future__ import annotations

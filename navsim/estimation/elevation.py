@@ -4,7 +4,7 @@ The acceleration of the angle is exponentially correlated, 1 sigma s and time ta
     paper   [beta, beta'], the acceleration white, Q = diag(0, q T) with q = 2 s^2 tau: the first power of T alone
     full    the same with all powers, q [T^3/3 T^2/2; T^2/2 T]
     singer  [beta, beta', a], exact
-Source: `elevation-atc-azimuth.md` section 1A. Degrees throughout.
+Source: `docs/theory/elevation.md`, sections 2, 3. Degrees throughout.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`kind: eskf`: feedback by addition, attitude by rotation, with the exact covariance reset.
 
-Sources: [1] `filter.md`. [2] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with
-an attitude, JGCD 40 (2017).
+Sources: [1] `docs/theory/filter.md`, section 5. [2] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman
+filtering with an attitude, JGCD 40 (2017).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ All kinds predict and weigh with the same plain errors d = (dr, dv, theta, senso
 differ in how the estimate is fed back and the covariance carried to the new estimate, `correct`, and in the coordinates
 in which the error is judged, `own_error`: see `error_state`, `invariant`, `tfg`.
 
-Sources: [1] `landing.md` section 5; [2] `filter.md`.
+Source: `docs/theory/filter.md`, sections 3 to 7.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Attitude, velocity and position form one group element; the estimate moves by its exponential,
 u+ = u + J_l(theta) y_u for position and velocity (theta and y in the navigation frame), sensor states by addition.
 Sources: [1] Barrau & Bonnabel, The invariant extended Kalman filter as a stable observer, IEEE TAC 62 (2017).
-[2] `filter.md`.
+[2] `docs/theory/filter.md`, section 5.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ C is the attitude of the moment, but for a quick turn made while heading is unce
 the attitude before it. Any C is a valid choice to first order; this one keeps the posterior straight.
 
 Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68 (2023) (two-frames group).
-[2] Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3] `filter.md`.
+[2] Fornasier et al., Equivariant symmetries for inertial navigation systems, arXiv 2309.03765. [3]
+`docs/theory/filter.md`, section 5.
 """
 
 from __future__ import annotations

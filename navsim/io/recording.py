@@ -1,7 +1,7 @@
 """Recorded flights: tables of inertial samples and of fixes [1], or fixes from NMEA sentences.
 
 Rows that say nothing are taken out and counted: repetitions, power-up zeros, a receiver's placeholder before its first
-fix. Rows that came out of order are sorted. Source: [1] `interface.md`, recorded flight.
+fix. Rows that came out of order are sorted. Source: [1] `docs/replay.md`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Axes: N north, h up, E east from the radar; azimuth clockwise from north, elevation up. Roll, speed and path angle
 follow raised-cosine ramps; load factors, track and position follow from them.
-Source: `elevation-atc-azimuth.md` sections 0, 2.
+Source: `docs/theory/circuit.md`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ class CircuitFlight:
 
     @property
     def azimuth2_literal(self) -> np.ndarray:
-        """What the paper's eq. (14) takes for it: the north component of the acceleration over Dh."""
+        """What the paper takes for it (`docs/theory/azimuth.md`, eq. (1)): the north component of the acceleration
+        over Dh."""
         ahead, right = self.level_acceleration()
         return (ahead * np.cos(self.track) - right * np.sin(self.track)) / self.ground_range
 

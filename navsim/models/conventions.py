@@ -62,7 +62,7 @@ def all_axes(axes: tuple[str, str, str]) -> list[str]:
 @dataclass(frozen=True)
 class ImuConvention:
     """How inertial samples are written. Axes: where the columns x, y, z point. increments: a row holds what the sensors
-    gathered since the row before, in the units times s. columns: names in the file of those of `interface.md`."""
+    gathered since the row before, in the units times s. columns: names in the file of those of `docs/replay.md`."""
 
     time_unit: str = "s"
     gyro_unit: str = "rad/s"
@@ -76,7 +76,7 @@ class ImuConvention:
 @dataclass(frozen=True)
 class GnssConvention:
     """How fixes are written. velocity_axes: where the columns vn, ve, vd point. time_offset: s, to be added to their
-    times. columns: names in the file of those of `interface.md`."""
+    times. columns: names in the file of those of `docs/replay.md`."""
 
     time_unit: str = "s"
     time_offset: float = 0.0
@@ -88,4 +88,4 @@ class GnssConvention:
 
 
 IMU_AS_DUE, GNSS_AS_DUE = ImuConvention(), GnssConvention()
-"""The tables as of `interface.md`."""
+"""The tables as of `docs/replay.md`."""

@@ -1,7 +1,7 @@
 """Landing past an MLS elevation station: the four segments of the paper and the elevation angle over them.
 
-Source: `elevation-atc-azimuth.md` section 1A, eqs. (1) and (2), with (2) put right dimensionally. Angles in degrees, as
-everything of this system; D is counted to the beacon of the segment, m.
+Source: `docs/theory/elevation.md`, section 1. Angles in degrees, as everything of this system; D is counted to the
+beacon of the segment, m.
 """
 
 from __future__ import annotations

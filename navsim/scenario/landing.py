@@ -1,7 +1,8 @@
 """`kind: landing`: a landing scenario as a whole, and the models it stands for.
 
-Source of structure and defaults: `landing.md`. A section is the only declaration of its parameters; where a key may be
-left out, its default is written there and nowhere else. Sections: `approach`, `sensors`, `sky`, `signals`, `filter`.
+Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its
+parameters; where a key may be left out, its default is written there and nowhere else. Sections: `approach`, `sensors`,
+`sky`, `signals`, `filter`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Plots and Mode S reports of the azimuth scenario, and what a filter makes of a report.
 
-Source: `elevation-atc-azimuth.md` sections 4A-4C and 5.
+Source: `docs/theory/azimuth.md`, sections 2, 3.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`kind: atc-tracking`: Singer on range against filters with onboard data, full and decoupled.
 
-Source: `elevation-atc-azimuth.md` section 3.
+Source: `docs/theory/atc.md`.
 """
 
 from __future__ import annotations

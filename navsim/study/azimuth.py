@@ -1,6 +1,6 @@
 """`kind: azimuth-tracking`: Singer's filters against those driven by reported load factors.
 
-Source: `elevation-atc-azimuth.md` section 4.
+Source: `docs/theory/azimuth.md`.
 """
 
 from __future__ import annotations

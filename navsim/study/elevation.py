@@ -1,6 +1,6 @@
 """`kind: mls-elevation`: covariance of the elevation filter, its Monte Carlo proof, its run on the nominal approach.
 
-Source: `elevation-atc-azimuth.md` section 1. Degrees throughout, as the paper has it.
+Source: `docs/theory/elevation.md`. Degrees throughout, as the paper has it.
 """
 
 from __future__ import annotations

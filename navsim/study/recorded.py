@@ -2,7 +2,7 @@
 
 Truth is the aircraft's own positions and velocities, smoothed; plots are drawn about it. What drives the filters is
 what was received: roll and track rate of BDS 5,0 where they are fresh and agree with each other, else the slope of the
-tracks of velocity squitters. Source: `elevation-atc-azimuth.md` section 4; `shared/data/modes_afr34zg/SOURCE.md`.
+tracks of velocity squitters. Source: `docs/theory/azimuth.md`, section 3.
 """
 
 from __future__ import annotations

@@ -394,7 +394,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 
 def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Result:
-    """Tune, fly, impose the outages: the result tree of `interface.md`. Raises ReplayError where a smoother fails."""
+    """Tune, fly, impose the outages: the result tree. Raises ReplayError where a smoother fails."""
     scenario = recording.scenario
     settings = tune(recording, done)
     kind = KINDS[scenario.filter.kind]

@@ -65,7 +65,9 @@ def test_a_landing_across_the_date_line(kind: str) -> None:
 def test_its_maps(tmp_path: Path) -> None:
     """No line round the Earth: GeoJSON goes on beyond 180 degrees, KML has no such longitudes."""
     (whole,) = export.export(flown(ACROSS), tmp_path / "r.h5", ["geojson"])
-    for feature in json.loads(whole.read_text())["features"]:
+    features = json.loads(whole.read_text())["features"]
+    assert {"Point", "LineString", "Polygon"} == {feature["geometry"]["type"] for feature in features}
+    for feature in features:
         kind, found = feature["geometry"]["type"], feature["geometry"]["coordinates"]
         if kind != "Point":
             ring = np.array(found[0] if kind == "Polygon" else found)

@@ -34,7 +34,8 @@ def test_the_ideal_world_is_untouched() -> None:
     assert not plain.delay.any()
     assert plain.space is None
     assert plain.smoothing is None
-    assert plain.fix_sigma is plain.sigma
+    np.testing.assert_array_equal(plain.fix_sigma, plain.sigma)
+    assert plain.used.any()
 
 
 def test_ionosphere_leaves_its_share() -> None:

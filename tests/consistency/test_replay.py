@@ -190,7 +190,7 @@ def test_nmea_is_as_good_as_a_table(tmp_path: Path) -> None:
     assert any("corrupt NMEA" in warning for warning in by_nmea.warnings)
 
 
-# --- real flights, against the figures of their SOURCE.md
+# --- real flights, against the figures of plain filters (docs/replay.md)
 
 THOR = """kind: replay
 version: 1

@@ -7,38 +7,48 @@ from typing import Any
 import numpy as np
 import pymap3d
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from navsim.core import earth, wgs84
+from navsim.models.pseudolite import runway_position
+from navsim.models.sky import azimuth_elevation, enu_matrix
+from tests.conftest import Within
 
 
-@pytest.mark.validates("geodetic and ECEF coordinates", "RTKLIB and roktools published points", "1e-7 deg, 2 mm")
-def test_published_points(oracles: dict[str, Any]) -> None:
+@pytest.mark.validates(
+    "geodetic and ECEF coordinates",
+    "RTKLIB and roktools published points",
+    angles="1e-7 deg",
+    ECEF="2e-3 m",
+    height="1e-3 m",
+)
+def test_published_points(oracles: dict[str, Any], within: Within) -> None:
     for entry in oracles["ecef_llh"]:
         lat, lon, h = entry["lat_lon_deg_h_m"]
         llh = np.array([np.radians(lat), np.radians(lon), h])
-        np.testing.assert_allclose(wgs84.ecef_from_llh(llh), entry["ecef_m"], atol=2e-3)
+        np.testing.assert_allclose(wgs84.ecef_from_llh(llh), entry["ecef_m"], rtol=0.0, atol=within["ECEF"])
         back = wgs84.llh_from_ecef(np.array(entry["ecef_m"]))
-        np.testing.assert_allclose(np.degrees(back[:2]), [lat, lon], atol=1e-7)
-        assert back[2] == pytest.approx(h, abs=1e-3)
+        np.testing.assert_allclose(np.degrees(back[:2]), [lat, lon], rtol=0.0, atol=within["angles"])
+        assert back[2] == pytest.approx(h, abs=within["height"])
 
 
-@pytest.mark.validates("normal gravity", "NIMA TR8350.2 figures as in pyins' tests", "1e-9 m/s²")
-def test_published_gravity(oracles: dict[str, Any]) -> None:
+@pytest.mark.validates("normal gravity", "NIMA TR8350.2 figures as in pyins' tests", gravity="1e-9 m/s²")
+def test_published_gravity(oracles: dict[str, Any], within: Within) -> None:
     entry = oracles["gravity_somigliana"]
-    assert earth.gravity(0.0, 0.0) == pytest.approx(entry["g_equator_h0"], abs=1e-10)
-    assert earth.gravity(1.0, 0.0) == pytest.approx(entry["g_pole_h0"], abs=1e-9)
+    assert earth.gravity(0.0, 0.0) == pytest.approx(entry["g_equator_h0"], abs=within["gravity"])
+    assert earth.gravity(1.0, 0.0) == pytest.approx(entry["g_pole_h0"], abs=within["gravity"])
     assert earth.gravity(0.5, 1000.0) == pytest.approx(earth.gravity(0.5, 0.0) * (1 - 2000.0 / wgs84.A), rel=1e-14)
 
 
-@pytest.mark.validates("geodetic and ECEF coordinates, random points", "pymap3d", "1e-8 m")
-@given(st.floats(-89.9, 89.9), st.floats(-180, 180), st.floats(-1e3, 5e5))
-def test_coordinates_agree_with_pymap3d(lat: float, lon: float, h: float) -> None:
+@pytest.mark.validates("geodetic and ECEF coordinates, random points", "pymap3d", ECEF="1e-8 m")
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the tolerances stay as they are
+@given(lat=st.floats(-89.9, 89.9), lon=st.floats(-180, 180), h=st.floats(-1e3, 5e5))
+def test_coordinates_agree_with_pymap3d(within: Within, lat: float, lon: float, h: float) -> None:
     llh = np.array([np.radians(lat), np.radians(lon), h])
     ecef = wgs84.ecef_from_llh(llh)
-    np.testing.assert_allclose(ecef, pymap3d.geodetic2ecef(lat, lon, h), atol=1e-8)
-    np.testing.assert_allclose(wgs84.ecef_from_llh(wgs84.llh_from_ecef(ecef)), ecef, atol=1e-8)
+    np.testing.assert_allclose(ecef, pymap3d.geodetic2ecef(lat, lon, h), rtol=0.0, atol=within["ECEF"])
+    np.testing.assert_allclose(wgs84.ecef_from_llh(wgs84.llh_from_ecef(ecef)), ecef, rtol=0.0, atol=within["ECEF"])
     kernel = np.empty(3)
     earth.ecef_to_llh(*ecef, kernel)
     np.testing.assert_allclose(kernel, wgs84.llh_from_ecef(ecef), rtol=1e-14, atol=2e-9)
@@ -47,18 +57,59 @@ def test_coordinates_agree_with_pymap3d(lat: float, lon: float, h: float) -> Non
     np.testing.assert_allclose(axes, wgs84.ned_matrix(llh), atol=1e-15)
 
 
-@pytest.mark.validates("local axes, random points", "pymap3d", "1e-14")
-@given(st.floats(-89.9, 89.9), st.floats(-180, 180))
-def test_local_axes_agree_with_pymap3d(lat: float, lon: float) -> None:
+@pytest.mark.validates("local axes, random points", "pymap3d", vector="1e-14")
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(lat=st.floats(-89.9, 89.9), lon=st.floats(-180, 180))
+def test_local_axes_agree_with_pymap3d(within: Within, lat: float, lon: float) -> None:
     v = np.array([0.3, -2.0, 1.1])
     enu = pymap3d.ecef2enuv(*v, lat, lon)
     ned = wgs84.ned_matrix(np.array([np.radians(lat), np.radians(lon), 0.0])) @ v
-    np.testing.assert_allclose(ned, [enu[1], enu[0], -enu[2]], atol=1e-14)
+    np.testing.assert_allclose(ned, [enu[1], enu[0], -enu[2]], rtol=0.0, atol=within["vector"])
 
 
-@pytest.mark.validates("radii of curvature at pole and equator", "closed form", "1e-12")
-def test_radii_at_pole_and_equator() -> None:
+@pytest.mark.validates(
+    "azimuth, elevation and distance, random points", "pymap3d", angles="1e-8 deg", distance="1e-6 m"
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    lat=st.floats(-89.0, 89.0), lon=st.floats(-180, 180), h=st.floats(-1e3, 1e4),
+    azimuth=st.floats(0.0, 359.9), elevation=st.floats(-80.0, 80.0), distance=st.floats(10.0, 2e7),
+)  # fmt: skip
+def test_directions_agree_with_pymap3d(
+    within: Within, lat: float, lon: float, h: float, azimuth: float, elevation: float, distance: float
+) -> None:
+    """Its way there only: on the way back it takes components below a millimetre for none."""
+    there = np.array(pymap3d.aer2ecef(azimuth, elevation, distance, lat, lon, h))
+    here = np.array([np.radians(lat), np.radians(lon), h])
+    away = there - wgs84.ecef_from_llh(here)
+    ours = azimuth_elevation(enu_matrix(here) @ away / np.linalg.norm(away))
+    gap = (np.degrees(ours[0]) - azimuth + 180.0) % 360.0 - 180.0
+    assert abs(gap) * np.cos(np.radians(elevation)) < within["angles"] + np.degrees(4e-9 / distance)
+    assert np.degrees(ours[1]) == pytest.approx(elevation, abs=within["angles"] + np.degrees(4e-9 / distance))
+    assert np.linalg.norm(away) == pytest.approx(distance, abs=within["distance"])
+
+
+@pytest.mark.validates("places in the axes of a runway, random points", "pymap3d", place="1e-6 m")
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    lat=st.floats(-85.0, 85.0), lon=st.floats(-179, 179), heading=st.floats(0.0, 360.0), s=st.floats(-5e3, 5e3),
+    l1=st.floats(-5e3, 2e4),
+)  # fmt: skip
+def test_runway_axes_agree_with_pymap3d(
+    within: Within, lat: float, lon: float, heading: float, s: float, l1: float
+) -> None:
+    threshold = np.array([np.radians(lat), np.radians(lon), 150.0])
+    ours = runway_position(threshold, np.radians(heading), s, l1, 3.0)
+    ahead, right = np.array([np.sin(np.radians(heading)), np.cos(np.radians(heading))]), np.radians(heading + 90.0)
+    east, north = -l1 * ahead + s * np.array([np.sin(right), np.cos(right)])
+    place = pymap3d.enu2geodetic(east, north, 0.0, lat, lon, 150.0)
+    theirs = np.array(pymap3d.geodetic2ecef(place[0], place[1], 153.0))
+    np.testing.assert_allclose(wgs84.ecef_from_llh(ours), theirs, rtol=0.0, atol=within["place"])
+
+
+@pytest.mark.validates("radii of curvature at pole and equator", "closed form", "(relative)", radii="1e-12")
+def test_radii_at_pole_and_equator(within: Within) -> None:
     """Closed forms: a(1 - e2) and a on the equator, both a/sqrt(1 - e2) at the pole."""
-    assert earth.radii(0.0) == pytest.approx((wgs84.A * (1 - wgs84.E2), wgs84.A), rel=1e-15)
+    assert earth.radii(0.0) == pytest.approx((wgs84.A * (1 - wgs84.E2), wgs84.A), rel=within["radii"])
     polar = wgs84.A**2 / wgs84.B
-    assert earth.radii(1.0) == pytest.approx((polar, polar), rel=1e-12)
+    assert earth.radii(1.0) == pytest.approx((polar, polar), rel=within["radii"])

@@ -1,4 +1,7 @@
-"""`kind: mls-elevation` against the specification's oracle (1B, 1C), chi-square tables, finite differences."""
+"""`kind: mls-elevation` against a second program, chi-square tables, finite differences.
+
+The figures: `docs/theory/elevation.md`, sections 1 to 4.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from navsim.estimation.elevation import model
 from navsim.models import mls
 from navsim.scenario.elevation import Elevation
 from navsim.study.elevation import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
+from tests.conftest import Within
 
 PERIOD, R, Q = 0.0247, 0.0036, 1e-4
 P0 = np.diag([0.625, 0.006])
@@ -27,17 +31,22 @@ SEQUENCE = {
 }
 
 
-@pytest.mark.validates("Covariance and gain of the elevation filter, step by step", "specification 1B", "1e-9")
-def test_covariance_sequence() -> None:
+@pytest.mark.validates(
+    "Covariance and gain of the elevation filter, step by step",
+    "a second program",
+    "(relative)",
+    covariance="1e-9",
+    gain="5e-9",
+)
+def test_covariance_sequence(within: Within) -> None:
     m = model("paper", PERIOD, Q, 1.0, R)
     covariances, gains = covariance_sequence(m.phi, m.q, m.h, m.r, P0, 5)
     for k, (p11, p12, p22, k1, k2) in SEQUENCE.items():
         p = covariances[k - 1]
-        np.testing.assert_allclose([p[0, 0], p[0, 1], p[1, 1]], [p11, p12, p22], rtol=1e-9)
-        np.testing.assert_allclose(gains[k - 1, :, 0], [k1, k2], atol=5e-9)
+        np.testing.assert_allclose([p[0, 0], p[0, 1], p[1, 1]], [p11, p12, p22], rtol=within["covariance"])
+        np.testing.assert_allclose(gains[k - 1, :, 0], [k1, k2], atol=within["gain"])
 
 
-@pytest.mark.validates("Steady state of the elevation filter", "closed form of the alpha-beta quartic", "1e-10")
 @pytest.mark.parametrize("sigma", [1e-9, 1e-4, 1.0, 1e6])
 @pytest.mark.parametrize(("alpha", "period"), [(1e-9, 0.1), (1e-6, 0.001), (1e-3, 1.0), (1.0, 1.0), (1e3, 0.001)])
 def test_steady_state_where_noises_differ_by_powers_of_ten(alpha: float, period: float, sigma: float) -> None:
@@ -57,16 +66,19 @@ def test_steady_state_where_noises_differ_by_powers_of_ten(alpha: float, period:
         np.testing.assert_allclose(after / np.outer(size, size), p / np.outer(size, size), atol=1e-9)
 
 
-def test_steady_state_closed_form() -> None:
+@pytest.mark.validates(
+    "Steady state of the elevation filter", "closed form of the alpha-beta quartic", "(relative)", covariance="1e-10"
+)
+def test_steady_state_closed_form(within: Within) -> None:
     m = model("paper", PERIOD, Q, 1.0, R)
     p, gain = steady_state(m.phi, m.q, m.h, m.r)
     share = Q * PERIOD**2 / R
     roots = np.roots(np.polysub([1, 0, 0, 0, 0], share * np.polymul(np.polymul([-1, 2], [-1, 2]), [-1, 1])))
     a = float(next(r.real for r in roots if abs(r.imag) < 1e-12 and 0 < r.real < 1))
     b = a**2 / (2 - a)
-    np.testing.assert_allclose(gain[:, 0], [a, b / PERIOD], rtol=1e-10)
+    np.testing.assert_allclose(gain[:, 0], [a, b / PERIOD], rtol=within["covariance"])
     closed = [a * R, b / PERIOD * R, a * b * R / ((1 - a) * PERIOD**2)]
-    np.testing.assert_allclose([p[0, 0], p[0, 1], p[1, 1]], closed, rtol=1e-10)
+    np.testing.assert_allclose([p[0, 0], p[0, 1], p[1, 1]], closed, rtol=within["covariance"])
     np.testing.assert_allclose(
         [p[0, 0], p[0, 1], p[1, 1]], [3.12325186245e-4, 5.73382491340e-4, 2.20528958825e-3], rtol=1e-10
     )
@@ -78,14 +90,23 @@ def test_steady_state_closed_form() -> None:
         assert steady_state(m.phi, m.q, m.h, m.r)[0][0, 0] == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.validates("Exact Singer discretisation", "published MathWorks example; specification 1A", "1e-9")
-def test_singer() -> None:
+@pytest.mark.validates(
+    "Exact Singer discretisation",
+    "published MathWorks example; a second program",
+    "(relative)",
+    **{"to its digits": "5e-5", "second program": "1e-9"},
+)
+def test_singer(within: Within) -> None:
     _, q = singer(1.0, 1.0 / 20.0, 1.0)
-    np.testing.assert_allclose(q[np.triu_indices(3)], [0.0049, 0.0121, 0.0159, 0.0321, 0.0476, 0.0952], atol=5e-5)
+    np.testing.assert_allclose(
+        q[np.triu_indices(3)], [0.0049, 0.0121, 0.0159, 0.0321, 0.0476, 0.0952], rtol=0.0, atol=within["to its digits"]
+    )
     phi, q = singer(PERIOD, 1.0, 1.0)
-    np.testing.assert_allclose(phi[:, 2], [3.02548895276e-4, 0.0243974511047, 0.975602548895], rtol=1e-11)
+    np.testing.assert_allclose(
+        phi[:, 2], [3.02548895276e-4, 0.0243974511047, 0.975602548895], rtol=within["second program"]
+    )
     expected = [9.06853110875e-10, 9.1535834033e-8, 4.9006736131e-6, 9.86217014549e-6, 5.95235620407e-4, 0.048199666589]
-    np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=1e-9)
+    np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=within["second program"])
 
 
 ANGLES = [
@@ -99,20 +120,25 @@ ANGLES = [
 ]
 
 
-@pytest.mark.validates("beta, beta', beta'' on the four segments", "specification 1B; finite differences", "1e-9; 1e-6")
+@pytest.mark.validates(
+    "beta, beta', beta'' on the four segments",
+    "a second program; finite differences",
+    angles="1e-9",
+    differences="1e-6",
+)
 @pytest.mark.parametrize(("leg", "t", "expected"), ANGLES)
-def test_angles(leg, t: float, expected: tuple[float, float, float]) -> None:  # type: ignore[no-untyped-def]
+def test_angles(leg, t: float, expected: tuple[float, float, float], within: Within) -> None:  # type: ignore[no-untyped-def]
     values = [float(x[0]) for x in mls.elevation(leg(np.array([t])))]
-    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(values, expected, rtol=0, atol=within["angles"])
     step = 1e-3
     at = np.array([t - step, t, t + step]) + (step if t == 0.0 else 0.0)
     beta, rate, second = mls.elevation(leg(at))
-    assert (beta[2] - beta[0]) / (2 * step) == pytest.approx(rate[1], rel=1e-6, abs=1e-12)
-    assert (rate[2] - rate[0]) / (2 * step) == pytest.approx(second[1], rel=1e-6, abs=1e-12)
+    assert (beta[2] - beta[0]) / (2 * step) == pytest.approx(rate[1], rel=within["differences"], abs=1e-12)
+    assert (rate[2] - rate[0]) / (2 * step) == pytest.approx(second[1], rel=within["differences"], abs=1e-12)
 
 
-@pytest.mark.validates("Chances of the bands and the runs they need", "scipy.stats.chi2", "1e-8")
-def test_bands() -> None:
+@pytest.mark.validates("Chances of the bands and the runs they need", "scipy.stats.chi2", chance="1e-12")
+def test_bands(within: Within) -> None:
     table = {"std_theory": (0.955238645, 0.953041804, 48), "std_sample": (0.943881932, 0.941563968, 53),
              "variance": (0.685985351, 0.681086281, 191)}  # fmt: skip
     limits = {"std_theory": (0.64, 1.44), "std_sample": (1 / 1.44, 1 / 0.64), "variance": (0.8, 1.2)}
@@ -120,7 +146,9 @@ def test_bands() -> None:
         assert coverage(band, 0.2, 50) == pytest.approx(fifty, abs=1e-8)
         assert coverage(band, 0.2, 49) == pytest.approx(less_one, abs=1e-8)
         low, high = limits[band]
-        assert coverage(band, 0.2, 50) == pytest.approx(chi2.cdf(50 * high, 50) - chi2.cdf(50 * low, 50), abs=1e-12)
+        assert coverage(band, 0.2, 50) == pytest.approx(
+            chi2.cdf(50 * high, 50) - chi2.cdf(50 * low, 50), abs=within["chance"]
+        )
         assert smallest_number(band, 0.2, 0.95) == needed
         assert coverage(band, 0.2, needed) >= 0.95 > coverage(band, 0.2, needed - 1)
     assert [smallest_number("std_theory", 0.2, c) for c in (0.9, 0.99, 0.999)] == [34, 83, 135]

@@ -62,7 +62,6 @@ def refined(here: Problem, places: np.ndarray, value: float) -> float:
         places, value = around[best], float(values[best])
 
 
-@pytest.mark.validates("The optimum for one pseudolite", "brute force on a 10 m grid, five skies", "0.1 %")
 @pytest.mark.parametrize("sky", SKIES)
 def test_one_pseudolite(tmp_path: Path, sky: str) -> None:
     here = posed(tmp_path, SKIES[sky], 1)
@@ -73,9 +72,6 @@ def test_one_pseudolite(tmp_path: Path, sky: str) -> None:
     assert float(here.objective(found.places[None])[0]) == pytest.approx(found.value, rel=1e-12)
 
 
-@pytest.mark.validates(
-    "The optimum for two pseudolites", "all pairs of a 100 m grid, the best ten refined to 10 m, five skies", "0.1 %"
-)
 @pytest.mark.parametrize(
     "sky", [sky if sky == "five satellites" else pytest.param(sky, marks=pytest.mark.long) for sky in SKIES]
 )
@@ -214,9 +210,6 @@ def flown(place: Path, count: int, objective: str, where: str, effort: int = 1) 
     return problem(*read_study(file, Optimize))
 
 
-@pytest.mark.validates(
-    "The optimum for an error of the filter, by the surrogate", "brute force by covariance analysis on a grid", "0.5 %"
-)
 @pytest.mark.parametrize("objective", ["lateral_50ft", pytest.param("vertical", marks=pytest.mark.long)])
 def test_surrogate_keeps_the_optimum_of_one(tmp_path: Path, objective: str) -> None:
     here = flown(tmp_path, 1, objective, "area: {s_m: [-600, 600], l1_m: [-400, 1200]}")
@@ -230,9 +223,6 @@ def test_surrogate_keeps_the_optimum_of_one(tmp_path: Path, objective: str) -> N
     assert found.tried["full"] <= 3
 
 
-@pytest.mark.validates(
-    "The optimum for an error of the filter, two pseudolites", "brute force by covariance analysis, all pairs", "1 %"
-)
 def test_surrogate_keeps_the_optimum_of_two(tmp_path: Path) -> None:
     here = flown(tmp_path, 2, "vertical", "area: {s_m: [-600, 600], l1_m: [-400, 1200]}")
     s, l1 = np.array([-300.0, -60.0, 60.0, 300.0]), np.array([-100.0, 200.0, 500.0, 900.0])
@@ -241,7 +231,6 @@ def test_surrogate_keeps_the_optimum_of_two(tmp_path: Path) -> None:
     assert search(here, 1)[2].value <= float(here.value(pairs).min()) * 1.01
 
 
-@pytest.mark.validates("The choice of sites for an error of the filter", "all choices by covariance analysis", "0.5 %")
 def test_surrogate_chooses_sites(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     places = rng.uniform([-700, -200], [700, 1500], (13, 2)).round(1)

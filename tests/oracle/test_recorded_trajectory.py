@@ -32,9 +32,6 @@ receiver: {{rate_hz: 2}}
 """
 
 
-@pytest.mark.validates(
-    "A recorded trajectory's sensors", "strapdown mechanisation of its own increments", "1 cm, 1e-4 rad in 40 s"
-)
 def test_error_free_sensors_return_the_recording() -> None:
     """What the sensors feel, mechanised, is the motion; and the motion is near the recording."""
     flight = case(name="landing_smooth").trajectory

@@ -1,4 +1,4 @@
-"""Table 2: every cell against an independent computation, the calibrations against what the specification asks."""
+"""Table 2: every cell against an independent computation, the calibrations against what they promise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from navsim.study.table2 import (
     misfit,
     published_contradiction,
 )
-from tests.conftest import SCENARIOS
+from tests.conftest import SCENARIOS, Within
 from tests.helpers import case
 
 BY_LETTER = {c.letter: c for c in CALIBRATIONS}
@@ -76,13 +76,13 @@ def recomputed(calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
     return dops, sko
 
 
-@pytest.mark.validates("Cells of Table 2: DOPs and SKO of all rows and calibrations", "pymap3d and numpy", "1e-6")
+@pytest.mark.validates("Cells of Table 2: DOPs and SKO of all rows and calibrations", "pymap3d and numpy", cells="1e-6")
 @pytest.mark.parametrize("letter", BY_LETTER)
-def test_every_cell_is_what_an_independent_computation_gives(letter: str) -> None:
+def test_every_cell_is_what_an_independent_computation_gives(letter: str, within: Within) -> None:
     ours, _, our_sko = computed(BY_LETTER[letter])
     theirs, their_sko = recomputed(BY_LETTER[letter])
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(our_sko, their_sko, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=within["cells"])
+    np.testing.assert_allclose(our_sko, their_sko, rtol=0, atol=within["cells"])
 
 
 def test_row_one_of_calibration_a() -> None:
@@ -130,23 +130,27 @@ def test_calibration_c() -> None:
         ),
     ],
 )  # fmt: skip
-@pytest.mark.validates("Real skies of Table 2's calibrations a and b'", "GLONASS almanacs of MCC", "0.02 in the DOPs")
-def test_directions_are_those_of_the_almanac(shared: Path, letter: str, file: str, settings: tuple[str, ...]) -> None:
-    """Flown under the almanac itself, satellites moving: means over the glide within 0.01, row 1 within 0.015."""
+@pytest.mark.validates("Real skies of Table 2's calibrations a and b'", "GLONASS almanacs of MCC",
+                       DOPs="0.01", published="0.015")  # fmt: skip
+def test_directions_are_those_of_the_almanac(
+    shared: Path, letter: str, file: str, settings: tuple[str, ...], within: Within
+) -> None:
+    """Flown under the almanac itself, satellites moving: means over the glide, and row 1 as published."""
     sky = ("sky.source=almanac", f"sky.almanac={shared}/data/almanacs/{file}")
     dops, _, _ = computed(BY_LETTER[letter])
     for i, row in enumerate(ROWS):
         flown = case("pseudolites.frame=table1", "receiver.rate_hz=5", *sky, *settings, *row.assignments())
         glide = flown.world.signals.time <= 60.19
         means = flown.world.dop[glide][:, 1:4].mean(axis=0)
-        np.testing.assert_allclose(means, dops[i], rtol=0, atol=0.01)
+        np.testing.assert_allclose(means, dops[i], rtol=0, atol=within["DOPs"])
         if i == 0:
-            assert np.all(np.abs(means - PUBLISHED_DOPS[0]) < 0.015), means
+            assert np.all(np.abs(means - PUBLISHED_DOPS[0]) < within["published"]), means
 
 
 def test_two_pseudolites_in_one_place_obey_the_bound() -> None:
     """Any sky, weights and clocks: random ones, by dense algebra. The published rows do not."""
     rng = np.random.default_rng(4)
+    tried = 0
     for _ in range(300):
         count, clocks = int(rng.integers(5, 10)), int(rng.integers(1, 3))
         los = rng.standard_normal((count, 3))
@@ -161,6 +165,8 @@ def test_two_pseudolites_in_one_place_obey_the_bound() -> None:
         w = rng.uniform(0.1, 100.0)
         pdop = [np.sqrt(np.trace(np.linalg.inv(normal + n * w * np.outer(row, row))[:3, :3])) for n in range(3)]
         assert pdop[2] >= coincident_bound(pdop[0], pdop[1]) * (1.0 - 1e-9)
+        tried += 1
+    assert tried > 200
     least, printed = published_contradiction()
     assert least == pytest.approx(2.569, abs=1e-3)
     assert printed < least

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -228,9 +229,12 @@ def test_an_ensemble_on_disk_is_drawn_like_one_in_memory(many: Result, tmp_path:
     """Histories kept as blocks."""
     write(tmp_path / "many.h5", many)
     again = read(tmp_path / "many.h5")
-    for path in ("/filter/error", "/filter/sigma"):
-        np.testing.assert_allclose(figures._rms_over_runs(many, path), figures._rms_over_runs(again, path))
-        np.testing.assert_array_equal(figures._first_runs(many, path), again[path])
+    here, there = (dict(drawn(result))["errors"] for result in (many, again))
+    assert len(here.axes) == 15
+    for ours, theirs in zip(here.axes, there.axes, strict=True):
+        assert len(ours.lines) == 6 + 2
+        for a, b in zip(ours.lines, theirs.lines, strict=True):
+            np.testing.assert_allclose(a.get_xydata(), b.get_xydata(), rtol=1e-12)
 
 
 def test_panels_of_the_track_share_their_distances(many: Result) -> None:
@@ -240,8 +244,12 @@ def test_panels_of_the_track_share_their_distances(many: Result) -> None:
 
 def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
     names = [str(name) for name in linear["/budget/source"]]
-    styles = figures._source_style(names)
-    assert len(set(styles)) == len(names) == 15
+    alike = replace(linear.variables["/budget/rms"], data=np.ones_like(linear["/budget/rms"]))  # so all are shown
+    (legend,) = figures.budget(Result(linear.attributes, linear.variables | {"/budget/rms": alike})).legends
+    texts, patches = legend.get_texts(), legend.get_patches()
+    styles = {t.get_text(): (p.get_facecolor(), p.get_hatch()) for t, p in zip(texts, patches, strict=True)}
+    assert list(styles) == [name.replace("_", " ") for name in names]
+    assert len(set(styles.values())) == len(names) == 15
 
 
 # --- commands
@@ -288,8 +296,11 @@ def test_an_ensemble_says_which_run_is_exported(many: Result, tmp_path: Path, mo
 
 def test_one_run_is_exported_as_ever(one: Result, tmp_path: Path) -> None:
     chosen, said = choose_run(one, None)
-    assert chosen is one
     assert said is None
+    assert chosen.attributes == one.attributes
+    assert list(chosen.variables) == list(one.variables)
+    for path in one.variables:
+        np.testing.assert_array_equal(chosen[path], one[path])
     export(one, tmp_path / "one.h5", ["csv"])
     head, _ = table(tmp_path / "one_filter.csv")
     assert head == ["t_s", *(f"error_{n}" for n in states.NAMES), *(f"sigma_{n}" for n in states.NAMES)]

@@ -90,7 +90,7 @@ LAYOUT: dict[str, tuple[str, ...]] = {
     "/summary/consistency/nees_position_velocity": ("t",), "/summary/consistency/nis": ("t",),
     "/summary/count/runs": (), "/summary/count/fixes": (), "/summary/count/epochs_without_fix": (),
 }  # fmt: skip
-"""Paths and shapes of `interface.md`."""
+"""Paths and shapes: names that other programs rely on."""
 
 
 def test_layout(landing: tuple[subprocess.CompletedProcess[str], Path]) -> None:
@@ -342,11 +342,15 @@ def test_shorter_than_a_fix_interval(place: Path) -> None:
 
 
 def signalled(number: signal.Signals, file: Path, cwd: Path) -> tuple[int, str]:
-    """Exit code and standard error of a long study that gets a signal after three seconds."""
-    arguments = ("run", SCENARIOS / "landing.yaml", "--runs", 3000, "-q", "-o", file)
+    """Exit code and standard error of a long study that gets a signal once its first batch is finished."""
+    arguments = ("run", SCENARIOS / "landing.yaml", "--runs", 100_000, "--keep", "none", "-q", "-o", file)
     command = [sys.executable, "-m", "navsim", *map(str, arguments)]
     process = subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True)
-    time.sleep(3.0)
+    deadline = time.monotonic() + 120.0
+    while not any(cwd.glob(f"{file.name}.partial/*.sha256")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
     process.send_signal(number)
     _, stderr = process.communicate(timeout=60)
     return process.returncode, stderr
@@ -359,6 +363,7 @@ def test_a_kill_leaves_no_half_file(place: Path) -> None:
     before = file.read_bytes()
     assert signalled(signal.SIGKILL, file, place)[0] == -signal.SIGKILL
     assert file.read_bytes() == before
+    assert {p.name for p in place.glob("*killed.h5*")} == {"killed.h5", "killed.h5.partial", ".killed.h5.lock"}
 
 
 def test_interrupt_exits_130(place: Path) -> None:

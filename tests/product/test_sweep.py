@@ -174,8 +174,9 @@ def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> N
         while len(list(folder.glob("*.sha256"))) <= before and time.monotonic() < deadline:
             assert process.poll() is None, process.stderr and process.stderr.read()
             time.sleep(0.01)
+        assert len(list(folder.glob("*.sha256"))) > before
         process.send_signal(signal.SIGKILL)
-        process.wait()
+        assert process.wait() == -signal.SIGKILL
         assert not target.exists()
         if attempt == 2:
             victim = sorted(folder.glob("*.npz"))[0]

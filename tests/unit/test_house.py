@@ -166,7 +166,7 @@ def modules_after(code: str) -> set[str]:
 def test_help_imports_nothing_heavy() -> None:
     code = "import contextlib, io, sys\nsys.argv = ['navsim', '--help']\nfrom navsim.__main__ import main\n"
     code += "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
-    heavy = {"numba", "scipy", "matplotlib", "h5py", "h5netcdf", "pymap3d", "pydantic", "yaml", "numpy"}
+    heavy = {"numba", "scipy", "matplotlib", "h5py", "h5netcdf", "pydantic", "yaml", "numpy"}
     assert not heavy & modules_after(code)
 
 
@@ -178,9 +178,11 @@ def test_validate_compiles_nothing() -> None:
 
 def test_what_a_handler_catches_is_imported_before_its_try() -> None:
     """A command that leaves early inside `try` must find the names of its handlers: else UnboundLocalError."""
+    seen = 0
     for source in sorted((PACKAGE / "cli").glob("*.py")):
         for node in ast.walk(ast.parse(source.read_text())):
             if isinstance(node, ast.Try):
+                seen += 1
                 late = {
                     alias.asname or alias.name
                     for statement in node.body
@@ -196,3 +198,4 @@ def test_what_a_handler_catches_is_imported_before_its_try() -> None:
                     if isinstance(name, ast.Name)
                 }
                 assert not late & caught, f"{source.name}:{node.lineno}: {sorted(late & caught)}"
+    assert seen > 5

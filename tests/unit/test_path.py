@@ -1,4 +1,4 @@
-"""Paths: continuity, the numbers of the specification, derivatives."""
+"""Paths: continuity, the numbers of `docs/theory/landing.md`, section 1, derivatives."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tests.helpers import scenario
 @pytest.mark.parametrize("name", ["landing", "landing_smooth", "s_turn"])
 def test_continuous_to_the_acceleration(name: str) -> None:
     path = scenario(name=name).approach.path()
+    assert path.knots.size > 1
     for knot, before, after in zip(path.knots, path.segments[:-1], path.segments[1:], strict=True):
         left, right = before.jet(np.array([knot]))[0], after.jet(np.array([knot]))[0]
         np.testing.assert_allclose(left[:3], right[:3], atol=1e-9)
@@ -29,7 +30,7 @@ def test_jets_are_derivatives(name: str) -> None:
     np.testing.assert_allclose(slope, here[:, 1:], atol=2e-3)
 
 
-def test_paper_profile_is_that_of_the_specification() -> None:
+def test_paper_profile_has_the_paper_s_numbers() -> None:
     path = scenario().approach.path()
     assert path.events[TOUCHDOWN] == pytest.approx(60.19, abs=0.005)
     start, mid, late = path.jet(np.array([0.0, 30.0, 100.0]))
@@ -43,7 +44,7 @@ def test_paper_profile_is_that_of_the_specification() -> None:
     assert late[0, 0] == pytest.approx((100.0 - path.events[TOUCHDOWN]) * 80 / 3.6)
 
 
-def test_smooth_profile_is_that_of_the_specification() -> None:
+def test_smooth_profile_has_the_shape_described() -> None:
     path = scenario("approach.speed_start_kmh=130", name="landing_smooth").approach.path()
     touchdown = path.events[TOUCHDOWN]
     assert 95.0 < touchdown < 105.0

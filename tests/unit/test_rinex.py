@@ -75,6 +75,7 @@ def test_scale_factors_of_version_2_are_undone(version: float, tmp_path: Path) -
     plain = read(tmp_path, observations_2(version))
     found = read(tmp_path, observations_2(version, extra=scaled))
     factors = {"L1": 10.0, "S1": 100.0, "D1": 100.0}
+    assert factors.keys() < found.values.keys() == plain.values.keys()
     for code, values in plain.values.items():
         np.testing.assert_array_equal(found.values[code], values / factors.get(code, 1.0))
     all_types = read(tmp_path, observations_2(version, extra=[labelled("  1000", "OBS SCALE FACTOR")]))
@@ -170,6 +171,7 @@ def test_georinex_reads_the_same_of_version_2(tmp_path: Path) -> None:
 
     (tmp_path / "s.18o").write_text(observations_2(2.11, types=7, blank_from=5))
     theirs, ours = georinex.load(tmp_path / "s.18o"), read_obs(tmp_path / "s.18o")
+    assert ours.satellites
     for i, name in enumerate(ours.satellites):
         for code in ("C1", "L1", "S1", "C2"):
             their = theirs[code].sel(sv=name).values
@@ -185,6 +187,7 @@ def test_observations_of_version_4(version: str, tmp_path: Path) -> None:
     new = read(tmp_path, observations_3().replace("3.04", version, 1))
     assert new.satellites == old.satellites
     np.testing.assert_array_equal(new.time, old.time)
+    assert new.values.keys() == old.values.keys() > set()
     for code, values in old.values.items():
         np.testing.assert_array_equal(new.values[code], values)
 
@@ -317,6 +320,7 @@ def test_a_real_day_in_version_4(shared: Path, tmp_path: Path) -> None:
     lines = [*lines[:last], ""]
     three = read(tmp_path, "\n".join(lines))
     four = read(tmp_path, "\n".join(lines).replace("3.05", "4.02", 1))
+    assert four.values.keys() == three.values.keys() > set()
     for code, values in three.values.items():
         np.testing.assert_array_equal(four.values[code], values)
 

@@ -1,4 +1,4 @@
-"""What the result trees of all landing studies have in common, in the layout of `interface.md`, kind landing."""
+"""What the result trees of all landing studies have in common, laid out as `docs/landing.md`, "Reading the result"."""
 
 from __future__ import annotations
 

@@ -1,0 +1,193 @@
+"""What is cited is there: pages with their sections and equations, links of pages, numbered sources of modules.
+
+A citation of a page names it from the root of the tree, or beside the file that cites it: `docs/theory/landing.md`,
+sections 2, 3; `docs/theory/landing.md`, eq. (13); `docs/landing.md`, "Reading the result". Equations are indented lines
+that end with their number.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import tokenize
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+FOLDERS = ("navsim", "tests", "scripts", "benchmarks")
+SOURCES = sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py"))
+THEORY = sorted((ROOT / "docs" / "theory").glob("*.md"))
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+_LINK = re.compile(r"!?\[([^\]\n]*)\]\(([^)\s]+)\)")
+_NUMBERS = r"\(?\d+\)?(?:(?:,|\s+to|\s+and)\s+\(?\d+\)?)*"
+_CITED = re.compile(
+    r"(?P<page>[\w./*-]+\.md)`?"
+    rf"(?:,?\s+(?:sections?\s+(?P<sections>{_NUMBERS})|eqs?\.\s+(?P<equations>{_NUMBERS}))|,\s+\"(?P<heading>[^\"]+)\")?"
+)
+_SOURCE_NUMBER = re.compile(r"(?<![\w\])`])\[(\d+)\](?!\w|\[|\()")
+_EQUATION = re.compile(r"^ {4,}\S.*\s{2,}\((\d+)\)$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Page:
+    """What of a page can be cited."""
+
+    headings: frozenset[str]
+    anchors: frozenset[str]
+    sections: frozenset[int]
+    equations: tuple[int, ...]
+
+
+@cache
+def page(path: Path) -> Page:
+    """The page at a path."""
+    text = path.read_text(encoding="utf-8")
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return Page(
+        frozenset(headings),
+        frozenset(re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings),
+        frozenset(int(m[1]) for h in headings if (m := re.match(r"(\d+)\. ", h))),
+        tuple(int(n) for n in _EQUATION.findall(text)),
+    )
+
+
+@cache
+def remarks(path: Path) -> tuple[str, ...]:
+    """Docstrings of a module, of what it has and of its constants, and its comments, neighbouring lines as one."""
+    return tuple(_remarks(path))
+
+
+def _remarks(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.value.value
+    block: list[str] = []
+    line = 0
+    with open(path, "rb") as file:
+        for token in tokenize.tokenize(file.readline):
+            if token.type == tokenize.COMMENT:
+                if token.start[0] != line + 1:
+                    yield " ".join(block)
+                    block = []
+                block.append(token.string.lstrip("# "))
+                line = token.start[0]
+    yield " ".join(block)
+
+
+def _numbers(text: str) -> set[int]:
+    """The numbers of "2, 3", "(5) to (8)", "2 and 4"."""
+    out: set[int] = set()
+    for first, last in re.findall(r"\(?(\d+)\)?(?:\s+to\s+\(?(\d+)\)?)?", text):
+        out |= set(range(int(first), int(last or first) + 1))
+    return out
+
+
+def missing(text: str, folder: Path) -> tuple[int, list[str]]:
+    """How many citations of pages a text in a file of this folder has, and which of them lead nowhere."""
+    count, out = 0, []
+    # a link is the citation of what it leads to
+    for found in _CITED.finditer(_LINK.sub(lambda m: re.sub(r"#.*", "", m[2]), text)):
+        if "*" in found["page"] or "//" in found["page"]:
+            continue
+        count += 1
+        target = next((p for p in (ROOT / found["page"], folder / found["page"]) if p.is_file()), None)
+        if target is None:
+            out.append(f"{found[0]}: no such page")
+            continue
+        here = page(target)
+        lost = _numbers(found["sections"] or "") - here.sections
+        lost |= _numbers(found["equations"] or "") - set(here.equations)
+        if lost or (found["heading"] and " ".join(found["heading"].split()) not in here.headings):
+            out.append(f"{found[0]}: not on that page")
+    return count, out
+
+
+def test_pages_cited_by_code_are_there() -> None:
+    """Every citation of a page in a docstring or comment resolves, down to its section and equation."""
+    cited, lost = 0, []
+    for path in SOURCES:
+        if path == Path(__file__):
+            continue
+        for text in remarks(path):
+            count, wrong = missing(text, path.parent)
+            cited += count
+            lost += [f"{path.relative_to(ROOT)}: {w}" for w in wrong]
+    assert not lost, "\n".join(lost)
+    assert cited > 40
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_pages_lead_somewhere(path: Path) -> None:
+    """Links of a page, with their anchors, and pages it names."""
+    text = path.read_text(encoding="utf-8")
+    _, lost = missing(text, path.parent)
+    for _, target in _LINK.findall(text):
+        if re.match(r"https?:", target):
+            continue
+        file, _, anchor = target.partition("#")
+        there = path.parent / file if file else path
+        if not there.exists() or (anchor and anchor not in page(there).anchors):
+            lost.append(f"a link to {target}")
+    assert not lost, "\n".join(lost)
+
+
+@pytest.mark.parametrize("path", THEORY, ids=lambda p: p.name)
+def test_equations_are_numbered_in_order_and_referred_to(path: Path) -> None:
+    """Equations of a page of theory count from 1, and what its sentences refer to is one of them."""
+    assert page(path).equations == tuple(range(1, 1 + len(page(path).equations)))
+    prose = "\n".join(x for x in path.read_text(encoding="utf-8").splitlines() if not x.startswith(("    ", "|")))
+    prose = re.sub(rf"equations? {_NUMBERS}", "", _CITED.sub("", _LINK.sub(lambda m: m[2], prose)))
+    wanted = {int(n) for n in re.findall(r"(?<!\w)\((\d{1,2})\)", prose)}
+    assert wanted <= set(page(path).equations), wanted - set(page(path).equations)
+
+
+def test_every_page_of_theory_is_cited_by_code() -> None:
+    """None of them is there for its own sake."""
+    text = "\n".join(remark for path in SOURCES if path.is_relative_to(ROOT / "navsim") for remark in remarks(path))
+    assert THEORY
+    for path in THEORY:
+        assert f"docs/theory/{path.name}" in text, path.name
+
+
+def unlisted(path: Path) -> set[int]:
+    """Numbers of sources that a module's docstrings and comments use and its list of sources has not."""
+    module = ast.get_docstring(ast.parse(path.read_bytes()), clean=False) or ""
+    head, _, listed = module.partition("Source")
+    used = {int(n) for text in (head, *(t for t in remarks(path) if t != module)) for n in _SOURCE_NUMBER.findall(text)}
+    return used - {int(n) for n in _SOURCE_NUMBER.findall(listed)}
+
+
+def test_numbered_sources_are_listed() -> None:
+    """A [1] in a docstring or comment is in the list of sources that its module begins with."""
+    lost = {str(p.relative_to(ROOT)): found for p in SOURCES if p != Path(__file__) and (found := unlisted(p))}
+    assert not lost, lost
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("Source: `landing.md` section 1.", "landing.md"),
+        ("`docs/theory/landing.md`, section 99.", "section 99"),
+        ("`docs/theory/landing.md`, sections 1 to 99.", "99"),
+        ("`docs/theory/filter.md`, eq. (999).", "999"),
+        ('`docs/landing.md`, "No such heading".', "No such heading"),
+        ("[there](nowhere.md)", "nowhere.md"),
+    ],
+)
+def test_what_leads_nowhere_is_found(text: str, found: str) -> None:
+    count, lost = missing(text, ROOT / "navsim")
+    assert count == 1
+    assert len(lost) == 1
+    assert found in lost[0]
+
+
+def test_a_source_that_is_not_listed_is_found(tmp_path: Path) -> None:
+    file = tmp_path / "module.py"
+    file.write_text('"""Something [1].\n\nSource: [1] A book.\n"""\nX = 1  # as of [2]\nY = [3]\n')
+    assert unlisted(file) == {2}
