@@ -169,17 +169,17 @@ def optimize(
         section, document, base = read_study(study, Optimize, set_ or [])
         target = target_of(study, output, Sort("optimize"), force)
         from navsim.core import jit
+        from navsim.io.schema import QUANTITIES
         from navsim.report import optimize as report
         from navsim.study import optimize as searching
         from navsim.study.budget import studies as estimates
         from navsim.study.journal import Journal
         from navsim.study.objective import problem as pose
-        from navsim.study.sweep import describe
         from navsim.study.watch import Watch
 
         if not dry_run:
             begin(target)
-        with search_progress(not quiet and not dry_run, describe(section.objective)[0]) as tell:
+        with search_progress(not quiet and not dry_run, QUANTITIES[section.objective][0]) as tell:
             watch = Watch(tell, time_limit)
             needed: list[Any] = []
 

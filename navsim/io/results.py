@@ -203,7 +203,6 @@ def write(path: Path, result: Result) -> None:
     in memory and written by plain system calls; for a large one, which is written block by block, the space is
     claimed first.
     """
-    _check_lengths(result)
     size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
         if size < IN_MEMORY:
@@ -272,24 +271,6 @@ def _fill(file: Any, result: Result) -> None:
 
 def _is_coordinate(path: str, variable: Variable) -> bool:
     return variable.dims == (path.rsplit("/", 1)[-1],)
-
-
-def _check_lengths(result: Result) -> None:
-    """Raise ResultError where data and its dimensions differ in length, for it would be stored cut or stretched. A
-    dimension is the coordinate of its name, in the variable's group or the nearest above it."""
-    lengths = {path: np.shape(v.data)[0] for path, v in result.variables.items() if _is_coordinate(path, v)}
-    for path, variable in result.variables.items():
-        for dim, length in zip(variable.dims, np.shape(variable.data), strict=True):
-            group = path
-            while group:
-                group = group.rpartition("/")[0]
-                due = lengths.get(f"{group}/{dim}", length)
-                if due != length:
-                    raise ResultError(
-                        f"the result cannot be stored: {path}: {length} values along {dim}, which has {due}"
-                    )
-                if f"{group}/{dim}" in lengths:
-                    break
 
 
 def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:

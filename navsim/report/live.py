@@ -23,7 +23,7 @@ def console(result: Result) -> RenderableType:
         if path.startswith("/stream/"):
             stream.add_row(variable.long_name, str(int(np.asarray(variable.data))))
     rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
-    said = f"rms position error N E D over the last 20 s: {rms} m; NIS per degree {float(result['/summary/nis']):.2f}"
+    said = f"rms position error N E D over the last 20 s: {rms} m; NIS per degree {result['/summary/nis'][0]:.2f}"
     offset, base = float(result["/clock/offset"]), result.attributes["clock"]
     clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"
     return Group(stream, said, clock, f"verdict: {result.attributes['verdict']}")

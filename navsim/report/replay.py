@@ -28,8 +28,8 @@ def console(result: Result) -> RenderableType:
     tuned = titled_table("Noise and latency", "what", "value", "unit", "from")
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
-            what, _, origin = variable.long_name.rpartition(", ")
-            tuned.add_row(what, f"{float(np.asarray(variable.data)):.4g}", variable.units, origin)
+            value = f"{float(np.asarray(variable.data)):.4g}"
+            tuned.add_row(variable.long_name, value, variable.units, str(variable.attributes["origin"]))
     alignment = result.attributes
     sigma = np.asarray(alignment["alignment_sigma_deg"])
     begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
@@ -68,7 +68,7 @@ def _track(result: Result) -> Figure:
 
     fig = new_figure(2 * COLUMN, 3.6)
     plan, profile = fig.subplots(1, 2, width_ratios=[3, 2])
-    llh, fixes = result["/filter/position_llh"], result["/gnss/position_llh"]
+    llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
     dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
     for positions, style in ((fixes, dots),
                              (llh, {"color": COLOURS[0], "label": "filter (IMU)"})):  # fmt: skip
@@ -77,7 +77,7 @@ def _track(result: Result) -> Figure:
     plan.set_xlabel("east, m")
     plan.set_ylabel("north, m")
     legend_above(fig, plan, 2)
-    profile.plot(result["/gnss/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
+    profile.plot(result["/receiver/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
     profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
     profile.set_xlabel("time, s")
     profile.set_ylabel("height, m")
