@@ -12,9 +12,9 @@ HEAD = """# The result file
 Made by `make docs` from `navsim/io/schema.py`, by which results are written.
 
 A result is an HDF5 file that is valid netCDF-4: groups, variables with named dimensions, coordinates named like their
-dimension. Every variable has `units` and `long_name`; nan stands for what is not known. [conventions.md](conventions.md)
-defines frames and signs, [landing.md](landing.md) says how damage shows. In results of flights (landing, covariance,
-replay, live) the same path is the same quantity.
+dimension. Every variable has `units` and `long_name`; nan stands for what is not known. In results of flights (landing,
+covariance, replay, live) the same path is the same quantity. [conventions.md](conventions.md) defines frames and signs,
+[landing.md](landing.md) says how damage shows.
 
 | sort | what it is |
 |---|---|
@@ -24,9 +24,13 @@ Root attributes of every result: `kind`, `schema_version`, `navsim_version`, `se
 scenario), `scenario_sha256`, `epoch` (UTC of time 0), `created`, `title`, `checksums`; `study` where a study was made.
 
 The axis `run` is always there in runs of a landing, also of length 1; {one_flight} are one flight and have none.
-`*axes` are all axes of a sweep. A name in <> stands for each member of a family: {families}. A word in italics comes with the
-data: {words}. Attributes beside `units` and `long_name` stand in the last column.
+`*axes` are all axes of a sweep. The last column has the attributes beside `units` and `long_name`.
+
+A name in <> stands for each member of a family: {families}.
+
+A word in italics stands for the member, or comes with the data: {words}.
 """
+TABLE = ["| path | dimensions | unit | holds | what | in (when) | attributes |", "|---|---|---|---|---|---|---|"]
 
 
 def path_of(entry: Entry) -> str:
@@ -68,12 +72,8 @@ def page() -> str:
     lines = [HEAD + "\n".join(f"| {name} | {what} |" for name, what in SORTS.items())]
     lines.append(NOTES.format(one_flight=" and ".join(ONE_FLIGHT), families=families, words=words))
     for section in SECTIONS:
-        lines += [f"## {section.title}", "", section.text, ""]
-        lines += [
-            "| path | dimensions | unit | holds | what | in (when) | attributes |",
-            "|---|---|---|---|---|---|---|",
-        ]
-        lines += [*(row(entry) for entry in section.entries), ""]
+        rows = map(row, section.entries)
+        lines += [f"## {section.title}", "", section.text, "", *TABLE, *rows, ""]
     return "\n".join(lines)
 
 

@@ -113,7 +113,7 @@ def test_what_a_draft_refuses() -> None:
     ):
         with pytest.raises(Defect, match=said):
             draft.put(path, data, attributes)
-    with pytest.raises(Defect, match="a result of sort landing without .*/truth/time"):
+    with pytest.raises(Defect, match=r"a result of sort landing without .*/truth/time"):
         draft.result({})
     with pytest.raises(Defect, match="no word for unit"):
         Draft(LANDING, {"mixed": "m"}, sensor=("altimeter",)).put("/aiding/altimeter/measured", np.zeros((1, 3, 1)))
@@ -123,7 +123,7 @@ def test_a_coordinate_that_is_lacking_is_missed() -> None:
     """Though it is there on a condition: data along a dimension that nothing describes cannot be stored."""
     draft = Draft(SWEEP, dimension=("s_m",), varied=("s_m",))
     draft["/sweep/pdop"] = np.zeros(4)
-    with pytest.raises(Defect, match="without .*/s_m"):
+    with pytest.raises(Defect, match=r"without .*/s_m"):
         draft.result({})
 
 
