@@ -322,6 +322,7 @@ def lacks(result: Any, name: object, error: KeyError) -> str:
 
 
 def print_table(results: list[tuple[str, Any]]) -> None:
+    from navsim.report.table import console
     from navsim.report.tables import summary_table
     from navsim.report.views import VIEWS
 
@@ -330,7 +331,7 @@ def print_table(results: list[tuple[str, Any]]) -> None:
         leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
     kind = kinds.pop()
     if kind == "landing":
-        print_console(summary_table(results), 56 + 60 * len(results))
+        print_console(console([summary_table(results)]), 56 + 60 * len(results))
         return
     view = VIEWS[kind]
     for name, result in results:

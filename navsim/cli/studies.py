@@ -83,6 +83,7 @@ def sweep(
         target = target_of(study, output, Sort("sweep", section.method), force, suffix)
         from navsim.core import jit
         from navsim.report import sweep as report
+        from navsim.report.views import VIEWS
         from navsim.study import sweep as computing
         from navsim.study.budget.studies import sweep as estimated
         from navsim.study.landing import default_workers
@@ -127,7 +128,7 @@ def sweep(
 
         print(json.dumps(report.best_json(result) | plain_tree(result, (FINDINGS,)), indent=1, allow_nan=False))
     elif not quiet:
-        print_console(report.console(result), 150)
+        print_console(VIEWS["sweep"].console(result), VIEWS["sweep"].width)
         print(f"result   {target}, {table}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
@@ -171,6 +172,7 @@ def optimize(
         from navsim.core import jit
         from navsim.io.schema import QUANTITIES
         from navsim.report import optimize as report
+        from navsim.report.views import VIEWS
         from navsim.study import optimize as searching
         from navsim.study.budget import studies as estimates
         from navsim.study.journal import Journal
@@ -217,7 +219,7 @@ def optimize(
 
         print(json.dumps(report.plain(result) | plain_tree(result, (FINDINGS,)), indent=1, allow_nan=False))
     elif not quiet:
-        print_console(report.console(result), 140)
+        print_console(VIEWS["optimize"].console(result), VIEWS["optimize"].width)
         print(f"result   {target}")
         if written:
             print(f"figures  {', '.join(map(str, written))}")
@@ -248,8 +250,8 @@ def table2(
     """
     from navsim.core import jit
     from navsim.io.results import ResultError, Sort, check_writable, write
-    from navsim.report.table2 import console
     from navsim.report.table2 import save as save_tables
+    from navsim.report.views import VIEWS
     from navsim.study import table2 as study
     from navsim.study.budget.studies import tables
     from navsim.study.landing import default_workers
@@ -275,7 +277,7 @@ def table2(
     except ResultError as error:
         leave(RUN_FAILED, error)
     if not quiet:
-        print_console(console(result), 170)
+        print_console(VIEWS["table2"].console(result), VIEWS["table2"].width)
         print(f"files    {output}/table2.h5, {', '.join(path.name for path in written)}")
     warn(result)
     jit.mark_warm()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from navsim.io.results import Result, ResultError
 from navsim.report import atc, azimuth, elevation, live, optimize, replay, sweep, table2
+from navsim.report.table import Table, console
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,22 +18,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class View:
-    """Tables for the terminal, the width they need, and figures by name."""
+    """Tables and words between them, the width they need in a terminal, and figures by name."""
 
-    console: Callable[[Result], RenderableType]
+    tables: Callable[[Result], list[Table | str]]
     width: int
     figures: Callable[[Result], dict[str, Figure]]
 
+    def console(self, result: Result) -> RenderableType:
+        """The tables, for the terminal."""
+        return console(self.tables(result))
+
 
 VIEWS = {
-    "table2": View(table2.console, 170, table2.figures),
-    "sweep": View(sweep.console, 150, sweep.figures),
-    "atc-tracking": View(atc.console, 150, atc.figures),
-    "azimuth-tracking": View(azimuth.console, 130, azimuth.figures),
-    "mls-elevation": View(elevation.console, 140, elevation.figures),
-    "live": View(live.console, 100, live.figures),
-    "replay": View(replay.console, 110, replay.figures),
-    "optimize": View(optimize.console, 140, optimize.figures),
+    "table2": View(table2.tables, 170, table2.figures),
+    "sweep": View(sweep.tables, 150, sweep.figures),
+    "atc-tracking": View(atc.tables, 150, atc.figures),
+    "azimuth-tracking": View(azimuth.tables, 130, azimuth.figures),
+    "mls-elevation": View(elevation.tables, 140, elevation.figures),
+    "live": View(live.tables, 100, live.figures),
+    "replay": View(replay.tables, 110, replay.figures),
+    "optimize": View(optimize.tables, 140, optimize.figures),
 }
 """Kinds with tables of their own; landings stand side by side (`report.tables`)."""
 
