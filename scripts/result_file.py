@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
-from navsim.io.schema import FAMILIES, ONE_FLIGHT, SECTIONS, SORTS, WORDS, Entry, fields
+from navsim.io.schema import FAMILIES, ONE_FLIGHT, ROOT, SECTIONS, SORTS, WORDS, Entry, fields
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "result-file.md"
 HEAD = """# The result file
@@ -20,9 +21,6 @@ covariance, replay, live) the same path is the same quantity. [conventions.md](c
 |---|---|
 """
 NOTES = """
-Root attributes of every result: `kind`, `schema_version`, `navsim_version`, `seed`, `scenario` (the whole resolved
-scenario), `scenario_sha256`, `epoch` (UTC of time 0), `created`, `title`, `checksums`; `study` where a study was made.
-
 The axis `run` is always there in runs of a landing, also of length 1; {one_flight} are one flight and have none.
 `*axes` are all axes of a sweep. The last column has the attributes beside `units` and `long_name`.
 
@@ -52,16 +50,21 @@ def said(entry: Entry, text: str) -> str:
     return text
 
 
+def _in(sorts: Mapping[str, str]) -> str:
+    """Sorts of results, and on which condition each."""
+    if len(sorts) == len(SORTS) and not any(sorts.values()):
+        return "all"
+    return ", ".join(f"{name} ({when})" if when else name for name, when in sorts.items())
+
+
 def row(entry: Entry) -> str:
     """The row of an entry."""
     dims = ", ".join(dim.replace("{", "<").replace("}", ">") for dim in entry.dims)
-    sorts = [name if not when else f"{name} ({when})" for name, when in entry.sorts.items()]
-    everywhere = len(sorts) == len(SORTS) and not any(entry.sorts.values())
     meaning = said(entry, entry.meaning)
     if entry.labels:
         meaning += ": " + ", ".join(entry.labels)
     cells = (path_of(entry), f"`{dims}`" if dims else "", said(entry, entry.units), entry.of, meaning,
-             "all" if everywhere else ", ".join(sorts), ", ".join(entry.attributes))  # fmt: skip
+             _in(entry.sorts), ", ".join(entry.attributes))  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
 
@@ -71,6 +74,9 @@ def page() -> str:
     words = "; ".join(f"*{name}* {what}" for name, what in WORDS.items())
     lines = [HEAD + "\n".join(f"| {name} | {what} |" for name, what in SORTS.items())]
     lines.append(NOTES.format(one_flight=" and ".join(ONE_FLIGHT), families=families, words=words))
+    lines += ["## Root attributes", "", "| attribute | what | in |", "|---|---|---|"]
+    lines += [f"| `{name}` | {what} | {_in(dict.fromkeys(sorts, ''))} |" for name, (sorts, what) in ROOT.items()]
+    lines.append("")
     for section in SECTIONS:
         rows = map(row, section.entries)
         lines += [f"## {section.title}", "", section.text, "", *TABLE, *rows, ""]

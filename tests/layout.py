@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.io.draft import missing
 from navsim.io.results import Result
-from navsim.io.schema import COVARIANCE, DTYPES, SORTS, declared
+from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, ROOT, SORTS, declared
 
 
 def sort_of(result: Result) -> str:
@@ -35,6 +35,7 @@ def as_declared(result: Result) -> None:
     """Fails where a variable is not declared, is lacking, or is not what it is declared to be."""
     sort = sort_of(result)
     assert sort in SORTS
+    assert set(result.attributes) == {name for name, (sorts, _) in ROOT.items() if sort in sorts} - {CHECKSUMS}
     due = declared(sort, tuple(named(result).items()))
     assert sorted(set(result.variables) - set(due)) == []
     assert missing(due, result.variables) == []

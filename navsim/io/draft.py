@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.core.defect import Defect
 from navsim.io.results import Result, Stream, Variable
-from navsim.io.schema import DTYPES, FINDINGS, Declared, declared, fields
+from navsim.io.schema import DTYPES, FINDINGS, LATE, ROOT, Declared, declared, fields
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
@@ -73,11 +73,15 @@ class Draft:
                 raise Defect(f"{path}: {length} values along {dim}, which has {due} in {first}")
 
     def result(self, attributes: dict[str, Any]) -> Result:
-        """The result, but for its findings, which are told last. Raises Defect where a variable is lacking."""
+        """The result, but for its findings and `LATE` attributes, which are told last. Raises Defect where a variable
+        or a root attribute is lacking, or one too many is given."""
         lacking = [path for path in missing(self._declared, self.variables) if not path.startswith(FINDINGS)]
         lacking += [path for path in self._lengths if path not in self.variables]
         if lacking:
             raise Defect(f"a result of sort {self.sort} without {', '.join(lacking)}")
+        due = {name for name, (sorts, _) in ROOT.items() if self.sort in sorts and name not in LATE}
+        if set(attributes) != due:
+            raise Defect(f"root attributes of sort {self.sort}: {', '.join(sorted(due ^ set(attributes)))}")
         return Result(attributes, self.variables)
 
 

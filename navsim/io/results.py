@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.io import files
+from navsim.io.schema import CHECKSUMS
 from navsim.io.seal import Damaged, blocks, seal
 from navsim.io.whole import clean, destination, partial_folder, replacing, settle, write_whole
 
@@ -185,8 +186,6 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-_CHECKSUMS = "checksums"
-"""Root attribute of files that carry checksums."""
 CHUNK_BYTES = 524_288
 """Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset."""
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,39}")
@@ -242,7 +241,7 @@ def _image(result: Result) -> memoryview:
 
 
 def _fill(file: Any, result: Result) -> None:
-    for name, value in ({_CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"} | result.attributes).items():
+    for name, value in ({CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"} | result.attributes).items():
         _set(file, "/", name, value)
 
     # coordinates first: they create the dimensions their neighbours use
@@ -315,7 +314,7 @@ def read(path: Path) -> Result:
     that is no result of navsim's, or damaged, now and then."""
     tree = _opened(path)
     with _damage_of(path):
-        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != _CHECKSUMS}
+        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
         return Result(attributes, {name: _variable(path, tree, found) for name, found in tree.datasets.items()})
 
 
@@ -363,7 +362,7 @@ def _opened(path: Path) -> Tree:
             value = tree.attributes[name]
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
-        if _CHECKSUMS in tree.attributes and not tree.sealed:
+        if CHECKSUMS in tree.attributes and not tree.sealed:
             raise Damaged("its checksums are gone: cut off, or another program has written to it")
         return tree
 

@@ -749,6 +749,41 @@ SECTIONS = (
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 
+CHECKSUMS = "checksums"
+"""Root attribute of files that carry checksums; `io.results` writes it."""
+ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "kind": (tuple(SORTS), "kind of result; landing for both landing and covariance"),
+    "schema_version": (tuple(SORTS), "version of this page's contents"),
+    "navsim_version": (tuple(SORTS), "the version that wrote the file"),
+    "seed": (tuple(SORTS), "root of all random numbers"),
+    "scenario": (tuple(SORTS), "the whole resolved scenario, YAML"),
+    "study": ((SWEEP, OPTIMIZE), "the whole resolved study, YAML"),
+    "scenario_sha256": (tuple(SORTS), "SHA-256 of study and scenario"),
+    "epoch": (tuple(SORTS), "UTC of time 0"),
+    "created": (tuple(SORTS), "when the file was made, UTC"),
+    "title": (tuple(SORTS), "title of study or scenario"),
+    "method": ((LANDING, COVARIANCE, SWEEP), "monte-carlo or covariance; of a sweep also dop"),
+    "files": ((SWEEP,), "checksums of the files that combinations read, JSON"),
+    "runs": ((SWEEP,), "runs of each combination, 0 without runs"),
+    "combinations": ((SWEEP,), "number of combinations"),
+    "refused": ((SWEEP,), "number of combinations that are nan"),
+    "objective": ((OPTIMIZE,), "what is optimised"),
+    "stopped": ((OPTIMIZE,), "why the work ended early; empty where it did not"),
+    "undone": ((OPTIMIZE,), "what was left of the work"),
+    "alignment_time": ((REPLAY,), "time of the log at which the flight is aligned, s"),
+    "alignment_until": ((REPLAY,), "end of the data it is aligned with, s"),
+    "alignment_sigma_deg": ((REPLAY,), "1 sigma of the alignment, north, east, down, degrees"),
+    "replaced_block": ((LIVE,), "receiver or imu: which block was real"),
+    "clock": ((LIVE,), "what the source's clock was settled by"),
+    "verdict": ((LIVE,), "flown, or why this is no result"),
+    "least_pdop_of_case_6_from_cases_1_and_2": ((TABLE2,), "what the paper's cases 1 and 2 leave for case 6"),
+    "largest_pdop_of_case_6_printed": ((TABLE2,), "what the paper prints for case 6, rounding in favour"),
+    CHECKSUMS: (tuple(SORTS), "that the file carries checksums"),
+}
+"""Root attributes: of which sorts, and what they say."""
+LATE = ("verdict", CHECKSUMS)
+"""Root attributes that are given when the rest of the result is there."""
+
 
 @dataclass(frozen=True)
 class Declared:
