@@ -27,7 +27,9 @@ class Draft:
         self.sort = sort
         self.variables: dict[str, Variable] = {}
         self._words = words
-        self._declared = declared(sort, tuple((family, tuple(members)) for family, members in named.items()))
+        # a study may name a case twice
+        families = tuple((family, tuple(dict.fromkeys(members))) for family, members in named.items())
+        self._declared = declared(sort, families)
         self._lengths: dict[str, tuple[int, str]] = {}
         for path, one in self._declared.items():
             if one.labels:

@@ -216,6 +216,8 @@ outputs: [pdop, horizontal, vertical_200ft]
     navsim("sweep", file, "--method", "covariance", "-o", "covariance.h5", cwd=place)
     navsim("sweep", file, "--method", "monte-carlo", "--runs", 200, "-o", "runs.h5", "-q", cwd=place)
     linear, flown = read(place / "covariance.h5"), read(place / "runs.h5")
+    as_declared(linear)
+    as_declared(flown)
     assert linear["/sweep/horizontal"].shape == (2, 2)
     one = case(
         "receiver.rate_hz=1", "duration_s=65", "initial_errors.attitude_deg=1", "imu.gyro.drift_deg_h=70",

@@ -17,12 +17,11 @@ from navsim.study.root import root_attributes
 
 def base(case: Case, sort: str) -> Draft:
     """A draft of a sort of landing's result with the truth, the geometry and their summary."""
-    systems = [group.constellation.system for group in case.environment.satellites]
     draft = Draft(
         sort,
         {"mixed": ", ".join(dict.fromkeys(case.state_units))},
         sensor=[aid.sensor.name for aid in case.world.aids],
-        system=list(dict.fromkeys(systems)),
+        system=[group.constellation.system for group in case.environment.satellites],
     )
     _truth(draft, case)
     _geometry(draft, case)
