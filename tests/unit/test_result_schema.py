@@ -13,6 +13,7 @@ from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Stream
 from navsim.io.schema import (
+    ATC,
     COVARIANCE,
     FAMILIES,
     LANDING,
@@ -125,6 +126,14 @@ def test_a_coordinate_that_is_lacking_is_missed() -> None:
     draft["/sweep/pdop"] = np.zeros(4)
     with pytest.raises(Defect, match=r"without .*/s_m"):
         draft.result({})
+
+
+def test_a_case_may_be_named_twice() -> None:
+    """As a scenario with the same further case twice does; the later data stand."""
+    draft = Draft(ATC, case=("T4_angles", "T4_angles"))
+    for end in (1.0, 2.0):
+        draft["/cases/T4_angles/time"] = np.linspace(0.0, end, 3)
+    assert draft["/cases/T4_angles/time"][-1] == 2.0
 
 
 def test_findings_come_last() -> None:
