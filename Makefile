@@ -12,7 +12,8 @@ run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and
 test: $(STAMP)           ## the whole test suite
 	$(BIN)/python -m pytest -n 2
 
-docs: $(STAMP)           ## docs/validation.md from the oracle tests
+docs: $(STAMP)           ## docs/result-file.md from the schema of results, docs/validation.md from the oracle tests
+	$(BIN)/python scripts/result_file.py
 	$(BIN)/python -m pytest -n 2 tests/oracle --validation docs/validation.md
 
 table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results/table2.*

@@ -202,14 +202,14 @@ def lacks(result: Any, name: object, error: KeyError) -> str:
 
 def print_tables(results: list[tuple[str, Result]]) -> None:
     """Print the tables of results of one kind, each with its name."""
+    from navsim.report.table import console
     from navsim.report.view import view
 
     kinds = {str(result.attributes["kind"]) for _, result in results}
     if len(kinds) > 1:
         leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
     here = view(kinds.pop())
-    for table in here.tables(results):
-        print_console(table, here.width + here.width_more * (len(results) - 1))
+    print_console(console(here.tables(results)), here.width + here.width_more * (len(results) - 1))
 
 
 def print_console(table: Any, width: int) -> None:

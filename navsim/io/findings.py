@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.io.draft import Draft
 from navsim.io.results import Result, ResultError, Variable
+from navsim.io.schema import FINDINGS, LANDING
 
 FIX, CONSISTENT = "fix", "consistent"
 """What a finding speaks against: that there are fixes (`--require-fix`), that the filter is consistent
@@ -33,24 +35,19 @@ class Finding:
 
 
 def kept(found: list[Finding]) -> dict[str, Variable]:
-    """The group `/findings` of a result."""
-
-    def column(values: list[object], kind: type, units: str, meaning: str) -> Variable:
-        return Variable(("finding",), np.array(values, dtype=kind), units, meaning)
-
-    return {
-        "/findings/finding": column([f.name for f in found], object, "1", "names of what the user must hear about"),
-        "/findings/text": column([f.text for f in found], object, "1", "what was found"),
-        "/findings/against": column(
-            [", ".join(f.against) for f in found], object, "1", "what it speaks against: fix, consistent, or neither"
-        ),
-        "/findings/count": column([f.count for f in found], np.int64, "1", "how many it is about"),
-        "/findings/of": column([f.of for f in found], np.int64, "1", "of how many"),
-        "/findings/runs": column([f.runs for f in found], np.int64, "1", "in how many runs"),
-        "/findings/first": column(
-            [f.first for f in found], np.float64, "s", "time of the first, nan where it has none"
-        ),
-    }
+    """The group `/findings` of a result of any sort."""
+    out = Draft(LANDING)
+    for name, kind, values in (
+        ("finding", object, [f.name for f in found]),
+        ("text", object, [f.text for f in found]),
+        ("against", object, [", ".join(f.against) for f in found]),
+        ("count", np.int64, [f.count for f in found]),
+        ("of", np.int64, [f.of for f in found]),
+        ("runs", np.int64, [f.runs for f in found]),
+        ("first", np.float64, [f.first for f in found]),
+    ):
+        out[f"{FINDINGS}/{name}"] = np.array(values, dtype=kind)
+    return {path: variable for path, variable in out.variables.items() if path.startswith(FINDINGS)}
 
 
 def of(result: Result) -> list[Finding]:

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.io import files
+from navsim.io.schema import CHECKSUMS
 from navsim.io.seal import Damaged, blocks, seal
 from navsim.io.whole import clean, destination, partial_folder, replacing, settle, write_whole
 
@@ -185,8 +186,6 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-_CHECKSUMS = "checksums"
-"""Root attribute of files that carry checksums."""
 CHUNK_BYTES = 524_288
 """Most bytes of a chunk, unless a row has more: half of what HDF5 keeps of a dataset."""
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,39}")
@@ -203,7 +202,6 @@ def write(path: Path, result: Result) -> None:
     in memory and written by plain system calls; for a large one, which is written block by block, the space is
     claimed first.
     """
-    _check_lengths(result)
     size = sum(v.data.nbytes for v in result.variables.values() if isinstance(v.data, Stream))
     try:
         if size < IN_MEMORY:
@@ -243,7 +241,7 @@ def _image(result: Result) -> memoryview:
 
 
 def _fill(file: Any, result: Result) -> None:
-    for name, value in ({_CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"} | result.attributes).items():
+    for name, value in ({CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"} | result.attributes).items():
         _set(file, "/", name, value)
 
     # coordinates first: they create the dimensions their neighbours use
@@ -272,24 +270,6 @@ def _fill(file: Any, result: Result) -> None:
 
 def _is_coordinate(path: str, variable: Variable) -> bool:
     return variable.dims == (path.rsplit("/", 1)[-1],)
-
-
-def _check_lengths(result: Result) -> None:
-    """Raise ResultError where data and its dimensions differ in length, for it would be stored cut or stretched. A
-    dimension is the coordinate of its name, in the variable's group or the nearest above it."""
-    lengths = {path: np.shape(v.data)[0] for path, v in result.variables.items() if _is_coordinate(path, v)}
-    for path, variable in result.variables.items():
-        for dim, length in zip(variable.dims, np.shape(variable.data), strict=True):
-            group = path
-            while group:
-                group = group.rpartition("/")[0]
-                due = lengths.get(f"{group}/{dim}", length)
-                if due != length:
-                    raise ResultError(
-                        f"the result cannot be stored: {path}: {length} values along {dim}, which has {due}"
-                    )
-                if f"{group}/{dim}" in lengths:
-                    break
 
 
 def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:
@@ -334,7 +314,7 @@ def read(path: Path) -> Result:
     that is no result of navsim's, or damaged, now and then."""
     tree = _opened(path)
     with _damage_of(path):
-        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != _CHECKSUMS}
+        attributes = {k: v for k, v in tree.attributes.items() if not k.startswith("_NC") and k != CHECKSUMS}
         return Result(attributes, {name: _variable(path, tree, found) for name, found in tree.datasets.items()})
 
 
@@ -382,7 +362,7 @@ def _opened(path: Path) -> Tree:
             value = tree.attributes[name]
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ResultError(f"{path}: not a navsim result: {name} is {str(value)[:40]!r}")
-        if _CHECKSUMS in tree.attributes and not tree.sealed:
+        if CHECKSUMS in tree.attributes and not tree.sealed:
             raise Damaged("its checksums are gone: cut off, or another program has written to it")
         return tree
 

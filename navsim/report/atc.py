@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report.table import Table, cell, interval
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 _WORDS = {
     "full": "13 states", "adapt": "six groups, variance of the input counted", "fix": "six groups, variance ignored",
@@ -23,32 +22,25 @@ LITTLE = 0.05
 """Decoupling keeps the accuracy where its errors grow by no more than this."""
 
 
-def _cell(values: np.ndarray, scale: float = 1.0, digits: int = 2) -> str:
-    value, low, high = values * scale
-    return "-" if np.isnan(value) else f"{value:.{digits}f}  [{low:.{digits}f}, {high:.{digits}f}]"
-
-
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """RMSE of range by case, filter and phase; ratios; verdicts; counts."""
-    from rich.console import Group
-
     names = [str(n) for n in result["/state"]]
     rmse, ratios = result["/summary/rmse"], result["/summary/decoupled_to_full"]
-    parts: list[RenderableType] = []
+    parts: list[Table | str] = []
     heads = ("filter", "", "D manoeuvre, m", "D' manoeuvre, m/s", "D straight, m", "azimuth man., deg")
+    azimuth = names.index("azimuth")
     for c, case in enumerate(result["/case"]):
-        errors = titled_table(f"{_in_words(case)}: RMSE [95 %]", *heads)
-        azimuth = names.index("azimuth")
+        errors = Table(f"{_in_words(case)}: RMSE [95 %]", heads)
         for f, name in enumerate(result["/filter"]):
-            errors.add_row(
-                str(name), _WORDS[str(name)], _cell(rmse[c, f, 0, 0]), _cell(rmse[c, f, 0, 1], digits=3),
-                _cell(rmse[c, f, 1, 0]), _cell(rmse[c, f, 0, azimuth], 180.0 / np.pi, 4),
+            errors.add(
+                str(name), _WORDS[str(name)], interval(rmse[c, f, 0, 0], 2), interval(rmse[c, f, 0, 1], 3),
+                interval(rmse[c, f, 1, 0], 2), interval(rmse[c, f, 0, azimuth], 4, 180.0 / np.pi),
             )  # fmt: skip
         parts.append(errors)
-    kept = titled_table(
+    kept = Table(
         "Does decoupling keep the accuracy? RMSE of adapt over full in the manoeuvre [95 %]",
-        "case", "D", "D'", "pairs V, th, phi, ev, eg", "verdict",
-    )  # fmt: skip
+        ("case", "D", "D'", "pairs V, th, phi, ev, eg", "verdict"),
+    )
     levels = [names.index(n) for n in ("speed", *_DEGREES)]
     for c, case in enumerate(result["/case"]):
         pairs = ratios[c, 0, 0, levels, 0]
@@ -58,12 +50,12 @@ def console(result: Result) -> RenderableType:
             (True, True): "yes", (True, False): "for the pairs, not for the range",
             (False, True): "for the range, not for the pairs", (False, False): "no",
         }[kept_pairs, kept_range]  # fmt: skip
-        spread = f"{pairs.min():.3f} to {pairs.max():.3f}"
-        kept.add_row(_in_words(case), _cell(range_, digits=3), _cell(rate, digits=3), spread, verdict)
+        spread = cell("{:.3f} to {:.3f}", float(pairs.min()), float(pairs.max()))
+        kept.add(_in_words(case), interval(range_, 3), interval(rate, 3), spread, verdict)
     parts.append(kept)
-    gain = titled_table("Singer over adapt in the manoeuvre [95 %]", "case", "D", "D'")
+    gain = Table("Singer over adapt in the manoeuvre [95 %]", ("case", "D", "D'"))
     for c, case in enumerate(result["/case"]):
-        gain.add_row(_in_words(case), *(_cell(x, digits=3) for x in result["/summary/singer_to_adapt"][c, 0]))
+        gain.add(_in_words(case), *(interval(x, 3) for x in result["/summary/singer_to_adapt"][c, 0]))
     parts.append(gain)
     full, groups = int(result["/summary/multiplications_full"]), int(result["/summary/multiplications_decoupled"])
     stored = int(result["/summary/stored_full"]), int(result["/summary/stored_decoupled"])
@@ -73,7 +65,7 @@ def console(result: Result) -> RenderableType:
         "rates of the line of sight are noises of their own in it, though they follow from V, th, phi and D. The "
         "Cartesian filter uses that."
     )
-    return Group(*parts)
+    return parts
 
 
 _COLOURS = {"singer": "#999999", "fix": "#0072B2", "adapt": "#D55E00", "full": "#009E73", "cartesian": "#CC79A7"}
@@ -145,4 +137,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": _errors(result), "ratios": _ratios(result)}
 
 
-VIEW = View(one_by_one(console), 150, figures, ("/summary", "/limits"))
+VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits"))

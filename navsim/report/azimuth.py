@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report.table import Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 _WORDS = {
     "L1": "the paper's (14), literally",
@@ -24,43 +23,36 @@ CLAIM = (1.5, 1.8)
 """What the paper claims: 1.5 to 1.8 times smaller errors."""
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
-    from rich.console import Group
-
     words = _words(result)
     periods = result["/period"]
-    parts: list[RenderableType] = []
+    parts: list[Table | str] = []
     for i, period in enumerate(periods):
-        errors = titled_table(
-            f"T = {period:g} s: azimuth RMSE, deg [95 %]", "filter", "", "manoeuvre", "straight", "NIS, man. / straight"
+        errors = Table(
+            f"T = {period:g} s: azimuth RMSE, deg [95 %]",
+            ("filter", "", "manoeuvre", "straight", "NIS, man. / straight"),
         )
         for f, name in enumerate(result["/filter"]):
-            cells = [f"{value:.4f}  [{low:.4f}, {high:.4f}]" for value, low, high in result["/summary/rmse"][i, f]]
-            nis = "{:.2f} / {:.2f}".format(*result["/summary/nis"][i, f])
-            errors.add_row(str(name), words[str(name)], *cells, nis)
+            cells = [interval(values, 4) for values in result["/summary/rmse"][i, f]]
+            nis = cell("{:.2f} / {:.2f}", *map(float, result["/summary/nis"][i, f]))
+            errors.add(str(name), words[str(name)], *cells, nis)
         parts.append(errors)
-    claim = titled_table(
+    claim = Table(
         f"The paper: {CLAIM[0]:g} to {CLAIM[1]:g} times smaller in the manoeuvre",
-        "T, s",
-        "S1 / L4",
-        "S2 / L4",
-        "verdict",
+        ("T, s", "S1 / L4", "S2 / L4", "verdict"),
     )
     for i, period in enumerate(periods):
         values = result["/summary/ratio_to_l4"][i, :, 0]
         met = all(CLAIM[0] <= value <= CLAIM[1] for value in values[:, 0])
-        claim.add_row(
-            f"{period:g}", *(f"{value:.3f}  [{low:.3f}, {high:.3f}]" for value, low, high in values),
-            "met by the rigorous acceleration" if met else "not met",
-        )  # fmt: skip
+        verdict = "met by the rigorous acceleration" if met else "not met"
+        claim.add(cell("{:g}", float(period)), *(interval(each, 3) for each in values), verdict)
     parts.append(claim)
-    ages = titled_table(
-        "L4 in the manoeuvre by age of reports, deg", "T, s", "age, s", "unknown to the filter", "stamped"
-    )
+    ages = Table("L4 in the manoeuvre by age of reports, deg", ("T, s", "age, s", "unknown to the filter", "stamped"))
     for i, period in enumerate(periods):
         for j, late in enumerate(result["/latency"]):
-            ages.add_row(f"{period:g}", f"{late:g}", *(f"{x:.4f}" for x in result["/summary/latency_rmse"][i, j]))
+            both = (number(x, 4) for x in result["/summary/latency_rmse"][i, j])
+            ages.add(cell("{:g}", float(period)), cell("{:g}", float(late)), *both)
     parts.append(ages)
     rms = result["/summary/acceleration_rms"]
     than_zero = "more" if rms[0, 1] > rms[0, 0] else "less"
@@ -70,7 +62,7 @@ def console(result: Result) -> RenderableType:
         f"that of assuming zero; that of the tangential component without Coriolis is {rms[0, 2]:.4f}. Mode S does not "
         "carry load factors: roll and track rate of BDS 5,0 do as well."
     )
-    return Group(*parts)
+    return parts
 
 
 def _words(result: Result) -> dict[str, str]:
@@ -181,4 +173,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return out
 
 
-VIEW = View(one_by_one(console), 130, figures, ("/summary", "/map"))
+VIEW = View(one_by_one(tables), 130, figures, ("/summary", "/map"))

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.tables import setting, titled_table
+from navsim.report.table import Table, cell, number
+from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 _BAND_WORDS = {
     "std_theory": "standard deviation within {} of the filter's",
@@ -26,55 +26,53 @@ def _half_width(result: Result) -> float:
     return float(setting(result, "montecarlo", "band"))
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """Steady state, the bands with their exact chances, the nominal run, the audit of the paper."""
-    from rich.console import Group
-
     p, k = result["/filter/steady_covariance"], result["/filter/steady_gain"]
-    steady = titled_table("Filter in the limit", "sd of beta, deg", "P11, deg2", "P12", "P22", "K1", "K2, 1/s")
+    steady = Table("Filter in the limit", ("sd of beta, deg", "P11, deg2", "P12", "P22", "K1", "K2, 1/s"))
     values = (np.sqrt(p[0, 0]), p[0, 0], p[0, 1], p[1, 1], k[0], k[1])
-    steady.add_row(*(f"{value:.6g}" for value in values))
+    steady.add(*(cell("{:.6g}", float(value)) for value in values))
 
     runs, inside = int(result["/montecarlo/runs"]), result["/montecarlo/fraction_in_band"]
-    proof = titled_table(
+    proof = Table(
         f"Monte Carlo: {len(inside)} experiments of {runs} runs; share of steps with beta inside the band",
-        "band", "exact chance", "mean of experiments", "first experiment", "spread", "runs needed",
-    )  # fmt: skip
+        ("band", "exact chance", "mean of experiments", "first experiment", "spread", "runs needed"),
+    )
     for b, band in enumerate(result["/band"]):
-        proof.add_row(
+        proof.add(
             _BAND_WORDS[str(band)].format(f"±{100 * _half_width(result):g} %"),
-            f"{result['/band_theory/coverage'][b]:.4f}",
-            f"{inside[:, b].mean():.4f}",
-            f"{inside[0, b]:.3f}",
-            f"{inside[:, b].std():.3f}",
-            str(int(result["/band_theory/runs_needed"][b])),
+            number(result["/band_theory/coverage"][b], 4),
+            number(inside[:, b].mean(), 4),
+            number(inside[0, b]),
+            number(inside[:, b].std()),
+            cell("{}", int(result["/band_theory/runs_needed"][b])),
         )
-    proof.add_row("NEES / states, NIS", "1", f"{float(result['/montecarlo/nees']) / p.shape[0]:.4f}, "
-                  f"{float(result['/montecarlo/nis']):.4f}", "", "", "")  # fmt: skip
+    nees, nis = float(result["/montecarlo/nees"]) / p.shape[0], float(result["/montecarlo/nis"])
+    proof.add("NEES / states, NIS", "1", cell("{:.4f}, {:.4f}", nees, nis))
 
-    flown = titled_table(
+    flown = Table(
         "Nominal approach, truth by closed forms (adequacy)",
-        "Q, (deg/s)²", "peak of the bias, deg", "at, s", "worst RMSE, deg",
-    )  # fmt: skip
+        ("Q, (deg/s)²", "peak of the bias, deg", "at, s", "worst RMSE, deg"),
+    )
     for i, q in enumerate(result["/nominal/rate_variance"]):
-        flown.add_row(
-            f"{q:.6g}", f"{result['/nominal/peak_bias'][i]:.6f}", f"{result['/nominal/peak_time'][i]:.4f}",
-            f"{result['/nominal/worst_rmse'][i]:.5f}",
-        )  # fmt: skip
+        flown.add(
+            cell("{:.6g}", float(q)),
+            number(result["/nominal/peak_bias"][i], 6),
+            number(result["/nominal/peak_time"][i], 4),
+            number(result["/nominal/worst_rmse"][i], 5),
+        )
 
-    checked = titled_table("The paper's numbers", "statement", "published", "computed", "unit", "verdict")
+    checked = Table("The paper's numbers", ("statement", "published", "computed", "unit", "verdict"))
     for i, statement in enumerate(result["/audit/statement"]):
-        checked.add_row(
-            str(statement), f"{result['/audit/published'][i]:.6g}", f"{result['/audit/computed'][i]:.6g}",
-            str(result["/audit/unit"][i]), str(result["/audit/verdict"][i]),
-        )  # fmt: skip
+        both = [cell("{:.6g}", float(result[f"/audit/{which}"][i])) for which in ("published", "computed")]
+        checked.add(str(statement), *both, str(result["/audit/unit"][i]), str(result["/audit/verdict"][i]))
     sure = float(setting(result, "montecarlo", "confidence"))
     note = (
         "Truth and filter share a model in the Monte Carlo: it proves the code, not that the model is adequate; the "
         f"nominal run does. Errors are correlated over steps, so a single experiment cannot confirm "
         f"a confidence of {sure:g}."
     )
-    return Group(steady, proof, flown, checked, note)
+    return [steady, proof, flown, checked, note]
 
 
 def _approach(result: Result) -> Figure:
@@ -152,7 +150,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 _SUMMARY = ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/audit")
 VIEW = View(
-    one_by_one(console),
+    one_by_one(tables),
     140,
     figures,
     _SUMMARY,

@@ -7,27 +7,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report.table import Table, cell
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """Counts of the stream, accuracy against the scenario's truth."""
-    from rich.console import Group
-
-    stream = titled_table(f"Stream in place of the {result.attributes['replaced_block']}", "messages", "count")
+    stream = Table(f"Stream in place of the {result.attributes['replaced_block']}", ("messages", "count"))
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/stream/"):
-            stream.add_row(variable.long_name, str(int(np.asarray(variable.data))))
+            stream.add(variable.long_name, cell("{}", int(np.asarray(variable.data))))
     rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
-    said = f"rms position error N E D over the last 20 s: {rms} m; NIS per degree {float(result['/summary/nis']):.2f}"
+    said = f"rms position error N E D over the last 20 s: {rms} m; NIS per degree {result['/summary/nis'][0]:.2f}"
     offset, base = float(result["/clock/offset"]), result.attributes["clock"]
     clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"
-    return Group(stream, said, clock, f"verdict: {result.attributes['verdict']}")
+    return [stream, said, clock, f"verdict: {result.attributes['verdict']}"]
 
 
 def figures(result: Result) -> dict[str, Figure]:
@@ -48,4 +45,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": fig}
 
 
-VIEW = View(one_by_one(console), 100, figures, ("/summary", "/stream", "/clock"))
+VIEW = View(one_by_one(tables), 100, figures, ("/summary", "/stream", "/clock"))

@@ -8,56 +8,55 @@ import numpy as np
 import yaml
 
 from navsim.io.results import Result
-from navsim.report.tables import setting, titled_table
+from navsim.report.table import ABSENT, Cell, Table, cell, number
+from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 
-def _reach(values: np.ndarray) -> str:
+def _reach(values: np.ndarray) -> Cell | str:
     """Distances by bearing as least and largest; a bearing that area or rules end has no bound."""
     known = values[np.isfinite(values)]
     if not known.size:
-        return "-"
-    return f"{known.min():.0f} - {known.max():.0f}" + ("" if known.size == values.size else " *")
+        return ABSENT
+    return cell("{:.0f} - {:.0f}" + ("" if known.size == values.size else " *"), float(known.min()), float(known.max()))
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """The front, and every placement with its neighbourhood."""
-    from rich.console import Group
-
     name = str(result.attributes["objective"])
     variable = result.variables["/front/objective"]
     none = variable.attributes["without_pseudolites"]
     heads = ("pseudolites", "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
-    front = titled_table(f"{name}: {variable.long_name}", *heads)
-    front.add_row("0", f"{none:.4f}", "", *[""] * 5)
+    front = Table(f"{name}: {variable.long_name}", heads)
+    front.add("0", f"{none:.4f}")
     for i, count in enumerate(result["/pseudolites"]):
         value = result["/front/objective"][i]
-        gain = f"{100 * (1 - value / none):.1f} %" if np.isfinite(none) else "-"
-        dops = [f"{result[f'/optimum/{dop}'][i]:.3f}" for dop in ("pdop", "hdop", "vdop")]
-        tried = f"{int(result['/front/evaluations'][i])}" + (" (all)" if result["/front/every_choice"][i] else "")
+        gain = cell("{:.1f} %", 100 * (1 - value / none)) if np.isfinite(none) else ABSENT
+        dops = [number(result[f"/optimum/{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
+        tried = "{} (all)" if result["/front/every_choice"][i] else "{}"
         tried += "" if result["/front/finished"][i] else " (stopped)"
         margin = result["/optimum/violation"][i]
-        room = "none given" if np.isneginf(margin) else f"{-margin:.2f} left"
-        front.add_row(str(int(count)), f"{value:.4f}", gain, *dops, tried, room)
+        room = "none given" if np.isneginf(margin) else cell("{:.2f} left", float(-margin))
+        evaluations = cell(tried, int(result["/front/evaluations"][i]))
+        front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room)
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
-    places = titled_table(
+    places = Table(
         "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
         "area or rules in some)",
-        "of", "pseudolite", "s, m", "l1, m", "latitude, °", "longitude, °", *losses,
-    )  # fmt: skip
+        ("of", "pseudolite", "s, m", "l1, m", "latitude, °", "longitude, °", *losses),
+    )
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):
-            angles = [f"{np.degrees(result[f'/optimum/{axis}'][i, k]):.7f}" for axis in ("latitude", "longitude")]
+            angles = [number(np.degrees(result[f"/optimum/{axis}"][i, k]), 7) for axis in ("latitude", "longitude")]
             explored = result["/optimum/explored"][i]
             around = result["/optimum/neighbourhood"][i, k]
             reach = [_reach(row) if explored else "not computed" for row in around]
-            where = [f"{result[f'/optimum/{axis}'][i, k]:.2f}" for axis in ("s", "l1")]
-            places.add_row(str(int(count)), f"PL{k + 1}", *where, *angles, *reach)
-    return Group(front, places)
+            where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
+            places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
+    return [front, places]
 
 
 def plain(result: Result) -> dict[str, Any]:
@@ -167,4 +166,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"plan": plan(result), "front": front(result)}
 
 
-VIEW = View(one_by_one(console), 140, figures, plain=plain)
+VIEW = View(one_by_one(tables), 140, figures, plain=plain)

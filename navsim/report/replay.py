@@ -8,54 +8,42 @@ import numpy as np
 
 from navsim.core import wgs84
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report.table import Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """Innovations, what was tuned, drift without fixes."""
-    from rich.console import Group
-
-    fixes = [str(name) for name in result["/summary/fixes"]]
-    seen = titled_table("Innovations, rms", "fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree")
-    for i, name in enumerate(fixes):
-        position = "  ".join(f"{x:.2f}" for x in result["/summary/innovation_position"][i])
-        velocity = "  ".join(_known(x, 3) for x in result["/summary/innovation_velocity"][i])
-        seen.add_row(name, position, velocity, f"{result['/summary/nis'][i]:.2f}")
-    tuned = titled_table("Noise and latency", "what", "value", "unit", "from")
+    seen = Table("Innovations, rms", ("fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree"))
+    for i, name in enumerate(result["/summary/fixes"]):
+        position = numbers(result["/summary/innovation_position"][i], 2)
+        velocity = numbers(result["/summary/innovation_velocity"][i], 3)
+        seen.add(str(name), position, velocity, number(result["/summary/nis"][i], 2))
+    tuned = Table("Noise and latency", ("what", "value", "unit", "from"))
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
-            what, _, origin = variable.long_name.rpartition(", ")
-            tuned.add_row(what, f"{float(np.asarray(variable.data)):.4g}", variable.units, origin)
+            value = cell("{:.4g}", float(np.asarray(variable.data)))
+            tuned.add(variable.long_name, value, variable.units, str(variable.attributes["origin"]))
     alignment = result.attributes
     sigma = np.asarray(alignment["alignment_sigma_deg"])
     begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
     counts = {n: int(result[f"/summary/count/{n}"]) for n in ("samples", "fixes", "rejected", "gaps")}
     said = (
         f"aligned at {begin:.2f} s with data up to {until:.2f} s: tilt to {max(sigma[:2]):.1f}, heading to "
-        f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{number} {name}" for name, number in counts.items())
+        f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{count} {name}" for name, count in counts.items())
     )
     if not result["/outages/start"].size:
-        return Group(seen, tuned, said)
-    lost = titled_table("Horizontal drift without fixes, m", "length, s", "outages", "median", "largest")
+        return [seen, tuned, said]
+    lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))
     length = result["/outages/end"] - result["/outages/start"]
     for i, duration in enumerate(result["/summary/duration"]):
         known = np.isfinite(result["/outages/horizontal_error"][np.abs(length - duration) < 1e-6])
-        lost.add_row(
-            f"{duration:g}",
-            str(int(known.sum())),
-            _known(result["/summary/drift_median"][i], 1),
-            _known(result["/summary/drift_max"][i], 1),
-        )
-    return Group(seen, tuned, lost, said)
-
-
-def _known(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+        drift = [number(result[f"/summary/drift_{name}"][i], 1) for name in ("median", "max")]
+        lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift)
+    return [seen, tuned, lost, said]
 
 
 def _local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
@@ -69,7 +57,7 @@ def _track(result: Result) -> Figure:
 
     fig = new_figure(2 * COLUMN, 3.6)
     plan, profile = fig.subplots(1, 2, width_ratios=[3, 2])
-    llh, fixes = result["/filter/position_llh"], result["/gnss/position_llh"]
+    llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
     dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
     for positions, style in ((fixes, dots),
                              (llh, {"color": COLOURS[0], "label": "filter (IMU)"})):  # fmt: skip
@@ -78,7 +66,7 @@ def _track(result: Result) -> Figure:
     plan.set_xlabel("east, m")
     plan.set_ylabel("north, m")
     legend_above(fig, plan, 2)
-    profile.plot(result["/gnss/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
+    profile.plot(result["/receiver/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
     profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
     profile.set_xlabel("time, s")
     profile.set_ylabel("height, m")
@@ -173,4 +161,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return drawn
 
 
-VIEW = View(one_by_one(console), 110, figures, ("/summary", "/tuning", "/outages"))
+VIEW = View(one_by_one(tables), 110, figures, ("/summary", "/tuning", "/outages"))

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.report import table
+from navsim.report.table import Table, cell, plain
 from navsim.report.tables import setting as scenario_setting
-from navsim.report.tables import titled_table
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 _MOST_PANELS = 4
 
@@ -49,19 +47,9 @@ def csv_text(result: Result) -> str:
     """One row a combination: the varied keys, then the outputs."""
     names, columns = list(keys(result)), outputs(result)
     cubes = [result[f"/sweep/{name}"] for name in columns]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*names, *columns])
-    for index in np.ndindex(*cubes[0].shape):
-        place = [_plain(setting(result, name, index)) for name in names]
-        writer.writerow([*place, *(_plain(cube[index]) for cube in cubes)])
-    return out.getvalue()
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, (float, np.floating)):
-        return "" if np.isnan(value) else f"{float(value):.10g}"
-    return str(value)
+    indices = np.ndindex(*cubes[0].shape)
+    rows = ([*(setting(result, name, i) for name in names), *(cube[i] for cube in cubes)] for i in indices)
+    return table.csv_text([*names, *columns], rows)
 
 
 def best(cube: np.ndarray) -> tuple[int, ...] | None:
@@ -84,30 +72,27 @@ def at_ends(result: Result, index: tuple[int, ...]) -> list[str]:
     return out
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """The best combination for each output, with the range of values."""
     names = list(keys(result))
     combinations = int(result.attributes["combinations"])
-    method = result.attributes["method"]
-    title = f"{combinations} combinations, method {method}; the best for each output"
-    table = titled_table(title, "output", "smallest", "median", "largest", *(f"best {name}" for name in names))
-    marked = False
+    title = f"{combinations} combinations, method {result.attributes['method']}; the best for each output"
+    out = Table(title, ("output", "smallest", "median", "largest", *(f"best {name}" for name in names)))
     for name in outputs(result):
         if name.endswith(("_low", "_high")):
             continue
         cube = result[f"/sweep/{name}"]
         index = best(cube)
         if index is None:
-            table.add_row(name, "-", "-", "-")
+            out.add(name, table.ABSENT, table.ABSENT, table.ABSENT)
             continue
-        spread = [f"{value:.4g}" for value in (np.nanmin(cube), np.nanmedian(cube), np.nanmax(cube))]
+        spread = [cell("{:.4g}", float(value)) for value in (np.nanmin(cube), np.nanmedian(cube), np.nanmax(cube))]
         ends = at_ends(result, index)
-        marked = marked or bool(ends)
-        cells = (_plain(setting(result, key, index)) + (" *" if key in ends else "") for key in names)
-        table.add_row(name, *spread, *cells)
-    if marked:
-        table.caption = "* the end of its range: the best may lie beyond"
-    return table
+        if ends:
+            out.notes = "* the end of its range: the best may lie beyond"
+        places = (cell("{} *" if key in ends else "{}", plain(setting(result, key, index))) for key in names)
+        out.add(name, *spread, *places)
+    return [out]
 
 
 def best_plain(result: Result) -> dict[str, object]:
@@ -208,7 +193,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
                 along, right, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best", clip_on=False,
                 zorder=5,
             )  # fmt: skip
-            text = ", ".join(f"{dims[axis]} = {_plain(_axis_value(result, axis, i))}"
+            text = ", ".join(f"{dims[axis]} = {plain(_axis_value(result, axis, i))}"
                              for axis, i in zip(others, panel, strict=True))  # fmt: skip
             index = [0] * cube.ndim
             for axis, i in (*zip(others, panel, strict=True), *zip(plane, here, strict=True)):
@@ -309,7 +294,7 @@ def _curves(result: Result, name: str, cube: np.ndarray) -> Figure:
     at = x if numeric else np.arange(x.size)
     for row, colour in zip(chosen, COLOURS, strict=False):
         index = np.unravel_index(int(row), shapes) if shapes else ()
-        label = ", ".join(f"{d} = {_plain(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
+        label = ", ".join(f"{d} = {plain(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
         scattered = members and len(members) > 1
         ax.plot(at, rows[row], "." if scattered else ".-", ms=3, lw=0.8, color=colour, label=label or None)
     if not numeric:
@@ -326,4 +311,4 @@ def _texts(result: Result, target: Path) -> dict[Path, str]:
     return {target.with_suffix(".csv"): csv_text(result)}
 
 
-VIEW = View(one_by_one(console), 150, figures, plain=best_plain, texts=_texts)
+VIEW = View(one_by_one(tables), 150, figures, plain=best_plain, texts=_texts)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.tables import titled_table
+from navsim.report import table
+from navsim.report.table import Cell, Table, cell, number
 from navsim.report.view import View, one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
-    from rich.table import Table
 
 COLUMNS = ("pdop", "hdop", "vdop", "rms_horizontal_m", "rms_vertical_m", "error_horizontal_m")
 _HEADS = (
@@ -55,31 +52,21 @@ def csv_text(result: Result, calibration: int) -> str:
     """One calibration as CSV: a row a case, every quantity computed and published."""
     computed, published = cells(result, calibration)
     interval = result["/table/error_horizontal"][calibration]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     quantities = [head for name in COLUMNS for head in (name, f"{name}_published")]
-    writer.writerow(["pseudolites", "s_m", "l1_m", *quantities, "error_horizontal_m_low", "error_horizontal_m_high"])
+    heads = ["pseudolites", "s_m", "l1_m", *quantities, "error_horizontal_m_low", "error_horizontal_m_high"]
+    rows = []
     for i in range(computed.shape[0]):
-        place = [_plain(result["/table/s"][i]), _plain(result["/table/l1"][i])]
-        values = [_plain(x) for pair in zip(computed[i], published[i], strict=True) for x in pair]
-        writer.writerow([int(result["/table/pseudolites"][i]), *place, *values, *map(_plain, interval[i, 1:])])
-    return out.getvalue()
-
-
-def _plain(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.10g}"
+        place = [int(result["/table/pseudolites"][i]), result["/table/s"][i], result["/table/l1"][i]]
+        rows.append([*place, *np.stack([computed[i], published[i]], axis=1).ravel(), *interval[i, 1:]])
+    return table.csv_text(heads, rows)
 
 
 def approach_csv(result: Result) -> str:
     """The numbers behind the figures: PDOP and horizontal error over the approach."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     counts = [int(n) for n in result["/approach/pseudolites"]]
-    writer.writerow(["time_s", *(f"pdop_{n}_pl" for n in counts), *(f"rms_horizontal_m_{n}_pl" for n in counts)])
-    for i, when in enumerate(result["/approach/time"]):
-        values = [*result["/approach/pdop"][:, i], *result["/approach/rms_horizontal"][:, i]]
-        writer.writerow([_plain(when), *map(_plain, values)])
-    return out.getvalue()
+    heads = ["time_s", *(f"pdop_{n}_pl" for n in counts), *(f"rms_horizontal_m_{n}_pl" for n in counts)]
+    curves = [*result["/approach/pdop"], *result["/approach/rms_horizontal"]]
+    return table.csv_text(heads, np.column_stack([result["/approach/time"], *curves]))
 
 
 def _case(result: Result, i: int) -> str:
@@ -87,64 +74,65 @@ def _case(result: Result, i: int) -> str:
     return f"{count} PL {result['/table/s'][i]:g}/{result['/table/l1'][i]:g}" if count else "GNSS alone"
 
 
-def _side_by_side(computed: float, published: float, digits: int) -> str:
+def _side_by_side(computed: float, published: float, digits: int) -> Cell:
     if np.isnan(published):
-        return f"{computed:.{digits}f}"
-    return f"{published:g} → {computed:.{digits}f} ({100 * (computed / published - 1):+.1f} %)"
+        return number(computed, digits)
+    difference = 100 * (computed / published - 1)
+    return cell(f"{{:g}} → {{:.{digits}f}} ({{:+.1f}} %)", float(published), float(computed), float(difference))
 
 
-def _rows(result: Result, calibration: int) -> list[list[str]]:
+def _compared(result: Result, calibration: int, title: str = "") -> Table:
+    """Published and computed cells of a calibration."""
     computed, published = cells(result, calibration)
-    interval = result["/table/error_horizontal"][calibration]
-    rows = []
-    for i in range(computed.shape[0]):
+    out = Table(title, ("case", *_HEADS))
+    for i, interval in enumerate(result["/table/error_horizontal"][calibration]):
         texts = [
             _side_by_side(c, p, 3 if j == 5 else 2)
             for j, (c, p) in enumerate(zip(computed[i], published[i], strict=True))
         ]
-        texts[5] += f" [{interval[i, 1]:.3f}, {interval[i, 2]:.3f}]"
-        rows.append([_case(result, i), *texts])
-    return rows
+        last = texts.pop()
+        error = cell(last.pattern + " [{:.3f}, {:.3f}]", *last.values, float(interval[1]), float(interval[2]))
+        out.add(_case(result, i), *texts, error)
+    return out
 
 
-def _other_dops(result: Result, calibration: int) -> tuple[str, list[list[str]]]:
-    """The DOPs that do not stand in the table: weighted ones beside unit-weight ones, or the reverse."""
+def _other_dops(result: Result, calibration: int) -> tuple[str, Table]:
+    """The DOPs that do not stand in the table: weighted ones beside unit-weight ones, or the reverse; and their
+    name."""
     weighted = bool(result["/fit/weighted"][calibration])
-    group = "table" if weighted else "weighted"
-    name = "unit-weight" if weighted else "weighted"
-    rows = [
-        [_case(result, i), *(f"{result[f'/{group}/{dop}'][calibration, i, 0]:.3f}" for dop in COLUMNS[:3])]
-        for i in range(result["/case"].size)
-    ]
-    return name, rows
+    group, name = ("table", "unit-weight") if weighted else ("weighted", "weighted")
+    out = Table(f"The same with {name} DOPs", ("case", *_HEADS[:3]))
+    for i in range(result["/case"].size):
+        out.add(_case(result, i), *(number(result[f"/{group}/{dop}"][calibration, i, 0]) for dop in COLUMNS[:3]))
+    return name, out
 
 
-def _fit(result: Result, c: int) -> list[str]:
-    fit = [f"{100 * result[f'/fit/{name}'][c]:.1f}" for name in ("dop_rms", "dop_max", "sko_rms", "sko_max")]
-    return [
-        f"{result['/fit/letter'][c]}  {result['/calibration'][c]}",
-        str(int(result["/fit/parameters"][c])),
-        f"{fit[0]} / {fit[1]}",
-        f"{fit[2]} / {fit[3]}",
-        str(result["/fit/meaning"][c]),
-    ]
+def _fits(result: Result) -> Table:
+    heads = ("calibration", "parameters", "DOP rms / max, %", "SKO rms / max, %", "what was fitted")
+    out = Table("All calibrations", heads)
+    for c, name in enumerate(result["/calibration"]):
+        fit = {
+            which: 100.0 * float(result[f"/fit/{which}"][c]) for which in ("dop_rms", "dop_max", "sko_rms", "sko_max")
+        }
+        out.add(
+            f"{result['/fit/letter'][c]}  {name}",
+            cell("{}", int(result["/fit/parameters"][c])),
+            cell("{:.1f} / {:.1f}", fit["dop_rms"], fit["dop_max"]),
+            cell("{:.1f} / {:.1f}", fit["sko_rms"], fit["sko_max"]),
+            str(result["/fit/meaning"][c]),
+        )
+    return out
 
 
-_FIT_HEADS = ("calibration", "parameters", "DOP rms / max, %", "SKO rms / max, %", "what was fitted")
-
-
-def _claims(result: Result) -> list[list[str]]:
-    rows = []
+def _claims(result: Result) -> Table:
+    out = Table("Claims", ("claim", "the paper says", "computed", "why"), lines=True)
     for i, name in enumerate(result["/claims/claim"]):
         verdicts = [
             f"{result['/fit/letter'][c]}: {result['/claims/computed'][c, i]}, {'holds' if holds else 'fails'}"
             for c, holds in enumerate(result["/claims/holds"][:, i])
         ]
-        rows.append([str(name), str(result["/claims/says"][i]), "\n".join(verdicts), str(result["/claims/reason"][i])])
-    return rows
-
-
-_CLAIM_HEADS = ("claim", "the paper says", "computed", "why")
+        out.add(str(name), str(result["/claims/says"][i]), "\n".join(verdicts), str(result["/claims/reason"][i]))
+    return out
 
 
 def contradiction(result: Result) -> str:
@@ -158,34 +146,15 @@ def contradiction(result: Result) -> str:
     )
 
 
-def console(result: Result) -> RenderableType:
+def tables(result: Result) -> list[Table | str]:
     """Everything, for the terminal."""
-    from rich.console import Group
-
-    def table(title: str, heads: tuple[str, ...], rows: list[list[str]], lines: bool = False) -> Table:
-        out = titled_table(title, *heads, lines=lines)
-        for row in rows:
-            out.add_row(*row)
-        return out
-
-    name, other = _other_dops(result, 0)
     title = f"Table 2: published → computed (difference), calibration {result['/fit/letter'][0]}"
-    return Group(
-        table(title, ("case", *_HEADS), _rows(result, 0)),
-        table(f"The same with {name} DOPs", ("case", *_HEADS[:3]), other),
-        table("All calibrations", _FIT_HEADS, [_fit(result, c) for c in range(result["/calibration"].size)]),
-        table("Claims", _CLAIM_HEADS, _claims(result), lines=True),
-        "\n".join(f"- {note}" for note in (contradiction(result), *NOTES)),
-    )
+    notes = "\n".join(f"- {note}" for note in (contradiction(result), *NOTES))
+    return [_compared(result, 0, title), _other_dops(result, 0)[1], _fits(result), _claims(result), notes]
 
 
 def markdown(result: Result) -> str:
     """Everything, as a Markdown page."""
-
-    def table(heads: tuple[str, ...], rows: list[list[str]]) -> list[str]:
-        lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
-        return [*lines, *(f"| {' | '.join(cell.replace(chr(10), '<br>') for cell in row)} |" for row in rows), ""]
-
     runs = int(result.variables["/table/error_horizontal"].attributes["runs"])
     lines = [
         "# Table 2 of the landing paper, published and computed",
@@ -195,12 +164,11 @@ def markdown(result: Result) -> str:
     ]
     for c, name in enumerate(result["/calibration"]):
         lines += [f"## Calibration {result['/fit/letter'][c]}: {result['/fit/meaning'][c]} (`{name}`)", ""]
-        lines += table(("case", *_HEADS), _rows(result, c))
-        other, rows = _other_dops(result, c)
-        lines += [f"With {other} DOPs:", "", *table(("case", *_HEADS[:3]), rows)]
-    fits = [_fit(result, c) for c in range(result["/calibration"].size)]
-    lines += ["## How close", "", *table(_FIT_HEADS, fits)]
-    lines += ["## Claims", "", *table(_CLAIM_HEADS, _claims(result))]
+        lines += table.markdown(_compared(result, c))
+        which, other = _other_dops(result, c)
+        lines += [f"With {which} DOPs:", "", *table.markdown(other)]
+    lines += ["## How close", "", *table.markdown(_fits(result))]
+    lines += ["## Claims", "", *table.markdown(_claims(result))]
     lines += ["## Notes", "", *(f"- {note}" for note in (contradiction(result), *NOTES)), ""]
     return "\n".join(lines)
 
@@ -235,4 +203,4 @@ def texts(result: Result, target: Path) -> dict[Path, str]:
     return {target.with_name(name): text for name, text in out.items()}
 
 
-VIEW = View(one_by_one(console), 170, figures, ("/fit", "/claims", "/table"), texts=texts)
+VIEW = View(one_by_one(tables), 170, figures, ("/fit", "/claims", "/table"), texts=texts)

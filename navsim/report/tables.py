@@ -1,26 +1,19 @@
-"""The summary of results as rich tables and as plain data for JSON."""
+"""The summary of landings as a table, and of all results as plain data for JSON."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from navsim.io.results import Result
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-    from rich.table import Table
+from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 
 FINDINGS = "/findings/"
 """Where a result keeps what its user must hear about."""
 _DEGREE = 180.0 / math.pi
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return "-" if not np.isfinite(value) else f"{value:.{digits}f}"
 
 
 def setting(result: Result, *keys: str) -> Any:
@@ -48,20 +41,19 @@ def single(result: Result) -> bool:
     return result["/run"].size == 1 and result.attributes["method"] != "covariance"
 
 
-def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: np.ndarray | None = None) -> str:
+def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: np.ndarray | None = None) -> Cell:
     """An error beside the filter's sigma: of one run without an interval, with its `sign` where it is given."""
-    value, low, high = np.asarray(values) * scale
-    if not np.isfinite(value):
-        return "-"
-    shown = _number(value)
+    value, low, high = (float(x) for x in np.asarray(values) * scale)
+    believed = float(sigma) * scale
     if sign is not None:
-        shown = f"{float(sign) * scale:+.3f}"
-    elif low != high:
-        shown += f"  [{_number(low)}, {_number(high)}]"
-    return f"{shown}  σ {_number(float(sigma) * scale)}"
+        shown = float(sign) * scale if np.isfinite(value) else value
+        return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True)
+    if low == high:
+        return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True)
+    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True)
 
 
-def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -> str:
+def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -> Cell:
     """RMS over the last seconds of an entry of /summary/rms, of its component `i` where it has several."""
     values, sigma = result[f"/summary/rms/{name}"], result[f"/summary/sigma/{name}"]
     if i is not None:
@@ -71,108 +63,93 @@ def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -
     return _accuracy(values, sigma, scale)
 
 
-def _at(result: Result, name: str, i: int) -> str:
+def _at(result: Result, name: str, i: int) -> Cell:
     """The error at a height: of one run with its sign, of several the RMS with its interval."""
     sign = result[f"/summary/at/{name}_run"][0, i] if single(result) else None
     return _accuracy(result[f"/summary/at/{name}"][i], result[f"/summary/at/{name}_sigma"][i], sign=sign)
 
 
-def _percentiles(result: Result, path: str, i: int | None = None) -> str:
+def _percentiles(result: Result, path: str, i: int | None = None) -> Cell | str:
     """Percentiles over runs; a result of one run has none, a covariance analysis only those at heights."""
     if single(result) or path not in result:
-        return "-"
+        return ABSENT
     values = result[path] if i is None else result[path][i]
-    return "  ".join(_number(x) for x in values) if np.all(np.isfinite(values)) else "-"
+    return numbers(values, 3) if np.all(np.isfinite(values)) else ABSENT
 
 
-def _unit_mean(result: Result, name: str) -> str:
+def _unit_mean(result: Result, name: str) -> Cell | str:
     """Mean over time of a consistency series, with the band of one instant."""
     variable = result.variables[f"/summary/consistency/{name}"]
     data = np.asarray(variable.data)
     known = data[np.isfinite(data)]
     if known.size == 0:
-        return "-"
+        return ABSENT
+    mean = float(known.mean())
     if "band_low" not in variable.attributes:
-        return f"{known.mean():.3f}  (expected; {known.min():.3f} to {known.max():.3f})"
+        return cell("{:.3f}  (expected; {:.3f} to {:.3f})", mean, float(known.min()), float(known.max()))
     if single(result):
-        return f"{known.mean():.3f}  (one run, over time)"
-    low, high = variable.attributes["band_low"], variable.attributes["band_high"]
-    inside = np.mean((known >= low) & (known <= high))
-    return f"{known.mean():.3f}  (95 % band {low:.3f} to {high:.3f}; {100 * inside:.0f} % of times inside)"
+        return cell("{:.3f}  (one run, over time)", mean)
+    low, high = (float(variable.attributes[f"band_{end}"]) for end in ("low", "high"))
+    inside = 100 * float(np.mean((known >= low) & (known <= high)))
+    return cell("{:.3f}  (95 % band {:.3f} to {:.3f}; {:.0f} % of times inside)", mean, low, high, inside)
 
 
-def _fixes(result: Result) -> str:
+def _fixes(result: Result) -> Cell:
     runs, fixes = result["/run"].size, int(result["/summary/count/fixes"])
-    return f"{fixes}" + (f"  ({fixes / runs:.6g} a run)" if runs > 1 else "")
+    return cell("{}  ({:.6g} a run)", fixes, fixes / runs) if runs > 1 else cell("{}", fixes)
 
 
-def _group(result: Result, i: int) -> str:
+def _group(result: Result, i: int) -> Cell | str:
     if "/summary/consistency/mean_group" not in result:
-        return "-"
-    mean = _number(result["/summary/consistency/mean_group"][i])
-    return mean if single(result) else f"{mean}  {result['/summary/consistency/verdict'][i]}"
+        return ABSENT
+    mean = number(result["/summary/consistency/mean_group"][i])
+    return mean if single(result) else cell("{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]))
 
 
-def _budget(result: Result, i: int) -> str:
+def _budget(result: Result, i: int) -> Cell | str:
     if "/summary/budget/source" not in result:
-        return "-"
-    cells = []
+        return ABSENT
+    values = []
     for axis in ("horizontal", "vertical"):
-        share = 100.0 * result[f"/summary/budget/{axis}_share"][i]
-        cells.append(f"{_number(result[f'/summary/budget/{axis}'][i])} ({_number(share, 1)} %)")
-    return ", ".join(cells)
+        share = 100.0 * float(result[f"/summary/budget/{axis}_share"][i])
+        values += [float(result[f"/summary/budget/{axis}"][i]), share]
+    return cell("{:.3f} ({:.1f} %), {:.3f} ({:.1f} %)", *values)
 
 
-def _coverage(result: Result, i: int) -> str:
+def _coverage(result: Result, i: int) -> Cell | str:
     if "/summary/coverage/position" not in result:
-        return "-"
-    value, low, high = 100 * result["/summary/coverage/position"][i]
-    reach = f"  [{_number(low, 1)}, {_number(high, 1)}]" if np.isfinite(low) else ""
-    return f"{_number(value, 1)} %{reach}  (Gaussian {100 * result['/summary/coverage/expected'][i]:.1f} %)"
+        return ABSENT
+    value, low, high = map(float, 100 * result["/summary/coverage/position"][i])
+    expected = 100 * float(result["/summary/coverage/expected"][i])
+    if not np.isfinite(low):
+        return cell("{:.1f} %  (Gaussian {:.1f} %)", value, expected)
+    return cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", value, low, high, expected)
 
 
-def titled_table(title: str, *heads: str, lines: bool = False) -> Table:
-    """An empty table in the style of all reports."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, show_lines=lines)
-    for head in heads:
-        table.add_column(head)
-    return table
-
-
-def summary_table(results: list[tuple[str, Result]]) -> RenderableType:
+def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
+    table = Table("", ("", *(name for name, _ in results)), labelled=True)
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("", no_wrap=True)
-    for name, _ in results:
-        table.add_column(name)
-
-    def row(label: str, cell: Any) -> None:
-        table.add_row(label, *(cell(r) for _, r in results))
+    def row(label: str, shown: Any) -> None:
+        table.add(label, *(shown(r) for _, r in results))
 
     def section(title: str, shown: Callable[[Result], str] = lambda _: "") -> None:
-        table.add_row(f"[bold]{title}[/bold]", *(f"[dim]{escape(shown(r))}[/dim]" for _, r in results))
+        table.head(title, *(shown(r) for _, r in results))
 
     row("runs", runs_of)
     row("fixes", _fixes)
-    row("fix epochs without a fix", lambda r: str(int(r["/summary/count/epochs_without_fix"])))
+    row("fix epochs without a fix", lambda r: cell("{}", int(r["/summary/count/epochs_without_fix"])))
     section("Geometry on the glide (mean, min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
 
-        def dop(r: Result, name: str = name) -> str:
-            mean, low, high = r[f"/summary/dop/{name}"][:3]
-            return f"{_number(mean, 2)}  ({_number(low, 2)} - {_number(high, 2)})" if np.isfinite(mean) else "-"
+        def dop(r: Result, name: str = name) -> Cell:
+            mean, low, high = map(float, r[f"/summary/dop/{name}"][:3])
+            return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True)
 
         row("  " + name.upper(), dop)
     section("Fix, RMS by its covariance, mean on the glide, m")
     for name in ("horizontal", "vertical", "3d"):
-        row(f"  {name}", lambda r, n=name: _number(r[f"/summary/fix/rms_{n}"][0], 2))
+        row(f"  {name}", lambda r, n=name: number(r[f"/summary/fix/rms_{n}"][0], 2))
 
     def columns(result: Result, value: str) -> str:
         return value + (" [95 %]" if result["/run"].size > 1 else "") + ", σ of the filter"

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from navsim.io.results import Result, ResultError
 from navsim.kinds import KINDS, named
+from navsim.report.table import Table
 from navsim.report.tables import FINDINGS, plain_tree
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 _HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
 """Attributes that stand over the plain data of every result."""
@@ -23,12 +23,13 @@ _HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
 class View:
     """How results of one kind are shown.
 
-    tables: of several results, each with its name. width: of the tables where there is no terminal to ask for its own,
-    wider by `width_more` for every result after the first. figures: by name. summary: the paths whose variables are the
-    summary as plain data. plain: more of it. texts: files of text beside the result, by their paths.
+    tables: of several results, each with its name, and words between them. width: of the tables where there is no
+    terminal to ask for its own, wider by `width_more` for every result after the first. figures: by name. summary: the
+    paths whose variables are the summary as plain data. plain: more of it. texts: files of text beside the result, by
+    their paths.
     """
 
-    tables: Callable[[Sequence[tuple[str, Result]]], list[RenderableType]]
+    tables: Callable[[Sequence[tuple[str, Result]]], list[Table | str]]
     width: int
     figures: Callable[[Result], dict[str, Figure]]
     summary: tuple[str, ...] = ()
@@ -38,14 +39,14 @@ class View:
 
 
 def one_by_one(
-    console: Callable[[Result], RenderableType],
-) -> Callable[[Sequence[tuple[str, Result]]], list[RenderableType]]:
-    """Tables of each result under its name, where there are several."""
+    tables: Callable[[Result], list[Table | str]],
+) -> Callable[[Sequence[tuple[str, Result]]], list[Table | str]]:
+    """Tables of each result, under its name where there are several."""
 
-    def tables(results: Sequence[tuple[str, Result]]) -> list[RenderableType]:
-        return [part for name, result in results for part in ([name] if len(results) > 1 else []) + [console(result)]]
+    def all_of_them(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
+        return [part for name, result in results for part in [name][: len(results) - 1] + tables(result)]
 
-    return tables
+    return all_of_them
 
 
 def view(kind: object) -> View:

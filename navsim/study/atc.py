@@ -12,8 +12,10 @@ import numpy as np
 
 from navsim.core.kalman import singer, steady_state
 from navsim.estimation.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
+from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import ATC
 from navsim.models.circuit import CircuitFlight, at, fly
 from navsim.scenario.atc import Atc
 from navsim.scenario.base import DEG
@@ -134,17 +136,14 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
     cases = [(scenario.period_s, scenario.onboard_rates),
              *((c.period_s, c.onboard_rates) for c in scenario.further_cases)]  # fmt: skip
     labels = [f"T{period:g}_{'rates' if rates else 'angles'}" for period, rates in cases]
-    v: dict[str, Variable] = {}
-    v["/run"] = Variable(("run",), np.arange(count), "1", "number of the run in the ensemble of the seed")
-    v["/case"] = Variable(("case",), np.array(labels, dtype=object), "1", "cases: scan period, what is measured")
-    v["/filter"] = Variable(("filter",), np.array(FILTERS), "1", "filters")
-    v["/window"] = Variable(("window",), np.array(WINDOWS), "1", "stretches of the circuit")
-    v["/interval"] = Variable(("interval",), np.array(["value", "low", "high"]), "1", "a value and its 95 % interval")
-    v["/state"] = Variable(("state",), np.array(NAMES), "1", "states", {"state_units": ", ".join(UNITS)})
-    v["/singer_state"] = Variable(("singer_state",), np.array(NAMES[:3]), "1", "states of singer: m, m/s, m/s2")
-    v["/cartesian_state"] = Variable(
-        ("cartesian_state",), np.array(CARTESIAN), "1", "figures of cartesian: m, m/s, rad, rad"
-    )
+    draft = Draft(ATC, case=labels[1:])
+    draft["/run"] = np.arange(count)
+    draft["/case"] = np.array(labels, dtype=object)
+    draft["/filter"] = np.array(FILTERS)
+    draft["/window"] = np.array(WINDOWS)
+    draft.put("/state", np.array(NAMES), {"state_units": ", ".join(UNITS)})
+    draft["/singer_state"] = np.array(NAMES[:3])
+    draft["/cartesian_state"] = np.array(CARTESIAN)
     tables = np.full((len(cases), len(FILTERS), len(WINDOWS), N, 3), np.nan)
     to_full = np.full((len(cases), 2, len(WINDOWS), N, 3), np.nan)
     to_adapt = np.full((len(cases), len(WINDOWS), 2, 3), np.nan)
@@ -154,7 +153,7 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
         time, found = fly_case(scenario, flight, case, seed, count)
         for name, (error, deviation) in found.items():
             warned += of_filter(f"{name}, {labels[i]}", time, error, deviation)
-        _case(v, "" if i == 0 else f"/cases/{labels[i]}", labels[i], time, found, keep=i == 0)
+        _case(draft, "" if i == 0 else labels[i], time, found)
         for w, name in enumerate(WINDOWS):
             inside = _window(scenario.circuit, name, time)
             for f, which in enumerate(FILTERS):
@@ -166,29 +165,23 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
             for m in range(2):
                 to_adapt[i, w, m] = ratio(found["singer"][0][:, inside, m], found["adapt"][0][:, inside, m])
         done(i + 1)
-    mixed = "m, m/s, m/s2, rad, rad/s"
-    v["/summary/rmse"] = Variable(
-        ("case", "filter", "window", "state", "interval"), tables, mixed, "root mean square error over runs and scans"
-    )
-    v["/decoupled"] = Variable(("decoupled",), np.array(["adapt", "fix"]), "1", "decoupled filters")
-    v["/summary/decoupled_to_full"] = Variable(
-        ("case", "decoupled", "window", "state", "interval"), to_full, "1", "RMSE over that of the full filter"
-    )
-    v["/range_state"] = Variable(("range_state",), np.array(NAMES[:2]), "1", "range and its rate")
-    v["/summary/singer_to_adapt"] = Variable(
-        ("case", "window", "range_state", "interval"), to_adapt, "1", "RMSE of Singer over that of adapt"
-    )
-    _limits(v, scenario)
-    full, groups = multiplications(N, 6), 5 * multiplications(2, 1) + multiplications(3, 1)
-    for name, value, meaning in (
-        ("multiplications_full", full, "multiplications of a covariance step, 13 states, six scalar updates"),
-        ("multiplications_decoupled", groups, "the same of the six groups"),
-        ("stored_full", N * (N + 1) // 2, "numbers of the covariance stored"),
-        ("stored_decoupled", 5 * 3 + 6, "the same of the six groups"),
+    draft["/summary/rmse"] = tables
+    draft["/summary/decoupled_to_full"] = to_full
+    draft["/range_state"] = np.array(NAMES[:2])
+    draft["/summary/singer_to_adapt"] = to_adapt
+    limits = group_limits(settings(scenario, scenario.period_s, False))
+    draft["/limits/sigma"] = np.array([sigma for sigma, _ in limits])
+    draft["/limits/gain"] = np.array([g for _, g in limits])
+    for name, value in (
+        ("multiplications_full", multiplications(N, 6)),
+        ("multiplications_decoupled", 5 * multiplications(2, 1) + multiplications(3, 1)),
+        ("stored_full", N * (N + 1) // 2),
+        ("stored_decoupled", 5 * 3 + 6),
     ):
-        v[f"/summary/{name}"] = Variable((), np.int64(value), "1", meaning)
-    v.update(kept(warned))
-    return Result(root_attributes("atc-tracking", seed, scenario), v)
+        draft[f"/summary/{name}"] = np.int64(value)
+    out = draft.result(root_attributes("atc-tracking", seed, scenario))
+    out.variables.update(kept(warned))
+    return out
 
 
 def extent(scenario: Atc) -> int:
@@ -196,37 +189,12 @@ def extent(scenario: Atc) -> int:
     return 1 + len(scenario.further_cases)
 
 
-def _case(
-    v: dict[str, Variable],
-    place: str,
-    label: str,
-    time: np.ndarray,
-    found: dict[str, tuple[np.ndarray, np.ndarray]],
-    keep: bool,
-) -> None:
-    dimension = f"scan_{label}" if place else "time"
-    if place:
-        v[f"{place}/{dimension}"] = Variable((dimension,), np.arange(time.size), "1", "number of the scan")
-    v[f"{place}/time"] = Variable((dimension,), time, "s", "scans")
+def _case(draft: Draft, label: str, time: np.ndarray, found: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """Time and filters of a case; label: "" for the first, the others are kept with fewer digits."""
+    place = f"/cases/{label}" if label else ""
+    if label:
+        draft[f"{place}/scan_{label}"] = np.arange(time.size)
+    draft[f"{place}/time"] = time
     for name, (error, deviation) in found.items():
-        state = {"singer": "singer_state", "cartesian": "cartesian_state"}.get(name, "state")
-        here = f"{place}/filters/{name}"
-        mixed = "m, m/s, m/s2, rad, rad/s"
-        v[f"{here}/error"] = Variable(
-            ("run", dimension, state), error if keep else error.astype(np.float32), mixed,
-            "truth - estimate, after the update",
-        )  # fmt: skip
-        v[f"{here}/sigma"] = Variable((dimension, state), deviation, mixed, "1 sigma of the filter, first run")
-
-
-def _limits(v: dict[str, Variable], scenario: Atc) -> None:
-    case = settings(scenario, scenario.period_s, False)
-    limits = group_limits(case)
-    v["/group"] = Variable(
-        ("group",), np.array(["speed", "path_angle", "track", "elevation", "azimuth"]), "1", "pairs of level and rate"
-    )
-    v["/gain_of"] = Variable(("gain_of",), np.array(["level", "rate"]), "1", "gain of")
-    v["/limits/sigma"] = Variable(
-        ("group",), np.array([sigma for sigma, _ in limits]), "m/s, rad", "steady 1 sigma of the level"
-    )
-    v["/limits/gain"] = Variable(("group", "gain_of"), np.array([g for _, g in limits]), "1, 1/s", "steady gain")
+        draft[f"{place}/filters/{name}/error"] = error.astype(np.float32) if label else error
+        draft[f"{place}/filters/{name}/sigma"] = deviation

@@ -12,8 +12,10 @@ import numpy as np
 
 from navsim.core.kalman import singer
 from navsim.estimation.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
+from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import AZIMUTH
 from navsim.models.circuit import CircuitFlight, at, fly
 from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import DEG
@@ -143,15 +145,14 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
     """The whole study as a result tree; runs: instead of the scenario's."""
     count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
-    v: dict[str, Variable] = {}
-    v["/run"] = Variable(("run",), np.arange(count), "1", "number of the run in the ensemble of the seed")
-    v["/filter"] = Variable(("filter",), np.array([*FILTERS, *SOURCES], dtype=object), "1", "filters")
-    v["/window"] = Variable(("window",), np.array(WINDOWS), "1", "stretches of the circuit")
-    v["/interval"] = Variable(("interval",), np.array(["value", "low", "high"]), "1", "a value and its 95 % interval")
-    _truth(v, flight)
     periods = [scenario.period_s, *scenario.further_periods_s]
-    v["/period"] = Variable(("period",), np.array(periods), "s", "scan periods of the cases")
-    v["/latency"] = Variable(("latency",), np.array(scenario.latencies_s), "s", "age of reports")
+    draft = Draft(AZIMUTH, case=[f"T{period:g}" for period in periods[1:]])
+    draft["/run"] = np.arange(count)
+    draft["/filter"] = np.array([*FILTERS, *SOURCES], dtype=object)
+    draft["/window"] = np.array(WINDOWS)
+    _truth(draft, flight)
+    draft["/period"] = np.array(periods)
+    draft["/latency"] = np.array(scenario.latencies_s)
     tables, ratios, nis, sweep = [], [], [], []
     warned: list[Finding] = []
     for i, period in enumerate(periods):
@@ -160,32 +161,23 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
         found = {name: _tuned(scenario, name, case) for name in (*FILTERS, *SOURCES)}
         for name, errors in found.items():
             warned += of_filter(f"{name}, T = {period:g} s", case.time, errors.error, errors.deviation)
-        place = "" if i == 0 else f"/cases/T{period:g}"
-        _case(v, place, case, found, keep=i == 0)
+        _case(draft, "" if i == 0 else f"T{period:g}", case, found)
         masks = [window(scenario.circuit, name, case.time) for name in WINDOWS]
         tables.append([[rmse(found[f].error[:, m]) for m in masks] for f in found])
         ratios.append([[ratio(found[s].error[:, m], found["L4"].error[:, m]) for m in masks] for s in ("S1", "S2")])
         nis.append([[float(np.nanmean(found[f].nis[:, m])) for m in masks] for f in found])
         sweep.append(_latencies(scenario, flight, period, draws, masks[0]))
         done(1 + i)
-    dims = ("period", "filter", "window")
-    v["/summary/rmse"] = Variable(
-        (*dims, "interval"), np.degrees(np.array(tables)), "deg", "root mean square azimuth error over runs and scans"
-    )
-    v["/summary/nis"] = Variable(dims, np.array(nis), "1", "mean normalised innovation squared; one is right")
-    v["/baseline"] = Variable(("baseline",), np.array(["S1", "S2"]), "1", "Singer's filters")
-    v["/summary/ratio_to_l4"] = Variable(
-        ("period", "baseline", "window", "interval"), np.array(ratios), "1", "RMSE over that of L4"
-    )
-    v["/age"] = Variable(("age",), np.array(["unknown", "stamped"]), "1", "what the filter knows of the age of reports")
-    v["/summary/latency_rmse"] = Variable(
-        ("period", "latency", "age"), np.degrees(np.array(sweep)), "deg", "RMSE of L4 in the manoeuvre"
-    )
-    _model_errors(v, scenario, flight)
+    draft["/summary/rmse"] = np.degrees(np.array(tables))
+    draft["/summary/nis"] = np.array(nis)
+    draft["/summary/ratio_to_l4"] = np.array(ratios)
+    draft["/summary/latency_rmse"] = np.degrees(np.array(sweep))
+    _model_errors(draft, scenario, flight)
     if mapped(scenario):
-        _maps(v, scenario, flight, seed, lambda n: done(len(periods) + n))
-    v.update(kept(warned))
-    return Result(root_attributes("azimuth-tracking", seed, scenario), v)
+        _maps(draft, scenario, flight, seed, lambda n: done(len(periods) + n))
+    out = draft.result(root_attributes("azimuth-tracking", seed, scenario))
+    out.variables.update(kept(warned))
+    return out
 
 
 def extent(scenario: Azimuth) -> int:
@@ -200,24 +192,18 @@ def _tuned(scenario: Azimuth, name: str, case: Scans) -> Errors:
     return run_filter(name, case, f.alpha_1_s, sigma)
 
 
-def _case(v: dict[str, Variable], place: str, case: Scans, found: dict[str, Errors], keep: bool) -> None:
-    # a case has scans of its own: another dimension than that of the root, which it would be taken for
-    dimension = f"scan_T{case.period:g}" if place else "time"
-    if place:
-        v[f"{place}/{dimension}"] = Variable((dimension,), np.arange(case.time.size), "1", "number of the scan")
-    v[f"{place}/time"] = Variable((dimension,), case.time, "s", "scans")
+def _case(draft: Draft, label: str, case: Scans, found: dict[str, Errors]) -> None:
+    """Time and filters of a case; label: "" for the first, the others keep the variants of L4 to themselves. A case has
+    scans of its own: another dimension than that of the root, which it would be taken for."""
+    place = f"/cases/{label}" if label else ""
+    if label:
+        draft[f"{place}/scan_{label}"] = np.arange(case.time.size)
+    draft[f"{place}/time"] = case.time
     for name, errors in found.items():
-        here = f"{place}/filters/{name.replace(' ', '_')}"
-        if keep or name in FILTERS:
-            v[f"{here}/error_deg"] = Variable(
-                ("run", dimension),
-                np.degrees(errors.error),
-                "deg",
-                "azimuth error, truth minus estimate, after the update",
-            )
-            v[f"{here}/sigma_deg"] = Variable(
-                (dimension,), np.degrees(errors.deviation), "deg", "1 sigma of the filter, first run"
-            )
+        if not label or name in FILTERS:
+            here = f"{place}/filters/{name.replace(' ', '_')}"
+            draft[f"{here}/error_deg"] = np.degrees(errors.error)
+            draft[f"{here}/sigma_deg"] = np.degrees(errors.deviation)
 
 
 def _latencies(
@@ -231,24 +217,22 @@ def _latencies(
     return out
 
 
-def _truth(v: dict[str, Variable], flight: CircuitFlight) -> None:
+def _truth(draft: Draft, flight: CircuitFlight) -> None:
     thin = slice(None, None, 10)
-    v["/instant"] = Variable(("instant",), np.arange(flight.time[thin].size), "1", "instants of the true circuit")
-    v["/truth/time"] = Variable(("instant",), flight.time[thin], "s", "time of the circuit")
-    v["/axis"] = Variable(("axis",), np.array(["north", "up", "east"]), "1", "axes from the radar")
-    v["/truth/position"] = Variable(("instant", "axis"), flight.position[thin], "m", "position from the radar")
-    for name, values, unit in (
-        ("azimuth", np.degrees(flight.azimuth), "deg"),
-        ("azimuth_rate", np.degrees(flight.azimuth1), "deg/s"),
-        ("azimuth_acceleration", np.degrees(flight.azimuth2), "deg/s2"),
-        ("azimuth_acceleration_literal", np.degrees(flight.azimuth2_literal), "deg/s2"),
-        ("roll", np.degrees(flight.roll), "deg"),
+    draft["/instant"] = np.arange(flight.time[thin].size)
+    draft["/truth/time"] = flight.time[thin]
+    draft["/truth/position"] = flight.position[thin]
+    for name, values in (
+        ("azimuth", flight.azimuth),
+        ("azimuth_rate", flight.azimuth1),
+        ("azimuth_acceleration", flight.azimuth2),
+        ("azimuth_acceleration_literal", flight.azimuth2_literal),
+        ("roll", flight.roll),
     ):
-        meaning = name.replace("_", " ") + (" (the paper's eq. 14: north component)" if "literal" in name else "")
-        v[f"/truth/{name}"] = Variable(("instant",), values[thin], unit, meaning)
+        draft[f"/truth/{name}"] = np.degrees(values)[thin]
 
 
-def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: CircuitFlight) -> None:
+def _model_errors(draft: Draft, scenario: Azimuth, flight: CircuitFlight) -> None:
     """How far the paper's acceleration is from the true one, window by window, without a filter."""
     ahead, right = flight.level_acceleration()
     d = flight.track - flight.azimuth
@@ -263,22 +247,15 @@ def _model_errors(v: dict[str, Variable], scenario: Azimuth, flight: CircuitFlig
                 for x in (exact, flight.azimuth2_literal - exact, tangent - exact)
             ]
         )  # fmt: skip
-    v["/acceleration"] = Variable(
-        ("acceleration",), np.array(["exact", "error of (14)", "error of a_t/Dh"]), "1", "accelerations of the azimuth"
-    )
-    v["/summary/acceleration_rms"] = Variable(
-        ("window", "acceleration"), np.degrees(np.array(rows)), "deg/s2", "root mean square of each"
-    )
+    draft["/summary/acceleration_rms"] = np.degrees(np.array(rows))
 
 
-def _maps(
-    v: dict[str, Variable], scenario: Azimuth, flight: CircuitFlight, seed: int, done: Callable[[int], None]
-) -> None:
+def _maps(draft: Draft, scenario: Azimuth, flight: CircuitFlight, seed: int, done: Callable[[int], None]) -> None:
     """Singer over L4, each at its best tuning in the manoeuvre."""
     section = scenario.map
-    v["/map/scan_period"] = Variable(("scan_period",), np.array(section.periods_s), "s", "scan period")
-    v["/map/azimuth_sigma"] = Variable(("azimuth_sigma",), np.array(section.azimuth_sigmas_deg), "deg", "of plots")
-    v["/map/report_age"] = Variable(("report_age",), np.array(section.latencies_s), "s", "age of reports, unknown")
+    draft["/map/scan_period"] = np.array(section.periods_s)
+    draft["/map/azimuth_sigma"] = np.array(section.azimuth_sigmas_deg)
+    draft["/map/report_age"] = np.array(section.latencies_s)
     by_sigma = np.empty((len(section.periods_s), len(section.azimuth_sigmas_deg)))
     by_latency = np.empty((len(section.periods_s), len(section.latencies_s)))
 
@@ -298,6 +275,5 @@ def _maps(
         by_sigma[i] = [one(scenario.report.latency_s, s) for s in section.azimuth_sigmas_deg]
         by_latency[i] = [one(late, scenario.radar.azimuth_sigma_deg) for late in section.latencies_s]
         done(i + 1)
-    meaning = "best Singer over best L4, RMSE in the manoeuvre"
-    v["/map/ratio"] = Variable(("scan_period", "azimuth_sigma"), by_sigma, "1", meaning)
-    v["/map/ratio_by_latency"] = Variable(("scan_period", "report_age"), by_latency, "1", meaning)
+    draft["/map/ratio"] = by_sigma
+    draft["/map/ratio_by_latency"] = by_latency

@@ -12,8 +12,10 @@ import numpy as np
 
 from navsim.core.kalman import covariance_sequence, driven_covariance, singer_sigma, steady_state
 from navsim.estimation.elevation import Model, fly, follow, model
+from navsim.io.draft import Draft
 from navsim.io.findings import CONSISTENT, Finding, kept
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import ELEVATION
 from navsim.models import mls
 from navsim.scenario.elevation import Elevation
 from navsim.simulation.streams import generator
@@ -222,61 +224,36 @@ def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[in
     flown = nominal(scenario)
     m = _model(scenario)
     limit, gain = steady_state(m.phi, m.q, m.h, m.r)
-    v: dict[str, Variable] = {}
-    names = ("beta", "beta_rate", "beta_acceleration")[: m.phi.shape[0]]
-    steps = np.arange(1, section.steps + 1)
-    period = scenario.filter.period_s
-    v["/step"] = Variable(("step",), steps, "1", "number of the measurement", {"period_s": period})
-    v["/state"] = Variable(("state",), np.array(names), "1", "states: deg, deg/s, deg/s2")
-    v["/state_column"] = Variable(("state_column",), np.array(names), "1", "columns of matrices")
-    mixed = "deg2, deg2/s, deg2/s2"
-    square = ("step", "state", "state_column")
-    v["/filter/covariance"] = Variable(square, proof.covariance, mixed, "covariance after the update")
-    v["/filter/gain"] = Variable(("step", "state"), proof.gain, "1, 1/s", "gain")
-    v["/filter/steady_covariance"] = Variable(square[1:], limit, mixed, "covariance in the limit")
-    v["/filter/steady_gain"] = Variable(("state",), gain[:, 0], "1, 1/s", "gain in the limit")
-    v["/montecarlo/mean_error"] = Variable(
-        ("step", "state"), proof.mean_error, "deg, deg/s", "mean error of the first experiment, truth - estimate"
-    )
-    v["/montecarlo/covariance"] = Variable(square, proof.sample, mixed, "second moments of the first experiment")
-    v["/montecarlo/covariance_all"] = Variable(square, proof.all_runs, mixed, "second moments of all experiments")
-    v["/band"] = Variable(("band",), np.array(BANDS), "1", "ways to read the band")
-    experiments = np.arange(1, section.experiments + 1)
-    v["/experiment"] = Variable(("experiment",), experiments, "1", "number of the experiment")
-    v["/montecarlo/fraction_in_band"] = Variable(
-        ("experiment", "band"), proof.inside, "1", "share of steps with the sample's beta inside the band"
-    )
-    v["/montecarlo/runs"] = Variable((), np.int64(count), "1", "runs of each experiment")
-    v["/montecarlo/nees"] = Variable((), np.float64(proof.nees), "1", "mean normalised estimation error squared")
-    v["/montecarlo/nis"] = Variable((), np.float64(proof.nis), "1", "mean normalised innovation squared")
-    for name, degrees, meaning in (
-        ("coverage", count, "exact chance of the band, mean known to be zero"),
-        ("coverage_mean_removed", count - 1, "exact chance of the band, mean taken from the sample"),
-    ):
-        values = np.array([coverage(b, section.band, degrees) for b in BANDS])
-        v[f"/band_theory/{name}"] = Variable(("band",), values, "1", meaning)
+    draft = Draft(ELEVATION)
+    names = np.array(("beta", "beta_rate", "beta_acceleration")[: m.phi.shape[0]])
+    draft.put("/step", np.arange(1, section.steps + 1), {"period_s": scenario.filter.period_s})
+    draft["/state"] = draft["/state_column"] = names
+    draft["/filter/covariance"] = proof.covariance
+    draft["/filter/gain"] = proof.gain
+    draft["/filter/steady_covariance"] = limit
+    draft["/filter/steady_gain"] = gain[:, 0]
+    draft["/montecarlo/mean_error"] = proof.mean_error
+    draft["/montecarlo/covariance"] = proof.sample
+    draft["/montecarlo/covariance_all"] = proof.all_runs
+    draft["/band"] = np.array(BANDS)
+    draft["/experiment"] = np.arange(1, section.experiments + 1)
+    draft["/montecarlo/fraction_in_band"] = proof.inside
+    draft["/montecarlo/runs"] = np.int64(count)
+    draft["/montecarlo/nees"] = proof.nees
+    draft["/montecarlo/nis"] = proof.nis
+    for name, degrees in (("coverage", count), ("coverage_mean_removed", count - 1)):
+        draft[f"/band_theory/{name}"] = np.array([coverage(b, section.band, degrees) for b in BANDS])
     needed = np.array([smallest_number(b, section.band, section.confidence) for b in BANDS])
-    v["/band_theory/runs_needed"] = Variable(
-        ("band",), needed, "1", f"smallest number of runs for {section.confidence:g}"
-    )
-    _approach(v)
-    _nominal(v, scenario, flown)
+    draft.put("/band_theory/runs_needed", needed, confidence=f"{section.confidence:g}")
+    _approach(draft)
+    _nominal(draft, scenario, flown)
     rows = audit()
-    v["/audit/statement"] = Variable(
-        ("statement",), np.array([r.statement for r in rows], dtype=object), "1", "what the paper states"
-    )
-    for name, column, meaning in (
-        ("published", [r.published for r in rows], "the paper's value"),
-        ("computed", [r.computed for r in rows], "the value computed"),
-    ):
-        v[f"/audit/{name}"] = Variable(("statement",), np.array(column, dtype=float), "see unit", meaning)
-    for name, words, meaning in (
-        ("unit", [r.unit for r in rows], "units"),
-        ("verdict", [r.verdict for r in rows], "verdicts"),
-    ):
-        v[f"/audit/{name}"] = Variable(("statement",), np.array(words, dtype=object), "1", meaning)
-    v.update(kept(_findings(proof, section.steps, count * section.experiments)))
-    return Result(root_attributes("mls-elevation", seed, scenario), v)
+    for name, kind in (("statement", object), ("published", float), ("computed", float), ("unit", object),
+                       ("verdict", object)):  # fmt: skip
+        draft[f"/audit/{name}"] = np.array([getattr(row, name) for row in rows], dtype=kind)
+    out = draft.result(root_attributes("mls-elevation", seed, scenario))
+    out.variables.update(kept(_findings(proof, section.steps, count * section.experiments)))
+    return out
 
 
 def _findings(proof: Proof, steps: int, runs: int) -> list[Finding]:
@@ -292,37 +269,22 @@ def _findings(proof: Proof, steps: int, runs: int) -> list[Finding]:
     return out + doubted("innovations", "innovations", proof.nis, steps * runs, runs)
 
 
-def _approach(v: dict[str, Variable]) -> None:
+def _approach(draft: Draft) -> None:
     time = np.linspace(0.0, mls.GLIDE_END + mls.FLARE + 20.0, 1000)
-    values = mls.approach(time)
-    v["/approach/time"] = Variable(("time",), time, "s", "time from 15 km")
-    for name, column, unit in zip(("beta", "beta_rate", "beta_acceleration"), values, ("deg", "deg/s", "deg/s2"),
-                                  strict=True):  # fmt: skip
-        v[f"/approach/{name}"] = Variable(("time",), column, unit, f"{name.replace('_', ' ')} of the guidance used")
-    names = np.array(["level leg", "glide", "flare", "roll-out"], dtype=object)
-    starts = np.array([0.0, mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE])
-    v["/approach/segment"] = Variable(("segment",), names, "1", "segments of the approach")
-    v["/approach/segment_start"] = Variable(("segment",), starts, "s", "where each of them begins")
+    draft["/approach/time"] = time
+    for name, column in zip(("beta", "beta_rate", "beta_acceleration"), mls.approach(time), strict=True):
+        draft[f"/approach/{name}"] = column
+    draft["/approach/segment_start"] = np.array([0.0, mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE])
 
 
-def _nominal(v: dict[str, Variable], scenario: Elevation, flown: NominalRun) -> None:
-    variances = np.array(scenario.nominal.rate_variances_deg2_s2)
-    v["/nominal/rate_variance"] = Variable(("rate_variance",), variances, "deg2/s2", "Q of the filter")
-    v["/nominal/time"] = Variable(
-        ("time",), flown.time, "s", "time of the approach; judged after settling", {"settling_s": SETTLING}
-    )
-    v["/nominal/beta"] = Variable(("time",), flown.beta, "deg", "true angle")
-    dims = ("rate_variance", "time")
-    v["/nominal/bias"] = Variable(dims, flown.bias, "deg", "estimate minus truth without noise")
-    v["/nominal/noise"] = Variable(dims, flown.noise, "deg", "1 sigma of what measurement noise adds")
+def _nominal(draft: Draft, scenario: Elevation, flown: NominalRun) -> None:
+    draft["/nominal/rate_variance"] = np.array(scenario.nominal.rate_variances_deg2_s2)
+    draft.put("/nominal/time", flown.time, {"settling_s": SETTLING})
+    draft["/nominal/beta"] = flown.beta
+    draft["/nominal/bias"] = flown.bias
+    draft["/nominal/noise"] = flown.noise
     settled = flown.time >= scenario.nominal.from_s + SETTLING
-    rmse = np.hypot(flown.bias, flown.noise)[:, settled]
     peak = np.argmax(np.abs(flown.bias[:, settled]), axis=1)
-    v["/nominal/worst_rmse"] = Variable(
-        ("rate_variance",), rmse.max(axis=1), "deg", "largest root mean square error after settling"
-    )
-    v["/nominal/peak_bias"] = Variable(
-        ("rate_variance",), np.take_along_axis(flown.bias[:, settled], peak[:, None], axis=1)[:, 0], "deg",
-        "largest bias after settling",
-    )  # fmt: skip
-    v["/nominal/peak_time"] = Variable(("rate_variance",), flown.time[settled][peak], "s", "time of the largest bias")
+    draft["/nominal/worst_rmse"] = np.hypot(flown.bias, flown.noise)[:, settled].max(axis=1)
+    draft["/nominal/peak_bias"] = np.take_along_axis(flown.bias[:, settled], peak[:, None], axis=1)[:, 0]
+    draft["/nominal/peak_time"] = flown.time[settled][peak]

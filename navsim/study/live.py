@@ -11,15 +11,17 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from navsim.core import states, wgs84
 from navsim.estimation.records import REJECTED
+from navsim.io.draft import Draft
 from navsim.io.findings import Finding
 from navsim.io.nmea import Assembler, has_sentences
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import COUNTS, LIVE
 from navsim.io.stream import Lines
 from navsim.io.text import plain_number
 from navsim.models import imu
@@ -34,24 +36,6 @@ from navsim.study.landing.case import Case
 from navsim.study.root import root_attributes
 
 Block = Literal["receiver", "imu"]
-COUNTS = {
-    "received": "lines received",
-    "used": "messages used",
-    "corrupt": "lines with what is no message: checksum, syntax, values",
-    "doubled": "messages that came again unchanged",
-    "late": "messages for a time already passed: late or out of order",
-    "contradicting": "messages of one time with another place: of another sender",
-    "lost": "messages missing in between, by the scenario's rate",
-    "before": "messages from before the flight",
-    "early": "messages for a time beyond the data or the scenario",
-    "empty": "messages without a fix",
-    "dropped": "lines left out because they came faster than they were taken",
-    "strangers": "datagrams of other senders, left out",
-    "untimed": "NMEA sentences without a time of day",
-    "no_height": "fixes without a height: none in GGA, or RMC without GGA",
-    "no_separation": "fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid",
-    "other": "whole sentences of kinds that have no fix",
-}
 _OF_NMEA = {
     "corrupt": "corrupt",
     "empty": "no_fix",
@@ -350,61 +334,43 @@ class Session:
     def result(self) -> Result:
         """What there is, as far as it came."""
         left = self.filter.estimates()
-        v: dict[str, Variable] = {}
-        for name, labels, meaning in (
-            ("llh", ("latitude", "longitude", "height"), "geodetic coordinates, WGS-84"),
-            ("ned", ("north", "east", "down"), "axes of the local level frame"),
-        ):
-            v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
-        mixed = ", ".join(dict.fromkeys(self.case.state_units))
-        v["/filter/time"] = Variable(("time",), left["time"], "s", "times when the fixes had come, since the epoch")
-        v["/filter/state"] = Variable(("state",), np.array(self.case.states, dtype=object), "1", "names of the states")
-        v["/filter/error"] = Variable(("time", "state"), left["error"], mixed, "truth of the scenario minus estimate")
-        v["/filter/sigma"] = Variable(("time", "state"), left["sigma"], mixed, "1 sigma of the filter")
-        llh = left["navigation"][:, states.NAV_LLH : states.NAV_VEL]
-        v["/filter/position_llh"] = Variable(("time", "llh"), llh, "rad, rad, m", "estimated position of the IMU")
-        velocity = left["navigation"][:, states.NAV_VEL : states.NAV_QUAT]
-        v["/filter/velocity_ned"] = Variable(("time", "ned"), velocity, "m/s", "estimated velocity")
-        time = np.array([t for t, _ in self.fixes])
-        v["/innovations/time"] = Variable(("time",), time, "s", "times of the fixes since the epoch")
-        for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
-            v[f"/innovations/{name}"] = Variable(
-                ("time", "ned"), left["innovation"][:, part], unit, "fix less prediction"
-            )
-        v["/innovations/normalized_squared"] = Variable(
-            ("time",), left["innovation_squared"], "1", "normalised and squared"
-        )
-        v["/innovations/degrees"] = Variable(("time",), left["degrees"], "1", "degrees of freedom of the same")
-        v["/innovations/status"] = Variable(("time",), left["status"], "1", "0 no fix, 1 used, 2 rejected by the gate")
+        case = self.case
+        draft = Draft(LIVE, {"mixed": ", ".join(dict.fromkeys(case.state_units))})
+        draft["/filter/time"] = left["time"]
+        draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
+        draft["/filter/error"] = left["error"]
+        draft["/filter/sigma"] = left["sigma"]
+        draft["/filter/position_llh"] = left["navigation"][:, states.NAV_LLH : states.NAV_VEL]
+        draft["/filter/velocity_ned"] = left["navigation"][:, states.NAV_VEL : states.NAV_QUAT]
+        time = np.array([t for t, _ in self.fixes], dtype=float)
+        draft["/innovations/time"] = time
+        draft["/innovations/position_ned"] = left["innovation"][:, :3]
+        draft["/innovations/velocity_ned"] = left["innovation"][:, 3:]
+        draft["/innovations/normalized_squared"] = left["innovation_squared"]
+        draft["/innovations/degrees"] = left["degrees"]
+        draft["/innovations/status"] = left["status"]
         for name, count in self.counts.items():
-            v[f"/stream/{name}"] = Variable((), np.int64(count), "1", COUNTS[name])
+            draft[f"/stream/{name}"] = np.int64(count)
         off = self._off(time, np.array([llh for _, llh in self.fixes]).reshape(-1, 3))
-        v["/innovations/off_flight_ned"] = Variable(("time", "ned"), off, "m", "fix less the flight's antenna position")
-        v["/innovations/fix_sigma"] = Variable(
-            ("time",), self._sigma(time), "m", "1 sigma of the scenario's fixes in space"
-        )
+        draft["/innovations/off_flight_ned"] = off
+        draft["/innovations/fix_sigma"] = self._sigma(time)
         shift, sigma = np.nan, np.nan
         if self.block == "receiver":
-            shift, sigma = _shift(time, off, self.case.trajectory.motion(time).velocity_ned)
-        offset = np.nan if self.clock is None else self.clock.offset
-        for name, value, meaning in (
-            ("offset", offset, "what the source's clock reads at time 0 of the flight"),
-            ("shift", shift, "how far the fixes lie ahead of the flight along the track, in time"),
-            ("shift_sigma", sigma, "1 sigma of the same, from its scatter"),
-        ):
-            v[f"/clock/{name}"] = Variable((), np.float64(value), "s", meaning)
+            shift, sigma = _shift(time, off, case.trajectory.motion(time).velocity_ned)
+        draft["/clock/offset"] = np.nan if self.clock is None else self.clock.offset
+        draft["/clock/shift"] = shift
+        draft["/clock/shift_sigma"] = sigma
         late = left["time"] > left["time"][-1] - 20.0 if left["time"].size else np.zeros(0, dtype=bool)
         squares = left["error"][late, :3] ** 2
-        rms = np.sqrt(squares.mean(axis=0)) if late.any() else np.full(3, np.nan)
-        v["/summary/rms_position_ned"] = Variable(("ned",), rms, "m", "rms position error over the last 20 s")
+        draft["/summary/rms_position_ned"] = np.sqrt(squares.mean(axis=0)) if late.any() else np.full(3, np.nan)
         degrees = int(left["degrees"].sum())
-        nis = np.nansum(left["innovation_squared"]) / degrees if degrees else np.nan
-        v["/summary/nis"] = Variable((), np.float64(nis), "1", "normalised innovation squared per degree of freedom")
+        draft["/summary/fixes"] = np.array(["all"])
+        draft["/summary/nis"] = np.array([np.nansum(left["innovation_squared"]) / degrees if degrees else np.nan])
         base = "not settled" if self.clock is None else self.clock.base
-        given: dict[str, Any] = {"replaced_block": self.block, "clock": base}
-        verdict = "; ".join(failures(Result(given, v)))
-        given["verdict"] = f"no result: {verdict}" if verdict else "flown"
-        return Result(root_attributes("live", self.seed, self.case.scenario, **given), v)
+        out = draft.result(root_attributes("live", self.seed, case.scenario, replaced_block=self.block, clock=base))
+        verdict = "; ".join(failures(out))
+        out.attributes["verdict"] = f"no result: {verdict}" if verdict else "flown"
+        return out
 
 
 def failures(result: Result) -> list[str]:

@@ -5,15 +5,17 @@ wherever the work is stopped. How placements are judged: `study.objective`; how 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from navsim.core.wgs84 import llh_from_ecef
+from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import OPTIMIZE, QUANTITIES
 from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
 from navsim.study.journal import Journal
@@ -21,7 +23,7 @@ from navsim.study.objective import UNSOLVED, Judge, Problem
 from navsim.study.partial import Arrays, code_key
 from navsim.study.root import root_attributes
 from navsim.study.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
-from navsim.study.sweep import describe, dop_outputs
+from navsim.study.sweep import dop_outputs
 from navsim.study.watch import Step, TimeUp, Watch
 
 BEARINGS = np.arange(0.0, 360.0, 45.0)
@@ -277,29 +279,24 @@ def optimize_result(here: Problem, outcome: SearchOutcome, seed: int) -> Result:
     study, found = here.study, outcome.found
     counts = sorted(found)
     most = max(counts)
-    v: dict[str, Variable] = {}
-
-    def by_number(path: str, values: Sequence[object], units: str, meaning: str) -> None:
-        v[path] = Variable(("pseudolites",), np.array(values), units, meaning)
-
-    by_number("/pseudolites", list(counts), "1", "number of pseudolites")
-    v["/pseudolite"] = Variable(("pseudolite",), np.arange(1, most + 1), "1", "pseudolite of a placement")
-    v["/bearing"] = Variable(("bearing",), BEARINGS, "deg", "direction from the landing direction, clockwise")
-    v["/loss"] = Variable(("loss",), np.array(LOSSES), "1", "relative loss of the objective")
-    unit, meaning = describe(study.objective)
-    values = np.array([found[c].value for c in counts])
-    v["/front/objective"] = Variable(("pseudolites",), values, unit, meaning, {"without_pseudolites": outcome.without})
-    by_number("/front/evaluations", [sum(found[c].tried.values()) for c in counts], "1", "placements tried")
-    for way, text in ((COARSE, "coarse covariance analysis"), (FULL, "covariance analysis")):
-        tried = [found[c].tried.get(way, 0) for c in counts]
-        by_number(f"/front/evaluations_{way}", tried, "1", f"of the placements tried, those by {text}")
-    for path, marks, text in (
-        ("/front/every_choice", [found[c].every for c in counts], "1: every choice was tried"),
-        ("/front/finished", [found[c].finished for c in counts], "1: the search came to its end, 0: it was stopped"),
-        ("/optimum/explored", [c in outcome.neighbourhoods for c in counts], "1: the neighbourhood was computed"),
-        ("/map/computed", [c in outcome.maps for c in counts], "1: the map was computed"),
+    unit, quantity = QUANTITIES[study.objective]
+    draft = Draft(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.flown else ""})
+    draft["/pseudolites"] = np.array(counts)
+    draft["/pseudolite"] = np.arange(1, most + 1)
+    draft["/bearing"] = BEARINGS
+    draft["/loss"] = np.array(LOSSES)
+    values, without = np.array([found[c].value for c in counts]), {"without_pseudolites": outcome.without}
+    draft.put("/front/objective", values, without, unit=unit, quantity=quantity)
+    draft["/front/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
+    for way in (COARSE, FULL):
+        draft[f"/front/evaluations_{way}"] = np.array([found[c].tried.get(way, 0) for c in counts])
+    for path, marks in (
+        ("/front/every_choice", [found[c].every for c in counts]),
+        ("/front/finished", [found[c].finished for c in counts]),
+        ("/optimum/explored", [c in outcome.neighbourhoods for c in counts]),
+        ("/map/computed", [c in outcome.maps for c in counts]),
     ):
-        by_number(path, [np.int8(mark) for mark in marks], "1", text)
+        draft[path] = np.array(marks, dtype=np.int8)
     places = np.full((len(counts), most, 2), np.nan)
     llh = np.full((len(counts), most, 3), np.nan)
     around = np.full((len(counts), most, len(LOSSES), BEARINGS.size), np.nan)
@@ -311,36 +308,27 @@ def optimize_result(here: Problem, outcome: SearchOutcome, seed: int) -> Result:
         if count in outcome.neighbourhoods:
             around[i, :count] = outcome.neighbourhoods[count]
         margin[i] = here.rules.violation(best.places[None])[0]
-    for axis, (name, text) in enumerate((("s", "right of the runway's axis"), ("l1", "before the threshold"))):
-        v[f"/optimum/{name}"] = Variable(("pseudolites", "pseudolite"), places[..., axis], "m", text)
-    for axis, (name, u) in enumerate((("latitude", "rad"), ("longitude", "rad"), ("height", "m"))):
-        v[f"/optimum/{name}"] = Variable(("pseudolites", "pseudolite"), llh[..., axis], u, f"WGS-84 {name}")
-    how = "; by the coarse analysis, in proportion" if here.flown else ""
-    v["/optimum/neighbourhood"] = Variable(
-        ("pseudolites", "pseudolite", "loss", "bearing"), around, "m",
-        f"how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first",
-    )  # fmt: skip
-    v["/optimum/violation"] = Variable(
-        ("pseudolites",), margin, "m", "by how much the tightest rule is broken; negative: room left"
-    )
+    for axis, name in enumerate(("s", "l1")):
+        draft[f"/optimum/{name}"] = places[..., axis]
+    for axis, name in enumerate(("latitude", "longitude", "height")):
+        draft[f"/optimum/{name}"] = llh[..., axis]
+    draft["/optimum/neighbourhood"] = around
+    draft["/optimum/violation"] = margin
     others = [dop_outputs(here.geometry, here.rules.ground.ecef(found[c].places)[None]) for c in counts]
     for name in others[0]:
-        u, text = describe(name)
-        by_number(f"/optimum/{name}", [o[name][0] for o in others], u, text)
+        draft[f"/optimum/{name}"] = np.array([o[name][0] for o in others])
     s, l1 = map_axes(here)
-    v["/map/s"] = Variable(("s",), s, "m", "right of the runway's axis")
-    v["/map/l1"] = Variable(("l1",), l1, "m", "before the threshold")
-    unknown = np.full((s.size, l1.size), np.nan)
-    v["/map/objective"] = Variable(
-        ("pseudolites", "s", "l1"), np.stack([outcome.maps.get(c, unknown) for c in counts]), unit,
-        f"{meaning}, the first pseudolite moved, the others kept{how}; nan where a rule is broken",
-    )  # fmt: skip
-    v.update(kept(judging.notes(here.warnings) + _findings(here, outcome)))
+    draft["/map/s"] = s
+    draft["/map/l1"] = l1
+    maps = np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts])
+    draft.put("/map/objective", maps, unit=unit, quantity=quantity)
     attributes = root_attributes(
         "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
         undone="; ".join(outcome.undone(study.pseudolites)),
     )  # fmt: skip
-    return Result(attributes, v)
+    out = draft.result(attributes)
+    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome)))
+    return out
 
 
 def _findings(here: Problem, outcome: SearchOutcome) -> list[Finding]:

@@ -27,9 +27,11 @@ from navsim.estimation.estimate import KINDS, is_smoother
 from navsim.estimation.filter_loop import TFG
 from navsim.estimation.records import REJECTED
 from navsim.io import files
+from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.recording import is_nmea, read_fixes, read_imu
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import REPLAY
 from navsim.io.text import Dropped, FileError
 from navsim.models.imu import Triad
 from navsim.models.recording import Fixes, Samples
@@ -63,7 +65,6 @@ EVALUATIONS = 400
 """Most flights that a tuning makes."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
           "latency")  # fmt: skip
-_UNITS = ("m/s", "m/s", "rad/sqrt(s)", "m/s/sqrt(s)", "s")
 
 
 class ReplayError(JobError):
@@ -394,7 +395,7 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
 
 
 def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Result:
-    """Tune, fly, impose the outages: the result tree. Raises ReplayError where a smoother fails."""
+    """Tune, fly, impose the outages. Raises ReplayError where a smoother fails."""
     scenario = recording.scenario
     settings = tune(recording, done)
     kind = KINDS[scenario.filter.kind]
@@ -412,26 +413,22 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         flown = replay.fly(flight, beliefs, fix_sigma, times, withheld=withheld)
     except ArithmeticError as error:
         raise ReplayError(str(error)) from None
-    v: dict[str, Variable] = {}
-    _filter(v, flown, np.isin(flown.time, times))
-    _innovations(v, flight, flown)
-    _outages(v, scenario, flight, of_outages(beliefs), fix_sigma)
-    _fixes(v, flight)
-    for name, value, unit, was_free in zip(
-        _TUNED, settings, _UNITS, np.isin(np.arange(5), recording.free), strict=True
-    ):
-        said = "tuned to the innovations" if was_free else "given"
-        v[f"/tuning/{name}"] = Variable((), np.float64(value), unit, f"{name.replace('_', ' ')}, {said}")
-    _summary(v, flight, flown)
+    draft = Draft(REPLAY, {"mixed": ", ".join(dict.fromkeys(states.UNITS))})
+    _filter(draft, flown, np.isin(flown.time, times))
+    _innovations(draft, flight, flown)
+    _outages(draft, scenario, flight, of_outages(beliefs), fix_sigma)
+    _fixes(draft, flight)
+    for name, value, was_free in zip(_TUNED, settings, np.isin(np.arange(5), recording.free), strict=True):
+        draft.put(f"/tuning/{name}", value, {"origin": "tuned to the innovations" if was_free else "given"})
+    _summary(draft, flight, flown)
     alignment = recording.alignment
-    out = Result(
+    out = draft.result(
         root_attributes(
             "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
             alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
-        ),
-        v,
+        )
     )  # fmt: skip
-    v.update(kept(findings(recording, out, withheld)))
+    out.variables.update(kept(findings(recording, out, withheld)))
     return out
 
 
@@ -450,64 +447,35 @@ def _spans(outage: Outage) -> list[tuple[float, float]]:
     return [(start, start + length) for length in outage.duration_s for start in outage.start_s]
 
 
-_LABELS = (
-    ("llh", ("latitude", "longitude", "height"), "geodetic coordinates, WGS-84"),
-    ("ned", ("north", "east", "down"), "axes of the local level frame"),
-    ("rpy", ("roll", "pitch", "yaw"), "Euler angles, yaw-pitch-roll sequence"),
-)
+def _filter(draft: Draft, flown: replay.Replayed, wanted: np.ndarray) -> None:
+    draft["/filter/time"] = flown.time[wanted]
+    draft.put("/filter/state", np.array(states.NAMES, dtype=object), {"state_units": ", ".join(states.UNITS)})
+    draft["/filter/position_llh"] = flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL]
+    draft["/filter/velocity_ned"] = flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT]
+    draft["/filter/attitude_rpy"] = flown.rpy[wanted]
+    draft["/filter/sigma"] = flown.sigma[wanted]
+    draft["/filter/gyro_bias"] = flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL]
+    draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL :]
 
 
-def _filter(v: dict[str, Variable], flown: replay.Replayed, wanted: np.ndarray) -> None:
-    for name, labels, meaning in _LABELS:
-        v[f"/{name}"] = Variable((name,), np.array(labels), "1", meaning)
-    v["/filter/time"] = Variable(("time",), flown.time[wanted], "s", "time of the log")
-    v["/filter/state"] = Variable(("state",), np.array(states.NAMES, dtype=object), "1", "names of the error states")
-    v["/filter/position_llh"] = Variable(
-        ("time", "llh"), flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL], "rad, rad, m", "position of the IMU"
-    )
-    v["/filter/velocity_ned"] = Variable(
-        ("time", "ned"), flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT], "m/s", "velocity over ground"
-    )
-    v["/filter/attitude_rpy"] = Variable(("time", "rpy"), flown.rpy[wanted], "rad", "roll, pitch, yaw")
-    v["/filter/sigma"] = Variable(
-        ("time", "state"), flown.sigma[wanted], ", ".join(dict.fromkeys(states.UNITS)), "1 sigma of the errors"
-    )
-    v["/filter/axis"] = Variable(("axis",), np.array(["x", "y", "z"]), "1", "body axes, forward-right-down")
-    v["/filter/gyro_bias"] = Variable(
-        ("time", "axis"),
-        flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL],
-        "rad/s",
-        "estimated bias of the gyros",
-    )
-    v["/filter/accelerometer_bias"] = Variable(
-        ("time", "axis"), flown.navigation[wanted, states.NAV_ACCEL :], "m/s2", "estimated bias of the accelerometers"
-    )
+def _innovations(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
+    draft["/innovations/time"] = flight.arrival
+    for name, part in (("position_ned", slice(0, 3)), ("velocity_ned", slice(3, 6))):
+        draft[f"/innovations/{name}"] = flown.innovation[:, part]
+        draft[f"/innovations/{name}_sigma"] = flown.innovation_sigma[:, part]
+    draft["/innovations/normalized_squared"] = flown.innovation_squared
+    draft["/innovations/degrees"] = flown.degrees
+    draft["/innovations/status"] = flown.status
 
 
-def _innovations(v: dict[str, Variable], flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
-    g = "/innovations"
-    v[f"{g}/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
-    for name, part, unit in (("position_ned", slice(0, 3), "m"), ("velocity_ned", slice(3, 6), "m/s")):
-        v[f"{g}/{name}"] = Variable(
-            ("time", "ned"),
-            flown.innovation[:, part],
-            unit,
-            f"fix less prediction, {name[:8]}, nan where it was not used",
-        )
-        v[f"{g}/{name}_sigma"] = Variable(("time", "ned"), flown.innovation_sigma[:, part], unit, "1 sigma of the same")
-    v[f"{g}/normalized_squared"] = Variable(("time",), flown.innovation_squared, "1", "normalised innovation squared")
-    v[f"{g}/degrees"] = Variable(("time",), flown.degrees, "1", "degrees of freedom of the same")
-    v[f"{g}/status"] = Variable(("time",), flown.status, "1", "0 no fix, 1 used, 2 rejected by the gate")
-
-
-def _fixes(v: dict[str, Variable], flight: replay.RecordedFlight) -> None:
-    v["/gnss/time"] = Variable(("time",), flight.arrival, "s", "times of the fixes in the log")
-    v["/gnss/position_llh"] = Variable(("time", "llh"), flight.llh, "rad, rad, m", "position of the fixes")
-    v["/gnss/velocity_ned"] = Variable(("time", "ned"), flight.velocity, "m/s", "velocity of the fixes, nan where none")
+def _fixes(draft: Draft, flight: replay.RecordedFlight) -> None:
+    draft["/receiver/time"] = flight.arrival
+    draft["/receiver/position_llh"] = flight.llh
+    draft["/receiver/velocity_ned"] = flight.velocity
 
 
 def _outages(
-    v: dict[str, Variable], scenario: Replay, flight: replay.RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray
+    draft: Draft, scenario: Replay, flight: replay.RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray
 ) -> None:
     rows = []
     for first, last in sorted({span for outage in scenario.outages for span in _spans(outage)}):
@@ -521,16 +489,9 @@ def _outages(
         north, east, down = flown.innovation[final, :3]
         rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
     table = np.array(rows).reshape(-1, 4)
-    for index, (name, unit, meaning) in enumerate(
-        (
-            ("start", "s", "start of the outage"),
-            ("end", "s", "end of the outage"),
-            ("horizontal_error", "m", "withheld fix less prediction at the end, horizontal; nan outside the flight"),
-            ("vertical_error", "m", "the same, vertical"),
-        )
-    ):
-        v[f"/outages/{name}"] = Variable(("outage",), table[:, index], unit, meaning)
-    v["/outages/outage"] = Variable(("outage",), np.arange(table.shape[0]), "1", "number of the outage")
+    for index, name in enumerate(("start", "end", "horizontal_error", "vertical_error")):
+        draft[f"/outages/{name}"] = table[:, index]
+    draft["/outages/outage"] = np.arange(table.shape[0])
 
 
 def of_outages(beliefs: Beliefs) -> Beliefs:
@@ -539,33 +500,32 @@ def of_outages(beliefs: Beliefs) -> Beliefs:
     return replace(beliefs, kind=kind, gate=gate_limits(0.0))
 
 
-def _summary(v: dict[str, Variable], flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
+def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
     used = flown.degrees > 0
     groups = {"all": used, "moving": used & (flight.speed > MOVING)}
-    v["/summary/fixes"] = Variable(("fixes",), np.array(list(groups)), "1", f"all, or in motion above {MOVING:g} m/s")
+    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{MOVING:g} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
-    v["/summary/innovation_position"] = Variable(("fixes", "ned"), rms[:, :3], "m", "rms of the position innovations")
-    v["/summary/innovation_velocity"] = Variable(("fixes", "ned"), rms[:, 3:], "m/s", "rms of the velocity innovations")
+    draft["/summary/innovation_position"] = rms[:, :3]
+    draft["/summary/innovation_velocity"] = rms[:, 3:]
     nis = [
         float(np.sum(flown.innovation_squared[m]) / np.sum(flown.degrees[m])) if m.any() else np.nan
         for m in groups.values()
     ]
-    v["/summary/nis"] = Variable(("fixes",), np.array(nis), "1", "normalised innovation squared per degree of freedom")
-    counts = {
-        "samples": flight.imu_time.size, "fixes": flight.arrival.size,
-        "rejected": int(np.sum(flown.status == REJECTED)),
-        "gaps": len(flight.gaps),
-    }  # fmt: skip
-    for name, count in counts.items():
-        v[f"/summary/count/{name}"] = Variable((), np.int64(count), "1", f"number of {name}")
-    lengths = np.unique(np.round(np.asarray(v["/outages/end"].data) - np.asarray(v["/outages/start"].data), 9))
-    error = np.asarray(v["/outages/horizontal_error"].data)
-    of = np.round(np.asarray(v["/outages/end"].data) - np.asarray(v["/outages/start"].data), 9)
-    v["/summary/duration"] = Variable(("duration",), lengths, "s", "length of the outages")
+    draft["/summary/nis"] = np.array(nis)
+    for name, count in (
+        ("samples", flight.imu_time.size),
+        ("fixes", flight.arrival.size),
+        ("rejected", np.sum(flown.status == REJECTED)),
+        ("gaps", len(flight.gaps)),
+    ):
+        draft[f"/summary/count/{name}"] = np.int64(count)
+    of = np.round(draft["/outages/end"] - draft["/outages/start"], 9)
+    lengths, error = np.unique(of), draft["/outages/horizontal_error"]
+    draft["/summary/duration"] = lengths
     for name, function in (("median", np.nanmedian), ("max", np.nanmax)):
         values = np.array([function(error[of == length]) if np.isfinite(error[of == length]).any() else np.nan
-                           for length in lengths])  # fmt: skip
-        v[f"/summary/drift_{name}"] = Variable(("duration",), values, "m", f"{name} horizontal drift of the outages")
+                           for length in lengths], dtype=float)  # fmt: skip
+        draft[f"/summary/drift_{name}"] = values
 
 
 def _rms(x: np.ndarray) -> float:

@@ -10,7 +10,8 @@ import navsim
 from navsim.scenario.base import Section, utc_text
 from navsim.scenario.load import resolved_yaml
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""Of the names and meanings in `io.schema`."""
 _UTC = "%Y-%m-%dT%H:%M:%SZ"
 
 

@@ -19,8 +19,10 @@ import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io import files
+from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import OUTCOMES, SWEEP
 from navsim.models.kinematics import Frame, Moving
 from navsim.models.signals import Environment
 from navsim.scenario.approach import RecordedApproach
@@ -57,8 +59,7 @@ OWN_DIMENSIONS = ("finding", "point", "sample", "site")
 UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
 COMPUTED, INVALID, NO_FIX = range(3)
-OUTCOMES = ("computed", "no valid scenario", "no fix at all")
-"""What became of a combination."""
+"""What became of a combination, see `schema.OUTCOMES`."""
 _UNHEARD = list(LANDING).index("epochs_without_fix")
 
 
@@ -395,7 +396,7 @@ def dop_outputs(geometry: Geometry, sites: np.ndarray, workers: int = 1) -> dict
     return dict(zip(DOP_OUTPUTS, values, strict=True))
 
 
-def filter_outputs(tree: Result) -> dict[str, float]:
+def filter_outputs(tree: Result | Draft) -> dict[str, float]:
     """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
     out: dict[str, float] = {}
     for name in FILTER_OUTPUTS:
@@ -436,51 +437,26 @@ def partial_key(planned: Plan) -> dict[str, object]:
     }
 
 
-_UNITS = {"pdop": "1", "hdop": "1", "vdop": "1", "epochs_without_fix": "1"}
-_MEANINGS = {
-    "pdop": "PDOP", "hdop": "HDOP", "vdop": "VDOP", "fix_horizontal": "horizontal RMS of a fix",
-    "fix_vertical": "vertical RMS of a fix", "epochs_without_fix": "epochs of the glide without a fix",
-}  # fmt: skip
-
-
-def describe(name: str) -> tuple[str, str]:
-    """Unit and meaning of an output."""
-    stem = name.removesuffix("_low").removesuffix("_high")
-    which = {"_low": ", lower end of its 95 % interval", "_high": ", upper end of its 95 % interval"}.get(
-        name[len(stem) :], ""
-    )
-    if stem in FILTER_OUTPUTS:
-        axis, _, height = stem.partition("_")
-        where = f"at {height}" if height else "over 20 s to touchdown"
-        return "m", f"root mean square {axis} position error {where}{which}"
-    worst = stem.endswith("_max")
-    stem = stem.removesuffix("_max")
-    over = "" if stem == "epochs_without_fix" else f", {'largest' if worst else 'mean'} over the glide"
-    return _UNITS.get(stem, "m"), _MEANINGS[stem] + over
-
-
 def sweep_result(planned: Plan, found: Ensemble) -> Result:
     """The cube of the study, with where the pseudolites of each combination stand."""
     study = planned.study
-    v: dict[str, Variable] = {}
-    dims = tuple(axis.name for axis in planned.axes)
+    draft = Draft(
+        SWEEP,
+        dimension=[axis.name for axis in planned.axes],
+        varied=[short(study, key) for axis in planned.axes for key in axis.keys],
+    )
     for axis in planned.axes:
-        if len(axis.keys) == 1:
-            own = Variable((axis.name,), _column([p[0] for p in axis.points]), "1", f"values of {axis.keys[0]}")
-            v[f"/{axis.name}"] = v[f"/sweep/axes/{axis.name}"] = own
-            continue
-        v[f"/{axis.name}"] = Variable((axis.name,), np.arange(len(axis.points)), "1", "points of the axis")
+        alone = len(axis.keys) == 1
+        points = _column([p[0] for p in axis.points]) if alone else np.arange(len(axis.points))
+        draft.put(f"/{axis.name}", points, points=f"values of {axis.keys[0]}" if alone else "points of the axis")
         for j, key in enumerate(axis.keys):
             values = _column([p[j] for p in axis.points])
-            v[f"/sweep/axes/{short(study, key)}"] = Variable((axis.name,), values, "1", f"values of {key}")
+            draft.put(f"/sweep/axes/{short(study, key)}", values, key=key, of_axis=axis.name)
     for name in columns(study):
-        unit, meaning = describe(name)
-        v[f"/sweep/{name}"] = Variable(dims, found.per_run(name).reshape(planned.shape), unit, meaning)
-    _places(v, planned, found, dims)
+        draft[f"/sweep/{name}"] = found.per_run(name).reshape(planned.shape)
+    _places(draft, planned, found)
     outcome = found.per_run("outcome")
-    meaning = ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES))
-    v["/outcome/combination"] = Variable(dims, outcome.reshape(planned.shape), "1", meaning)
-    v.update(kept(_findings(planned, found, outcome)))
+    draft["/outcome/combination"] = outcome.reshape(planned.shape)
     attributes = root_attributes(
         "sweep",
         planned.seed,
@@ -492,7 +468,9 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         combinations=planned.size,
         refused=int(np.sum(outcome != COMPUTED)),
     )
-    return Result(attributes, v)
+    out = draft.result(attributes)
+    out.variables.update(kept(_findings(planned, found, outcome)))
+    return out
 
 
 def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Finding]:
@@ -526,16 +504,14 @@ def _column(values: list[Any]) -> np.ndarray:
     return np.array([x if isinstance(x, str) else json.dumps(x) for x in values], dtype=object)
 
 
-def _places(v: dict[str, Variable], planned: Plan, found: Ensemble, dims: tuple[str, ...]) -> None:
+def _places(draft: Draft, planned: Plan, found: Ensemble) -> None:
     """The approach and the sites of every combination in the plane of the runway."""
     scenario = planned.first[0]
     time = np.linspace(0.0, scenario.duration_s, 200)
     track = planned.plane(scenario.trajectory().motion(time).position_ecef)
     sites = found.per_run("site").reshape(*planned.shape, MOST_MAP_SITES, 2)
-    v["/plan/point"] = Variable(("point",), np.arange(time.size), "1", "points of the track")
-    v["/site"] = Variable(("site",), np.arange(1, MOST_MAP_SITES + 1), "1", "number of the pseudolite")
-    for i, (name, meaning) in enumerate(
-        (("along", "along the runway, positive beyond the threshold"), ("right", "right of the runway's axis"))
-    ):
-        v[f"/plan/track_{name}"] = Variable(("point",), track[:, i], "m", f"ground track, {meaning}")
-        v[f"/plan/site_{name}"] = Variable((*dims, "site"), sites[..., i], "m", f"pseudolites, {meaning}; nan for none")
+    draft["/plan/point"] = np.arange(time.size)
+    draft["/site"] = np.arange(1, MOST_MAP_SITES + 1)
+    for i, name in enumerate(("along", "right")):
+        draft[f"/plan/track_{name}"] = track[:, i]
+        draft[f"/plan/site_{name}"] = sites[..., i]

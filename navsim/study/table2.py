@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh
+from navsim.io.draft import Draft
 from navsim.io.findings import kept
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import TABLE2
 from navsim.scenario.load import read
 from navsim.scenario.shipped import path
 from navsim.simulation.geometry import Geometry, glide_geometry
@@ -260,84 +262,42 @@ def misfit(computed: np.ndarray, published: np.ndarray) -> tuple[float, float]:
 
 def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
     """All calibrations as one result tree of kind table2."""
-    v: dict[str, Variable] = {}
-    v["/calibration"] = Variable(("calibration",), np.array([c.name for c in found], dtype=object), "1", "calibrations")
-    v["/case"] = Variable(
-        ("case",), np.arange(1, len(ROWS) + 1), "1", "case of the paper's Table 1, the empty one first"
-    )
-    v["/interval"] = Variable(("interval",), np.array(["value", "low", "high"]), "1", "a value and its 95 % interval")
-    v["/statistic"] = Variable(
-        ("statistic",), np.array(["mean", "min", "max"]), "1", "over the fix epochs of the glide"
-    )
+    draft = Draft(TABLE2)
+    draft["/calibration"] = draft["/claims/calibration"] = np.array([c.name for c in found], dtype=object)
+    draft["/case"] = np.arange(1, len(ROWS) + 1)
     nan = float("nan")
-    for name, column, unit, meaning in (
-        ("pseudolites", [r.pseudolites for r in ROWS], "1", "number of pseudolites"),
-        ("s", [nan if r.s is None else r.s for r in ROWS], "m", "S of Table 1"),
-        ("l1", [nan if r.l1 is None else r.l1 for r in ROWS], "m", "L1 of Table 1"),
-    ):
-        v[f"/table/{name}"] = Variable(("case",), np.array(column), unit, meaning)
+    draft["/table/pseudolites"] = np.array([r.pseudolites for r in ROWS])
+    draft["/table/s"] = np.array([nan if r.s is None else r.s for r in ROWS])
+    draft["/table/l1"] = np.array([nan if r.l1 is None else r.l1 for r in ROWS])
     for i, name in enumerate(("pdop", "hdop", "vdop")):
-        printed = np.array([nan if r.dops is None else r.dops[i] for r in ROWS])
-        v[f"/published/{name}"] = Variable(("case",), printed, "1", f"{name.upper()} of Table 2")
-        for group, which in (("table", "dops"), ("weighted", "weighted")):
-            values = np.stack([getattr(c, which)[:, i] for c in found.values()])
-            v[f"/{group}/{name}"] = Variable(
-                ("calibration", "case", "statistic"), values, "1",
-                f"{name.upper()}, {'unit weights' if group == 'table' else 'sigma of the fix over that of a range'}",
-            )  # fmt: skip
+        draft[f"/published/{name}"] = np.array([nan if r.dops is None else r.dops[i] for r in ROWS])
+        draft[f"/table/{name}"] = np.stack([c.dops[:, i] for c in found.values()])
+        draft[f"/weighted/{name}"] = np.stack([c.weighted[:, i] for c in found.values()])
     for i, name in enumerate(("rms_horizontal", "rms_vertical")):
-        printed = np.array([nan if r.sko is None else r.sko[i] for r in ROWS])
-        v[f"/published/{name}"] = Variable(("case",), printed, "m", "SKO of Table 2")
-        sko = np.stack([c.sko[:, i] for c in found.values()])
-        v[f"/table/{name}"] = Variable(("calibration", "case"), sko, "m", "SKO of a fix, mean over the glide")
-    printed = np.array([nan if r.error is None else r.error for r in ROWS])
-    v["/published/error_horizontal"] = Variable(("case",), printed, "m", "horizontal estimation error of Table 2")
-    v["/table/error_horizontal"] = Variable(
-        ("calibration", "case", "interval"), np.stack([c.error for c in found.values()]), "m",
-        "horizontal estimation error, root mean square over runs and over 20 s to touchdown", {"runs": runs},
-    )  # fmt: skip
-    v["/fit/parameters"] = Variable(
-        ("calibration",), np.array([c.parameters for c in found]), "1", "number of fitted parameters"
-    )
-    v["/fit/letter"] = Variable(("calibration",), np.array([c.letter for c in found], dtype=object), "1", "letters")
-    meanings = np.array([c.meaning for c in found], dtype=object)
-    v["/fit/meaning"] = Variable(("calibration",), meanings, "1", "what was fitted under which constraint")
-    v["/fit/weighted"] = Variable(
-        ("calibration",), np.array([c.weighted for c in found]).astype(np.int8), "1",
-        "1: the weighted DOPs stand beside the published ones, not the unit-weight ones",
-    )  # fmt: skip
+        draft[f"/published/{name}"] = np.array([nan if r.sko is None else r.sko[i] for r in ROWS])
+        draft[f"/table/{name}"] = np.stack([c.sko[:, i] for c in found.values()])
+    draft["/published/error_horizontal"] = np.array([nan if r.error is None else r.error for r in ROWS])
+    draft.put("/table/error_horizontal", np.stack([c.error for c in found.values()]), {"runs": runs})
+    draft["/fit/parameters"] = np.array([c.parameters for c in found])
+    draft["/fit/letter"] = np.array([c.letter for c in found], dtype=object)
+    draft["/fit/meaning"] = np.array([c.meaning for c in found], dtype=object)
+    draft["/fit/weighted"] = np.array([c.weighted for c in found]).astype(np.int8)
     fits = np.array([[*misfit(c.compared(k), PUBLISHED_DOPS), *misfit(c.sko, PUBLISHED_SKO)] for k, c in found.items()])
-    for j, (name, meaning) in enumerate(
-        (
-            ("dop_rms", "root mean square relative difference over the 21 DOP cells"),
-            ("dop_max", "largest relative difference of a DOP cell"),
-            ("sko_rms", "root mean square relative difference over the 14 SKO cells"),
-            ("sko_max", "largest relative difference of an SKO cell"),
-        )
-    ):
-        v[f"/fit/{name}"] = Variable(("calibration",), fits[:, j], "1", meaning)
+    for j, name in enumerate(("dop_rms", "dop_max", "sko_rms", "sko_max")):
+        draft[f"/fit/{name}"] = fits[:, j]
     judged = [claims(c.compared(k), c.sko, c.error) for k, c in found.items()]
-    v["/claims/claim"] = Variable(("claim",), np.array([c.name for c in judged[0]], dtype=object), "1", "claims")
-    v["/claims/says"] = Variable(
-        ("claim",), np.array([c.says for c in judged[0]], dtype=object), "1", "what is claimed"
-    )
-    v["/claims/reason"] = Variable(("claim",), np.array([c.reason for c in judged[0]], dtype=object), "1", "reasons")
-    v["/claims/calibration"] = v["/calibration"]
-    for name, verdicts, meaning in (
-        ("computed", np.array([[c.computed for c in each] for each in judged], dtype=object), "what was computed"),
-        ("holds", np.array([[c.holds for c in each] for each in judged]).astype(np.int8), "1: the claim holds"),
-    ):
-        v[f"/claims/{name}"] = Variable(("calibration", "claim"), verdicts, "1", meaning)
+    draft["/claims/claim"] = np.array([c.name for c in judged[0]], dtype=object)
+    draft["/claims/says"] = np.array([c.says for c in judged[0]], dtype=object)
+    draft["/claims/reason"] = np.array([c.reason for c in judged[0]], dtype=object)
+    draft["/claims/computed"] = np.array([[c.computed for c in each] for each in judged], dtype=object)
+    draft["/claims/holds"] = np.array([[c.holds for c in each] for each in judged]).astype(np.int8)
     first = next(iter(found.values()))
-    v["/approach/time"] = Variable(("time",), first.time, "s", "fix epochs of the default calibration")
-    v["/approach/pseudolites"] = Variable(
-        ("curve",), np.array([ROWS[i].pseudolites for i in CURVES]), "1", "pseudolites, those at S = 200, L1 = 5000 m"
-    )
-    v["/approach/curve"] = Variable(("curve",), np.array(CURVES) + 1, "1", "case of the curve")
-    v["/approach/pdop"] = Variable(("curve", "time"), first.pdop, "1", "PDOP, unit weights")
-    v["/approach/rms_horizontal"] = Variable(("curve", "time"), first.rms, "m", "horizontal estimation error over runs")
+    draft["/approach/time"] = first.time
+    draft["/approach/pseudolites"] = np.array([ROWS[i].pseudolites for i in CURVES])
+    draft["/approach/curve"] = np.array(CURVES) + 1
+    draft["/approach/pdop"] = first.pdop
+    draft["/approach/rms_horizontal"] = first.rms
     cases = [f"calibration {c.letter}, case {row + 1}" for c in found for row in range(len(ROWS))]
-    v.update(kept(among(np.concatenate([c.found for c in found.values()]), "cases", cases.__getitem__)))
     least, printed_most = published_contradiction()
     attributes = root_attributes(
         "table2",
@@ -347,4 +307,6 @@ def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
         largest_pdop_of_case_6_printed=printed_most,
     )
     attributes["title"] = "Tables 1 and 2 of the landing paper, published and computed"
-    return Result(attributes, v)
+    out = draft.result(attributes)
+    out.variables.update(kept(among(np.concatenate([c.found for c in found.values()]), "cases", cases.__getitem__)))
+    return out

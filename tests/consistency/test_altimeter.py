@@ -19,6 +19,7 @@ from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS
 from tests.helpers import case
+from tests.layout import as_declared
 from tests.product.test_run import navsim
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
@@ -99,6 +100,7 @@ def test_result_and_budget_name_it(tmp_path: Path) -> None:
     brief = ("--set", "duration_s=20", "--set", "altimeter={sigma_m: 0.5, rate_hz: 5}", "--figures", "none", "-q")
     navsim("run", SCENARIOS / "landing.yaml", *brief, "--runs", 3, "--keep", "all", "-o", "a.h5", cwd=tmp_path)
     result = read(tmp_path / "a.h5")
+    as_declared(result)
     measured = result["/aiding/altimeter/measured"]
     assert measured.shape == (3, 100, 1)
     height = np.interp(result["/aiding/altimeter/time"], result["/truth/time"], result["/truth/position_llh"][:, 2])

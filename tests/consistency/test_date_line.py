@@ -108,7 +108,7 @@ def test_a_recorded_flight_across_the_date_line(tmp_path: Path) -> None:
         (folder / "log.yaml").write_text((SCENARIOS / "recorded_flight.yaml").read_text())
         found.append(replay.compute(replay.prepare(*read_replay(folder / "log.yaml", ("tuning=none",)))))
     here, there = found
-    assert np.ptp(there["/gnss/position_llh"][:, 1]) > HALF
+    assert np.ptp(there["/receiver/position_llh"][:, 1]) > HALF
     assert np.abs(there["/filter/position_llh"][:, 1]).max() <= HALF
     for name in ("/filter/attitude_rpy", "/filter/velocity_ned", "/filter/sigma", "/innovations/normalized_squared"):
         np.testing.assert_allclose(there[name], here[name], rtol=1e-4, atol=1e-5)

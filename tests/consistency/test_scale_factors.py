@@ -13,6 +13,7 @@ from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import SCENARIOS
 from tests.helpers import case
+from tests.layout import as_declared
 from tests.product.test_run import navsim
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
@@ -81,6 +82,7 @@ def test_result_names_its_states(tmp_path: Path) -> None:
     )
     assert "NEES, 21 states" in done.stdout
     result = read(tmp_path / "a.h5")
+    as_declared(result)
     assert list(result["/filter/state"][-6:]) == [f"{s}_scale_{a}" for s in ("gyro", "accelerometer") for a in "xyz"]
     assert result["/filter/error"].shape[2] == 21
     assert list(result["/summary/consistency/group"])[-2:] == ["gyro_scale", "accelerometer_scale"]

@@ -11,6 +11,7 @@ from PIL import Image
 
 from navsim.io.results import read
 from tests.conftest import SCENARIOS
+from tests.layout import as_declared
 from tests.product.test_run import navsim, stored
 
 SHIPPED = {
@@ -45,7 +46,7 @@ def test_shipped_companion(name: str, long: bool, tmp_path: Path) -> None:
     file = tmp_path / "results" / f"{name}.h5"
     assert done.stdout
     result = read(file)
-    assert all(v.units and v.long_name for v in result.variables.values())
+    as_declared(result)
     tree = xr.open_datatree(file, engine="h5netcdf")
     for path, dims in variables.items():
         assert tree[path].dims == dims

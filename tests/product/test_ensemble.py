@@ -16,6 +16,7 @@ from scipy.stats import chi2
 from navsim.io.results import read
 from navsim.study.ensemble import BATCH
 from tests.conftest import SCENARIOS
+from tests.layout import as_declared
 from tests.product.test_run import SHORT, navsim, stored, with_files_limited
 
 RUNS = 16 * BATCH
@@ -149,6 +150,7 @@ def test_keep_decides_what_is_stored(place: Path) -> None:
     ):
         navsim(*base, keep, cwd=place)
         r = read(place / "keep.h5")
+        as_declared(r)
         assert all(path in r for path in stored_paths)
         assert not any(path in r for path in left_out)
         summaries.append({p: v.data for p, v in r.variables.items() if p.startswith("/summary")})

@@ -32,6 +32,7 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.sweep import Sweep
 from tests.conftest import ROOT, SCENARIOS
 from tests.helpers import case
+from tests.layout import as_declared
 
 BRIEF = ("--set", "duration_s=2", "--set", "receiver.rate_hz=2")
 LANDING = SCENARIOS / "landing.yaml"
@@ -436,5 +437,6 @@ def test_the_shipped_flight_shows_what_was_put_into_it(tmp_path: Path) -> None:
     """Its latency is found, its innovations are as large as believed, and it aligns by itself."""
     navsim("replay", SCENARIOS / "recorded_flight.yaml", "-q", "-o", "f.h5", cwd=tmp_path)
     flown = read(tmp_path / "f.h5")
+    as_declared(flown)
     assert flown["/summary/nis"] == pytest.approx(1.0, abs=0.15)
     assert float(flown["/tuning/latency"]) == pytest.approx(0.1, abs=0.02)

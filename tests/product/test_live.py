@@ -32,6 +32,7 @@ from navsim.study.executor import threads
 from navsim.study.live import Session
 from navsim.study.source_clock import start_time
 from tests.helpers import SCENARIOS, case
+from tests.layout import as_declared
 from tests.product.test_fuzz_readers import sentence
 
 SHORT = ("receiver.rate_hz=2", "duration_s=60", "filter.velocity=true")
@@ -165,6 +166,7 @@ def test_standard_input_and_files(flown, tmp_path: Path) -> None:  # type: ignor
     assert "messages used" in done.stdout
     assert "verdict: flown" in done.stdout
     assert "12:00:00.000Z by the source's clock, by UTC and the scenario's epoch" in done.stderr
+    as_declared(read(tmp_path / "b.h5"))
     shown = navsim("show", "b.h5", cwd=tmp_path)
     assert shown.stdout.splitlines()[1:] == done.stdout.splitlines()[:-1]
     assert navsim("plot", "b.h5", cwd=tmp_path).returncode == 0

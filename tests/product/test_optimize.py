@@ -12,6 +12,7 @@ from PIL import Image
 
 from navsim.io.results import read
 from tests.conftest import SCENARIOS
+from tests.layout import as_declared
 from tests.product.test_run import navsim, stored
 
 BASE = SCENARIOS / "landing_gnss_only.yaml"
@@ -37,7 +38,7 @@ def test_shipped_study(place: Path) -> None:
     result = read(place / "a.h5")
     tree = xr.open_datatree(place / "a.h5", engine="h5netcdf")
     assert tree["map/objective"].sizes == {"pseudolites": 2, "s": 61, "l1": 61}
-    assert all(v.units and v.long_name for v in result.variables.values())
+    as_declared(result)
     front = result["/front/objective"]
     none = result.variables["/front/objective"].attributes["without_pseudolites"]
     assert np.all(np.diff(np.append(none, front)) < 0)

@@ -15,6 +15,7 @@ from navsim.__main__ import main
 from navsim.io.results import read
 from navsim.study import watch
 from tests.conftest import SCENARIOS
+from tests.layout import as_declared
 
 
 class Clock:
@@ -63,6 +64,7 @@ def test_time_limit_keeps_the_best(
     assert "at most" in err
     assert "by covariance analysis" in err
     result = read(study.with_suffix(".h5"))
+    as_declared(result)
     assert result.attributes["stopped"] == "time limit"
     assert list(result["/pseudolites"]) == [1]
     assert list(result["/front/finished"]) == [0]
@@ -110,6 +112,7 @@ def test_interrupt_keeps_the_best(
     assert "(stopped)" in out
     assert "not computed" in out
     result = read(study.with_suffix(".h5"))
+    as_declared(result)
     assert result.attributes["stopped"] == "interrupted"
     assert np.all(np.isfinite(result["/front/objective"]))
 

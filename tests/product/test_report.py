@@ -25,6 +25,7 @@ from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.models import mls
 from navsim.report import atc, azimuth, elevation, figures, live, sweep, tables
+from navsim.report.table import console
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
 from navsim.study import atc as atc_study
@@ -71,7 +72,7 @@ def printed(table: RenderableType) -> str:
 
 
 def text_of(*results: Result) -> str:
-    return printed(tables.summary_table([(f"r{i}", r) for i, r in enumerate(results)]))
+    return printed(console([tables.summary_table([(f"r{i}", r) for i, r in enumerate(results)])]))
 
 
 def rows(text: str, word: str) -> list[str]:
@@ -330,7 +331,7 @@ def test_atc_figures_follow_the_scenario() -> None:
     ratios = result["/summary/decoupled_to_full"]
     ratios[0, 0, 0, [3, 5, 7, 9, 11], 0] = 1.5
     ratios[0, 0, 0, :2, 0] = 1.0
-    assert "for the range, not for the pairs" in printed(atc.console(result))
+    assert "for the range, not for the pairs" in printed(console(atc.tables(result)))
 
 
 def test_elevation_figures_follow_the_scenario() -> None:
@@ -349,7 +350,7 @@ def test_elevation_figures_follow_the_scenario() -> None:
     for name, figure in drawings.items():
         figure.draw_without_rendering()
         check_page(name, figure)
-    text = printed(elevation.console(result))
+    text = printed(console(elevation.tables(result)))
     assert "±30 %" in text
     assert "confidence of 0.9" in text
     assert "±20 %" not in text
@@ -415,6 +416,6 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     corners = ax.collections[0].get_coordinates()  # type: ignore[attr-defined]
     assert np.ptp(np.diff(corners[:, :, 0], axis=1)) < 1e-6
     assert sweep.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
-    text = printed(sweep.console(result))
+    text = printed(console(sweep.tables(result)))
     assert "500 *" in text
     assert "the best may lie beyond" in text

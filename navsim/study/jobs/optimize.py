@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from navsim.io.results import Sort
+from navsim.io.schema import QUANTITIES
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
@@ -19,7 +20,6 @@ from navsim.study.journal import Journal
 from navsim.study.objective import Problem, problem
 from navsim.study.partial import Store
 from navsim.study.search import COARSE, FULL
-from navsim.study.sweep import describe
 from navsim.study.watch import Progress, Watch
 
 
@@ -58,7 +58,7 @@ class OptimizeJob:
         return optimize.partial_key(self.posed, self.options.seed)
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
-        unit = describe(self.section.objective)[0]
+        unit = QUANTITIES[self.section.objective][0]
         self._watch.tell = lambda progress: tell(0, said(progress, unit))
         found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store))
         result = optimize.optimize_result(self.posed, found, self.options.seed)

@@ -8,8 +8,10 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.rotation import rpy_jacobian
+from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
+from navsim.io.schema import COVARIANCE
 from navsim.simulation.landing_covariance import Analysis, analyse, folded_quantile
 from navsim.study.findings import (
     BEYOND,
@@ -35,7 +37,7 @@ from navsim.study.landing.ensemble import (
     turned_variances,
     variances_at_heights,
 )
-from navsim.study.landing.tree import accuracy, base, belief
+from navsim.study.landing.tree import accuracy, attributes, base, belief
 
 
 def budget(analysis: Analysis) -> tuple[str, ...]:
@@ -52,36 +54,20 @@ def covariance_analysis(case: Case) -> Analysis:
 
 
 def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
-    """The result tree: the names of a Monte Carlo study where they mean the same, with `/covariance` and `/budget`."""
-    out = base(case, seed)
-    v = out.variables
-    world = case.world
-    t = world.filter_time
+    """The result: the names of a Monte Carlo study where they mean the same, with `/covariance` and `/budget`."""
+    draft = base(case, COVARIANCE)
     square = _squares(analysis)
-    total = square.sum(axis=0)
-    believed = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))
-
-    mixed = ", ".join(dict.fromkeys(case.state_units))
-    units = {"state_units": ", ".join(case.state_units)}
-    v["/filter/time"] = Variable(("time",), t, "s", "time 0, then the times the fixes are applied")
-    v["/filter/state"] = Variable(("state",), np.array(case.states), "1", "states of the filter", units)
-    v["/filter/sigma"] = Variable(
-        ("run", "time", "state"), believed[None], mixed, "1 sigma the filter believes in, after the update"
-    )
-    v["/run"] = Variable(("run",), np.zeros(1, np.int64), "1", "no run: along the error-free flight")
-    v["/covariance/time"] = v["/filter/time"]
-    v["/covariance/state"] = v["/filter/state"]
-    v["/covariance/rms"] = Variable(
-        ("time", "state"), np.sqrt(total), mixed, "true root mean square error, after the update"
-    )
-    v["/covariance/mean"] = Variable(("time", "state"), analysis.mean, mixed, "mean error, truth minus estimate")
-    v["/budget/source"] = Variable(("source",), np.array(budget(analysis)), "1", "sources of error")
-    v["/budget/time"] = v["/filter/time"]
-    v["/budget/state"] = v["/filter/state"]
-    v["/budget/rms"] = Variable(
-        ("source", "time", "state"), np.sqrt(square), mixed, "root mean square error from each source alone"
-    )
-    out.variables.update(covariance_summary(case, analysis).variables)
+    draft["/run"] = np.zeros(1, np.int64)
+    draft["/filter/sigma"] = np.sqrt(np.diagonal(analysis.believed, axis1=1, axis2=2))[None]
+    draft["/covariance/rms"] = np.sqrt(square.sum(axis=0))
+    draft["/covariance/mean"] = analysis.mean
+    draft["/budget/source"] = np.array(budget(analysis))
+    draft["/budget/rms"] = np.sqrt(square)
+    for group in ("filter", "covariance", "budget"):
+        draft[f"/{group}/time"] = case.world.filter_time
+        draft.put(f"/{group}/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
+    _summary(draft, case, analysis, square)
+    out = draft.result(attributes(case, seed))
     out.variables.update(kept(covariance_findings(case, analysis)))
     return out
 
@@ -123,11 +109,11 @@ def _one(masks: np.ndarray) -> Flaws:
     return Flaws(flaws.count[None], flaws.first[None], flaws.last[None])
 
 
-def covariance_summary(case: Case, analysis: Analysis) -> Result:
+def covariance_summary(case: Case, analysis: Analysis) -> Draft:
     """The part of the result that the analysis gives to `/summary`, for those who need no more."""
-    v: dict[str, Variable] = {}
-    _summary(v, case, analysis, _squares(analysis))
-    return Result({}, v)
+    draft = Draft(COVARIANCE)
+    _summary(draft, case, analysis, _squares(analysis))
+    return draft
 
 
 def _squares(analysis: Analysis) -> np.ndarray:
@@ -140,7 +126,7 @@ def _exact(values: np.ndarray) -> np.ndarray:
     return np.repeat(np.asarray(values)[..., None], 3, axis=-1)
 
 
-def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.ndarray) -> None:
+def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -> None:
     window, n = rms_window(case), len(case.states)
     late = square[:, window].mean(axis=1) if window.any() else np.full(square.shape[::2], np.nan)
     mean, cov = _at_heights(case, analysis)
@@ -153,7 +139,7 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
         return found.mean(axis=0) if window.any() else np.full(3, np.nan)
 
     accuracy(
-        v,
+        draft,
         _exact(np.sqrt(late.sum(axis=0)[:9])),
         _exact(np.sqrt(late_rpy(square_of_all))),
         _exact(np.sqrt(late[:, :2].sum())),
@@ -162,51 +148,35 @@ def _summary(v: dict[str, Variable], case: Case, analysis: Analysis, square: np.
     )
     variance = np.diagonal(analysis.believed, axis1=1, axis2=2)[window]
     belief(
-        v,
+        draft,
         variance.mean(axis=0) if window.any() else np.full(n, np.nan),
         late_rpy(analysis.believed),
         variances_at_heights(case, crossing_times(case), analysis.believed[:, :3, :3]),
     )
-    v["/summary/percentile"] = Variable(("percentile",), np.array(PERCENTILES), "1", "percentiles of an error's size")
+    draft["/summary/percentile"] = np.array(PERCENTILES)
     for i, name in enumerate(("lateral", "along", "vertical")):
         quantiles = [
             [folded_quantile(p / 100.0, m[i], math.sqrt(c[i, i])) for p in PERCENTILES]
             for m, c in zip(mean, cov, strict=True)
         ]
-        v[f"/summary/at/{name}_percentile"] = Variable(
-            ("height", "percentile"), np.array(quantiles), "m", f"percentiles of the size of the {name} position error"
-        )
-    v["/summary/budget/source"] = Variable(("source",), np.array(budget(analysis)), "1", "sources of error")
+        draft[f"/summary/at/{name}_percentile"] = np.array(quantiles)
+    draft["/summary/budget/source"] = np.array(budget(analysis))
     for name, columns in (("horizontal", [0, 1]), ("vertical", [2])):
         part = late[:, columns].sum(axis=1)
-        v[f"/summary/budget/{name}"] = Variable(
-            ("source",), np.sqrt(part), "m", f"{name} error from each source alone, as in /summary/rms"
-        )
-        v[f"/summary/budget/{name}_share"] = Variable(
-            ("source",),
-            part / part.sum() if part.any() else np.full(part.shape, np.nan),
-            "1",
-            f"share of each source in the mean square {name} error",
-        )
-    t = case.world.filter_time
-    v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
+        share = part / part.sum() if part.any() else np.full(part.shape, np.nan)
+        draft[f"/summary/budget/{name}"] = np.sqrt(part)
+        draft[f"/summary/budget/{name}_share"] = share
+    draft["/summary/consistency/time"] = case.world.filter_time
     nis = np.concatenate([[np.nan], analysis.nis / np.maximum(analysis.degrees, 1)])
-    for name, values, degrees, meaning in (
-        ("nees", analysis.expected_square(slice(0, n)), n, f"estimation error squared, {n} states"),
-        ("nees_position_velocity", analysis.expected_square(slice(0, 6)), 6, "estimation error squared, 6 states"),
-        ("nis", nis, int(analysis.degrees.max(initial=0)), "innovation squared"),
+    for name, values, degrees in (
+        ("nees", analysis.expected_square(slice(0, n)), n),
+        ("nees_position_velocity", analysis.expected_square(slice(0, 6)), 6),
+        ("nis", nis, int(analysis.degrees.max(initial=0))),
     ):
-        v[f"/summary/consistency/{name}"] = Variable(
-            ("time",), values, "1", f"expected per degree of freedom: normalised {meaning}",
-            {"degrees_of_freedom": degrees},
-        )  # fmt: skip
+        draft.put(f"/summary/consistency/{name}", values, {"degrees_of_freedom": degrees})
     lost = int(np.sum(analysis.degrees == 0))
-    for name, value, meaning in (
-        ("runs", 0, "number of runs"),
-        ("fixes", analysis.degrees.size - lost, "fixes"),
-        ("epochs_without_fix", lost, "epochs without a fix"),
-    ):
-        v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
+    for name, value in (("runs", 0), ("fixes", analysis.degrees.size - lost), ("epochs_without_fix", lost)):
+        draft[f"/summary/count/{name}"] = np.int64(value)
 
 
 def _at_heights(case: Case, analysis: Analysis) -> tuple[np.ndarray, np.ndarray]:

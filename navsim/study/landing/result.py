@@ -1,4 +1,4 @@
-"""The result tree of a Monte Carlo study of a landing."""
+"""The result of a Monte Carlo study of a landing."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 
+from navsim.io.draft import Draft
 from navsim.io.findings import kept
-from navsim.io.results import Result, Stream, Variable
+from navsim.io.results import Result, Stream
+from navsim.io.schema import LANDING
 from navsim.scenario.sky import CLOCKS
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
-from navsim.study.landing.tree import accuracy, base, belief
+from navsim.study.landing.tree import accuracy, attributes, base, belief
 from navsim.study.statistics import (
     SIGMA_TOLERANCE,
     consistency_band,
@@ -25,23 +27,22 @@ from navsim.study.statistics import (
 
 
 def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
-    """The result tree of an ensemble that was flown with the same `keep`.
+    """The result of an ensemble that was flown with the same `keep`.
 
     keep: `all` also stores measurements and fixes of every run, `errors` the filter's errors, `none` the
     statistics alone.
     """
-    out = base(case, seed)
-    v = out.variables
-    runs = np.arange(ensemble.first_run, ensemble.first_run + ensemble.runs)
-    v["/run"] = Variable(("run",), runs, "1", "number of the run in the ensemble of the seed")
+    draft = base(case, LANDING)
+    draft["/run"] = np.arange(ensemble.first_run, ensemble.first_run + ensemble.runs)
     if keep == "all":
-        _receiver(v, case, ensemble)
-        _measurements(v, case, ensemble)
+        _receiver(draft, case, ensemble)
+        _measurements(draft, case, ensemble)
     if keep != "none":
-        _filter(v, case, ensemble)
-        _aiding(v, case, ensemble, keep == "all")
-    _summary(v, case, ensemble)
-    v.update(kept(findings(case, ensemble)))
+        _filter(draft, case, ensemble)
+        _aiding(draft, case, ensemble, keep == "all")
+    _summary(draft, case, ensemble)
+    out = draft.result(attributes(case, seed))
+    out.variables.update(kept(findings(case, ensemble)))
     return out
 
 
@@ -53,82 +54,45 @@ def _history(
     return Stream((ensemble.runs, *first.shape[1:]), first.dtype, lambda: map(convert, ensemble.blocks(name)))
 
 
-def _measurements(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
+def _measurements(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     s = case.world.signals
-    v["/measurements/time"] = Variable(("time",), s.time, "s", "fix epochs")
-    v["/measurements/source"] = Variable(("source",), np.array(s.names, dtype=object), "1", "names of the sources")
-    dims = ("run", "time", "source")
-    v["/measurements/pseudorange"] = Variable(dims, _history(ensemble, "pseudorange"), "m", "pseudoranges")
-    v["/measurements/range_rate"] = Variable(dims, _history(ensemble, "range_rate"), "m/s", "pseudorange rates")
-    cn0 = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
-    v["/measurements/cn0"] = Variable(dims, cn0, "dB-Hz", "carrier to noise density ratio")
+    draft["/measurements/time"] = s.time
+    draft["/measurements/source"] = np.array(s.names, dtype=object)
+    draft["/measurements/pseudorange"] = _history(ensemble, "pseudorange")
+    draft["/measurements/range_rate"] = _history(ensemble, "range_rate")
+    draft["/measurements/cn0"] = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
 
 
-def _receiver(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
+def _receiver(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     s = case.world.signals
     clocks = sorted(set(s.clock[np.any(s.used, axis=0)].tolist()))
-    v["/receiver/clock_name"] = Variable(
-        ("clock_name",), np.array([CLOCKS[c] for c in clocks], dtype=object), "1", "time scales"
-    )
-    dims = ("run", "time")
-    v["/receiver/position_llh"] = Variable(
-        (*dims, "llh"), _history(ensemble, "fix_llh"), "rad, rad, m", "fixes of the antenna"
-    )
-    v["/receiver/velocity_ned"] = Variable(
-        (*dims, "ned"), _history(ensemble, "fix_velocity"), "m/s", "velocity fixes of the antenna"
-    )
-    v["/receiver/clock"] = Variable(
-        (*dims, "clock_name"),
-        _history(ensemble, "fix_clock", lambda block: block[..., clocks]),
-        "m",
-        "receiver clock against each time scale",
-    )
+    draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
+    draft["/receiver/position_llh"] = _history(ensemble, "fix_llh")
+    draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")
+    draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
 
 
-def _filter(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
-    world, n = case.world, len(case.states)
-    v["/filter/time"] = Variable(("time",), world.filter_time, "s", "time 0, then the times the fixes are applied")
-    v["/filter/state"] = Variable(
-        ("state",),
-        np.array(case.states),
-        "1",
-        "states of the filter",
-        {"state_units": ", ".join(case.state_units)},
-    )
-    mixed = ", ".join(dict.fromkeys(case.state_units))
-    v["/filter/error"] = Variable(
-        ("run", "time", "state"), _history(ensemble, "error"), mixed, "truth minus estimate, after the update"
-    )
-    v["/filter/sigma"] = Variable(
-        ("run", "time", "state"), _history(ensemble, "sigma"), mixed, "1 sigma of the filter, after the update"
-    )
-    v["/filter/nees"] = Variable(
-        ("run", "time"),
-        _history(ensemble, "nees"),
-        "1",
-        f"normalised estimation error squared, {n} states",
-        {"degrees_of_freedom": n},
-    )
-    v["/filter/nees_position_velocity"] = Variable(
-        ("run", "time"), _history(ensemble, "nees_position_velocity"), "1",
-        "normalised estimation error squared, position and velocity", {"degrees_of_freedom": 6},
-    )  # fmt: skip
-    v["/filter/epoch"] = Variable(("epoch",), world.signals.time, "s", "fix epochs, time of validity")
-    innovation = _history(ensemble, "innovation_squared")
-    v["/filter/innovation_squared"] = Variable(
-        ("run", "epoch"), innovation, "1", "normalised innovation squared, nan without a fix",
-        {"degrees_of_freedom": int(ensemble.per_run("degrees").max())},
-    )  # fmt: skip
-    status = _history(ensemble, "status", lambda block: block.astype(np.int8))
-    v["/filter/fix_status"] = Variable(("run", "epoch"), status, "1", "0 no fix, 1 used, 2 rejected by the gate")
+def _filter(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    world = case.world
+    draft["/filter/time"] = world.filter_time
+    draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
+    draft["/filter/error"] = _history(ensemble, "error")
+    draft["/filter/sigma"] = _history(ensemble, "sigma")
+    for name, degrees in (("nees", len(case.states)), ("nees_position_velocity", 6)):
+        draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
+    draft["/filter/epoch"] = world.signals.time
+    most = int(ensemble.per_run("degrees").max())
+    name = "innovation_squared"
+    draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": most})
+    draft["/filter/fix_status"] = _history(ensemble, "status", lambda block: block.astype(np.int8))
 
 
-def _aiding(v: dict[str, Variable], case: Case, ensemble: Ensemble, measured: bool) -> None:
+def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> None:
     """What each sensor beside the receiver measured, and what the filter made of it."""
     first = 0
     for aid in case.world.aids:
         branch, part = f"/aiding/{aid.sensor.name}", slice(first, first + aid.time.size)
-        first = part.stop
+        first, numbers = part.stop, aid.exact.shape[1]
 
         def of(name: str, part: slice = part, numbers: int = 0, kind: type | None = None) -> Stream:
             def one(block: np.ndarray) -> np.ndarray:
@@ -137,119 +101,76 @@ def _aiding(v: dict[str, Variable], case: Case, ensemble: Ensemble, measured: bo
 
             return _history(ensemble, name, one)
 
-        v[f"{branch}/time"] = Variable(("time",), aid.time, "s", "times of the measurements since the epoch")
+        draft[f"{branch}/time"] = aid.time
         if measured:
-            v[f"{branch}/number"] = Variable(("number",), np.array(aid.sensor.numbers), "1", "what is measured")
-            v[f"{branch}/measured"] = Variable(
-                ("run", "time", "number"), of("aided", numbers=aid.exact.shape[1]), aid.sensor.unit, "as measured"
-            )
-        v[f"{branch}/innovation_squared"] = Variable(
-            ("run", "time"), of("aided_squared"), "1", "normalised innovation squared, nan where there is none",
-            {"degrees_of_freedom": aid.exact.shape[1]},
-        )  # fmt: skip
-        v[f"{branch}/status"] = Variable(
-            ("run", "time"), of("aided_status", kind=np.int8), "1",
-            "0 not used, 1 used, 2 rejected by the gate",
-        )  # fmt: skip
+            draft[f"{branch}/number"] = np.array(aid.sensor.numbers)
+            draft.put(f"{branch}/measured", of("aided", numbers=numbers), unit=aid.sensor.unit)
+        draft.put(f"{branch}/innovation_squared", of("aided_squared"), {"degrees_of_freedom": numbers})
+        draft[f"{branch}/status"] = of("aided_status", kind=np.int8)
 
 
-def _summary(v: dict[str, Variable], case: Case, ensemble: Ensemble) -> None:
-    t = case.world.filter_time
+def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     squares = ensemble.per_run("mean_square")
     at = ensemble.per_run("at_height")
     accuracy(
-        v,
+        draft,
         np.stack([rms_interval(squares[:, [i]]) for i in range(9)]),
         np.stack([rms_interval(ensemble.per_run("rpy_square")[:, [i]]) for i in range(3)]),
         rms_interval(squares[:, :2]),
         rms_interval(squares[:, 2:3]),
         np.stack([[rms_interval(at[:, h, [i]] ** 2) for h in range(at.shape[1])] for i in range(3)]),
     )
-    belief(v, *(ensemble.per_run(name).mean(axis=0) for name in ("variance", "rpy_variance", "at_variance")))
+    belief(draft, *(ensemble.per_run(name).mean(axis=0) for name in ("variance", "rpy_variance", "at_variance")))
+    draft["/summary/percentile"] = np.array(PERCENTILES)
     for i, name in enumerate(("lateral", "along", "vertical")):
-        v[f"/summary/at/{name}_run"] = Variable(
-            ("run", "height"), at[:, :, i], "m", f"{name} position error of each run, truth minus estimate"
-        )
-
-    v["/summary/percentile"] = Variable(
-        ("percentile",), np.array(PERCENTILES), "1", "percentiles over runs of the size of an error"
-    )
-    for i, name in enumerate(("lateral", "along", "vertical")):
-        v[f"/summary/at/{name}_percentile"] = Variable(
-            ("height", "percentile"), np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T, "m",
-            f"percentiles over runs of the size of the {name} position error",
-        )  # fmt: skip
+        draft[f"/summary/at/{name}_run"] = at[:, :, i]
+        draft[f"/summary/at/{name}_percentile"] = np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T
     for name, first, last in (("horizontal", 0, 2), ("vertical", 2, 3)):
         size = np.sqrt(squares[:, first:last].sum(axis=1))
-        v[f"/summary/rms/{name}_percentile"] = Variable(
-            ("percentile",), np.percentile(size, PERCENTILES), "m",
-            f"percentiles over runs of the {name} error, root mean square over 20 s to touchdown",
-        )  # fmt: skip
+        draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
 
-    v["/summary/coverage/level"] = Variable(("level",), LEVELS, "1", "size of the ellipsoid in sigmas")
     inside = ensemble.per_run("inside")
-    v["/summary/coverage/position"] = Variable(
-        ("level", "interval"), np.stack([mean_interval(inside[:, k]) for k in range(LEVELS.size)]), "1",
-        "share of outputs after time 0 with the position error inside its ellipsoid",
-    )  # fmt: skip
-    v["/summary/coverage/expected"] = Variable(
-        ("level",), np.array([ellipsoid_probability(k, 3) for k in LEVELS]), "1", "share of a Gaussian error"
-    )
-
-    runs, n = ensemble.runs, len(case.states)
-    v["/summary/consistency/time"] = Variable(("time",), t, "s", "time of the filter's output")
-    most = int(ensemble.per_run("degrees").max())
-    for name, degrees, meaning in (
-        ("nees", n, f"normalised estimation error squared, {n} states"),
-        ("nees_position_velocity", 6, "normalised estimation error squared, position and velocity"),
-        ("nis", most, "normalised innovation squared"),
-    ):
-        low, high = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)
-        v[f"/summary/consistency/{name}"] = Variable(
-            ("time",), ensemble.mean(name), "1", f"ensemble mean per degree of freedom: {meaning}",
-            {"band_low": low, "band_high": high, "degrees_of_freedom": degrees},
-        )  # fmt: skip
-
-    band = consistency_band(3, runs)
-    groups = ensemble.mean("nees_group")
-    v["/summary/consistency/group"] = Variable(
-        ("group",), np.array(case.groups, dtype=object), "1", "groups of three states"
-    )
-    v["/summary/consistency/nees_group"] = Variable(
-        ("time", "group"), groups, "1", "ensemble mean per degree of freedom of each group's normalised squared error",
-        {"band_low": band[0], "band_high": band[1], "degrees_of_freedom": 3},
-    )  # fmt: skip
-    window = rms_window(case)
-    late = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
-    v["/summary/consistency/mean_group"] = Variable(
-        ("group",), late, "1", "mean of nees_group over 20 s to touchdown; one is right"
-    )
-    off = np.stack([sigma_error(m if runs > 1 else np.nan, band) for m in late])
-    v["/summary/consistency/sigma_error"] = Variable(
-        ("group", "interval"), off, "1",
-        "relative error of the filter's sigma by mean_group, -0.1: 10 % small; interval by the band of a single time",
-        {"tolerance": SIGMA_TOLERANCE},
-    )  # fmt: skip
-    words = [verdict(error) if runs > 1 else "none: a single run" for error in off]
-    v["/summary/consistency/verdict"] = Variable(
-        ("group",), np.array(words, dtype=object), "1", "what sigma_error says, by its interval and its tolerance"
-    )
+    draft["/summary/coverage/level"] = LEVELS
+    draft["/summary/coverage/position"] = np.stack([mean_interval(inside[:, k]) for k in range(LEVELS.size)])
+    draft["/summary/coverage/expected"] = np.array([ellipsoid_probability(k, 3) for k in LEVELS])
+    _consistency(draft, case, ensemble)
 
     for k, aid in enumerate(case.world.aids):
         sums = [ensemble.per_run(f"aided_{name}")[:, k].sum() for name in ("innovations", "weighed", "rejected")]
-        nis = float(sums[0] / sums[1]) if sums[1] else np.nan
         branch = f"/summary/aiding/{aid.sensor.name}"
-        v[f"{branch}/nis"] = Variable(
-            (), nis, "1", "normalised innovation squared per degree of freedom, mean of all runs"
-        )
-        v[f"{branch}/rejected"] = Variable((), np.int64(sums[2]), "1", "measurements of all runs rejected by the gate")
-    for name, value, meaning in (
-        ("runs", runs, "number of runs"),
-        ("fixes", int(ensemble.per_run("fixes").sum()), "fixes of all runs"),
-        ("epochs_without_fix", _flaws(ensemble, UNHEARD, UNSOLVED), "epochs of all runs without a fix"),
-        ("rejected", _flaws(ensemble, GATED), "fixes of all runs rejected by the gate"),
+        draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
+        draft[f"{branch}/rejected"] = np.int64(sums[2])
+    for name, value in (
+        ("runs", ensemble.runs),
+        ("fixes", int(ensemble.per_run("fixes").sum())),
+        ("epochs_without_fix", _flaws(ensemble, UNHEARD, UNSOLVED)),
+        ("rejected", _flaws(ensemble, GATED)),
     ):
-        v[f"/summary/count/{name}"] = Variable((), np.int64(value), "1", meaning)
+        draft[f"/summary/count/{name}"] = np.int64(value)
+
+
+def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    runs, branch = ensemble.runs, "/summary/consistency"
+    draft[f"{branch}/time"] = case.world.filter_time
+    most = int(ensemble.per_run("degrees").max())
+    for name, degrees in (("nees", len(case.states)), ("nees_position_velocity", 6), ("nis", most)):
+        band = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)
+        draft.put(f"{branch}/{name}", ensemble.mean(name), _of_band(band, degrees))
+    band = consistency_band(3, runs)
+    groups = ensemble.mean("nees_group")
+    draft[f"{branch}/group"] = np.array(case.groups, dtype=object)
+    draft.put(f"{branch}/nees_group", groups, _of_band(band, 3))
+    window = rms_window(case)
+    late = groups[window].mean(axis=0) if window.any() else np.full(len(case.groups), np.nan)
+    draft[f"{branch}/mean_group"] = late
+    off = np.stack([sigma_error(m if runs > 1 else np.nan, band) for m in late])
+    draft.put(f"{branch}/sigma_error", off, {"tolerance": SIGMA_TOLERANCE})
+    words = [verdict(error) if runs > 1 else "none: a single run" for error in off]
+    draft[f"{branch}/verdict"] = np.array(words, dtype=object)
+
+
+def _of_band(band: tuple[float, float], degrees: int) -> dict[str, float]:
+    return {"band_low": band[0], "band_high": band[1], "degrees_of_freedom": degrees}
 
 
 def _flaws(ensemble: Ensemble, *which: int) -> int:

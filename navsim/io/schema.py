@@ -1,0 +1,851 @@
+"""Every variable that a result may hold: path, dimensions, unit, meaning, in which sorts of results, and when.
+
+Studies hand in data by path (`io.draft`); what stands here is written into the file, published in
+docs/result-file.md, and held against the files that studies make (`tests/layout.py`).
+
+A `{name}` in a path stands for each member of a family: those that the entry lists, or those that a study names (its
+sensors, its axes). In units and meanings it stands for the member, or for a word that comes with the data (`WORDS`).
+A dimension `*axes` stands for all axes of a sweep; `run` falls out of the dimensions where a flight is one of a kind
+(`ONE_FLIGHT`). A variable named like its only dimension is that dimension's coordinate; in a group it hides one of
+the same name above.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from types import MappingProxyType
+
+LANDING, COVARIANCE, REPLAY, LIVE = "landing", "covariance", "replay", "live"
+SWEEP, OPTIMIZE, TABLE2 = "sweep", "optimize", "table2"
+ELEVATION, ATC, AZIMUTH = "mls-elevation", "atc-tracking", "azimuth-tracking"
+SORTS = {
+    LANDING: "runs of a landing, one or several",
+    COVARIANCE: "the covariance analysis of a landing; root attribute `kind` is landing, `method` covariance",
+    REPLAY: "a recorded flight through the filter",
+    LIVE: "a landing with a real block in the loop",
+    SWEEP: "every combination of a study's settings",
+    OPTIMIZE: "the best placements",
+    TABLE2: "the paper's Table 2, published and computed",
+    ELEVATION: "the companion paper on MLS elevation",
+    ATC: "the companion paper on tracking by an air traffic control radar",
+    AZIMUTH: "the companion paper on azimuth tracking",
+}
+"""Sorts of results, and what each is."""
+ONE_FLIGHT = (REPLAY, LIVE)
+"""Sorts that have one flight and no axis `run`."""
+NUMBER, WHOLE, TEXT, ANY = "number", "whole number", "text", "number or text"
+DTYPES = {NUMBER: "f", WHOLE: "iu", TEXT: "UO", ANY: "fiuUO"}
+"""Kinds of numpy's types by what an entry holds."""
+WORDS = {
+    "mixed": "the units of the states",
+    "unit": "its own",
+    "key": "the varied key",
+    "quantity": "what is optimised",
+    "how": "for an error of the filter: by the coarse analysis, in proportion",
+    "confidence": "the confidence asked for",
+    "of_axis": "the axis of the key",
+    "points": "the values of its key, or points of the axis where it has several",
+    "moving": "the speed from which on the tuning counts fixes",
+}
+"""Words that come with the data into units and meanings, and what they stand for."""
+FAMILIES = {
+    "sensor": "sensor beside the receiver",
+    "system": "satellite system",
+    "dimension": "axis of the study, named by its keys",
+    "varied": "varied key, by its last part",
+    "case": "further case, named by scan period and what is measured",
+}
+"""Families whose members a study names."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A variable, or a family of like ones. sorts: the sorts of results that may hold it, and in words when each does,
+    "" for always. of: what it holds. each: the members of the families it lists. attributes: those it has beside
+    units and long_name. labels: of a coordinate that is the same in every result."""
+
+    path: str
+    dims: tuple[str, ...]
+    units: str
+    meaning: str
+    sorts: Mapping[str, str]
+    of: str = NUMBER
+    each: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    attributes: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Section:
+    """Entries that belong together, under the title they have in the documentation."""
+
+    title: str
+    text: str
+    entries: tuple[Entry, ...]
+
+
+def _a(
+    path: str,
+    dims: str,
+    units: str,
+    meaning: str,
+    sorts: str | Sequence[str],
+    of: str = NUMBER,
+    *,
+    when: str | Mapping[str, str] = "",
+    attributes: tuple[str, ...] = (),
+    labels: tuple[str, ...] = (),
+    **each: tuple[str, ...],
+) -> Entry:
+    """An entry; dims: names with blanks between; when: one for all sorts, or by sort where it is not always."""
+    names = (sorts,) if isinstance(sorts, str) else tuple(sorts)
+    conditions = {name: when if isinstance(when, str) else when.get(name, "") for name in names}
+    return Entry(path, tuple(dims.split()), units, meaning, conditions, of, each, attributes, labels)
+
+
+def _labels(path: str, meaning: str, sorts: str | Sequence[str], *labels: str) -> Entry:
+    """A coordinate with the same labels in every result."""
+    return _a(path, path.rsplit("/", 1)[-1], "1", meaning, sorts, TEXT, labels=labels)
+
+
+_FLOWN = (LANDING, COVARIANCE)
+_KEPT = "unless `--keep none`"
+_ALL = "with `--keep all`, which is the default for one run"
+_DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
+_RUNWAY = ("lateral", "along", "vertical")
+_BAND = ("band_low", "band_high", "degrees_of_freedom")
+_LATE = "over 20 s to touchdown"
+_RMS = f"root mean square over runs and {_LATE}"
+_SIGMA = "1 sigma of the filter, root mean square over runs"
+
+_AXES = Section(
+    "Axes",
+    "Coordinates with the same labels in every file.",
+    (
+        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE), "latitude", "longitude", "height"),
+        _labels("/ned", "axes of the local level frame", (*_FLOWN, REPLAY, LIVE), "north", "east", "down"),
+        _labels("/enu", "axes of the local level frame, east first", _FLOWN, "east", "north", "up"),
+        _labels("/enu_column", "columns of matrices in these axes", _FLOWN, "east", "north", "up"),
+        _labels("/rpy", "Euler angles, yaw-pitch-roll sequence", (*_FLOWN, REPLAY), "roll", "pitch", "yaw"),
+        _labels("/interval", "a value and its two-sided 95 % confidence interval", (*_FLOWN, TABLE2, ATC, AZIMUTH),
+                "value", "low", "high"),
+        _labels("/statistic", "statistics over the fix epochs of the glide", _FLOWN,
+                "mean", "min", "max", "p50", "p95"),
+        _labels("/statistic", "statistics over the fix epochs of the glide", TABLE2, "mean", "min", "max"),
+        _a("/run", "run", "1", "number of the run in the ensemble of the seed; 0 in a covariance analysis, which flies "
+           "along the error-free flight", (*_FLOWN, ATC, AZIMUTH), WHOLE),
+    ),
+)  # fmt: skip
+
+_TRUTH = Section(
+    "Truth and geometry of a landing",
+    "The flight as it is, and what it sees.",
+    (
+        _a("/truth/time", "time", "s", "time since the epoch", _FLOWN),
+        _a("/truth/position_llh", "time llh", "rad, rad, m", "latitude, longitude, height of the IMU", _FLOWN),
+        _a("/truth/velocity_ned", "time ned", "m/s", "velocity over ground", _FLOWN),
+        _a("/truth/attitude_rpy", "time rpy", "rad", "roll, pitch, yaw", _FLOWN),
+        _a("/truth/event", "event", "1", "names of the events", _FLOWN, TEXT),
+        _a("/truth/event_time", "event", "s", "times of the events", _FLOWN),
+        _a("/truth/threshold_llh", "llh", "rad, rad, m", "threshold of the runway", _FLOWN),
+        _a("/geometry/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN),
+        _a("/geometry/source", "source", "1", "names of the sources", _FLOWN, TEXT),
+        _a("/geometry/clock", "source", "1", "clock unknown the source belongs to", _FLOWN, WHOLE,
+           attributes=("clocks",)),
+        _a("/geometry/line_of_sight", "time source enu", "1",
+           "unit vectors antenna to source at truth, nan where not used", _FLOWN),
+        _a("/geometry/{dop}", "time", "1", "{DOP}, unit weights, nan without a fix", _FLOWN, dop=_DOPS),
+        _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
+        _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
+    ),
+)  # fmt: skip
+
+_RECEIVER = Section(
+    "Receiver",
+    "What is measured, and the fixes: of the simulated receiver, or as they were recorded.",
+    (
+        _a("/receiver/time", "time", "s", "times of the fixes since the epoch: of validity, of a recorded flight those "
+           "that stand in the log", (*_FLOWN, REPLAY)),
+        _a("/receiver/position_llh", "run time llh", "rad, rad, m", "fixes of the antenna", (LANDING, REPLAY),
+           when={LANDING: _ALL}),
+        _a("/receiver/velocity_ned", "run time ned", "m/s", "velocity fixes of the antenna, nan where there is none",
+           (LANDING, REPLAY), when={LANDING: _ALL}),
+        _a("/receiver/clock_name", "clock_name", "1", "time scales", LANDING, TEXT, when=_ALL),
+        _a("/receiver/clock", "run time clock_name", "m", "receiver clock against each time scale", LANDING, when=_ALL),
+        _a("/receiver/covariance_enu", "time enu enu_column", "m2", "weighted covariance of a position fix at truth",
+           _FLOWN),
+        _a("/measurements/time", "time", "s", "fix epochs", LANDING, when=_ALL),
+        _a("/measurements/source", "source", "1", "names of the sources", LANDING, TEXT, when=_ALL),
+        _a("/measurements/pseudorange", "run time source", "m", "pseudoranges", LANDING, when=_ALL),
+        _a("/measurements/range_rate", "run time source", "m/s", "pseudorange rates", LANDING, when=_ALL),
+        _a("/measurements/cn0", "run time source", "dB-Hz", "carrier to noise density ratio", LANDING, when=_ALL),
+    ),
+)  # fmt: skip
+
+_FILTER = Section(
+    "Filter",
+    "Every answer of the filter, after the update, at the same times in all variables of the group.",
+    (
+        _a("/filter/time", "time", "s", "times of the filter's outputs since the epoch: time 0 and whenever fixes are "
+           "applied, of a recorded flight at filter.output_rate_hz", (*_FLOWN, REPLAY, LIVE), when={LANDING: _KEPT}),
+        _a("/filter/state", "state", "1", "states of the filter", (*_FLOWN, REPLAY, LIVE), TEXT, when={LANDING: _KEPT},
+           attributes=("state_units",)),
+        _a("/filter/error", "run time state", "{mixed}", "truth minus estimate, after the update", (LANDING, LIVE),
+           when={LANDING: _KEPT}),
+        _a("/filter/sigma", "run time state", "{mixed}", "1 sigma of the filter, after the update",
+           (*_FLOWN, REPLAY, LIVE), when={LANDING: _KEPT}),
+        _a("/filter/position_llh", "run time llh", "rad, rad, m", "estimated position of the IMU", (REPLAY, LIVE)),
+        _a("/filter/velocity_ned", "run time ned", "m/s", "estimated velocity over ground", (REPLAY, LIVE)),
+        _a("/filter/attitude_rpy", "run time rpy", "rad", "estimated roll, pitch, yaw", REPLAY),
+        _labels("/filter/axis", "body axes, forward-right-down", REPLAY, "x", "y", "z"),
+        _a("/filter/gyro_bias", "run time axis", "rad/s", "estimated bias of the gyros", REPLAY),
+        _a("/filter/accelerometer_bias", "run time axis", "m/s2", "estimated bias of the accelerometers", REPLAY),
+        _a("/filter/nees", "run time", "1", "normalised estimation error squared of all states", LANDING, when=_KEPT,
+           attributes=("degrees_of_freedom",)),
+        _a("/filter/nees_position_velocity", "run time", "1",
+           "normalised estimation error squared of position and velocity", LANDING, when=_KEPT,
+           attributes=("degrees_of_freedom",)),
+        _a("/filter/epoch", "epoch", "s", "fix epochs, time of validity", LANDING, when=_KEPT),
+        _a("/filter/innovation_squared", "run epoch", "1", "normalised innovation squared, nan without a fix", LANDING,
+           when=_KEPT, attributes=("degrees_of_freedom",)),
+        _a("/filter/fix_status", "run epoch", "1", "0 no fix, 1 used, 2 rejected by the gate", LANDING, WHOLE,
+           when=_KEPT),
+        _a("/innovations/time", "time", "s", "times of the fixes since the epoch, as they are stamped", (REPLAY, LIVE)),
+        _a("/innovations/{part}_ned", "time ned", "m", "fix less prediction, {part}, nan where it was not used",
+           (REPLAY, LIVE), part=("position",)),
+        _a("/innovations/{part}_ned", "time ned", "m/s", "fix less prediction, {part}, nan where it was not used",
+           (REPLAY, LIVE), part=("velocity",)),
+        _a("/innovations/{part}_ned_sigma", "time ned", "m", "1 sigma of the innovation, {part}", REPLAY,
+           part=("position",)),
+        _a("/innovations/{part}_ned_sigma", "time ned", "m/s", "1 sigma of the innovation, {part}", REPLAY,
+           part=("velocity",)),
+        _a("/innovations/normalized_squared", "time", "1", "normalised innovation squared, nan without a fix",
+           (REPLAY, LIVE)),
+        _a("/innovations/degrees", "time", "1", "degrees of freedom of the normalised innovation squared",
+           (REPLAY, LIVE), WHOLE),
+        _a("/innovations/status", "time", "1", "0 no fix, 1 used, 2 rejected by the gate", (REPLAY, LIVE), WHOLE),
+        _a("/innovations/off_flight_ned", "time ned", "m", "fix less the flight's antenna position", LIVE),
+        _a("/innovations/fix_sigma", "time", "m", "1 sigma of the scenario's fixes in space", LIVE),
+        _a("/aiding/{sensor}/time", "time", "s", "times of the measurements since the epoch", LANDING, when=_KEPT),
+        _a("/aiding/{sensor}/number", "number", "1", "what is measured", LANDING, TEXT, when=_ALL),
+        _a("/aiding/{sensor}/measured", "run time number", "{unit}", "as measured", LANDING, when=_ALL),
+        _a("/aiding/{sensor}/innovation_squared", "run time", "1",
+           "normalised innovation squared, nan where there is none", LANDING, when=_KEPT,
+           attributes=("degrees_of_freedom",)),
+        _a("/aiding/{sensor}/status", "run time", "1", "0 not used, 1 used, 2 rejected by the gate", LANDING, WHOLE,
+           when=_KEPT),
+    ),
+)  # fmt: skip
+
+_ANALYSIS = Section(
+    "Covariance analysis",
+    "Errors to first order, and the budget of their sources.",
+    (
+        _a("/covariance/time", "time", "s", "times of `/filter/time`", COVARIANCE),
+        _a("/covariance/state", "state", "1", "states of the filter", COVARIANCE, TEXT, attributes=("state_units",)),
+        _a("/covariance/rms", "time state", "{mixed}", "true root mean square error, after the update", COVARIANCE),
+        _a("/covariance/mean", "time state", "{mixed}", "mean error, truth minus estimate", COVARIANCE),
+        _a("/budget/source", "source", "1", "sources of error", COVARIANCE, TEXT),
+        _a("/budget/time", "time", "s", "times of `/filter/time`", COVARIANCE),
+        _a("/budget/state", "state", "1", "states of the filter", COVARIANCE, TEXT, attributes=("state_units",)),
+        _a("/budget/rms", "source time state", "{mixed}", "root mean square error from each source alone", COVARIANCE),
+    ),
+)  # fmt: skip
+
+_SUMMARY = Section(
+    "Summary of a landing",
+    "What `navsim show` prints, and `--json` with the same names.",
+    (
+        _a("/summary/dop/{dop}", "statistic", "1", "{DOP} over the fix epochs of the glide", _FLOWN, dop=_DOPS),
+        _a("/summary/fix/rms_{part}", "interval", "m", "SKO of a fix: root of the weighted covariance, mean over the "
+           "fix epochs of the glide; a prediction, without sampling uncertainty", _FLOWN,
+           attributes=("minimum", "maximum"), part=("horizontal", "vertical", "3d")),
+        _a("/summary/rms/position_ned", "ned interval", "m", f"position error, {_RMS}", _FLOWN),
+        _a("/summary/rms/velocity_ned", "ned interval", "m/s", f"velocity error, {_RMS}", _FLOWN),
+        _a("/summary/rms/attitude", "ned interval", "rad", f"attitude error, {_RMS}", _FLOWN),
+        _a("/summary/rms/attitude_rpy", "rpy interval", "rad",
+           f"roll, pitch, yaw error, true minus estimated, {_RMS}", _FLOWN),
+        _a("/summary/rms/{part}", "interval", "m", "{part} error, " + _RMS, _FLOWN, part=("horizontal", "vertical")),
+        _a("/summary/rms/{part}_percentile", "percentile", "m",
+           f"percentiles over runs of the {{part}} error, root mean square {_LATE}", LANDING,
+           part=("horizontal", "vertical")),
+        _a("/summary/sigma/position_ned", "ned", "m", f"position, {_SIGMA} and {_LATE}", _FLOWN),
+        _a("/summary/sigma/velocity_ned", "ned", "m/s", f"velocity, {_SIGMA} and {_LATE}", _FLOWN),
+        _a("/summary/sigma/attitude", "ned", "rad", f"attitude, {_SIGMA} and {_LATE}", _FLOWN),
+        _a("/summary/sigma/attitude_rpy", "rpy", "rad", f"roll, pitch, yaw, {_SIGMA} and {_LATE}", _FLOWN),
+        _a("/summary/sigma/{part}", "", "m", f"{{part}} position, {_SIGMA} and {_LATE}", _FLOWN,
+           part=("horizontal", "vertical")),
+        _a("/summary/percentile", "percentile", "1", "percentiles over runs of the size of an error", _FLOWN, WHOLE),
+        _a("/summary/at/height", "height", "m", "true height above the runway: touchdown, 50, 100, 200 ft", _FLOWN),
+        _a("/summary/at/{axis}", "height interval", "m", "root mean square over runs of the {axis} position error",
+           _FLOWN, axis=_RUNWAY),
+        _a("/summary/at/{axis}_sigma", "height", "m", f"{{axis}} position, {_SIGMA}", _FLOWN, axis=_RUNWAY),
+        _a("/summary/at/{axis}_run", "run height", "m", "{axis} position error of each run, truth minus estimate",
+           LANDING, axis=_RUNWAY),
+        _a("/summary/at/{axis}_percentile", "height percentile", "m",
+           "percentiles over runs of the size of the {axis} position error", _FLOWN, axis=_RUNWAY),
+        _a("/summary/coverage/level", "level", "1", "size of the ellipsoid in sigmas", LANDING),
+        _a("/summary/coverage/position", "level interval", "1",
+           "share of outputs after time 0 with the position error inside its ellipsoid", LANDING),
+        _a("/summary/coverage/expected", "level", "1", "share of a Gaussian error", LANDING),
+        _a("/summary/consistency/time", "time", "s", "time of the filter's output", _FLOWN),
+        *(
+            _a(f"/summary/consistency/{name}", "time", "1", f"{how} per degree of freedom: normalised {meaning}",
+               sort, attributes=attributes)
+            for sort, how, attributes in ((LANDING, "ensemble mean", _BAND),
+                                          (COVARIANCE, "expected", ("degrees_of_freedom",)))
+            for name, meaning in (
+                ("nees", "estimation error squared of all states"),
+                ("nees_position_velocity", "estimation error squared of position and velocity"),
+                ("nis", "innovation squared"),
+            )
+        ),
+        _a("/summary/consistency/group", "group", "1", "groups of three states", LANDING, TEXT),
+        _a("/summary/consistency/nees_group", "time group", "1",
+           "ensemble mean per degree of freedom of each group's normalised squared error", LANDING, attributes=_BAND),
+        _a("/summary/consistency/mean_group", "group", "1", f"mean of nees_group {_LATE}; one is right", LANDING),
+        _a("/summary/consistency/sigma_error", "group interval", "1",
+           "relative error of the filter's sigma by mean_group, -0.1: 10 % small; interval by the band of a single "
+           "time", LANDING, attributes=("tolerance",)),
+        _a("/summary/consistency/verdict", "group", "1", "what sigma_error says, by its interval and its tolerance",
+           LANDING, TEXT),
+        _a("/summary/budget/source", "source", "1", "sources of error", COVARIANCE, TEXT),
+        _a("/summary/budget/{part}", "source", "m", "{part} error from each source alone, as in /summary/rms",
+           COVARIANCE, part=("horizontal", "vertical")),
+        _a("/summary/budget/{part}_share", "source", "1", "share of each source in the mean square {part} error",
+           COVARIANCE, part=("horizontal", "vertical")),
+        _a("/summary/aiding/{sensor}/nis", "", "1",
+           "normalised innovation squared per degree of freedom, mean of all runs", LANDING),
+        _a("/summary/aiding/{sensor}/rejected", "", "1", "measurements of all runs rejected by the gate", LANDING,
+           WHOLE),
+        _a("/summary/count/runs", "", "1", "number of runs; 0 in a covariance analysis", _FLOWN, WHOLE),
+        _a("/summary/count/fixes", "", "1", "number of fixes, of all runs", (*_FLOWN, REPLAY), WHOLE),
+        _a("/summary/count/epochs_without_fix", "", "1", "epochs without a fix, of all runs", _FLOWN, WHOLE),
+        _a("/summary/count/rejected", "", "1", "fixes rejected by the gate, of all runs", (LANDING, REPLAY), WHOLE),
+    ),
+)  # fmt: skip
+
+_MESSAGE = "{field} of the navigation message"
+_MESSAGES = "where the orbits of the system are broadcast, or an almanac whose messages an export makes"
+
+
+def _message(units: str, *names: str, dims: str = "message", of: str = NUMBER) -> Entry:
+    """Fields of navigation messages that have one unit."""
+    return _a("/navigation/{system}/{field}", dims, units, _MESSAGE, _FLOWN, of, when=_MESSAGES, field=names)
+
+
+_NAVIGATION = Section(
+    "Navigation messages",
+    "What the satellites sent or would have sent: elements of GPS, state vectors of GLONASS in axes fixed to the "
+    "Earth. An export to RINEX needs them.",
+    (
+        _a("/navigation/{system}/message", "message", "1",
+           "number of the message; exact: the satellites flew by these messages", _FLOWN, WHOLE, when=_MESSAGES,
+           attributes=("exact",)),
+        _a("/navigation/{system}/xyz", "xyz", "1", "axes fixed to the Earth", _FLOWN, TEXT, when=_MESSAGES),
+        _message("1", "prn", "slot", "channel", "healthy", of=WHOLE),
+        _message("1", "e", "iode", "iodc", of=ANY),
+        _message("s", "toe", "toc", "af0", "tgd", "time", "tau"),
+        _message("s/s", "af1", "gamma"),
+        _message("s/s2", "af2"),
+        _message("sqrt(m)", "sqrt_a"),
+        _message("rad", "i0", "omega0", "omega", "m0", "cuc", "cus", "cic", "cis"),
+        _message("rad/s", "delta_n", "omega_dot", "i_dot"),
+        _message("m", "crc", "crs", "ura"),
+        _message("day", "age", of=ANY),
+        _message("m", "position", dims="message xyz"),
+        _message("m/s", "velocity", dims="message xyz"),
+        _message("m/s2", "acceleration", dims="message xyz"),
+    ),
+)  # fmt: skip
+
+_REPLAY = Section(
+    "A recorded flight",
+    "How it was tuned, what the innovations say, how far it drifts without fixes.",
+    (
+        *(
+            _a(f"/tuning/{name}", "", units, name.replace("_", " "), REPLAY, attributes=("origin",))
+            for name, units in (
+                ("velocity_sigma_horizontal", "m/s"), ("velocity_sigma_vertical", "m/s"),
+                ("gyro_noise_density", "rad/sqrt(s)"), ("accelerometer_noise_density", "m/s/sqrt(s)"), ("latency", "s"),
+            )
+        ),
+        _a("/outages/outage", "outage", "1", "number of the outage", REPLAY, WHOLE),
+        _a("/outages/start", "outage", "s", "start of the outage", REPLAY),
+        _a("/outages/end", "outage", "s", "end of the outage", REPLAY),
+        _a("/outages/horizontal_error", "outage", "m",
+           "withheld fix less prediction at the end, horizontal; nan outside the flight", REPLAY),
+        _a("/outages/vertical_error", "outage", "m", "the same, vertical", REPLAY),
+        _a("/summary/fixes", "fixes", "1", "all, or in motion above {moving}", REPLAY, TEXT),
+        _a("/summary/fixes", "fixes", "1", "all", LIVE, TEXT),
+        _a("/summary/innovation_position", "fixes ned", "m", "rms of the position innovations", REPLAY),
+        _a("/summary/innovation_velocity", "fixes ned", "m/s", "rms of the velocity innovations", REPLAY),
+        _a("/summary/nis", "fixes", "1", "normalised innovation squared per degree of freedom", (REPLAY, LIVE)),
+        _a("/summary/count/samples", "", "1", "number of samples of the IMU", REPLAY, WHOLE),
+        _a("/summary/count/gaps", "", "1", "number of gaps between the samples", REPLAY, WHOLE),
+        _a("/summary/duration", "duration", "s", "length of the outages", REPLAY),
+        _a("/summary/drift_{statistic}", "duration", "m", "{statistic} horizontal drift of the outages", REPLAY,
+           statistic=("median", "max")),
+    ),
+)  # fmt: skip
+
+COUNTS = {
+    "received": "lines received",
+    "used": "messages used",
+    "corrupt": "lines with what is no message: checksum, syntax, values",
+    "doubled": "messages that came again unchanged",
+    "late": "messages for a time already passed: late or out of order",
+    "contradicting": "messages of one time with another place: of another sender",
+    "lost": "messages missing in between, by the scenario's rate",
+    "before": "messages from before the flight",
+    "early": "messages for a time beyond the data or the scenario",
+    "empty": "messages without a fix",
+    "dropped": "lines left out because they came faster than they were taken",
+    "strangers": "datagrams of other senders, left out",
+    "untimed": "NMEA sentences without a time of day",
+    "no_height": "fixes without a height: none in GGA, or RMC without GGA",
+    "no_separation": "fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid",
+    "other": "whole sentences of kinds that have no fix",
+}
+"""What a live run counts of its stream."""
+
+_LIVE = Section(
+    "A live run",
+    "What came over the line, and what became of it.",
+    (
+        *(_a(f"/stream/{name}", "", "1", meaning, LIVE, WHOLE) for name, meaning in COUNTS.items()),
+        _a("/clock/offset", "", "s", "what the source's clock reads at time 0 of the flight", LIVE),
+        _a("/clock/shift", "", "s", "how far the fixes lie ahead of the flight along the track, in time", LIVE),
+        _a("/clock/shift_sigma", "", "s", "1 sigma of the same, from its scatter", LIVE),
+        _a("/summary/rms_position_ned", "ned", "m",
+           "rms position error over the last 20 s that came, not those to touchdown", LIVE),
+    ),
+)  # fmt: skip
+
+_DOP_QUANTITIES = {
+    **{
+        f"{dop}{end}": ("1", f"{dop.upper()}, {which} over the glide")
+        for end, which in (("", "mean"), ("_max", "largest"))
+        for dop in ("pdop", "hdop", "vdop")
+    },
+    **{f"fix_{part}": ("m", f"{part} RMS of a fix, mean over the glide") for part in ("horizontal", "vertical")},
+    "epochs_without_fix": ("1", "epochs of the glide without a fix"),
+}
+_FILTER_QUANTITIES = {
+    **{part: ("m", f"root mean square {part} position error {_LATE}") for part in ("horizontal", "vertical")},
+    **{
+        f"{axis}_{height}": ("m", f"root mean square {axis} position error at {height}")
+        for axis in _RUNWAY
+        for height in ("touchdown", "50ft", "100ft", "200ft")
+    },
+}
+QUANTITIES = _DOP_QUANTITIES | _FILTER_QUANTITIES
+"""Unit and meaning of what placements are judged by, and sweeps are made of."""
+
+OUTCOMES = ("computed", "no valid scenario", "no fix at all")
+"""What became of a combination of a sweep, by its number."""
+
+_SWEEP = Section(
+    "Sweep",
+    "A cube for each output, an axis for each varied key or list of keys.",
+    (
+        _a("/{dimension}", "{dimension}", "1", "{points}", SWEEP, ANY),
+        _a("/sweep/axes/{varied}", "{of_axis}", "1", "values of {key}", SWEEP, ANY),
+        *(
+            _a(f"/sweep/{name}", "*axes", units, meaning, SWEEP, when="where it is one of `outputs`")
+            for name, (units, meaning) in QUANTITIES.items()
+        ),
+        *(
+            _a(f"/sweep/{name}_{{end}}", "*axes", units, meaning + ", {end} end of its 95 % interval", SWEEP,
+               when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
+            for name, (units, meaning) in _FILTER_QUANTITIES.items()
+        ),
+        _a("/outcome/combination", "*axes", "1",
+           ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
+        _a("/plan/point", "point", "1", "points of the track", SWEEP, WHOLE),
+        _a("/site", "site", "1", "number of the pseudolite", SWEEP, WHOLE),
+        *(
+            entry
+            for name, meaning in (("along", "along the runway, positive beyond the threshold"),
+                                  ("right", "right of the runway's axis"))
+            for entry in (
+                _a(f"/plan/track_{name}", "point", "m", f"ground track, {meaning}", SWEEP),
+                _a(f"/plan/site_{name}", "*axes site", "m", f"pseudolites, {meaning}; nan for none", SWEEP),
+            )
+        ),
+    ),
+)  # fmt: skip
+
+_OPTIMIZE = Section(
+    "Best placements",
+    "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
+    (
+        _a("/pseudolites", "pseudolites", "1", "number of pseudolites", OPTIMIZE, WHOLE),
+        _a("/pseudolite", "pseudolite", "1", "pseudolite of a placement", OPTIMIZE, WHOLE),
+        _a("/bearing", "bearing", "deg", "direction from the landing direction, clockwise", OPTIMIZE),
+        _a("/loss", "loss", "1", "relative loss of the objective", OPTIMIZE),
+        _a("/front/objective", "pseudolites", "{unit}", "{quantity}", OPTIMIZE, attributes=("without_pseudolites",)),
+        _a("/front/evaluations", "pseudolites", "1", "placements tried", OPTIMIZE, WHOLE),
+        _a("/front/evaluations_coarse", "pseudolites", "1", "of the placements tried, those by coarse covariance "
+           "analysis", OPTIMIZE, WHOLE),
+        _a("/front/evaluations_full", "pseudolites", "1", "of the placements tried, those by covariance analysis",
+           OPTIMIZE, WHOLE),
+        _a("/front/every_choice", "pseudolites", "1", "1: every choice was tried", OPTIMIZE, WHOLE),
+        _a("/front/finished", "pseudolites", "1", "1: the search came to its end, 0: it was stopped", OPTIMIZE, WHOLE),
+        _a("/optimum/explored", "pseudolites", "1", "1: the neighbourhood was computed", OPTIMIZE, WHOLE),
+        _a("/optimum/s", "pseudolites pseudolite", "m", "right of the runway's axis", OPTIMIZE),
+        _a("/optimum/l1", "pseudolites pseudolite", "m", "before the threshold", OPTIMIZE),
+        _a("/optimum/{coordinate}", "pseudolites pseudolite", "rad", "WGS-84 {coordinate}", OPTIMIZE,
+           coordinate=("latitude", "longitude")),
+        _a("/optimum/{coordinate}", "pseudolites pseudolite", "m", "WGS-84 {coordinate}", OPTIMIZE,
+           coordinate=("height",)),
+        _a("/optimum/neighbourhood", "pseudolites pseudolite loss bearing", "m",
+           "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first", OPTIMIZE),
+        _a("/optimum/violation", "pseudolites", "m", "by how much the tightest rule is broken; negative: room left",
+           OPTIMIZE),
+        *(
+            _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
+            for name, (units, meaning) in _DOP_QUANTITIES.items()
+        ),
+        _a("/map/computed", "pseudolites", "1", "1: the map was computed", OPTIMIZE, WHOLE),
+        _a("/map/s", "s", "m", "right of the runway's axis", OPTIMIZE),
+        _a("/map/l1", "l1", "m", "before the threshold", OPTIMIZE),
+        _a("/map/objective", "pseudolites s l1", "{unit}",
+           "{quantity}, the first pseudolite moved, the others kept{how}; nan where a rule is broken", OPTIMIZE),
+    ),
+)  # fmt: skip
+
+_TABLE2 = Section(
+    "Table 2",
+    "What the paper prints, and what calibrations give.",
+    (
+        _a("/calibration", "calibration", "1", "calibrations", TABLE2, TEXT),
+        _a("/case", "case", "1", "case of the paper's Table 1, the empty one first", TABLE2, WHOLE),
+        _a("/table/pseudolites", "case", "1", "number of pseudolites", TABLE2, WHOLE),
+        _a("/table/s", "case", "m", "S of Table 1", TABLE2),
+        _a("/table/l1", "case", "m", "L1 of Table 1", TABLE2),
+        _a("/published/{dop}", "case", "1", "{DOP} of Table 2", TABLE2, dop=("pdop", "hdop", "vdop")),
+        _a("/table/{dop}", "calibration case statistic", "1", "{DOP}, unit weights", TABLE2,
+           dop=("pdop", "hdop", "vdop")),
+        _a("/weighted/{dop}", "calibration case statistic", "1", "{DOP}, sigma of the fix over that of a range", TABLE2,
+           dop=("pdop", "hdop", "vdop")),
+        _a("/published/rms_{part}", "case", "m", "SKO of Table 2", TABLE2, part=("horizontal", "vertical")),
+        _a("/table/rms_{part}", "calibration case", "m", "SKO of a fix, mean over the glide", TABLE2,
+           part=("horizontal", "vertical")),
+        _a("/published/error_horizontal", "case", "m", "horizontal estimation error of Table 2", TABLE2),
+        _a("/table/error_horizontal", "calibration case interval", "m", f"horizontal estimation error, {_RMS}", TABLE2,
+           attributes=("runs",)),
+        _a("/fit/parameters", "calibration", "1", "number of fitted parameters", TABLE2, WHOLE),
+        _a("/fit/letter", "calibration", "1", "letters", TABLE2, TEXT),
+        _a("/fit/meaning", "calibration", "1", "what was fitted under which constraint", TABLE2, TEXT),
+        _a("/fit/weighted", "calibration", "1",
+           "1: the weighted DOPs stand beside the published ones, not the unit-weight ones", TABLE2, WHOLE),
+        _a("/fit/dop_rms", "calibration", "1", "root mean square relative difference over the 21 DOP cells", TABLE2),
+        _a("/fit/dop_max", "calibration", "1", "largest relative difference of a DOP cell", TABLE2),
+        _a("/fit/sko_rms", "calibration", "1", "root mean square relative difference over the 14 SKO cells", TABLE2),
+        _a("/fit/sko_max", "calibration", "1", "largest relative difference of an SKO cell", TABLE2),
+        _a("/claims/claim", "claim", "1", "claims", TABLE2, TEXT),
+        _a("/claims/says", "claim", "1", "what is claimed", TABLE2, TEXT),
+        _a("/claims/reason", "claim", "1", "reasons", TABLE2, TEXT),
+        _a("/claims/calibration", "calibration", "1", "calibrations", TABLE2, TEXT),
+        _a("/claims/computed", "calibration claim", "1", "what was computed", TABLE2, TEXT),
+        _a("/claims/holds", "calibration claim", "1", "1: the claim holds", TABLE2, WHOLE),
+        _a("/approach/time", "time", "s", "fix epochs of the default calibration", TABLE2),
+        _a("/approach/pseudolites", "curve", "1", "pseudolites, those at S = 200, L1 = 5000 m", TABLE2, WHOLE),
+        _a("/approach/curve", "curve", "1", "case of the curve", TABLE2, WHOLE),
+        _a("/approach/pdop", "curve time", "1", "PDOP, unit weights", TABLE2),
+        _a("/approach/rms_horizontal", "curve time", "m", "horizontal estimation error over runs", TABLE2),
+    ),
+)  # fmt: skip
+
+_DEG2 = "deg2, deg2/s, deg2/s2"
+_ELEVATION = Section(
+    "MLS elevation",
+    "Degrees throughout, as the paper has it.",
+    (
+        _a("/step", "step", "1", "number of the measurement", ELEVATION, WHOLE, attributes=("period_s",)),
+        _a("/state", "state", "1", "states: deg, deg/s, deg/s2", ELEVATION, TEXT),
+        _a("/state_column", "state_column", "1", "columns of matrices", ELEVATION, TEXT),
+        _a("/filter/covariance", "step state state_column", _DEG2, "covariance after the update", ELEVATION),
+        _a("/filter/gain", "step state", "1, 1/s", "gain", ELEVATION),
+        _a("/filter/steady_covariance", "state state_column", _DEG2, "covariance in the limit", ELEVATION),
+        _a("/filter/steady_gain", "state", "1, 1/s", "gain in the limit", ELEVATION),
+        _a("/montecarlo/mean_error", "step state", "deg, deg/s",
+           "mean error of the first experiment, truth - estimate", ELEVATION),
+        _a("/montecarlo/covariance", "step state state_column", _DEG2, "second moments of the first experiment",
+           ELEVATION),
+        _a("/montecarlo/covariance_all", "step state state_column", _DEG2, "second moments of all experiments",
+           ELEVATION),
+        _a("/band", "band", "1", "ways to read the band", ELEVATION, TEXT),
+        _a("/experiment", "experiment", "1", "number of the experiment", ELEVATION, WHOLE),
+        _a("/montecarlo/fraction_in_band", "experiment band", "1",
+           "share of steps with the sample's beta inside the band", ELEVATION),
+        _a("/montecarlo/runs", "", "1", "runs of each experiment", ELEVATION, WHOLE),
+        _a("/montecarlo/nees", "", "1", "mean normalised estimation error squared", ELEVATION),
+        _a("/montecarlo/nis", "", "1", "mean normalised innovation squared", ELEVATION),
+        _a("/band_theory/coverage", "band", "1", "exact chance of the band, mean known to be zero", ELEVATION),
+        _a("/band_theory/coverage_mean_removed", "band", "1", "exact chance of the band, mean taken from the sample",
+           ELEVATION),
+        _a("/band_theory/runs_needed", "band", "1", "smallest number of runs for {confidence}", ELEVATION, WHOLE),
+        _a("/approach/time", "time", "s", "time from 15 km", ELEVATION),
+        _a("/approach/beta", "time", "deg", "beta of the guidance used", ELEVATION),
+        _a("/approach/beta_rate", "time", "deg/s", "beta rate of the guidance used", ELEVATION),
+        _a("/approach/beta_acceleration", "time", "deg/s2", "beta acceleration of the guidance used", ELEVATION),
+        _labels("/approach/segment", "segments of the approach", ELEVATION, "level leg", "glide", "flare", "roll-out"),
+        _a("/approach/segment_start", "segment", "s", "where each of them begins", ELEVATION),
+        _a("/nominal/rate_variance", "rate_variance", "deg2/s2", "Q of the filter", ELEVATION),
+        _a("/nominal/time", "time", "s", "time of the approach; judged after settling", ELEVATION,
+           attributes=("settling_s",)),
+        _a("/nominal/beta", "time", "deg", "true angle", ELEVATION),
+        _a("/nominal/bias", "rate_variance time", "deg", "estimate minus truth without noise", ELEVATION),
+        _a("/nominal/noise", "rate_variance time", "deg", "1 sigma of what measurement noise adds", ELEVATION),
+        _a("/nominal/worst_rmse", "rate_variance", "deg", "largest root mean square error after settling", ELEVATION),
+        _a("/nominal/peak_bias", "rate_variance", "deg", "largest bias after settling", ELEVATION),
+        _a("/nominal/peak_time", "rate_variance", "s", "time of the largest bias", ELEVATION),
+        _a("/audit/statement", "statement", "1", "what the paper states", ELEVATION, TEXT),
+        _a("/audit/published", "statement", "see unit", "the paper's value", ELEVATION),
+        _a("/audit/computed", "statement", "see unit", "the value computed", ELEVATION),
+        _a("/audit/unit", "statement", "1", "units", ELEVATION, TEXT),
+        _a("/audit/verdict", "statement", "1", "verdicts", ELEVATION, TEXT),
+    ),
+)  # fmt: skip
+
+_SI = "m, m/s, m/s2, rad, rad/s"
+_CIRCUIT = (ATC, AZIMUTH)
+_ATC_FILTERS = {
+    "state": ("full", "adapt", "fix"), "singer_state": ("singer",), "cartesian_state": ("cartesian",),
+}  # fmt: skip
+_AZIMUTH_FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
+_AZIMUTH_VARIANTS = ("L4_stamped", "L4_roll", "L4_track_rate", "L4_roll_stamped")
+_TRACKING = Section(
+    "Tracking",
+    "Filters of the companion papers on tracking from the ground; further cases have the layout of the first.",
+    (
+        _a("/time", "time", "s", "scans", _CIRCUIT),
+        _a("/cases/{case}/scan_{case}", "scan_{case}", "1", "number of the scan", _CIRCUIT, WHOLE),
+        _a("/cases/{case}/time", "scan_{case}", "s", "scans", _CIRCUIT),
+        _a("/filter", "filter", "1", "filters", _CIRCUIT, TEXT),
+        _a("/window", "window", "1", "stretches of the circuit", _CIRCUIT, TEXT),
+    ),
+)  # fmt: skip
+
+_ATC = Section(
+    "Air traffic control",
+    "Errors truth - estimate.",
+    (
+        _a("/case", "case", "1", "cases: scan period, what is measured", ATC, TEXT),
+        _a("/state", "state", "1", "states", ATC, TEXT, attributes=("state_units",)),
+        _a("/singer_state", "singer_state", "1", "states of singer: m, m/s, m/s2", ATC, TEXT),
+        _a("/cartesian_state", "cartesian_state", "1", "figures of cartesian: m, m/s, rad, rad", ATC, TEXT),
+        *(
+            entry
+            for state, names in _ATC_FILTERS.items()
+            for place, scan in (("", "time"), ("/cases/{case}", "scan_{case}"))
+            for entry in (
+                _a(place + "/filters/{filter}/error", f"run {scan} {state}", _SI, "truth - estimate, after the update",
+                   ATC, filter=names),
+                _a(place + "/filters/{filter}/sigma", f"{scan} {state}", _SI, "1 sigma of the filter, first run", ATC,
+                   filter=names),
+            )
+        ),
+        _a("/summary/rmse", "case filter window state interval", _SI, "root mean square error over runs and scans",
+           ATC),
+        _labels("/decoupled", "decoupled filters", ATC, "adapt", "fix"),
+        _a("/summary/decoupled_to_full", "case decoupled window state interval", "1",
+           "RMSE over that of the full filter", ATC),
+        _a("/range_state", "range_state", "1", "range and its rate", ATC, TEXT),
+        _a("/summary/singer_to_adapt", "case window range_state interval", "1", "RMSE of Singer over that of adapt",
+           ATC),
+        _a("/summary/multiplications_full", "", "1",
+           "multiplications of a covariance step, 13 states, six scalar updates", ATC, WHOLE),
+        _a("/summary/multiplications_decoupled", "", "1", "the same of the six groups", ATC, WHOLE),
+        _a("/summary/stored_full", "", "1", "numbers of the covariance stored", ATC, WHOLE),
+        _a("/summary/stored_decoupled", "", "1", "the same of the six groups", ATC, WHOLE),
+        _labels("/group", "pairs of level and rate", ATC, "speed", "path_angle", "track", "elevation", "azimuth"),
+        _labels("/gain_of", "gain of", ATC, "level", "rate"),
+        _a("/limits/sigma", "group", "m/s, rad", "steady 1 sigma of the level", ATC),
+        _a("/limits/gain", "group gain_of", "1, 1/s", "steady gain", ATC),
+    ),
+)  # fmt: skip
+
+_AZIMUTH = Section(
+    "Azimuth",
+    "Degrees; errors truth minus estimate.",
+    (
+        _a("/instant", "instant", "1", "instants of the true circuit", AZIMUTH, WHOLE),
+        _labels("/axis", "axes from the radar", AZIMUTH, "north", "up", "east"),
+        _a("/truth/time", "instant", "s", "time of the circuit", AZIMUTH),
+        _a("/truth/position", "instant axis", "m", "position from the radar", AZIMUTH),
+        _a("/truth/azimuth", "instant", "deg", "azimuth", AZIMUTH),
+        _a("/truth/azimuth_rate", "instant", "deg/s", "azimuth rate", AZIMUTH),
+        _a("/truth/azimuth_acceleration", "instant", "deg/s2", "azimuth acceleration", AZIMUTH),
+        _a("/truth/azimuth_acceleration_literal", "instant", "deg/s2",
+           "azimuth acceleration literal (the paper's eq. 14: north component)", AZIMUTH),
+        _a("/truth/roll", "instant", "deg", "roll", AZIMUTH),
+        _a("/period", "period", "s", "scan periods of the cases", AZIMUTH),
+        _a("/latency", "latency", "s", "age of reports", AZIMUTH),
+        *(
+            entry
+            for place, scan, names in (("", "time", (*_AZIMUTH_FILTERS, *_AZIMUTH_VARIANTS)),
+                                       ("/cases/{case}", "scan_{case}", _AZIMUTH_FILTERS))
+            for entry in (
+                _a(place + "/filters/{filter}/error_deg", f"run {scan}", "deg",
+                   "azimuth error, truth minus estimate, after the update", AZIMUTH, filter=names),
+                _a(place + "/filters/{filter}/sigma_deg", scan, "deg", "1 sigma of the filter, first run", AZIMUTH,
+                   filter=names),
+            )
+        ),
+        _a("/summary/rmse", "period filter window interval", "deg",
+           "root mean square azimuth error over runs and scans", AZIMUTH),
+        _a("/summary/nis", "period filter window", "1", "mean normalised innovation squared; one is right", AZIMUTH),
+        _labels("/baseline", "Singer's filters", AZIMUTH, "S1", "S2"),
+        _a("/summary/ratio_to_l4", "period baseline window interval", "1", "RMSE over that of L4", AZIMUTH),
+        _labels("/age", "what the filter knows of the age of reports", AZIMUTH, "unknown", "stamped"),
+        _a("/summary/latency_rmse", "period latency age", "deg", "RMSE of L4 in the manoeuvre", AZIMUTH),
+        _labels("/acceleration", "accelerations of the azimuth", AZIMUTH, "exact", "error of (14)",
+                "error of a_t/Dh"),
+        _a("/summary/acceleration_rms", "window acceleration", "deg/s2", "root mean square of each", AZIMUTH),
+        *(
+            _a(path, dims, units, meaning, AZIMUTH, when="where `map.runs` is not 0 and there is noise")
+            for path, dims, units, meaning in (
+                ("/map/scan_period", "scan_period", "s", "scan period"),
+                ("/map/azimuth_sigma", "azimuth_sigma", "deg", "of plots"),
+                ("/map/report_age", "report_age", "s", "age of reports, unknown"),
+                ("/map/ratio", "scan_period azimuth_sigma", "1",
+                 "best Singer over best L4, RMSE in the manoeuvre"),
+                ("/map/ratio_by_latency", "scan_period report_age", "1",
+                 "best Singer over best L4, RMSE in the manoeuvre"),
+            )
+        ),
+    ),
+)  # fmt: skip
+
+FINDINGS = "/findings"
+"""The group of what the user of a result must hear about."""
+_FINDINGS = Section(
+    "Findings",
+    "Warnings with counts, in every result; of length 0 where there is nothing to say.",
+    tuple(
+        _a(f"{FINDINGS}/{name}", "finding", units, meaning, tuple(SORTS), of)
+        for name, units, meaning, of in (
+            ("finding", "1", "names of what the user must hear about", TEXT),
+            ("text", "1", "what was found", TEXT),
+            ("against", "1", "what it speaks against: fix, consistent, or neither", TEXT),
+            ("count", "1", "how many it is about", WHOLE),
+            ("of", "1", "of how many", WHOLE),
+            ("runs", "1", "in how many runs", WHOLE),
+            ("first", "s", "time of the first, nan where it has none", NUMBER),
+        )
+    ),
+)  # fmt: skip
+
+SECTIONS = (
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2,
+    _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+)  # fmt: skip
+"""All entries, in the order of the documentation."""
+
+CHECKSUMS = "checksums"
+"""Root attribute of files that carry checksums; `io.results` writes it."""
+ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "kind": (tuple(SORTS), "kind of result; landing for both landing and covariance"),
+    "schema_version": (tuple(SORTS), "version of this page's contents"),
+    "navsim_version": (tuple(SORTS), "the version that wrote the file"),
+    "seed": (tuple(SORTS), "root of all random numbers"),
+    "scenario": (tuple(SORTS), "the whole resolved scenario, YAML"),
+    "study": ((SWEEP, OPTIMIZE), "the whole resolved study, YAML"),
+    "scenario_sha256": (tuple(SORTS), "SHA-256 of study and scenario"),
+    "epoch": (tuple(SORTS), "UTC of time 0"),
+    "created": (tuple(SORTS), "when the file was made, UTC"),
+    "title": (tuple(SORTS), "title of study or scenario"),
+    "method": ((LANDING, COVARIANCE, SWEEP), "monte-carlo or covariance; of a sweep also dop"),
+    "files": ((SWEEP,), "checksums of the files that combinations read, JSON"),
+    "runs": ((SWEEP,), "runs of each combination, 0 without runs"),
+    "combinations": ((SWEEP,), "number of combinations"),
+    "refused": ((SWEEP,), "number of combinations that are nan"),
+    "objective": ((OPTIMIZE,), "what is optimised"),
+    "stopped": ((OPTIMIZE,), "why the work ended early; empty where it did not"),
+    "undone": ((OPTIMIZE,), "what was left of the work"),
+    "alignment_time": ((REPLAY,), "time of the log at which the flight is aligned, s"),
+    "alignment_until": ((REPLAY,), "end of the data it is aligned with, s"),
+    "alignment_sigma_deg": ((REPLAY,), "1 sigma of the alignment, north, east, down, degrees"),
+    "replaced_block": ((LIVE,), "receiver or imu: which block was real"),
+    "clock": ((LIVE,), "what the source's clock was settled by"),
+    "verdict": ((LIVE,), "flown, or why this is no result"),
+    "least_pdop_of_case_6_from_cases_1_and_2": ((TABLE2,), "what the paper's cases 1 and 2 leave for case 6"),
+    "largest_pdop_of_case_6_printed": ((TABLE2,), "what the paper prints for case 6, rounding in favour"),
+    CHECKSUMS: (tuple(SORTS), "that the file carries checksums"),
+}
+"""Root attributes: of which sorts, and what they say."""
+LATE = ("verdict", CHECKSUMS)
+"""Root attributes that are given when the rest of the result is there."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A variable that a result may hold, the families of its path filled in; `when`, `of`, `attributes`, `labels` as of
+    its `Entry`. coordinates: the paths of those that its dimensions have."""
+
+    dims: tuple[str, ...]
+    units: str
+    meaning: str
+    when: str
+    of: str
+    attributes: tuple[str, ...]
+    labels: tuple[str, ...]
+    coordinates: tuple[str, ...] = ()
+
+
+_FIELD = re.compile(r"{(\w+)}")
+
+
+def fields(text: str) -> list[str]:
+    """The names in braces of a path, a unit or a meaning."""
+    return _FIELD.findall(text)
+
+
+@cache
+def declared(sort: str, named: tuple[tuple[str, tuple[str, ...]], ...] = ()) -> Mapping[str, Declared]:
+    """All that a result of this sort may hold, by path. named: families and the members that the study names, see
+    `FAMILIES`; a family without members is left out."""
+    members = dict.fromkeys(FAMILIES, ()) | dict(named)
+    axes = members["dimension"]
+    out: dict[str, Declared] = {}
+    for entry in (entry for section in SECTIONS for entry in section.entries if sort in entry.sorts):
+        dims = tuple(d for dim in entry.dims for d in (axes if dim == "*axes" else (dim,)))
+        if sort in ONE_FLIGHT:
+            dims = tuple(dim for dim in dims if dim != "run")
+        families = list(dict.fromkeys(fields(entry.path)))
+        for chosen in itertools.product(*(entry.each.get(family) or members[family] for family in families)):
+            words = dict(zip(families, chosen, strict=True))
+
+            def filled(text: str, words: dict[str, str] = words) -> str:
+                for name, word in words.items():
+                    text = text.replace(f"{{{name}}}", word).replace(f"{{{name.upper()}}}", word.upper())
+                return text
+
+            path = filled(entry.path)
+            assert path not in out, path
+            out[path] = Declared(
+                tuple(map(filled, dims)), filled(entry.units), filled(entry.meaning), entry.sorts[sort], entry.of,
+                entry.attributes, entry.labels,
+            )  # fmt: skip
+    coordinates = {path for path, one in out.items() if one.dims == (path.rsplit("/", 1)[-1],)}
+    return MappingProxyType({
+        path: replace(one, coordinates=tuple(_coordinate(path, dim, coordinates) for dim in one.dims))
+        for path, one in out.items()
+    })  # fmt: skip
+
+
+def _coordinate(path: str, dim: str, coordinates: set[str]) -> str:
+    """The path of a dimension's coordinate: in the variable's group or the nearest above it; "" for none."""
+    group = path
+    while group:
+        group = group.rpartition("/")[0]
+        if f"{group}/{dim}" in coordinates:
+            return f"{group}/{dim}"
+    return ""

@@ -1,0 +1,58 @@
+"""Whether a result holds what the schema declares for its sort: all that must be there, nothing else, as described."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from navsim.io.draft import missing
+from navsim.io.results import Result
+from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, ROOT, SORTS, declared
+
+
+def sort_of(result: Result) -> str:
+    """The sort a result has in the schema."""
+    kind = str(result.attributes["kind"])
+    return COVARIANCE if kind == "landing" and result.attributes["method"] == "covariance" else kind
+
+
+def named(result: Result) -> dict[str, tuple[str, ...]]:
+    """The members of the families that the study named, from what is there."""
+
+    def under(group: str) -> tuple[str, ...]:
+        paths = (path for path in result.variables if path.startswith(f"{group}/"))
+        return tuple(dict.fromkeys(path.removeprefix(f"{group}/").split("/")[0] for path in paths))
+
+    found = {"system": under("/navigation"), "case": under("/cases"), "varied": under("/sweep/axes")}
+    found["sensor"] = tuple(dict.fromkeys((*under("/aiding"), *under("/summary/aiding"))))
+    if "/outcome/combination" in result:
+        found["dimension"] = result.variables["/outcome/combination"].dims
+    return found
+
+
+def as_declared(result: Result) -> None:
+    """Fails where a variable is not declared, is lacking, or is not what it is declared to be."""
+    sort = sort_of(result)
+    assert sort in SORTS
+    assert set(result.attributes) == {name for name, (sorts, _) in ROOT.items() if sort in sorts} - {CHECKSUMS}
+    due = declared(sort, tuple(named(result).items()))
+    assert sorted(set(result.variables) - set(due)) == []
+    assert missing(due, result.variables) == []
+    for path, variable in result.variables.items():
+        one, data = due[path], np.asarray(variable.data)
+        assert variable.units, path
+        assert variable.long_name, path
+        for said, given in (
+            (one.units, variable.units),
+            (one.meaning, variable.long_name),
+            *zip(one.dims, variable.dims, strict=True),
+        ):
+            pattern = re.sub(r"\\{\w+\\}", ".*", re.escape(said))
+            assert re.fullmatch(pattern, given), (path, said, given)
+        assert data.dtype.kind in DTYPES[one.of], path
+        assert set(variable.attributes) == set(one.attributes), path
+        if one.labels:
+            assert tuple(data) == one.labels, path
+        for dim, coordinate, length in zip(variable.dims, one.coordinates, data.shape, strict=True):
+            assert result[coordinate or f"/{dim}"].shape == (length,), (path, dim)
