@@ -27,9 +27,9 @@ from navsim.io.text import (
     within,
 )  # fmt: skip
 from navsim.models import timescales
+from navsim.models.systems import BY_LETTER, LETTERS
 
-_SYSTEMS = "GRECJIS"
-_SCALES = {"GPS": "gps", "GAL": "gps", "QZS": "gps", "IRN": "gps", "GLO": "utc", "BDT": "bdt", "": "gps"}
+_SCALES = {"GPS": "gpst", "GAL": "gpst", "QZS": "gpst", "IRN": "gpst", "GLO": "utc", "BDT": "bdt", "": "gpst"}
 _MOST_SATELLITES = 999
 _FACTORS = (1, 10, 100, 1000)
 """Scale factors that the format allows: values were multiplied by them when they were written."""
@@ -116,7 +116,7 @@ class _Header:
 
     def __init__(self, path: Path, version: float, system: str) -> None:
         self.path, self.version, self.system = path, version, system
-        self.scale = "gps"
+        self.scale = "gpst"
         self.position: np.ndarray | None = None
         self.antenna = np.zeros(3)
         self.channels: dict[str, int] = {}
@@ -197,7 +197,8 @@ class _Header:
             if scale not in _SCALES:
                 known = ", ".join(filter(None, _SCALES))
                 raise FileError(index, f"time system {scale} is not known; {known} are", self.path)
-            self.scale = "utc" if not scale and self.system == "R" else _SCALES[scale]
+            meant = BY_LETTER[self.system].time_system if not scale and self.system in BY_LETTER else scale
+            self.scale = _SCALES[meant]
         elif label == "APPROX POSITION XYZ":
             self.position = self._three(index, line, label)
         elif label == "ANTENNA: DELTA H/E/N":
@@ -213,7 +214,7 @@ class _Header:
         return np.array([number(self.path, index, line[14 * i : 14 * i + 14], label) for i in range(3)])
 
     def _system(self, index: int, letter: str) -> str:
-        if letter not in _SYSTEMS:
+        if letter not in LETTERS:
             raise FileError(index, f"no such satellite system: {letter}", self.path)
         return letter
 
@@ -392,7 +393,7 @@ class _Reader:
         for index, name in enumerate(names):
             row = first + index * per_satellite
             try:
-                if name[0] not in _SYSTEMS or not name[1:].isdecimal():
+                if name[0] not in LETTERS or not name[1:].isdecimal():
                     raise FileError(at + 1, f"expected a satellite, found '{name}'", self.path)
                 self._row(row, name, seen, layout, self.lines[row : row + per_satellite])
             except FileError as error:

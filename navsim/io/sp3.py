@@ -11,15 +11,16 @@ import numpy as np
 
 from navsim.io.text import Dropped, FileError, check_table, column, date_and_time, read_lines, whole, within
 from navsim.models import timescales
-from navsim.models.precise import Orbits
+from navsim.models.precise import OrbitTable
+from navsim.models.systems import GPS
 
 _SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI", "ccc"}
 _NO_CLOCK = 999999.0
-_PAD = "G00"
+_PAD = GPS.satellite(0)
 """What fills the list of satellites, as a name."""
 
 
-def read_sp3(path: Path, lenient: bool = False) -> Orbits:
+def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     """Read an SP3 file, packed or not.
 
     lenient: take what is whole of a file with wrong counts, broken lines or no end, and say in `left_out` what was
@@ -102,7 +103,7 @@ def read_sp3(path: Path, lenient: bool = False) -> Orbits:
     position[np.all(position == 0.0, axis=2)] = np.nan
     # a missing clock is all nines
     clocks = np.where(clock_us >= _NO_CLOCK, np.nan, 1e-6 * clock_us)
-    return Orbits(tuple(names), _gpst(np.array(time), scale), position, clocks, left_out=dropped.said())
+    return OrbitTable(tuple(names), _gpst(np.array(time), scale), position, clocks, dropped.said())
 
 
 def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]:
@@ -118,7 +119,7 @@ def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]
 def _name(text: str) -> str:
     """Version a has bare GPS numbers."""
     text = text.replace(" ", "0")
-    return "G" + text[1:] if text[0] == "0" else text
+    return GPS.letter + text[1:] if text[0] == "0" else text
 
 
 def _gpst(time: np.ndarray, scale: str) -> np.ndarray:

@@ -18,7 +18,6 @@ from navsim.io.recording import read_fixes
 from navsim.io.results import Result, ResultError
 from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import read_obs
-from navsim.models import glonass_broadcast, gps
 from navsim.study import landing
 from navsim.study.single_point import Settings, solve
 from tests.helpers import case
@@ -235,7 +234,7 @@ def test_the_offset_between_systems_is_in_the_pseudoranges(tmp_path: Path) -> No
     navigation = read_nav(tmp_path / "r.nav")
     assert navigation.gps is not None
     assert navigation.glonass is not None
-    known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
+    known = navigation.constellations()
     found = solve(read_obs(tmp_path / "r.obs"), known, Settings(mask=0.0, troposphere=False))
     # a receiver's clock is by so much less ahead of the time scale that is ahead itself
     np.testing.assert_allclose(found.clocks[:, 0] - found.clocks[:, 1], 299792458.0 * 100e-9, atol=0.05)
@@ -279,7 +278,7 @@ def test_our_own_reader_and_solver_find_the_fixes_again(noisy: Result, tmp_path:
     observations, navigation = read_obs(tmp_path / "r.obs"), read_nav(tmp_path / "r.nav")
     assert navigation.gps is not None
     assert navigation.glonass is not None
-    known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
+    known = navigation.constellations()
     found = solve(observations, known, Settings(mask=0.0, troposphere=False))
     ours = ecef_from_llh(alone["/receiver/position_llh"][0])
     assert np.linalg.norm(found.position - ours, axis=1).max() < 0.02

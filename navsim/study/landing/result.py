@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.io.findings import kept
 from navsim.io.results import Result, Stream, Variable
-from navsim.scenario.sky import CLOCKS
+from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
-
 import numpy as np
 
 from navsim.core import states
 from navsim.io.results import Result, Variable
-from navsim.models import glonass, glonass_broadcast, gps, timescales
-from navsim.scenario.sky import CLOCKS
+from navsim.models import timescales
+from navsim.models.systems import CLOCKS
 from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, on_glide
 from navsim.study.root import root_attributes
 
@@ -92,41 +89,21 @@ def _navigation(v: dict[str, Variable], case: Case) -> None:
     """The messages the satellites flew by, or would have sent: what an export to RINEX needs."""
     time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
     for group in case.environment.satellites:
-        constellation = group.constellation
-        exact = not isinstance(constellation, (glonass.Almanac, glonass.Nominal))
-        if not exact:
-            records: Any = None
-            if time.size:
-                records = glonass_broadcast.messages(constellation, *timescales.utc_from_gps(time[[0, -1]]))
-        elif isinstance(constellation, (gps.Constellation, glonass_broadcast.Constellation)):
-            used = constellation.chosen(np.repeat(time[:, None], len(group.names), axis=1))
-            records = constellation.records.take(np.unique(used[used >= 0]))
-        else:
+        sent = group.constellation.messages(time)
+        if sent is None:
             continue
-        if records is None:
-            continue
-        branch = f"/navigation/{constellation.system}"
-        for field in fields(records):
-            data = np.asarray(getattr(records, field.name))
-            unit = _MESSAGE_UNITS.get(field.name, "1")
+        branch = f"/navigation/{group.constellation.system.name}"
+        for name, values in sent.fields.items():
+            data = values.astype(np.int8) if values.dtype == bool else values
             dims = ("message",) if data.ndim == 1 else ("message", "xyz")
-            data = data.astype(np.int8) if data.dtype == bool else data
-            v[f"{branch}/{field.name}"] = Variable(dims, data, unit, f"{field.name} of the navigation message")
+            unit = sent.units.get(name, "1")
+            v[f"{branch}/{name}"] = Variable(dims, data, unit, f"{name} of the navigation message")
         v[f"{branch}/message"] = Variable(
-            ("message",), np.arange(len(records.healthy)), "1",
-            "number of the message; exact: the satellites flew by these messages", {"exact": int(exact)},
+            ("message",), np.arange(len(sent.fields["healthy"])), "1",
+            "number of the message; exact: the satellites flew by these messages", {"exact": int(sent.exact)},
         )  # fmt: skip
-        if f"{branch}/position" in v:
+        if any(values.ndim > 1 for values in sent.fields.values()):
             v[f"{branch}/xyz"] = Variable(("xyz",), np.array(["x", "y", "z"]), "1", "axes fixed to the Earth")
-
-
-_MESSAGE_UNITS = {
-    **dict.fromkeys(("toe", "toc"), "s"), "sqrt_a": "sqrt(m)",
-    **dict.fromkeys(("i0", "omega0", "omega", "m0", "cuc", "cus", "cic", "cis"), "rad"),
-    **dict.fromkeys(("delta_n", "omega_dot", "i_dot"), "rad/s"), **dict.fromkeys(("crc", "crs", "ura"), "m"),
-    "af0": "s", "af1": "s/s", "af2": "s/s2", "tgd": "s",
-    "time": "s", "position": "m", "velocity": "m/s", "acceleration": "m/s2", "tau": "s", "gamma": "s/s", "age": "day",
-}  # fmt: skip
 
 
 def _geometry_summary(v: dict[str, Variable], case: Case) -> None:
