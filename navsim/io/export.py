@@ -168,6 +168,11 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
         comments.append(f"run {run} of an ensemble of {int(result['/summary/count/runs'])}")
     if approximate:
         comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
+    ground = [str(name) for name in result["/pseudolites/name"]]
+    heard = np.isfinite(ranges).any(axis=0)
+    missing = [name for name, h in zip(names, heard, strict=True) if h and name not in columns and name not in ground]
+    if missing:
+        comments.append(f"received, but not in here for want of messages to write: {', '.join(missing)}")
     title = str(result.attributes.get("title") or target.stem)
     messages = rinex_write.navigation_lines(
         None if elements is None else elements.records, None if vectors is None else vectors.records,

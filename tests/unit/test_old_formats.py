@@ -13,6 +13,7 @@ from navsim.io.rinex_obs import read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps, timescales
+from navsim.models.systems import GPS
 
 UTC = timescales.posix(2018, 9, 13, 12)
 
@@ -39,7 +40,7 @@ def as_version_2(lines: list[str], letter: str) -> str:
 
 def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
     elements = gps.nominal(UTC).records.take(np.arange(4))
-    elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0)
+    elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0, GPS)
     vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(4))
     lines = rinex_write.navigation_lines(elements, vectors, [], "made", at=float(elements.toe[0]))
     (tmp_path / "three").write_text("\n".join(lines) + "\n")
