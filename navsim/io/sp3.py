@@ -14,7 +14,8 @@ from navsim.models import timescales
 from navsim.models.precise import OrbitTable
 from navsim.models.systems import GPS
 
-_SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI", "ccc"}
+_SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI"}
+_NO_SCALE = "ccc"
 _NO_CLOCK = 999999.0
 _PAD = GPS.satellite(0)
 """What fills the list of satellites, as a name."""
@@ -35,7 +36,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     epochs = whole(path, 1, head[32:39], "the number of epochs")
     listed: list[str] = []
     satellites = 0
-    scale = "GPS"
+    scale = GPS.time_system
     time: list[float] = []
     records: list[dict[str, tuple[float, ...]]] = []
     scales_seen = 0
@@ -50,7 +51,8 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
         elif line.startswith("%c"):
             scales_seen += 1
             if scales_seen == 1:
-                scale = line[9:12].strip()
+                told = line[9:12].strip()
+                scale = GPS.time_system if told == _NO_SCALE else told
                 if scale not in _SCALES:
                     raise FileError(index, f"time system {scale} is not known", path)
         elif line.startswith("*"):
@@ -123,6 +125,6 @@ def _name(text: str) -> str:
 
 
 def _gpst(time: np.ndarray, scale: str) -> np.ndarray:
-    if scale in ("UTC", "GLO"):
+    if scale in timescales.LEAPING:
         return timescales.gps_from_utc(time)
-    return time - timescales.GPS_EPOCH + {"BDT": 14.0, "TAI": -19.0}.get(scale, 0.0)
+    return time - timescales.GPS_EPOCH + timescales.BEHIND_GPS[scale]

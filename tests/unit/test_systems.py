@@ -137,6 +137,7 @@ def test_constellations_have_names_of_their_own() -> None:
 def test_no_two_systems_share_what_tells_them_apart() -> None:
     for field in ("name", "title", "letter", "message", "old_file", "talker"):
         assert len({getattr(system, field) for system in SYSTEMS}) == len(SYSTEMS), field
+    assert {system.time_system for system in SYSTEMS} <= {*timescales.BEHIND_GPS, *timescales.LEAPING}
     assert set(BY_LETTER) <= set(LETTERS)
     assert list(BY_LETTER) == sorted(BY_LETTER)
 
