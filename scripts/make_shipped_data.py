@@ -25,6 +25,7 @@ import numpy as np
 import navsim
 from navsim.io.rinex_write import navigation_lines
 from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
+from navsim.models.systems import GLONASS
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.simulation.landing import fixed, measured
@@ -52,7 +53,7 @@ LATENCY = 0.1
 
 def agl() -> str:
     """The nominal GLONASS constellation as an almanac: of each satellite the first ascending node of the day."""
-    nominal = glonass.Nominal()
+    nominal = glonass.Glonass24Slots()
     # from the state at the start of the day: circles, so the argument of latitude grows evenly
     start = timescales.posix(DAY.year, DAY.month, DAY.day) - glonass.MOSCOW_MINUS_UTC
     time = start + np.arange(0.0, 45000.0, 1.0)
@@ -64,7 +65,7 @@ def agl() -> str:
         node = time[k] - position[k, s, 2] / velocity[k, s, 2]
         at = nominal.state(timescales.gps_from_utc(np.array([node])))[0][0, s]
         radius = float(np.linalg.norm(at))
-        period = 2.0 * np.pi * np.sqrt(radius**3 / glonass.GM)
+        period = 2.0 * np.pi * np.sqrt(radius**3 / GLONASS.gm)
         inclination = INCLINATION - glonass.FDMA_MEAN_INCLINATION
         moscow = node + glonass.MOSCOW_MINUS_UTC - timescales.posix(DAY.year, DAY.month, DAY.day)
         first = [moscow, 0.0, 0.0, 0.0]
@@ -106,7 +107,7 @@ def yuma() -> str:
 
 def rinex() -> str:
     """The messages both nominal constellations would have sent, an hour to each side of noon."""
-    vectors = glonass_broadcast.messages(glonass.Nominal(), NOON - 3600.0, NOON + 3600.0)
+    vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), NOON - 3600.0, NOON + 3600.0).records
     made = f"{'navsim ' + navsim.__version__:20s}{'':20s}{DAY:%Y%m%d} 120000 UTC "
     comments = ("nominal constellations, scripts/make_shipped_data.py",)
     elements, at = gps.nominal(NOON).records, float(timescales.gps_from_utc(NOON))

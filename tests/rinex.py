@@ -75,7 +75,7 @@ def observations_2(
 def navigation_3(utc: float) -> str:
     """Messages of three GPS and three GLONASS satellites in version 3.04."""
     elements = gps.nominal(utc).records.take(np.arange(3))
-    vectors = glonass_broadcast.messages(glonass.Nominal(), utc, utc).take(np.arange(3))
+    vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), utc, utc).records.take(np.arange(3))
     at = float(timescales.gps_from_utc(utc))
     return "\n".join(rinex_write.navigation_lines(elements, vectors, ["made"], "made", at=at)) + "\n"
 

@@ -12,14 +12,18 @@ from __future__ import annotations
 
 import datetime
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from navsim.io.text import FileError, number, plain_number, read_lines, whole, within
-from navsim.models import glonass, gps, timescales
+from navsim.models import glonass, gps, timescales, tle
+from navsim.models.constellation import Constellation
+from navsim.models.systems import GLONASS, GPS, SYSTEMS, UNTITLED, System
 
+_Row = tuple[tuple[int, int], tuple[float, ...]]
+"""A record: lines of its head and of its orbit, its numbers."""
 _EPOCH = datetime.date(1970, 1, 1)
 _AGL_FIELDS, _AGP_FIELDS = {"b": 10, "c": 6}, {"b": 11, "c": 6}
 _MOST_LINES = 200_000
@@ -28,27 +32,37 @@ ALMANAC_REACH = np.inf
 """An almanac is propagated as far as it is asked to; its age is the caller's business."""
 
 
-def read_almanac(path: Path, near: float) -> Any:
-    """The constellation of an almanac file of any known format, told by its content.
+@dataclass(frozen=True)
+class AlmanacFile:
+    """What an almanac file holds: constellations, one a system; not_used: in words, what of it is not; untitled: how
+    many two-line elements nothing tells the system of, which are in no constellation."""
 
-    near: UTC (POSIX s) that decides between GPS weeks that differ by a multiple of 1024. Returns `glonass.Almanac`,
-    `gps.Constellation` or `tle.Constellation`. Raises FileError, naming the line, or OSError.
+    constellations: tuple[Constellation, ...]
+    not_used: tuple[str, ...] = ()
+    untitled: int = 0
+
+
+def read_almanac(path: Path, near: float, untitled: System | None = None) -> AlmanacFile:
+    """Read an almanac file of any known format, told by its content.
+
+    near: UTC (POSIX s) that decides between GPS weeks that differ by a multiple of 1024. untitled: the system of
+    two-line elements without names. Raises FileError, naming the line, or OSError.
     """
     lines = _numbered(path)
     first = lines[0][1]
     if re.match(r"\s*\**\s*Week\s+\d+\s+almanac", first, re.IGNORECASE):
-        return _yuma(path, lines, near)
+        return AlmanacFile((_yuma(path, lines, near),))
     plain = [(n, line) for n, line in lines if not line.startswith("#")]
     if any(re.match(r"1 [ 0-9A-Z]\d{4}[A-Z ]", line) and len(line) >= 68 for _, line in plain[:2]):
-        return _tle(path, plain)
+        return _split(_tle(path, plain), untitled)
     if re.match(r"\s*\d+\s+\S*[A-Za-z]", first):
-        return _sem(path, lines, near)
+        return AlmanacFile((_sem(path, lines, near),))
     if len(lines) > 1 and len(lines[1][1].split()) == _AGP_FIELDS["b"]:
-        return _agp(path, lines, near)
-    return _agl(path, lines)
+        return AlmanacFile((_agp(path, lines, near),))
+    return AlmanacFile((_agl(path, lines),))
 
 
-def read_agl(path: Path) -> glonass.Almanac:
+def read_agl(path: Path) -> glonass.GlonassAlmanac:
     """Read a GLONASS `.agl` almanac [1].
 
     Raises FileError, naming the line, for anything but whole and plausible records; OSError where the file cannot be
@@ -68,11 +82,11 @@ def _numbered(path: Path) -> list[tuple[int, str]]:
     return numbered
 
 
-def _agl(path: Path, lines: list[tuple[int, str]]) -> glonass.Almanac:
+def _agl(path: Path, lines: list[tuple[int, str]]) -> glonass.GlonassAlmanac:
     records = [_agl_record(path, block) for block in _threes(path, lines)]
     _once(path, [r[0] for r in records], [lines[3 * i + 1][0] for i in range(len(records))], "slot")
     slot, channel, health, day, time, lam, di, omega, ecc, dt, dt_rate = np.array(records, dtype=float).T
-    return glonass.Almanac(
+    return glonass.GlonassAlmanac(
         slot=slot.astype(int),
         healthy=health == 1.0,
         day=day,
@@ -106,7 +120,7 @@ def _agl_record(path: Path, block: list[tuple[int, str]]) -> tuple[float, ...]:
     slot, channel, health, day, month, year, time = numbers["b"][:7]
     lam, di, omega, ecc, dt, dt_rate = numbers["c"]
     date = _date(path, line_b, year, month, day)
-    within(path, line_b, slot, 1, glonass.SLOTS, "slot")
+    within(path, line_b, slot, 1, GLONASS.slots, "slot")
     within(path, line_b, channel, -7, 24, "frequency channel")
     within(path, line_b, time, 0.0, timescales.DAY, "time of the ascending node in s")
     within(path, line_c, lam, -1.0, 1.0, "longitude of the node in semicircles")
@@ -118,16 +132,16 @@ def _agl_record(path: Path, block: list[tuple[int, str]]) -> tuple[float, ...]:
     return slot, channel, health, float((date - _EPOCH).days), time, lam, di, omega, ecc, dt, dt_rate
 
 
-def _agp(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Constellation:
-    rows = []
+def _agp(path: Path, lines: list[tuple[int, str]], near: float) -> gps.KeplerianEphemerides:
+    rows: list[_Row] = []
     for block in _threes(path, lines):
         numbers = _iac_numbers(path, block, _AGP_FIELDS)
         line_b, line_c = block[1][0], block[2][0]
         prn, health, week, toa, day, month, year, _, af0, af1, omega_dot = numbers["b"]
         omega0, i, omega, e, sqrt_a, m0 = numbers["c"]
         _date(path, line_b, year, month, day)
-        rows.append((line_b, line_c, prn, health, week, toa, e, np.pi * i, np.pi * omega_dot, sqrt_a,
-                     np.pi * omega0, np.pi * omega, np.pi * m0, af0, af1))  # fmt: skip
+        rows.append(((line_b, line_c), (prn, health, week, toa, e, np.pi * i, np.pi * omega_dot, sqrt_a,
+                     np.pi * omega0, np.pi * omega, np.pi * m0, af0, af1)))  # fmt: skip
     return _gps(path, rows, near)
 
 
@@ -168,9 +182,9 @@ _YUMA = (
 )  # fmt: skip
 
 
-def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Constellation:
+def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.KeplerianEphemerides:
     """[2]: a headline of asterisks, then thirteen lines `name: value` a satellite."""
-    rows = []
+    rows: list[_Row] = []
     at = 0
     while at < len(lines):
         if "almanac" not in lines[at][1].lower():
@@ -189,8 +203,8 @@ def _yuma(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Constell
         if len(values) < len(_YUMA):
             raise FileError(lines[-1][0], f"the record breaks off: {len(_YUMA)} lines are due after a headline", path)
         prn, health, e, toa, i, omega_dot, sqrt_a, omega0, omega, m0, af0, af1, week = values
-        rows.append((block[0][0], block[2][0], prn, health, week, toa, e, i, omega_dot, sqrt_a, omega0, omega, m0,
-                     af0, af1))  # fmt: skip
+        rows.append(((block[0][0], block[2][0]), (prn, health, week, toa, e, i, omega_dot, sqrt_a, omega0, omega, m0,
+                     af0, af1)))  # fmt: skip
         at += 1 + len(_YUMA)
     return _gps(path, rows, near)
 
@@ -202,16 +216,16 @@ _SEM_INCLINATION = 0.30
 """Semicircles that SEM's inclination is counted from [2, 3]."""
 
 
-def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Constellation:
+def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.KeplerianEphemerides:
     count = whole(path, lines[0][0], lines[0][1].split()[0], "the number of records")
-    within(path, lines[0][0], count, 1, 63, "the number of records")
+    within(path, lines[0][0], count, 1, GPS.highest, "the number of records")
     if len(lines) < 2:
         raise FileError(lines[0][0], "the file breaks off after its headline", path)
     head = _numbers(path, *lines[1])
     if len(head) != 2:
         raise FileError(lines[1][0], "expected the week and the time of applicability", path)
     week, toa = head
-    rows = []
+    rows: list[_Row] = []
     for record in range(count):
         block = lines[2 + len(_SEM_LINES) * record : 2 + len(_SEM_LINES) * (record + 1)]
         if len(block) < len(_SEM_LINES):
@@ -225,15 +239,15 @@ def _sem(path: Path, lines: list[tuple[int, str]], near: float) -> gps.Constella
                 raise FileError(line, f"expected {due} number(s), found {len(found)}", path)
             values += found
         prn, _, _, e, i, omega_dot, sqrt_a, omega0, omega, m0, af0, af1, health, _ = values
-        rows.append((block[0][0], block[3][0], prn, health, week, toa, e, np.pi * (_SEM_INCLINATION + i),
-                     np.pi * omega_dot, sqrt_a, np.pi * omega0, np.pi * omega, np.pi * m0, af0, af1))  # fmt: skip
+        rows.append(((block[0][0], block[3][0]), (prn, health, week, toa, e, np.pi * (_SEM_INCLINATION + i),
+                     np.pi * omega_dot, sqrt_a, np.pi * omega0, np.pi * omega, np.pi * m0, af0, af1)))  # fmt: skip
     if len(lines) > 2 + len(_SEM_LINES) * count:
         raise FileError(lines[2 + len(_SEM_LINES) * count][0], f"more than the {count} records announced", path)
     return _gps(path, rows, near)
 
 
 _GPS_LIMITS = (
-    ("PRN", 1, 63),
+    ("PRN", 1, GPS.highest),
     ("health", 0, 255),
     ("week", 0, 10000),
     ("time of applicability in s", 0, timescales.WEEK),
@@ -249,18 +263,17 @@ _GPS_LIMITS = (
 )
 
 
-def _gps(path: Path, rows: list[tuple[Any, ...]], near: float) -> gps.Constellation:
-    """Rows: line of the head, line of the orbit, PRN, health, week, toa, e, i, node rate, sqrt(A), node, perigee, M0,
-    af0, af1; SI and rad."""
-    for row in rows:
-        for index, (name, low, high) in enumerate(_GPS_LIMITS):
-            within(path, row[0 if index < 4 else 1], row[2 + index], low, high, name)
-    _once(path, [r[2] for r in rows], [r[0] for r in rows], "PRN")
-    table = np.array([r[2:] for r in rows], dtype=float)
+def _gps(path: Path, rows: list[_Row], near: float) -> gps.KeplerianEphemerides:
+    """Numbers of a row: PRN, health, week, toa, e, i, node rate, sqrt(A), node, perigee, M0, af0, af1; SI and rad."""
+    for (head, orbit), values in rows:
+        for index, (value, (name, low, high)) in enumerate(zip(values, _GPS_LIMITS, strict=True)):
+            within(path, head if index < 4 else orbit, value, low, high, name)
+    _once(path, [values[0] for _, values in rows], [lines[0] for lines, _ in rows], "PRN")
+    table = np.array([values for _, values in rows], dtype=float)
     # old almanacs give the week modulo 1024 (or 256): the nearest such week
     week = np.array([w if w >= 1024 else timescales.full_week(int(w), near) for w in table[:, 2]], dtype=float)
     toe = week * timescales.WEEK + table[:, 3]
-    return gps.Constellation(
+    return gps.KeplerianEphemerides(
         gps.Elements.of(
             prn=table[:, 0].astype(int), healthy=table[:, 1] == 0.0, toe=toe, toc=toe, e=table[:, 4], i0=table[:, 5],
             omega_dot=table[:, 6], sqrt_a=table[:, 7], omega0=table[:, 8], omega=table[:, 9], m0=table[:, 10],
@@ -270,10 +283,15 @@ def _gps(path: Path, rows: list[tuple[Any, ...]], near: float) -> gps.Constellat
     )  # fmt: skip
 
 
-def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
-    """[4]: two lines of elements a satellite, after a line with its name where there is one; lines without comments."""
-    from navsim.models import tle
+def _split(found: tle.TwoLineSets, untitled: System | None) -> AlmanacFile:
+    """Two-line elements by system."""
+    parts = [found.of(system, untitled=system is untitled) for system in SYSTEMS]
+    left = found.systems.count(UNTITLED) if untitled is None else 0
+    return AlmanacFile(tuple(part for part in parts if part.names), found.strangers, left)
 
+
+def _tle(path: Path, lines: list[tuple[int, str]]) -> tle.TwoLineSets:
+    """[4]: two lines of elements a satellite, after a line with its name where there is one; lines without comments."""
     names: dict[str, None] = {}
     titles, firsts, seconds = [], [], []
     at = 0
@@ -301,6 +319,6 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> Any:
         seconds.append(pair[1][1].rstrip())
         at += 2
     try:
-        return tle.Constellation.of_lines(titles, firsts, seconds)
+        return tle.TwoLineSets.of_lines(titles, firsts, seconds)
     except ValueError as error:
         raise FileError(0, str(error), path) from None

@@ -24,9 +24,9 @@ from navsim.core.rotation import dcm_from_rpy
 from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError, part, write_text
 from navsim.models import glonass_broadcast, gps, timescales
-from navsim.models.atmosphere import L1
+from navsim.models.constellation import Constellation, carriers
 from navsim.models.conventions import KNOT
-from navsim.models.glonass import FDMA_L1, FDMA_STEP
+from navsim.models.systems import BY_LETTER, GLONASS, GPS, System
 
 ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
@@ -110,7 +110,13 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     time = result["/geometry/time"]
     if not time.size:
         raise ResultError("the result has no epoch of measurements: the simulation is shorter than one fix interval")
-    constellations, approximate = _constellations(result)
+    elements, vectors = _elements(result), _vectors(result)
+    constellations: list[Constellation] = [known for known in (elements, vectors) if known is not None]
+    if not constellations:
+        raise ResultError(
+            "the result has no navigation messages; RINEX needs a sky of nominal, almanac or navigation satellites"
+        )
+    approximate = approximate_systems(result)
     scenario = _scenario(result)
     receiver = scenario["receiver"]
     clock = 1e-6 * receiver["clock_offset_us"] + 1e-9 * receiver["clock_drift_ppb"] * time
@@ -127,7 +133,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
         sent = gpst[:, None] - (ranges[:, _places(names, constellation.names)] / wgs84.SPEED_OF_LIGHT - clock[:, None])
         sent = np.where(np.isfinite(sent), sent, gpst[:, None] - 0.075)
         offset, drift = constellation.clock(sent)
-        frequency = getattr(constellation, "frequency", np.full(len(constellation.names), L1))
+        frequency, told = carriers(constellation), constellation.channels
         for k, name in enumerate(constellation.names):
             if name not in names:
                 continue
@@ -137,8 +143,8 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
             rate = rates[:, i] - wgs84.SPEED_OF_LIGHT * drift[:, k]
             values.append(np.stack([raw, -rate * frequency[k] / wgs84.SPEED_OF_LIGHT, cn0[:, i]]))
             columns.append(name)
-            if name.startswith("R"):
-                channels[name] = round((frequency[k] - FDMA_L1) / FDMA_STEP)
+            if name in told:
+                channels[name] = told[name]
     if not columns:
         raise ResultError("no satellite of the result can be written as RINEX")
     order = np.argsort(columns)
@@ -162,11 +168,15 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
         comments.append(f"run {run} of an ensemble of {int(result['/summary/count/runs'])}")
     if approximate:
         comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
-    elements = next((c.records for c in constellations if c.system == "gps"), None)
-    vectors = next((c.records for c in constellations if c.system == "glonass"), None)
+    ground = [str(name) for name in result["/pseudolites/name"]]
+    heard = np.isfinite(ranges).any(axis=0)
+    missing = [name for name, h in zip(names, heard, strict=True) if h and name not in columns and name not in ground]
+    if missing:
+        comments.append(f"received, but not in here for want of messages to write: {', '.join(missing)}")
     title = str(result.attributes.get("title") or target.stem)
     messages = rinex_write.navigation_lines(
-        elements, vectors, comments, made, at=start, klobuchar=_klobuchar(scenario),
+        None if elements is None else elements.records, None if vectors is None else vectors.records,
+        comments, made, at=start, klobuchar=_klobuchar(scenario),
         gps_offset=1e-9 * scenario["signals"]["gps_offset_ns"],
     )  # fmt: skip
     return {
@@ -230,32 +240,32 @@ def _contents(scenario: Any) -> list[str]:
 def approximate_systems(result: Result) -> list[str]:
     """Systems whose satellites did not fly by the messages that are exported."""
     out = []
-    for system in ("gps", "glonass"):
-        path = f"/navigation/{system}/message"
+    for system in BY_LETTER.values():
+        path = f"/navigation/{system.name}/message"
         if path in result and not int(result.variables[path].attributes["exact"]):
-            out.append(system)
+            out.append(system.name)
     return out
 
 
-def _constellations(result: Result) -> tuple[list[Any], list[str]]:
-    """The constellations behind the result's messages, GPS messages with reference times near the flight."""
-    out: list[Any] = []
-    if "/navigation/gps/prn" in result:
-        stored = gps.Elements(**{f.name: _stored(result, "gps", f.name) for f in fields(gps.Elements)})
-        out.append(gps.Constellation(_near(stored, result), reach=np.inf))
-    if "/navigation/glonass/slot" in result:
-        names = [f.name for f in fields(glonass_broadcast.StateVectors)]
-        vectors = glonass_broadcast.StateVectors(**{n: _stored(result, "glonass", n) for n in names})
-        out.append(glonass_broadcast.Constellation(vectors, use_unhealthy=True))
-    if not out:
-        raise ResultError(
-            "the result has no navigation messages; RINEX needs a sky of nominal, almanac or navigation satellites"
-        )
-    return out, approximate_systems(result)
+def _elements(result: Result) -> gps.KeplerianEphemerides | None:
+    """The GPS satellites behind the result's messages, with reference times near the flight."""
+    if f"/navigation/{GPS.name}/prn" not in result:
+        return None
+    stored = gps.Elements(**{f.name: _stored(result, GPS, f.name) for f in fields(gps.Elements)})
+    return gps.KeplerianEphemerides(_near(stored, result), reach=np.inf)
 
 
-def _stored(result: Result, system: str, name: str) -> np.ndarray:
-    data = result[f"/navigation/{system}/{name}"]
+def _vectors(result: Result) -> glonass_broadcast.StateVectorEphemerides | None:
+    """The GLONASS satellites behind the result's messages."""
+    if f"/navigation/{GLONASS.name}/slot" not in result:
+        return None
+    names = [f.name for f in fields(glonass_broadcast.StateVectors)]
+    stored = glonass_broadcast.StateVectors(**{n: _stored(result, GLONASS, n) for n in names})
+    return glonass_broadcast.StateVectorEphemerides(stored, use_unhealthy=True)
+
+
+def _stored(result: Result, system: System, name: str) -> np.ndarray:
+    data = result[f"/navigation/{system.name}/{name}"]
     return data.astype(bool) if name == "healthy" else data
 
 
@@ -267,7 +277,7 @@ def _near(elements: gps.Elements, result: Result) -> gps.Elements:
     if not time[0] <= time[1] <= time[0] + LONGEST:
         raise ResultError(f"damaged: measurements from {time[0]:g} to {time[1]:g} s")
     toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
-    parts = [elements.referred_to(np.full(elements.prn.size, toe)) for toe in toes]
+    parts = [elements.referred_to(np.full(elements.prn.size, toe), GPS) for toe in toes]
     whole = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(gps.Elements)}
     issue = np.repeat(np.arange(1, toes.size + 1), elements.prn.size).astype(float)
     return gps.Elements(**(whole | {"iode": issue, "iodc": issue, "healthy": np.ones(issue.size, dtype=bool)}))
@@ -400,17 +410,17 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
         clock = f"{hour:02d}{minute:02d}{hundredths // 100:02d}.{hundredths % 100:02d}"
         if not np.isfinite(p[0]):
             lines += [
-                _sentence(f"GPGGA,{clock},,,,,0,00,,,M,,M,,"),
-                _sentence(f"GPRMC,{clock},V,,,,,,,{date:%d%m%y},,,N"),
+                _sentence(f"{GPS.talker}GGA,{clock},,,,,0,00,,,M,,M,,"),
+                _sentence(f"{GPS.talker}RMC,{clock},V,,,,,,,{date:%d%m%y},,,N"),
             ]
             continue
         where = _angle(np.degrees(p[0]), 2, "NS") + "," + _angle(np.degrees(p[1]), 3, "EW")
         speed, course = float(np.hypot(v[0], v[1])), float(np.degrees(np.arctan2(v[1], v[0])) % 360.0)
         knots = speed / KNOT
         lines += [
-            _sentence(f"GPGGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2]:.3f},M,0.000,M,,"),
-            _sentence(f"GPRMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
-            _sentence(f"GPVTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
+            _sentence(f"{GPS.talker}GGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2]:.3f},M,0.000,M,,"),
+            _sentence(f"{GPS.talker}RMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
+            _sentence(f"{GPS.talker}VTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
         ]
     return {target.with_suffix(".nmea"): "".join(f"{line}\r\n" for line in lines)}
 

@@ -12,7 +12,7 @@ Sources: [1] RINEX 2.11 (2007), tables A3-A5, A10, A11. [2] RINEX 3.05 (2020), s
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,9 +20,13 @@ import numpy as np
 
 from navsim.io.text import Dropped, FileError, date_and_time, number, read_lines, whole, within
 from navsim.models import gps, timescales
-from navsim.models.glonass_broadcast import StateVectors
+from navsim.models.constellation import Constellation
+from navsim.models.glonass_broadcast import StateVectorEphemerides, StateVectors
+from navsim.models.systems import BY_LETTER, GLONASS, GPS, SYSTEMS, System
 
 _LATEST = 5.0
+_NAVIGATION = "N"
+"""Type of files of messages, from version 3 on of all systems."""
 _KINDS = ("EPH", "STO", "EOP", "ION")
 """Kinds of records of version 4: ephemerides, offsets of time systems, Earth orientation, ionosphere."""
 _KLOBUCHAR = ("LNAV", "CNVX")
@@ -42,6 +46,15 @@ class Navigation:
     leap_seconds: int | None
     skipped: dict[str, int] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+
+    def constellations(self) -> list[Constellation]:
+        """Those that fly by these messages."""
+        out: list[Constellation] = []
+        if self.glonass is not None:
+            out.append(StateVectorEphemerides(self.glonass))
+        if self.gps is not None:
+            out.append(gps.KeplerianEphemerides(self.gps))
+        return out
 
 
 @dataclass(frozen=True)
@@ -64,18 +77,18 @@ def read_nav(path: Path, lenient: bool = False) -> Navigation:
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
     version, system, klobuchar, leap, first = _header(path, lines)
-    records: dict[str, list[tuple[float, ...]]] = {"G": [], "R": []}
+    records: dict[System, list[tuple[float, ...]]] = {of: [] for of in _READ}
+    usual = dict.fromkeys(_READ, 0)
     skipped: dict[str, int] = {}
-    newest, usual = -np.inf, 0
+    newest = -np.inf
     for record in (_framed if version >= 4.0 else _blocks)(path, lines, first, version, system, dropped):
         kind, letter, message = record.kind, record.letter, record.message
+        of = BY_LETTER.get(letter)
         try:
-            if (kind, letter, message) == ("EPH", "G", "LNAV"):
-                records["G"].append(_gps(path, record, version))
-            elif (kind, letter, message) == ("EPH", "R", "FDMA"):
-                records["R"].append(_glonass(path, record, version, usual))
-                usual = len(record.lines)
-            elif (kind, letter) == ("ION", "G") and message in _KLOBUCHAR:
+            if kind == "EPH" and of in _READ and message == of.message:
+                records[of].append(_READ[of](path, record, version, usual[of]))
+                usual[of] = len(record.lines)
+            elif kind == "ION" and of is GPS and message in _KLOBUCHAR:
                 time, coefficients = _ionosphere(path, record, version)
                 if time >= newest:
                     newest, klobuchar = time, coefficients
@@ -84,12 +97,13 @@ def read_nav(path: Path, lenient: bool = False) -> Navigation:
                 skipped[name] = skipped.get(name, 0) + 1
         except FileError as error:
             dropped.damaged("messages left out", error)
-    if not records["G"] and not records["R"]:
+    if not any(records.values()):
+        none, sought = " and ".join(f"no {of.title}" for of in _READ), ", ".join(of.message for of in _READ)
         others = f"; skipped were {', '.join(skipped)}" if skipped else ""
-        raise FileError(0, f"holds no GPS and no GLONASS message (LNAV, FDMA){others}", path)
+        raise FileError(0, f"holds {none} message ({sought}){others}", path)
     return Navigation(
-        _elements(records["G"]) if records["G"] else None,
-        _state_vectors(records["R"]) if records["R"] else None,
+        _elements(records[GPS]) if records[GPS] else None,
+        _state_vectors(records[GLONASS]) if records[GLONASS] else None,
         klobuchar,
         leap,
         skipped,
@@ -101,10 +115,11 @@ def _header(path: Path, lines: list[str]) -> tuple[float, str, tuple[np.ndarray,
     """Version, system letter, Klobuchar coefficients, leap seconds, index of the first line after the header."""
     version, system = rinex_version(path, lines)
     kind = lines[0][20:21]
-    if kind not in "NG" or (version >= 3.0 and kind != "N"):
+    of_old_files = {of.old_file: of.letter for of in SYSTEMS}
+    if kind not in of_old_files or (version >= 3.0 and kind != _NAVIGATION):
         raise FileError(1, f"a RINEX file of type '{lines[0][20:40].strip()}', not navigation data", path)
     if version < 3.0:
-        system = "R" if kind == "G" else "G"
+        system = of_old_files[kind]
     corrections: dict[str, np.ndarray] = {}
     leap = None
     for index, line in enumerate(lines[1:], 2):
@@ -130,7 +145,7 @@ def rinex_version(path: Path, lines: list[str]) -> tuple[float, str]:
     version = number(path, 1, lines[0][:9], "the RINEX version")
     if not 2.0 <= version < _LATEST:
         raise FileError(1, f"RINEX version {version:g} is not read; 2, 3 and 4 are", path)
-    return version, lines[0][40:41].strip() or "G"
+    return version, lines[0][40:41].strip() or GPS.letter
 
 
 def _end(lines: list[str], first: int, end: int) -> int:
@@ -152,7 +167,8 @@ def _blocks(
     for start, stop in itertools.pairwise([*starts, end]):
         letter = system if version < 3.0 else lines[start][0]
         if letter.isalpha():
-            message = {"G": "LNAV", "R": "FDMA"}.get(letter, "")
+            of = BY_LETTER.get(letter)
+            message = of.message if of in _READ else ""
             yield _Record("EPH", letter, message, _numbered(lines, start, stop), stop == end)
         else:
             found = lines[start][:3]
@@ -265,10 +281,11 @@ _GPS_ORDER = (
 )  # fmt: skip
 
 
-def _gps(path: Path, record: _Record, version: float) -> tuple[float, ...]:
+def _gps(path: Path, record: _Record, version: float, _: int) -> tuple[float, ...]:
+    """The fields of a GPS record."""
     block = record.lines
     _check_length(path, record, (8,), _margin(version))
-    prn, toc = _satellite(path, block, version, 63), _time(path, block, version)
+    prn, toc = _satellite(path, block, version, GPS.highest), _time(path, block, version)
     v = _values(path, block, version, _GPS_FIELDS)
     for name, (low, high) in _GPS_LIMITS.items():
         within(path, block[(_GPS_FIELDS.index(name) + 1) // 4][0], v[name], low, high, name)
@@ -310,7 +327,7 @@ def _glonass(path: Path, record: _Record, version: float, usual: int) -> tuple[f
     """The fields of a GLONASS record; usual: lines of the one before, 0 for none."""
     block = record.lines
     _check_length(path, record, _glonass_lines(record, version, usual), _margin(version))
-    slot, time = _satellite(path, block, version, 32), _time(path, block, version)
+    slot, time = _satellite(path, block, version, GLONASS.highest), _time(path, block, version)
     v = _values(path, block, version, _GLONASS_FIELDS)
     if v["channel"] > 128.0:  # an unsigned octet that meant to be signed
         v["channel"] -= 256.0
@@ -364,6 +381,10 @@ def _flags(path: Path, numbered: tuple[int, str], start: int, most: int, name: s
 
 _UNKNOWN = 0.999999999999e9
 """What stands for a value that is not known [2]."""
+
+
+_READ: dict[System, Callable[[Path, _Record, float, int], tuple[float, ...]]] = {GPS: _gps, GLONASS: _glonass}
+"""How the messages of systems are read: path, record, version, lines of the system's record before."""
 
 
 def _state_vectors(records: list[tuple[float, ...]]) -> StateVectors:

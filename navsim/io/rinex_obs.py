@@ -27,9 +27,9 @@ from navsim.io.text import (
     within,
 )  # fmt: skip
 from navsim.models import timescales
+from navsim.models.systems import BY_LETTER, GPS, LETTERS
 
-_SYSTEMS = "GRECJIS"
-_SCALES = {"GPS": "gps", "GAL": "gps", "QZS": "gps", "IRN": "gps", "GLO": "utc", "BDT": "bdt", "": "gps"}
+_SCALES = ("GPS", "GAL", "QZS", "IRN", "GLO", "BDT")
 _MOST_SATELLITES = 999
 _FACTORS = (1, 10, 100, 1000)
 """Scale factors that the format allows: values were multiplied by them when they were written."""
@@ -116,7 +116,7 @@ class _Header:
 
     def __init__(self, path: Path, version: float, system: str) -> None:
         self.path, self.version, self.system = path, version, system
-        self.scale = "gps"
+        self.scale = GPS.time_system
         self.position: np.ndarray | None = None
         self.antenna = np.zeros(3)
         self.channels: dict[str, int] = {}
@@ -194,10 +194,9 @@ class _Header:
             self._scaled(index, "", line[:6], line[6:12], line[12:60].split())
         elif label == "TIME OF FIRST OBS":
             scale = line[48:51].strip()
-            if scale not in _SCALES:
-                known = ", ".join(filter(None, _SCALES))
-                raise FileError(index, f"time system {scale} is not known; {known} are", self.path)
-            self.scale = "utc" if not scale and self.system == "R" else _SCALES[scale]
+            if scale and scale not in _SCALES:
+                raise FileError(index, f"time system {scale} is not known; {', '.join(_SCALES)} are", self.path)
+            self.scale = scale or BY_LETTER.get(self.system, GPS).time_system
         elif label == "APPROX POSITION XYZ":
             self.position = self._three(index, line, label)
         elif label == "ANTENNA: DELTA H/E/N":
@@ -213,7 +212,7 @@ class _Header:
         return np.array([number(self.path, index, line[14 * i : 14 * i + 14], label) for i in range(3)])
 
     def _system(self, index: int, letter: str) -> str:
-        if letter not in _SYSTEMS:
+        if letter not in LETTERS:
             raise FileError(index, f"no such satellite system: {letter}", self.path)
         return letter
 
@@ -392,7 +391,7 @@ class _Reader:
         for index, name in enumerate(names):
             row = first + index * per_satellite
             try:
-                if name[0] not in _SYSTEMS or not name[1:].isdecimal():
+                if name[0] not in LETTERS or not name[1:].isdecimal():
                     raise FileError(at + 1, f"expected a satellite, found '{name}'", self.path)
                 self._row(row, name, seen, layout, self.lines[row : row + per_satellite])
             except FileError as error:
@@ -479,12 +478,12 @@ class _Reader:
 
     def _begin(self, epoch: _Epoch) -> None:
         time = date_and_time(self.path, epoch.at + 1, epoch.parts)
-        if self.header.scale == "utc":
+        if self.header.scale in timescales.LEAPING:
             # seconds from 60 on may be those of a leap second
             over = float(number(self.path, epoch.at + 1, epoch.parts[5], "the epoch") >= 60.0)
             time = float(timescales.gps_from_utc(time - over)) + over
         else:
-            time += (14.0 if self.header.scale == "bdt" else 0.0) - timescales.GPS_EPOCH
+            time += timescales.BEHIND_GPS[self.header.scale] - timescales.GPS_EPOCH
         if self.time and time <= self.time[-1]:
             raise FileError(epoch.at + 1, "the epoch is not later than the one before", self.path)
         self.time.append(time)

@@ -15,10 +15,11 @@ import numpy as np
 
 from navsim.models import gps, timescales
 from navsim.models.glonass_broadcast import StateVectors
+from navsim.models.systems import BY_LETTER, GLONASS, GPS, System
 
 VERSION = 3.04
-CODES = ("C1C", "D1C", "S1C")
-"""What is written of each satellite: pseudorange m, Doppler Hz, C/N0 dB-Hz, all of C/A code in L1."""
+KINDS = "CDS"
+"""What is written of each satellite: pseudorange m, Doppler Hz, C/N0 dB-Hz, all of its system's first signal."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Epochs:
     """What a receiver would have recorded.
 
     start: whole GPS s from 1980-01-06; tag: (e,) by the receiver's clock, s after that (one number would not hold its
-    tenths of microseconds). satellites: (s,) names. values: (3, e, s) as `CODES`, nan where there is none. position:
+    tenths of microseconds). satellites: (s,) names. values: (3, e, s) as `KINDS`, nan where there is none. position:
     (3,) approximate, ECEF m. channels: by GLONASS satellite. interval: s.
     """
 
@@ -43,10 +44,9 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
     """The lines of an observation file [1]; marker: its name, comments: sentences, broken to lines, made: by whom."""
     first = _calendar(epochs.start, epochs.tag[0], 7)
     last = _calendar(epochs.start, epochs.tag[-1], 7)
-    systems = [letter for letter in "GR" if any(name[0] == letter for name in epochs.satellites)]
-    kind = "M: MIXED" if len(systems) > 1 else {"G": "G: GPS", "R": "R: GLONASS"}[systems[0]]
+    systems = [of for letter, of in BY_LETTER.items() if any(name[0] == letter for name in epochs.satellites)]
     lines = [
-        _label(f"{VERSION:9.2f}           OBSERVATION DATA    {kind}", "RINEX VERSION / TYPE"),
+        _label(f"{VERSION:9.2f}           OBSERVATION DATA    {_kind(systems)}", "RINEX VERSION / TYPE"),
         _label(made, "PGM / RUN BY / DATE"),
         *_comment_lines(comments),
         _label(marker[:60], "MARKER NAME"),
@@ -57,8 +57,11 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
         _label("".join(f"{x:14.4f}" for x in epochs.position), "APPROX POSITION XYZ"),
         _label("".join(f"{0.0:14.4f}" for _ in range(3)), "ANTENNA: DELTA H/E/N"),
         *(
-            _label(f"{letter}  {len(CODES):3d}" + "".join(f" {code}" for code in CODES), "SYS / # / OBS TYPES")
-            for letter in systems
+            _label(
+                f"{of.letter}  {len(KINDS):3d}" + "".join(f" {kind}{of.signals[0]}" for kind in KINDS),
+                "SYS / # / OBS TYPES",
+            )
+            for of in systems
         ),
         _label("DBHZ", "SIGNAL STRENGTH UNIT"),
         _label(f"{epochs.interval:10.3f}", "INTERVAL"),
@@ -66,7 +69,7 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
         _label(_first_obs(last), "TIME OF LAST OBS"),
         *_channel_lines(epochs.channels),
     ]
-    if "R" in systems:
+    if GLONASS in systems:
         lines.append(_label("", "GLONASS COD/PHS/BIS"))
     lines += [_leap_seconds(epochs.start), _label("", "END OF HEADER")]
     for e, tag in enumerate(epochs.tag):
@@ -94,12 +97,9 @@ def navigation_lines(
     comments, made: as of `observation_lines`. at: GPS s from 1980-01-06 of which leap seconds are told. klobuchar:
     alpha and beta (4,) of the ionosphere, s and s per semicircle powers. gps_offset: GPS time less GLONASS time, s.
     """
-    if elements is not None and vectors is not None:
-        kind = "M: MIXED"
-    else:
-        kind = "G: GPS" if elements is not None else "R: GLONASS"
+    systems = [of for of, sent in ((GPS, elements), (GLONASS, vectors)) if sent is not None]
     lines = [
-        _label(f"{VERSION:9.2f}           NAVIGATION DATA     {kind}", "RINEX VERSION / TYPE"),
+        _label(f"{VERSION:9.2f}           NAVIGATION DATA     {_kind(systems)}", "RINEX VERSION / TYPE"),
         _label(made, "PGM / RUN BY / DATE"),
         *_comment_lines(comments),
     ]
@@ -120,10 +120,15 @@ def navigation_lines(
     return lines
 
 
+def _kind(systems: Sequence[System]) -> str:
+    """Whose satellites a file is of, for its first line."""
+    return "M: MIXED" if len(systems) > 1 else f"{systems[0].letter}: {systems[0].title}"
+
+
 def _gps_record(x: gps.Elements, i: int) -> list[str]:
     week, second = divmod(float(x.toe[i]), timescales.WEEK)
     year, month, day, hour, minute, sec = _calendar(float(x.toc[i]), 0.0, 0)
-    head = f"G{x.prn[i]:02d} {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d} {int(sec):02d}"
+    head = f"{GPS.satellite(x.prn[i])} {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d} {int(sec):02d}"
     numbers = [
         x.iode[i], x.crs[i], x.delta_n[i], x.m0[i], x.cuc[i], x.e[i], x.cus[i], x.sqrt_a[i],
         second, x.cic[i], x.omega0[i], x.cis[i], x.i0[i], x.crc[i], x.omega[i], x.omega_dot[i],
@@ -136,7 +141,7 @@ def _gps_record(x: gps.Elements, i: int) -> list[str]:
 
 def _glonass_record(x: StateVectors, i: int) -> list[str]:
     when = datetime.datetime.fromtimestamp(float(x.time[i]), datetime.UTC)
-    head = f"R{x.slot[i]:02d} {when:%Y %m %d %H %M %S}"
+    head = f"{GLONASS.satellite(x.slot[i])} {when:%Y %m %d %H %M %S}"
     # the time of the message's frame is told in the week of UTC, not of GPS [1], table A10
     week_second = (float(x.time[i]) - timescales.GPS_EPOCH) % timescales.WEEK
     p, v, a = 1e-3 * x.position[i], 1e-3 * x.velocity[i], 1e-3 * x.acceleration[i]

@@ -11,15 +11,17 @@ import numpy as np
 
 from navsim.io.text import Dropped, FileError, check_table, column, date_and_time, read_lines, whole, within
 from navsim.models import timescales
-from navsim.models.precise import Orbits
+from navsim.models.precise import OrbitTable
+from navsim.models.systems import GPS
 
-_SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI", "ccc"}
+_SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI"}
+_NO_SCALE = "ccc"
 _NO_CLOCK = 999999.0
-_PAD = "G00"
+_PAD = GPS.satellite(0)
 """What fills the list of satellites, as a name."""
 
 
-def read_sp3(path: Path, lenient: bool = False) -> Orbits:
+def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     """Read an SP3 file, packed or not.
 
     lenient: take what is whole of a file with wrong counts, broken lines or no end, and say in `left_out` what was
@@ -34,7 +36,7 @@ def read_sp3(path: Path, lenient: bool = False) -> Orbits:
     epochs = whole(path, 1, head[32:39], "the number of epochs")
     listed: list[str] = []
     satellites = 0
-    scale = "GPS"
+    scale = GPS.time_system
     time: list[float] = []
     records: list[dict[str, tuple[float, ...]]] = []
     scales_seen = 0
@@ -49,7 +51,8 @@ def read_sp3(path: Path, lenient: bool = False) -> Orbits:
         elif line.startswith("%c"):
             scales_seen += 1
             if scales_seen == 1:
-                scale = line[9:12].strip()
+                told = line[9:12].strip()
+                scale = GPS.time_system if told == _NO_SCALE else told
                 if scale not in _SCALES:
                     raise FileError(index, f"time system {scale} is not known", path)
         elif line.startswith("*"):
@@ -102,7 +105,7 @@ def read_sp3(path: Path, lenient: bool = False) -> Orbits:
     position[np.all(position == 0.0, axis=2)] = np.nan
     # a missing clock is all nines
     clocks = np.where(clock_us >= _NO_CLOCK, np.nan, 1e-6 * clock_us)
-    return Orbits(tuple(names), _gpst(np.array(time), scale), position, clocks, left_out=dropped.said())
+    return OrbitTable(tuple(names), _gpst(np.array(time), scale), position, clocks, dropped.said())
 
 
 def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]:
@@ -118,10 +121,10 @@ def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]
 def _name(text: str) -> str:
     """Version a has bare GPS numbers."""
     text = text.replace(" ", "0")
-    return "G" + text[1:] if text[0] == "0" else text
+    return GPS.letter + text[1:] if text[0] == "0" else text
 
 
 def _gpst(time: np.ndarray, scale: str) -> np.ndarray:
-    if scale in ("UTC", "GLO"):
+    if scale in timescales.LEAPING:
         return timescales.gps_from_utc(time)
-    return time - timescales.GPS_EPOCH + {"BDT": 14.0, "TAI": -19.0}.get(scale, 0.0)
+    return time - timescales.GPS_EPOCH + timescales.BEHIND_GPS[scale]

@@ -13,8 +13,9 @@ import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
 from navsim.models import timescales
+from navsim.models.systems import GPS
 
-L1 = 1575.42e6
+L1 = GPS.carrier
 """Carrier frequency of GPS L1, Hz."""
 _DEG = np.pi / 180.0
 

@@ -17,8 +17,10 @@ import numpy as np
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh
 from navsim.models import atmosphere, tracking
+from navsim.models.constellation import Constellation
 from navsim.models.pseudorange import satellites_at_reception
 from navsim.models.sky import azimuth_elevation, enu_matrix
+from navsim.models.systems import CLOCKS
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Effects:
     horizon_db: float = 0.0
     ground: tracking.GroundReflection | None = None
     cn0_reference: float | None = None
-    offsets: tuple[float, ...] = (0.0, 0.0, 0.0)
+    offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
     one_clock: bool = False
     smoothing: float = 0.0
 
@@ -127,7 +129,9 @@ def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velo
     return np.concatenate([orbit, np.full((*orbit.shape[:2], 1), space.clock)], axis=2)
 
 
-def seen_from(constellation: object, gpst: np.ndarray, llh: np.ndarray):  # type: ignore[no-untyped-def]
+def seen_from(
+    constellation: Constellation, gpst: np.ndarray, llh: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit vectors ECEF (e, n, 3), azimuth, elevation (e, n) of satellites at times (e,) from one place llh (3,)."""
     here = np.broadcast_to(ecef_from_llh(llh), (gpst.size, 3))
     position, _ = satellites_at_reception(constellation, gpst, here)

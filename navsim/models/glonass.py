@@ -8,30 +8,29 @@ section A.3.2 (position of a satellite from the almanac), and ICD General descri
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from navsim.models import timescales
+from navsim.models.glonass_broadcast import StateVectorEphemerides, sent_by, would_send
+from navsim.models.messages import Messages, for_each
+from navsim.models.systems import GLONASS
 
-GM = 398600.4418e9
-"""Gravitational constant of the Earth, m3/s2 [1]."""
 A_E = 6378136.0
 """Equatorial radius, m [1]."""
 J20 = 1.0826257e-3
 """Second zonal harmonic [1]."""
-EARTH_RATE = 7.292115e-5
-"""rad/s [1]."""
 MOSCOW_MINUS_UTC = 10800.0
 """s; the GLONASS control centre keeps UTC + 3 h."""
 DAY = 86400.0
 
 FDMA_MEAN_PERIOD, FDMA_MEAN_INCLINATION = 43200.0, np.radians(63.0)
 """Mean draconic period (s) and inclination (rad) the broadcast FDMA almanac and `.agl` files refer to [1]."""
-CDMA_MEAN_PERIOD, CDMA_MEAN_INCLINATION = 40544.0, np.radians(64.8)
-"""The same for the CDMA almanac [1]."""
 
-SLOTS = 24
+_PLANES = 3
+"""Orbital planes of the design constellation [2]."""
 _NOMINAL_RADIUS = 25_508_000.0
 _NOMINAL_INCLINATION = np.radians(64.8)
 _PHASE_TIME = float(timescales.gps_from_utc(17787 * DAY))
@@ -43,26 +42,14 @@ _CHANNELS = (1, -4, 5, 6, 1, -4, 5, 6, -2, -7, 0, -1, -2, -7, 0, -1, 4, -3, 3, 2
 """Frequency channels by slot, shared by satellites on opposite sides of the Earth, as of 2018."""
 
 
-FDMA_L1, FDMA_STEP = 1602.0e6, 0.5625e6
-"""Frequency of channel 0 and spacing of the channels in L1, Hz [1]."""
-
-
-def _frequency(channel: np.ndarray) -> np.ndarray:
-    return FDMA_L1 + FDMA_STEP * channel
-
-
-def _names(slot: np.ndarray) -> tuple[str, ...]:
-    return tuple(f"R{s:02d}" for s in slot)
-
-
 @dataclass(frozen=True)
-class Almanac:
+class GlonassAlmanac:
     """Almanac of n satellites; every field (n,), angles rad, times s.
 
     slot: orbital slot number. healthy: bool. day: days from 1970-01-01 of the almanac (Moscow time).
     node_time: t_lambda, s of that day (Moscow time) of the ascending node. node_longitude: lambda.
     inclination: absolute. perigee: argument omega. eccentricity. period: draconic, and period_rate: its
-    change per orbit. channel: frequency channel, int, empty where it is not known.
+    change per orbit. channel: frequency channel, int. use_unhealthy: use satellites that are not healthy.
     """
 
     slot: np.ndarray
@@ -75,20 +62,25 @@ class Almanac:
     eccentricity: np.ndarray
     period: np.ndarray
     period_rate: np.ndarray
-    mean_period: float = FDMA_MEAN_PERIOD
-    channel: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    channel: np.ndarray
+    use_unhealthy: bool = False
 
-    system = "glonass"
+    system = GLONASS
 
     @property
     def names(self) -> tuple[str, ...]:
         """R01, R02, ... of `slot`."""
-        return _names(self.slot)
+        return tuple(self.system.satellite(slot) for slot in self.slot)
 
     @property
-    def frequency(self) -> np.ndarray:
-        """Carrier frequencies in L1, Hz (n,); that of channel 0 where the channel is not known."""
-        return _frequency(self.channel if self.channel.size else np.zeros(self.slot.size))
+    def channels(self) -> Mapping[str, int]:
+        """Frequency channels by name."""
+        return dict(zip(self.names, self.channel.tolist(), strict=True))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,): those that are healthy, or all."""
+        return self.healthy | self.use_unhealthy
 
     def age(self, gpst: float) -> float:
         """Largest distance in s of the almanac's own times from a GPS time."""
@@ -104,9 +96,7 @@ class Almanac:
 
         Follows the ICD algorithm, short-period J2 terms included.
         """
-        gpst = np.asarray(gpst, dtype=float)
-        if gpst.ndim == 1:
-            gpst = gpst[:, None]
+        gpst = for_each(gpst, self.slot.size)
         e, i, perigee = self.eccentricity, self.inclination, self.perigee
         sin_i, cos_i = np.sin(i), np.cos(i)
 
@@ -121,7 +111,7 @@ class Almanac:
         ratio2 = (A_E / (a * (1.0 - e**2))) ** 2
         node_rate = -1.5 * J20 * n * ratio2 * cos_i
         perigee_rate = 0.75 * J20 * n * ratio2 * (5.0 * cos_i**2 - 1.0)
-        node = self.node_longitude + (node_rate - EARTH_RATE) * elapsed
+        node = self.node_longitude + (node_rate - GLONASS.earth_rate) * elapsed
         perigee = perigee + perigee_rate * elapsed
 
         eccentric = -2.0 * np.arctan(np.sqrt((1.0 - e) / (1.0 + e)) * np.tan(0.5 * perigee))
@@ -141,43 +131,67 @@ class Almanac:
         node = node + dnode
         return _to_ecef(a, e, i, node, perigee, mean - perigee)
 
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unknown (m, n): the clocks of almanacs are not read."""
+        unknown = np.full(for_each(gpst, self.slot.size).shape, np.nan)
+        return unknown, unknown.copy()
+
+    def using_unhealthy(self) -> GlonassAlmanac:
+        """The same with satellites that are not healthy."""
+        return replace(self, use_unhealthy=True)
+
+    def broadcast(self, first: float, last: float) -> StateVectorEphemerides:
+        """By state vectors with perfect clocks."""
+        return sent_by(self, first, last)
+
+    def messages(self, gpst: np.ndarray) -> Messages | None:
+        """What they would have sent for GPS times (m,), with perfect clocks."""
+        return would_send(self, gpst)
+
 
 @dataclass(frozen=True)
-class Nominal:
-    """The design constellation: 24 satellites on circles of 25 508 km radius at 64.8 degrees, in three planes
-    120 degrees apart, eight a plane 45 degrees apart, shifted 15 degrees from plane to plane [2].
+class Glonass24Slots:
+    """The design constellation: 24 satellites on circles of 25 508 km radius at 64.8 degrees, in three planes 120
+    degrees apart, eight a plane 45 degrees apart, shifted 15 degrees from plane to plane [2].
 
     Its phase is that of the real system on 2018-09-13, 00:00 UTC (mean of that day's almanac, 3 degrees);
     from there it moves with the circular mean motion and the secular regression of the node.
     """
 
-    slot: np.ndarray = field(default_factory=lambda: np.arange(1, SLOTS + 1))
-    healthy: np.ndarray = field(default_factory=lambda: np.ones(SLOTS, dtype=bool))
+    slot: np.ndarray = field(default_factory=lambda: np.arange(1, GLONASS.slots + 1))
+    healthy: np.ndarray = field(default_factory=lambda: np.ones(GLONASS.slots, dtype=bool))
     channel: np.ndarray = field(default_factory=lambda: np.array(_CHANNELS))
 
-    system = "glonass"
+    system = GLONASS
 
     @property
     def names(self) -> tuple[str, ...]:
         """R01, R02, ... of `slot`."""
-        return _names(self.slot)
+        return tuple(self.system.satellite(slot) for slot in self.slot)
 
     @property
-    def frequency(self) -> np.ndarray:
-        """Carrier frequencies in L1, Hz (n,)."""
-        return _frequency(self.channel)
+    def channels(self) -> Mapping[str, int]:
+        """Frequency channels by name."""
+        return dict(zip(self.names, self.channel.tolist(), strict=True))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,): all."""
+        return self.healthy
+
+    def age(self, gpst: float) -> float:
+        """0: a design does not age."""
+        return 0.0
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF positions and velocities, (m, 24, 3), at GPS times (m,) or (m, 24); see `Almanac.state`."""
-        gpst = np.asarray(gpst, dtype=float)
-        if gpst.ndim == 1:
-            gpst = gpst[:, None]
-        plane, place = np.divmod(np.arange(SLOTS), SLOTS // 3)
+        """ECEF positions and velocities, (m, 24, 3), at GPS times (m,) or (m, 24); see `GlonassAlmanac.state`."""
+        gpst = for_each(gpst, self.slot.size)
+        plane, place = np.divmod(np.arange(GLONASS.slots), GLONASS.slots // _PLANES)
         since = gpst - _PHASE_TIME
-        n = np.sqrt(GM / _NOMINAL_RADIUS**3)
+        n = np.sqrt(GLONASS.gm / _NOMINAL_RADIUS**3)
         node_rate = -1.5 * J20 * n * (A_E / _NOMINAL_RADIUS) ** 2 * np.cos(_NOMINAL_INCLINATION)
         u = np.radians(_PHASE_LATITUDE_ARGUMENT + 15.0 * plane - 45.0 * place) + n * since
-        node = np.radians(_PHASE_NODE_LONGITUDE + 120.0 * plane) + (node_rate - EARTH_RATE) * since
+        node = np.radians(_PHASE_NODE_LONGITUDE + 120.0 * plane) + (node_rate - GLONASS.earth_rate) * since
         zero = np.zeros_like(u)
         position, velocity = _to_ecef(zero + _NOMINAL_RADIUS, zero, zero + _NOMINAL_INCLINATION, node, zero, u)
         # the planes turn with the secular regression: 0.15 m/s
@@ -185,13 +199,30 @@ class Nominal:
         velocity[..., 1] += node_rate * position[..., 0]
         return position, velocity
 
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Perfect (m, n): zeros."""
+        shape = for_each(gpst, self.slot.size).shape
+        return np.zeros(shape), np.zeros(shape)
+
+    def using_unhealthy(self) -> Glonass24Slots:
+        """Itself: all are healthy."""
+        return self
+
+    def broadcast(self, first: float, last: float) -> StateVectorEphemerides:
+        """By state vectors with perfect clocks."""
+        return sent_by(self, first, last)
+
+    def messages(self, gpst: np.ndarray) -> Messages | None:
+        """What they would have sent for GPS times (m,), with perfect clocks."""
+        return would_send(self, gpst)
+
 
 def _semi_major_axis(draconic: np.ndarray, sin2_i: np.ndarray, e: np.ndarray, perigee: np.ndarray) -> np.ndarray:
     """Semi-major axis (m) whose osculating period matches the draconic one [1], by iteration."""
     period = draconic
     cos_p = np.cos(perigee)
     for _ in range(20):
-        a = np.cbrt((period / (2.0 * np.pi)) ** 2 * GM)
+        a = np.cbrt((period / (2.0 * np.pi)) ** 2 * GLONASS.gm)
         ratio2 = (A_E / (a * (1.0 - e**2))) ** 2
         bracket = (2.0 - 2.5 * sin2_i) * (1.0 - e**2) ** 1.5 / (1.0 + e * cos_p) ** 2
         bracket = bracket + (1.0 + e * cos_p) ** 3 / (1.0 - e**2)
@@ -277,7 +308,7 @@ def _to_ecef(a, e, i, node, perigee, anomaly):  # type: ignore[no-untyped-def]
     true = 2.0 * np.arctan(np.sqrt((1.0 + e) / (1.0 - e)) * np.tan(0.5 * eccentric))
     u = true + perigee
     radius = a * (1.0 - e * np.cos(eccentric))
-    root = np.sqrt(GM / a) / np.sqrt(1.0 - e**2)
+    root = np.sqrt(GLONASS.gm / a) / np.sqrt(1.0 - e**2)
     radial = root * e * np.sin(true)
     transverse = root * (1.0 + e * np.cos(true))
     cu, su, cn, sn, ci, si = np.cos(u), np.sin(u), np.cos(node), np.sin(node), np.cos(i), np.sin(i)
@@ -285,6 +316,6 @@ def _to_ecef(a, e, i, node, perigee, anomaly):  # type: ignore[no-untyped-def]
     forward = np.stack([-su * cn - cu * sn * ci, -su * sn + cu * cn * ci, cu * si], axis=-1)
     position = radius[..., None] * outward
     velocity = radial[..., None] * outward + transverse[..., None] * forward
-    velocity[..., 0] += EARTH_RATE * position[..., 1]
-    velocity[..., 1] -= EARTH_RATE * position[..., 0]
+    velocity[..., 0] += GLONASS.earth_rate * position[..., 1]
+    velocity[..., 1] -= GLONASS.earth_rate * position[..., 0]
     return position, velocity

@@ -8,14 +8,15 @@ transformations (PZ-90.11 to ITRF2008). [3] GLONASS ICD, general description of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Protocol
 
 import numpy as np
 
 from navsim.models import timescales
-from navsim.models.glonass import FDMA_L1, FDMA_STEP
-from navsim.models.messages import for_each, nearest
+from navsim.models.messages import Messages, for_each, nearest
+from navsim.models.systems import GLONASS
 
 STEP = 60.0
 """Length of an integration step, s: a state 15 minutes away is then good to 1e-3 m."""
@@ -62,7 +63,7 @@ class StateVectors:
 
 
 @dataclass(frozen=True)
-class Constellation:
+class StateVectorEphemerides:
     """GLONASS satellites that fly by broadcast state vectors, at each time by the nearest one.
 
     reach: farthest from its time that a state vector is used, s. A satellite without a usable one has nan.
@@ -72,7 +73,7 @@ class Constellation:
     reach: float = HALF_INTERVAL
     use_unhealthy: bool = False
 
-    system = "glonass"
+    system = GLONASS
 
     @property
     def slot(self) -> np.ndarray:
@@ -82,18 +83,18 @@ class Constellation:
     @property
     def names(self) -> tuple[str, ...]:
         """R01, R02, ... of `slot`."""
-        return tuple(f"R{s:02d}" for s in self.slot)
+        return tuple(self.system.satellite(slot) for slot in self.slot)
 
     @property
-    def frequency(self) -> np.ndarray:
-        """Carrier frequencies in L1, Hz (n,), of `slot`."""
-        return FDMA_L1 + FDMA_STEP * np.array([self.channels[name] for name in self.names])
-
-    @property
-    def channels(self) -> dict[str, int]:
+    def channels(self) -> Mapping[str, int]:
         """Frequency channels by name."""
         _, first = np.unique(self.records.slot, return_index=True)
         return dict(zip(self.names, self.records.channel[first].tolist(), strict=True))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,): all, for each record has its own mark."""
+        return np.ones(self.slot.size, dtype=bool)
 
     def chosen(self, gpst: np.ndarray) -> np.ndarray:
         """Index of the record that each satellite uses at GPS times (m, n), -1 without one."""
@@ -125,6 +126,19 @@ class Constellation:
         offset = -tau + gamma * (gpst - self._time[index])
         return np.where(lost, np.nan, offset), np.where(lost, np.nan, gamma)
 
+    def using_unhealthy(self) -> StateVectorEphemerides:
+        """The same with records marked as unhealthy."""
+        return replace(self, use_unhealthy=True)
+
+    def broadcast(self, first: float, last: float) -> StateVectorEphemerides:
+        """Itself: it flies by what is sent."""
+        return self
+
+    def messages(self, gpst: np.ndarray) -> Messages:
+        """The records that are used at GPS times (m,)."""
+        used = self._select(gpst)[1]
+        return Messages(vars(self.records.take(np.unique(used[used >= 0]))), exact=True)
+
     @property
     def _time(self) -> np.ndarray:
         """Times of the records, GPS s."""
@@ -135,22 +149,31 @@ class Constellation:
         return gpst, self.chosen(gpst)
 
 
-def messages(constellation: Any, first: float, last: float, spacing: float = 1800.0) -> StateVectors:
-    """What satellites would broadcast: their states at all multiples of `spacing` (s of the day, UTC) that the
-    constellation needs from `first` to `last` (UTC, POSIX s), with lunisolar accelerations and perfect clocks.
+class Slotted(Protocol):
+    """Satellites whose slots (n,), marks of health (n,), frequency channels (n,) and states are known."""
 
-    constellation: `slot`, `healthy`, `channel` (n,) and `state(gpst)`, such as `glonass.Almanac`.
-    """
+    @property
+    def slot(self) -> np.ndarray: ...
+    @property
+    def healthy(self) -> np.ndarray: ...
+    @property
+    def channel(self) -> np.ndarray: ...
+    def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+def sent_by(satellites: Slotted, first: float, last: float, spacing: float = 1800.0) -> StateVectorEphemerides:
+    """What satellites would broadcast: their states at all multiples of `spacing` (s of the day, UTC) that they are
+    needed at from `first` to `last` (UTC, POSIX s), with lunisolar accelerations and perfect clocks."""
     times = np.arange(round(first / spacing), round(last / spacing) + 1) * spacing
-    position, velocity = constellation.state(timescales.gps_from_utc(times))
+    position, velocity = satellites.state(timescales.gps_from_utc(times))
     count, n = position.shape[:2]
     time = np.repeat(times, n)
     extra = lunisolar(time, position.reshape(-1, 3))
     zero = np.zeros(count * n)
-    return StateVectors(
-        slot=np.tile(constellation.slot, count),
-        channel=np.tile(constellation.channel, count),
-        healthy=np.tile(constellation.healthy, count),
+    records = StateVectors(
+        slot=np.tile(satellites.slot, count),
+        channel=np.tile(satellites.channel, count),
+        healthy=np.tile(satellites.healthy, count),
         time=time,
         position=pz90_from_itrf(position.reshape(-1, 3)),
         velocity=velocity.reshape(-1, 3),
@@ -159,6 +182,15 @@ def messages(constellation: Any, first: float, last: float, spacing: float = 180
         gamma=zero,
         age=zero,
     )
+    return StateVectorEphemerides(records)
+
+
+def would_send(satellites: Slotted, gpst: np.ndarray) -> Messages | None:
+    """What satellites that fly by something else would have sent for GPS times (m,); None for no times."""
+    if not gpst.size:
+        return None
+    sent = sent_by(satellites, *timescales.utc_from_gps(gpst[[0, -1]]))
+    return Messages(vars(sent.records), exact=False)
 
 
 _GM_MOON, _GM_SUN = 4902.799e9, 132712440.0e12

@@ -7,19 +7,16 @@ Sources: [1] IS-GPS-200, sections 20.3.3.3.3.1 (satellite clock), 20.3.3.4.3 (ep
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
-from navsim.models import messages, timescales
+from navsim.models import timescales
+from navsim.models.messages import Messages, for_each, nearest
+from navsim.models.systems import GPS, System
 
-GM = 3.986005e14
-"""Gravitational constant of the Earth as the GPS message means it, m3/s2 [1]."""
-EARTH_RATE = 7.2921151467e-5
-"""rad/s [1]."""
-_RELATIVITY = -2.0 * np.sqrt(GM) / SPEED_OF_LIGHT**2
-"""F of [1], s/sqrt(m)."""
 HALF_FIT = 7200.0 + 1e-3
 """A broadcast ephemeris is used within this distance of its reference time, s."""
 
@@ -30,7 +27,8 @@ class Elements:
 
     Names as in [1]: `toe`, `toc` reference times of orbit and clock; `c..` harmonic corrections in rad and m; `af0`,
     `af1`, `af2` clock polynomial; `tgd` group delay of L1, s; `ura` user range accuracy, m. An almanac has zeros
-    where it says nothing. `prn` int; `healthy` bool; `iode`, `iodc` issues of data.
+    where it says nothing. `prn` int; `healthy` bool; `iode`, `iodc` issues of data. The system they are of, where it is
+    asked for, brings the constants that they mean.
     """
 
     prn: np.ndarray
@@ -70,12 +68,12 @@ class Elements:
         """Some of the records; an index array of any shape gives fields of that shape."""
         return Elements(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
-    def referred_to(self, toe: np.ndarray) -> Elements:
+    def referred_to(self, toe: np.ndarray, system: System) -> Elements:
         """The same orbits and clocks with other reference times (n,), GPS s: what a later message would say."""
         dt = toe - self.toe
         sow, new_sow = self.toe % timescales.WEEK, toe % timescales.WEEK
-        n = np.sqrt(GM / self.sqrt_a**6) + self.delta_n
-        node = self.omega0 + (self.omega_dot - EARTH_RATE) * dt - EARTH_RATE * (sow - new_sow)
+        n = self._mean_motion(system)
+        node = self.omega0 + (self.omega_dot - system.earth_rate) * dt - system.earth_rate * (sow - new_sow)
         clock = toe - self.toc
         return replace(
             self,
@@ -88,12 +86,12 @@ class Elements:
             af1=self.af1 + 2.0 * self.af2 * clock,
         )
 
-    def state(self, gps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def state(self, gpst: np.ndarray, system: System) -> tuple[np.ndarray, np.ndarray]:
         """ECEF position and velocity (..., 3), m and m/s, at GPS times (...) that go with the fields' shape [1, 2]."""
         a = self.sqrt_a**2
-        tk = gps - self.toe
-        n = np.sqrt(GM / a**3) + self.delta_n
-        eccentric = self._eccentric_anomaly(tk)
+        tk = gpst - self.toe
+        n = np.sqrt(system.gm / a**3) + self.delta_n
+        eccentric = self._eccentric_anomaly(tk, system)
         sin_e, cos_e = np.sin(eccentric), np.cos(eccentric)
         rate_e = n / (1.0 - self.e * cos_e)
         root = np.sqrt(1.0 - self.e**2)
@@ -106,8 +104,8 @@ class Elements:
         rate_r = a * self.e * sin_e * rate_e + 2.0 * rate_phi * (self.crs * c2 - self.crc * s2)
         i = self.i0 + self.i_dot * tk + self.cis * s2 + self.cic * c2
         rate_i = self.i_dot + 2.0 * rate_phi * (self.cis * c2 - self.cic * s2)
-        rate_node = self.omega_dot - EARTH_RATE
-        node = self.omega0 + rate_node * tk - EARTH_RATE * (self.toe % timescales.WEEK)
+        rate_node = self.omega_dot - system.earth_rate
+        node = self.omega0 + rate_node * tk - system.earth_rate * (self.toe % timescales.WEEK)
 
         cos_u, sin_u, cos_n, sin_n = np.cos(u), np.sin(u), np.cos(node), np.sin(node)
         cos_i, sin_i = np.cos(i), np.sin(i)
@@ -128,19 +126,23 @@ class Elements:
         )
         return position, velocity
 
-    def clock(self, gps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clock(self, gpst: np.ndarray, system: System) -> tuple[np.ndarray, np.ndarray]:
         """Satellite clock less GPS time, s, and its rate, with the relativistic term, without the group delay [1]."""
-        dt = gps - self.toc
-        eccentric = self._eccentric_anomaly(gps - self.toe)
-        n = np.sqrt(GM / self.sqrt_a**6) + self.delta_n
-        amplitude = _RELATIVITY * self.e * self.sqrt_a
+        dt = gpst - self.toc
+        eccentric = self._eccentric_anomaly(gpst - self.toe, system)
+        n = self._mean_motion(system)
+        relativity = -2.0 * np.sqrt(system.gm) / SPEED_OF_LIGHT**2  # F of [1], s/sqrt(m)
+        amplitude = relativity * self.e * self.sqrt_a
         offset = self.af0 + self.af1 * dt + self.af2 * dt**2 + amplitude * np.sin(eccentric)
         rate_e = n / (1.0 - self.e * np.cos(eccentric))
         return offset, self.af1 + 2.0 * self.af2 * dt + amplitude * np.cos(eccentric) * rate_e
 
-    def _eccentric_anomaly(self, tk: np.ndarray) -> np.ndarray:
+    def _mean_motion(self, system: System) -> np.ndarray:
+        return np.asarray(np.sqrt(system.gm / self.sqrt_a**6) + self.delta_n)
+
+    def _eccentric_anomaly(self, tk: np.ndarray, system: System) -> np.ndarray:
         """Kepler's equation by Newton steps; quadratic, so that six are plenty up to e = 0.5."""
-        mean = self.m0 + (np.sqrt(GM / self.sqrt_a**6) + self.delta_n) * tk
+        mean = self.m0 + self._mean_motion(system) * tk
         eccentric = mean + self.e * np.sin(mean)
         for _ in range(6):
             eccentric = eccentric - (eccentric - self.e * np.sin(eccentric) - mean) / (1.0 - self.e * np.cos(eccentric))
@@ -153,8 +155,8 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Constellation:
-    """GPS satellites that fly by sets of elements, at each time by the one of the nearest reference time.
+class KeplerianEphemerides:
+    """Satellites that fly by sets of elements, at each time by the one of the nearest reference time.
 
     records: of all satellites. reach: farthest from the reference time that a record is used, s. use_unhealthy: use
     records marked as unhealthy. A satellite without a usable record has nan.
@@ -163,8 +165,7 @@ class Constellation:
     records: Elements
     reach: float = HALF_FIT
     use_unhealthy: bool = False
-
-    system = "gps"
+    system: System = GPS
 
     @property
     def prn(self) -> np.ndarray:
@@ -173,13 +174,23 @@ class Constellation:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """G01, G02, ... of `prn`."""
-        return tuple(f"G{p:02d}" for p in self.prn)
+        """The satellites' names, in the order of `prn`."""
+        return tuple(self.system.satellite(prn) for prn in self.prn)
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """None: the elements are of systems that share a carrier."""
+        return {}
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,): all, for each record has its own mark."""
+        return np.ones(self.prn.size, dtype=bool)
 
     def chosen(self, gpst: np.ndarray) -> np.ndarray:
         """Index of the record that each satellite uses at GPS times (m, n), -1 without one."""
         usable = self.records.healthy | self.use_unhealthy
-        return messages.nearest(self.records.prn, usable, self.records.toe, self.prn, gpst, self.reach)
+        return nearest(self.records.prn, usable, self.records.toe, self.prn, gpst, self.reach)
 
     def age(self, gpst: float) -> float:
         """Largest distance, s, of the records' reference times from a GPS time."""
@@ -188,7 +199,7 @@ class Constellation:
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ECEF positions and velocities (m, n, 3), m and m/s, at GPS times (m,) or (m, n); nan without a record."""
         gpst, index = self._select(gpst)
-        position, velocity = self.records.take(index).state(gpst)
+        position, velocity = self.records.take(index).state(gpst, self.system)
         lost = index < 0
         position[lost], velocity[lost] = np.nan, np.nan
         return position, velocity
@@ -197,37 +208,50 @@ class Constellation:
         """Satellite clocks less GPS time for a user of L1 alone, s, and their rates (m, n); nan without a record."""
         gpst, index = self._select(gpst)
         records = self.records.take(index)
-        offset, rate = records.clock(gpst)
+        offset, rate = records.clock(gpst, self.system)
         lost = index < 0
         return np.where(lost, np.nan, offset - records.tgd), np.where(lost, np.nan, rate)
 
+    def using_unhealthy(self) -> KeplerianEphemerides:
+        """The same with records marked as unhealthy."""
+        return replace(self, use_unhealthy=True)
+
+    def broadcast(self, first: float, last: float) -> KeplerianEphemerides:
+        """Itself: it flies by what would be sent."""
+        return self
+
+    def messages(self, gpst: np.ndarray) -> Messages:
+        """The records that are used at GPS times (m,)."""
+        used = self._select(gpst)[1]
+        return Messages(vars(self.records.take(np.unique(used[used >= 0]))), exact=True)
+
     def _select(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        gpst = messages.for_each(gpst, self.prn.size)
+        gpst = for_each(gpst, self.prn.size)
         return gpst, self.chosen(gpst)
 
 
-_SLOTS = {  # plane: longitude of the node, arguments of latitude of its four slots, degrees [3]
-    "A": (272.847, 268.126, 161.786, 11.676, 41.806),
-    "B": (332.847, 80.956, 173.336, 309.976, 204.376),
-    "C": (32.847, 111.876, 11.796, 339.666, 241.556),
-    "D": (92.847, 135.226, 265.446, 35.156, 167.356),
-    "E": (152.847, 197.046, 302.596, 66.066, 333.686),
-    "F": (212.847, 238.886, 345.226, 105.206, 135.346),
-}
+_SLOTS = (  # planes A to F: longitude of the node, arguments of latitude of the four slots, degrees [3]
+    (272.847, 268.126, 161.786, 11.676, 41.806),
+    (332.847, 80.956, 173.336, 309.976, 204.376),
+    (32.847, 111.876, 11.796, 339.666, 241.556),
+    (92.847, 135.226, 265.446, 35.156, 167.356),
+    (152.847, 197.046, 302.596, 66.066, 333.686),
+    (212.847, 238.886, 345.226, 105.206, 135.346),
+)
 _SLOTS_TIME = timescales.posix(1993, 7, 1)
 _SLOTS_RADIUS = 26559.7e3
 _SLOTS_INCLINATION = np.radians(55.0)
 _J2, _EQUATOR = 1.08263e-3, 6378137.0
 
 
-def nominal(utc: float) -> Constellation:
+def nominal(utc: float) -> KeplerianEphemerides:
     """The baseline 24 slots of [3], reference 1993-07-01, carried to a UTC time (POSIX s) by circular mean motion and
     the secular regression of the node, as one set of elements each with that reference time; G01 ... G24 by slot."""
-    n = np.sqrt(GM / _SLOTS_RADIUS**3)
+    n = np.sqrt(GPS.gm / _SLOTS_RADIUS**3)
     node_rate = -1.5 * _J2 * n * (_EQUATOR / _SLOTS_RADIUS) ** 2 * np.cos(_SLOTS_INCLINATION)
     toe = np.floor(timescales.gps_from_utc(utc))
     since = float(toe - timescales.gps_from_utc(_SLOTS_TIME))
-    node, latitude = np.array([(v[0], u) for v in _SLOTS.values() for u in v[1:]]).T
+    node, latitude = np.array([(plane[0], u) for plane in _SLOTS for u in plane[1:]]).T
     inertial = np.radians(node) + node_rate * since
     greenwich = timescales.sidereal_angle(timescales.utc_from_gps(toe))
     count = node.size
@@ -239,8 +263,8 @@ def nominal(utc: float) -> Constellation:
         sqrt_a=np.full(count, np.sqrt(_SLOTS_RADIUS)),
         i0=np.full(count, _SLOTS_INCLINATION),
         # the message counts the node from Greenwich at the start of the week
-        omega0=(inertial - greenwich + EARTH_RATE * (toe % timescales.WEEK)) % (2.0 * np.pi),
+        omega0=(inertial - greenwich + GPS.earth_rate * (toe % timescales.WEEK)) % (2.0 * np.pi),
         m0=(np.radians(latitude) + n * since) % (2.0 * np.pi),
         omega_dot=np.full(count, node_rate),
     )
-    return Constellation(records, reach=np.inf)
+    return KeplerianEphemerides(records, reach=np.inf)

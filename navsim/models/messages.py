@@ -1,8 +1,20 @@
-"""Which message a satellite is used by at a time: the one whose reference time is nearest."""
+"""Messages of satellites: which one a satellite is used by at a time, and what a result keeps of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
+
+
+@dataclass(frozen=True)
+class Messages:
+    """What satellites sent, or would have sent: fields by name (k,) or (k, 3) of k messages, `healthy` among them;
+    exact: whether the satellites flew by these very messages."""
+
+    fields: Mapping[str, np.ndarray]
+    exact: bool
 
 
 def nearest(

@@ -5,42 +5,57 @@ Source: [1] Schenewerk, A brief review of basic GPS orbit interpolation strategi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from navsim.core.wgs84 import RATE, SPEED_OF_LIGHT
-from navsim.models.messages import for_each
+from navsim.models.messages import Messages, for_each
+from navsim.models.systems import System
 
 _POINTS = 10
 """Points of the interpolating polynomial: millimetres for a table each 15 minutes, inside of it [1]."""
 
 
 @dataclass(frozen=True)
-class Orbits:
-    """Positions of n satellites at t times: names (n,), time (t,) GPS s, position (t, n, 3) ECEF m, nan where
-    missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in them.
-    left_out: what of a damaged file was left out, in words."""
+class OrbitTable:
+    """Positions of n satellites of any systems at t times: names (n,), time (t,) GPS s, position (t, n, 3) ECEF m, nan
+    where missing, offset (t, n) satellite clocks, s, nan where missing; relativity of the eccentric orbit is not in
+    them. left_out: what of a damaged file was left out, in words."""
 
     names: tuple[str, ...]
     time: np.ndarray
     position: np.ndarray
     offset: np.ndarray
-    system: str = "gps"
-    healthy: np.ndarray = field(default_factory=lambda: np.ones(0, dtype=bool))
     left_out: tuple[str, ...] = ()
 
-    def of(self, letter: str, system: str) -> Orbits:
-        """The satellites whose names begin with a letter, as a constellation of a system."""
-        keep = [i for i, name in enumerate(self.names) if name.startswith(letter)]
-        return Orbits(
-            tuple(self.names[i] for i in keep),
-            self.time,
-            self.position[:, keep],
-            self.offset[:, keep],
-            system,
-            np.ones(len(keep), dtype=bool),
-        )
+    def of(self, system: System) -> PreciseOrbits:
+        """The satellites of a system."""
+        keep = [i for i, name in enumerate(self.names) if name.startswith(system.letter)]
+        names = tuple(self.names[i] for i in keep)
+        return PreciseOrbits(system, names, self.time, self.position[:, keep], self.offset[:, keep])
+
+
+@dataclass(frozen=True)
+class PreciseOrbits:
+    """Satellites of one system by a table of positions and clocks, see `OrbitTable`."""
+
+    system: System
+    names: tuple[str, ...]
+    time: np.ndarray
+    position: np.ndarray
+    offset: np.ndarray
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """None: tables do not tell them."""
+        return {}
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,): all, for tables have no marks of health."""
+        return np.ones(len(self.names), dtype=bool)
 
     def age(self, gpst: float) -> float:
         """How far a GPS time lies outside the table, s."""
@@ -83,6 +98,18 @@ class Orbits:
         relativity = -2.0 * np.sum(position * velocity, axis=2) / SPEED_OF_LIGHT**2
         # the velocity in rotating axes will do: the Earth's rate is across the position
         return self.offset[low, column] + rate * (gpst - self.time[low]) + relativity, rate
+
+    def using_unhealthy(self) -> PreciseOrbits:
+        """Itself."""
+        return self
+
+    def broadcast(self, first: float, last: float) -> PreciseOrbits:
+        """Itself: messages are not made of tables."""
+        return self
+
+    def messages(self, gpst: np.ndarray) -> Messages | None:
+        """None: messages are not made of tables."""
+        return None
 
 
 def _lagrange_at_zero(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.core import wgs84
+from navsim.models.constellation import Constellation
 
 _TRAVEL_TIME = 0.07
 
@@ -86,11 +87,12 @@ class Signals:
         )
 
 
-def satellites_at_reception(constellation, gpst, antenna):  # type: ignore[no-untyped-def]
+def satellites_at_reception(
+    constellation: Constellation, gpst: np.ndarray, antenna: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Satellites as a receiver sees them: at transmission time, in the ECEF axes of reception [1].
 
-    constellation: has `state(gpst (m, n)) -> position, velocity (m, n, 3)`. gpst: (m,) GPS s.
-    antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
+    constellation: of n. gpst: (m,) GPS s. antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
     """
     position, velocity = constellation.state(gpst - _TRAVEL_TIME)
     travel = np.full(position.shape[:2], _TRAVEL_TIME)

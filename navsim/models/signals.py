@@ -6,7 +6,6 @@ Source: `docs/theory/landing.md`, section 4; the effects are those of `models.ef
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -14,10 +13,11 @@ from navsim.core.defect import Defect
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
 from navsim.models import atmosphere, pseudorange, timescales, tracking
+from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
-from navsim.models.glonass import FDMA_L1
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
+from navsim.models.systems import GPS
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
@@ -27,7 +27,7 @@ _LISTED_RANGE = 20_000e3
 class Satellites:
     """A constellation of n satellites, their names, clock numbers (n,) int, and which of them to use (n,) bool."""
 
-    constellation: Any
+    constellation: Constellation
     names: tuple[str, ...]
     clock: np.ndarray
     chosen: np.ndarray
@@ -281,14 +281,12 @@ def clock_unknowns(effects: Effects, clock: np.ndarray) -> np.ndarray:
 
 
 def _carriers(environment: Environment, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Length of a chip, m, and (L1 / f)^2 of every source (s,); what is no GLONASS satellite is as GPS."""
-    chip, ratio2 = np.full(count, tracking.CHIP["gps"]), np.ones(count)
+    """Length of a chip, m, and (L1 / f)^2 of every source (s,); what is no satellite is as those of GPS."""
+    chip, ratio2 = np.full(count, tracking.chip_length(GPS)), np.ones(count)
     first = 0
     for group in environment.satellites:
         here = slice(first, first + len(group.names))
         first = here.stop
-        if group.constellation.system == "glonass":
-            chip[here] = tracking.CHIP["glonass"]
-            frequency = getattr(group.constellation, "frequency", np.full(len(group.names), FDMA_L1))
-            ratio2[here] = (atmosphere.L1 / frequency) ** 2
+        chip[here] = tracking.chip_length(group.constellation.system)
+        ratio2[here] = (atmosphere.L1 / carriers(group.constellation)) ** 2
     return chip, ratio2

@@ -5,43 +5,27 @@ sidereal time to rotating axes (UT1 taken as UTC: within 15 arc seconds, 2 km at
 less than 0.5 km; polar motion left out, 40 m). Good for skies, not for ranges. Elements do not tell frequency channels:
 GLONASS carriers are taken as that of channel 0.
 
-Sources: [1] Vallado et al., Revisiting Spacetrack Report 3, AIAA 2006-6753. [2] CelesTrak's files of navigation
-satellites (gps-ops, glo-ops, galileo, beidou, sbas, gnss): how titles tell systems.
+Source: [1] Vallado et al., Revisiting Spacetrack Report 3, AIAA 2006-6753.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.core.wgs84 import RATE
 from navsim.models import timescales
-from navsim.models.messages import for_each
+from navsim.models.messages import Messages, for_each
+from navsim.models.systems import NAMES, SYSTEMS, UNKNOWN, UNTITLED, System, system_of
+
+if TYPE_CHECKING:
+    from sgp4.api import Satrec
 
 _JULIAN_1970 = 2440587.5
-_PRN = re.compile(r"\(PRN\s+0*(\d{1,2})\)")
-_GLONASS_NUMBER = re.compile(r"\bCOSMOS\s+\d+\s+\((\d{3})K?\)")
-UNTITLED, UNKNOWN = "", "unknown"
-_SYSTEMS = {
-    "QZSS": r"\bQZS",
-    "SBAS": r"/PRN\s*\d{3}\)|\b(WAAS|EGNOS|MSAS|GAGAN|SDCM|KASS|SBAS)\b",
-    "Galileo": r"\bGSAT0\d{3}\b|\bGALILEO\b|\bGIOVE\b|\(PRN\s+E\d{2}\)",
-    "BeiDou": r"\bBEIDOU\b",
-    "NavIC": r"\bIRNSS\b|\bNVS-\d",
-    "glonass": rf"\bGLONASS\b|{_GLONASS_NUMBER.pattern}",
-    "gps": rf"\bGPS\b|\bNAVSTAR\b|{_PRN.pattern}",
-}
-"""Systems by what their titles have [2], the first that fits; those of navsim by navsim's names."""
-
-
-def system_of(title: str) -> str:
-    """The system a title tells, a key of `_SYSTEMS`, or `UNKNOWN`; `UNTITLED` where there is no title."""
-    if not title:
-        return UNTITLED
-    return next((name for name, pattern in _SYSTEMS.items() if re.search(pattern, title.upper())), UNKNOWN)
 
 
 def short_name(title: str, first: str) -> str:
@@ -50,34 +34,30 @@ def short_name(title: str, first: str) -> str:
     The number of a GLONASS satellite in brackets is its own, of three digits, not the slot it stands in; slots are
     R01 to R24.
     """
-    system = system_of(title)
-    prn, glonass = _PRN.search(title.upper()), _GLONASS_NUMBER.search(title.upper())
-    if system == "gps" and prn:
-        return f"G{int(prn[1]):02d}"
-    if system == "glonass" and glonass:
-        return f"R{glonass[1]}"
+    told = system_of(title)
+    for system in SYSTEMS:
+        numbered = re.search(system.numbered, title.upper())
+        if told == system.name and numbered:
+            return system.letter + numbered[1].zfill(2)
     return f"T{first[2:7].strip():0>5}"
 
 
 @dataclass(frozen=True)
-class Constellation:
-    """Satellites of two-line elements.
+class TwoLineSets:
+    """Two-line elements of any systems, as they stand in a file.
 
-    names, titles (n,): short names, and what the file calls them. systems (n,): as of `system_of`. healthy (n,), since
-    elements do not say. epochs (n,): UTC, POSIX s. satellites (n,): of the `sgp4` package. system: that of all of them,
-    empty for a mixture.
+    names, titles (n,): short names, and what the file calls them. systems (n,): as of `system_of`. epochs (n,): UTC,
+    POSIX s. satellites (n,): of the `sgp4` package.
     """
 
     names: tuple[str, ...]
     titles: tuple[str, ...]
     systems: tuple[str, ...]
-    healthy: np.ndarray
     epochs: np.ndarray
-    satellites: tuple[Any, ...]
-    system: str = ""
+    satellites: tuple[Satrec, ...]
 
     @classmethod
-    def of_lines(cls, titles: list[str], first: list[str], second: list[str]) -> Constellation:
+    def of_lines(cls, titles: list[str], first: list[str], second: list[str]) -> TwoLineSets:
         """From titles ("" where there is none) and the lines of the elements. Raises ValueError for elements that SGP4
         cannot use."""
         from sgp4.api import Satrec
@@ -88,21 +68,46 @@ class Constellation:
             if satellite.error:
                 raise ValueError(f"{name}: SGP4 cannot use these elements (error {satellite.error})")
         epochs = np.array([(s.jdsatepoch - _JULIAN_1970 + s.jdsatepochF) * timescales.DAY for s in satellites])
-        systems = tuple(system_of(title) for title in titles)
-        return cls(names, tuple(titles), systems, np.ones(len(names), dtype=bool), epochs, satellites)
+        return cls(names, tuple(titles), tuple(system_of(title) for title in titles), epochs, satellites)
 
-    def of(self, *systems: str) -> Constellation:
-        """The satellites of some of the `systems`, as a constellation of the first."""
-        keep = [i for i, system in enumerate(self.systems) if system in systems]
-        return Constellation(
-            tuple(self.names[i] for i in keep),
-            tuple(self.titles[i] for i in keep),
-            tuple(self.systems[i] for i in keep),
-            self.healthy[keep],
-            self.epochs[keep],
-            tuple(self.satellites[i] for i in keep),
-            systems[0],
+    def of(self, system: System, untitled: bool = False) -> TwoLineElements:
+        """The satellites of a system; untitled: those whose system nothing tells are of it, too."""
+        wanted = (system.name, UNTITLED) if untitled else (system.name,)
+        keep = [i for i, told in enumerate(self.systems) if told in wanted]
+        return TwoLineElements(
+            system, tuple(self.names[i] for i in keep), self.epochs[keep], tuple(self.satellites[i] for i in keep)
         )
+
+    @property
+    def strangers(self) -> tuple[str, ...]:
+        """In words, whose satellites are of no system that navsim models."""
+        said = []
+        for told in dict.fromkeys(self.systems):
+            if told not in (*NAMES, UNTITLED):
+                titles = ", ".join(t for t, s in zip(self.titles, self.systems, strict=True) if s == told)
+                why = "of no known system" if told == UNKNOWN else f"of {told}, which navsim does not model"
+                said.append(f"not used, {why}: {titles}")
+        return tuple(said)
+
+
+@dataclass(frozen=True)
+class TwoLineElements:
+    """Satellites of one system by two-line elements, see `TwoLineSets`."""
+
+    system: System
+    names: tuple[str, ...]
+    epochs: np.ndarray
+    satellites: tuple[Satrec, ...]
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """None: elements do not tell them."""
+        return {}
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,): all, for elements have no marks of health."""
+        return np.ones(len(self.names), dtype=bool)
 
     def age(self, gpst: float) -> float:
         """Largest distance, s, of the elements' epochs from a GPS time."""
@@ -132,3 +137,20 @@ class Constellation:
         velocity[..., 0] += RATE * position[..., 1]
         velocity[..., 1] -= RATE * position[..., 0]
         return position, velocity
+
+    def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unknown (m, n): elements are of orbits alone."""
+        unknown = np.full(for_each(gpst, len(self.names)).shape, np.nan)
+        return unknown, unknown.copy()
+
+    def using_unhealthy(self) -> TwoLineElements:
+        """Itself."""
+        return self
+
+    def broadcast(self, first: float, last: float) -> TwoLineElements:
+        """Itself: messages are not made of two-line elements."""
+        return self
+
+    def messages(self, gpst: np.ndarray) -> Messages | None:
+        """None: messages are not made of two-line elements."""
+        return None

@@ -13,9 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.models.systems import System
 
-CHIP = {"gps": SPEED_OF_LIGHT / 1.023e6, "glonass": SPEED_OF_LIGHT / 0.511e6}
-"""Length of a chip of the C/A code, m."""
+
+def chip_length(system: System) -> float:
+    """Length of a chip of a system's ranging code, m."""
+    return SPEED_OF_LIGHT / system.chip_rate
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from navsim.models.systems import CLOCKS, GLONASS, GPS
 from navsim.scenario.base import (
     DEG,
     Latitude,
@@ -21,7 +22,7 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
-from navsim.scenario.sky import CLOCKS, Clock
+from navsim.scenario.sky import Clock
 
 if TYPE_CHECKING:
     import numpy as np
@@ -173,7 +174,7 @@ class PseudolitesSection(Section):
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
     height_m: Signed = 0.0
     """above the runway"""
-    clock: Clock = "glonass"
+    clock: Clock = GLONASS.name
     """time scale the pseudolites keep; own: one unknown more"""
     clock_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """of the transmitters against that scale, unknown to the receiver"""
@@ -284,7 +285,7 @@ class SignalsSection(Section):
         from navsim.core.wgs84 import SPEED_OF_LIGHT
 
         # a clock ahead of the other makes its signals seem to come earlier
-        return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == "gps" else 0.0 for c in CLOCKS)
+        return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == GPS.name else 0.0 for c in CLOCKS)
 
 
 class ReceiverSection(Section):

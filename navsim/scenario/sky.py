@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from navsim.models.systems import CLOCKS, GLONASS, NAMES, SYSTEMS
 from navsim.scenario.base import (
     DEG,
     Azimuth,
@@ -25,16 +26,20 @@ if TYPE_CHECKING:
     from navsim.models.sky import Mask
 
 
-Clock = Literal["glonass", "gps", "own"]
-CLOCKS: tuple[Clock, ...] = ("glonass", "gps", "own")
-"""Time scales a source may keep; each used one costs a fix one unknown. Their order numbers them."""
-
-
 LENIENT = ("navigation", "orbits")
 """Sources whose files can be read in part."""
+SOURCES_FROM_FILES = ("almanac", "navigation", "orbits")
+"""Values of `sky.source` that name files by the key of the same name."""
 
-SYSTEMS = ("glonass", "gps")
-"""Satellite systems navsim models; each keeps the time scale of its name."""
+# what is allowed follows from the table of systems
+if TYPE_CHECKING:
+    Clock = str
+    Name = str
+    Source = str
+else:
+    Clock = Literal[CLOCKS]
+    Name = Literal[NAMES]
+    Source = Literal[(*(f"nominal-{name}" for name in NAMES), "nominal", *SOURCES_FROM_FILES, "directions")]
 
 
 class Direction(Section):
@@ -42,7 +47,7 @@ class Direction(Section):
 
     azimuth_deg: Azimuth
     elevation_deg: Elevation
-    clock: Clock = "glonass"
+    clock: Clock = GLONASS.name
 
 
 class Interference(Section):
@@ -60,9 +65,6 @@ class Interference(Section):
         return self
 
 
-SOURCES_FROM_FILES = ("almanac", "navigation", "orbits")
-"""Values of `sky.source` that name files by the key of the same name."""
-
 Files = Annotated[tuple[str, ...], one_or_more(str), one_or_list]
 """A file name or a list of them."""
 Checksums = Annotated[tuple[Checksum, ...], one_or_more(Checksum), one_or_list]
@@ -71,15 +73,13 @@ Checksums = Annotated[tuple[Checksum, ...], one_or_more(Checksum), one_or_list]
 class Sky(Section):
     """Where the satellites are, and which of them are received."""
 
-    source: Literal["nominal-glonass", "nominal-gps", "nominal", "almanac", "navigation", "orbits", "directions"] = (
-        "nominal-glonass"
-    )
+    source: Source = f"nominal-{GLONASS.name}"
     """nominal: design constellations, GPS and GLONASS; almanac, navigation, orbits: real satellites from files"""
     almanac: Files | None = None
     """for `source: almanac`: .agl, .agp, YUMA, SEM, two-line elements; one file or a list"""
     almanac_sha256: Checksums | None = None
     """checksum of the file, or a list in their order; when given, another file is refused"""
-    almanac_system: Literal["glonass", "gps"] | None = None
+    almanac_system: Name | None = None
     """whose satellites two-line elements without names are; names tell it themselves"""
     navigation: Files | None = None
     """for `source: navigation`: RINEX 2, 3 or 4 broadcast messages, one file or a list; .gz, .bz2, .zip, .Z too"""
@@ -91,7 +91,7 @@ class Sky(Section):
     """as almanac_sha256"""
     lenient: bool = False
     """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
-    systems: list_of(Literal["glonass", "gps"]) = ()  # type: ignore[valid-type]
+    systems: list_of(Name) = ()  # type: ignore[valid-type]
     """use these alone; left out: all there are"""
     broadcast: bool = False
     """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
@@ -122,8 +122,9 @@ class Sky(Section):
         if self.mask_deg >= self.mask_upper_deg:
             raise reject("must lie below mask_upper_deg", "mask_deg")
         for index, name in enumerate(self.exclude):
-            if not re.fullmatch(r"(R(0[1-9]|1\d|2[0-4])|R\d{3}|G\d{2}|T[0-9A-Z]\d{4}|X\d{2})", name):
-                raise reject(f"'{name}' names no source; GLONASS slots are R01 to R24, GPS G01 on", "exclude", index)
+            if not (any(s.has(name) for s in SYSTEMS) or re.fullmatch(r"T[0-9A-Z]\d{4}|X\d{2}", name)):
+                known = ", ".join(system.numbers for system in SYSTEMS)
+                raise reject(f"'{name}' names no source; {known}", "exclude", index)
         return self
 
     def listed(self) -> Listed:

@@ -20,7 +20,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from navsim.core.dop import dops
 from navsim.core.wgs84 import llh_from_ecef
 from navsim.io.findings import Finding
 from navsim.models import timescales
+from navsim.models.constellation import Remembering
 from navsim.models.kinematics import Motion
 from navsim.models.signals import Environment, build_signals
 from navsim.scenario.base import validated
@@ -178,8 +178,9 @@ def _check_known(sources: Environment, starts: np.ndarray, document: Document) -
         if lost.any():
             first = datetime.datetime.fromtimestamp(starts[np.argmax(lost)], datetime.UTC)
             text = (
-                f"no {group.constellation.system} satellite is known at {lost.sum()} of {starts.size} start times, the "
-                f"first of them {first:%Y-%m-%dT%H:%M:%SZ}: the messages or orbits do not reach over the period"
+                f"no {group.constellation.system.name} satellite is known at {lost.sum()} of {starts.size} start "
+                f"times, the first of them {first:%Y-%m-%dT%H:%M:%SZ}: the messages or orbits do not reach over the "
+                "period"
             )
             raise InputError([Complaint(document.place(("period",)), "period", text)])
 
@@ -252,23 +253,6 @@ def _part(geometry: Geometry, epochs: np.ndarray) -> Geometry:
     )  # fmt: skip
 
 
-class _Remembered:
-    """A constellation that works out the same times but once."""
-
-    def __init__(self, constellation: Any) -> None:
-        self._constellation = constellation
-        self._known: dict[tuple[tuple[int, ...], bytes], tuple[np.ndarray, np.ndarray]] = {}
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._constellation, name)
-
-    def state(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        key = time.shape, time.tobytes()
-        if key not in self._known:
-            self._known[key] = self._constellation.state(time)
-        return self._known[key]
-
-
 @dataclass(frozen=True)
 class _Flight:
     """A flight without pseudolites, ready to be given some.
@@ -329,7 +313,7 @@ def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> _Flight
     )
     sources: Environment = replace(
         case.environment,
-        satellites=tuple(replace(g, constellation=_Remembered(g.constellation)) for g in case.environment.satellites),
+        satellites=tuple(replace(g, constellation=Remembering(g.constellation)) for g in case.environment.satellites),
     )
     world = world_of(scenario, case.trajectory, sources)
     return _Flight(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -16,13 +15,10 @@ from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.estimation import receiver
 from navsim.io.rinex_obs import Observations
 from navsim.models import atmosphere
-from navsim.models.glonass import FDMA_L1, FDMA_STEP
+from navsim.models.constellation import Constellation
 from navsim.models.pseudorange import apparent_velocity, turned_with_earth
 from navsim.models.sky import azimuth_elevation, enu_matrix
 
-CODES = {"G": ("C1C", "C1P", "C1W", "C1", "P1"), "R": ("C1C", "C1P", "C1", "P1")}
-DOPPLERS = ("D1C", "D1P", "D1W", "D1")
-"""Codes of RINEX observations in L1, best first."""
 _PASSES = 4
 
 
@@ -56,20 +52,20 @@ class Solution:
     residual: np.ndarray
 
 
-def solve(observations: Observations, constellations: Sequence[Any], settings: PositioningOptions) -> Solution:
+def solve(
+    observations: Observations, constellations: Sequence[Constellation], settings: PositioningOptions
+) -> Solution:
     """A fix at every epoch from code on L1, one receiver clock a constellation.
 
-    constellations: `gps.Constellation`, `glonass_broadcast.Constellation` or `precise.Orbits`; satellites of which
-    they know nothing at an epoch are left out, as those below the mask. Raises ValueError, naming them, for GLONASS
-    satellites whose frequency channel nothing tells: not the constellation (SP3 has none), not the observation file
-    (`GLONASS SLOT / FRQ #`), not the settings.
+    constellations: satellites whose place or clock they do not know at an epoch are left out, as those below the mask.
+    Raises ValueError, naming them, for GLONASS satellites whose frequency channel nothing tells: not the constellation
+    (SP3 has none), not the observation file (`GLONASS SLOT / FRQ #`), not the settings.
     """
-    columns, names, clock, ratio2 = _columns(observations, constellations, settings)
-    satellites = [observations.satellites[i] for i in columns]
-    code = np.stack([observations.of(*CODES[n[0]])[:, i] for i, n in zip(columns, satellites, strict=True)], axis=1)
-    doppler = observations.of(*DOPPLERS)[:, columns]
+    columns, members, clock, ratio2 = _columns(observations, constellations, settings)
+    code = _observed(observations, columns, [c.system.codes for c in constellations])
+    doppler = _observed(observations, columns, [c.system.dopplers for c in constellations])
     wavelength = SPEED_OF_LIGHT / (atmosphere.L1 * np.sqrt(1.0 / ratio2))
-    position, velocity, offset, drift = _at_transmission(observations.time, code, constellations, names)
+    position, velocity, offset, drift = _at_transmission(observations.time, code, constellations, members)
     ranges = code + SPEED_OF_LIGHT * offset
     rates = -doppler * wavelength + SPEED_OF_LIGHT * drift
 
@@ -110,11 +106,11 @@ def solve(observations: Observations, constellations: Sequence[Any], settings: P
 
 
 def _columns(
-    observations: Observations, constellations: Sequence[Any], settings: PositioningOptions
-) -> tuple[list[int], list[list[int]], np.ndarray, np.ndarray]:
-    """Observed satellites that a constellation knows: their columns, for each constellation its members in that order,
-    the clock of each, and (L1 / f)^2 of each."""
-    columns: list[int] = []
+    observations: Observations, constellations: Sequence[Constellation], settings: PositioningOptions
+) -> tuple[list[list[int]], list[list[int]], np.ndarray, np.ndarray]:
+    """Observed satellites that a constellation knows: for each constellation their columns, and its members in that
+    order; the clock of each, and (L1 / f)^2 of each."""
+    columns: list[list[int]] = []
     members: list[list[int]] = []
     clock: list[int] = []
     ratio2: list[float] = []
@@ -122,29 +118,33 @@ def _columns(
     for number, constellation in enumerate(constellations):
         known = {name: i for i, name in enumerate(constellation.names)}
         here = [(i, known[name]) for i, name in enumerate(observations.satellites) if name in known]
-        columns += [i for i, _ in here]
+        columns.append([i for i, _ in here])
         members.append([k for _, k in here])
         clock += [number] * len(here)
         # messages know the channels of their satellites, tables of orbits do not
-        told = {**settings.channels, **observations.channels, **getattr(constellation, "channels", {})}
+        told = {**settings.channels, **observations.channels, **constellation.channels}
+        system = constellation.system
         for i, _ in here:
-            name, frequency = observations.satellites[i], atmosphere.L1
-            if name[0] == "R":
-                if name not in told:
-                    unknown.append(name)
-                    continue
-                frequency = FDMA_L1 + FDMA_STEP * told[name]
-            ratio2.append((atmosphere.L1 / frequency) ** 2)
+            name = observations.satellites[i]
+            if system.by_channel and name not in told:
+                unknown.append(name)
+                continue
+            ratio2.append((atmosphere.L1 / system.frequency(told[name] if system.by_channel else 0)) ** 2)
     if unknown:
         raise ValueError(
             f"no frequency channel is known of {', '.join(unknown)}: the orbits have none and the observation file's "
-            "GLONASS SLOT / FRQ # neither; take those of messages (`glonass_broadcast.Constellation.channels`)"
+            "GLONASS SLOT / FRQ # neither; take those of messages (`glonass_broadcast.StateVectorEphemerides.channels`)"
         )
     return columns, members, np.array(clock, dtype=np.int64), np.array(ratio2)
 
 
+def _observed(observations: Observations, columns: list[list[int]], codes: list[tuple[str, ...]]) -> np.ndarray:
+    """Values (e, s) of the satellites of each constellation, of its system's codes the best that there is."""
+    return np.concatenate([observations.of(*best)[:, own] for best, own in zip(codes, columns, strict=True)], axis=1)
+
+
 def _at_transmission(
-    time: np.ndarray, code: np.ndarray, constellations: Sequence[Any], members: list[list[int]]
+    time: np.ndarray, code: np.ndarray, constellations: Sequence[Constellation], members: list[list[int]]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Positions, velocities (e, s, 3) in the axes of transmission, clock offsets (s) and rates (e, s) of satellites.
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from navsim.core.wgs84 import ecef_from_llh
 from navsim.models.pseudolite import NEAREST, clearance
+from navsim.models.systems import CLOCKS
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.signals import ReceiverSection
-from navsim.scenario.sky import CLOCKS
 from navsim.scenario.sweep import DOP_OUTPUTS, Sweep
 from navsim.study import landing, objective
 from navsim.study.sweep import SweepStudy, plan

@@ -12,7 +12,7 @@ import pytest
 from navsim.core.dop import dops, geometry_covariance
 from navsim.io.almanac import read_agl
 from navsim.models import timescales
-from navsim.models.glonass import Almanac, Nominal
+from navsim.models.glonass import Glonass24Slots, GlonassAlmanac
 from navsim.models.sky import unit_vector
 from tests.conftest import Within
 from tests.helpers import case, scenario
@@ -88,7 +88,7 @@ def test_glonass_almanac_of_the_icd(oracles: dict[str, Any], within: Within) -> 
     def one(value: float) -> np.ndarray:
         return np.array([value])
 
-    almanac = Almanac(
+    almanac = GlonassAlmanac(
         slot=one(1),
         healthy=np.array([True]),
         day=one(day),
@@ -99,6 +99,7 @@ def test_glonass_almanac_of_the_icd(oracles: dict[str, Any], within: Within) -> 
         eccentricity=one(o["ecc"]),
         period=one(o["T_mean_s"] + o["delta_T_s"]),
         period_rate=one(o["delta_T_dot"]),
+        channel=np.zeros(1, dtype=int),
     )
     moscow = (day + 1) * 86400.0 + 51300.0
     position, velocity = almanac.state(timescales.gps_from_utc(one(moscow - 3 * 3600.0)))
@@ -108,7 +109,7 @@ def test_glonass_almanac_of_the_icd(oracles: dict[str, Any], within: Within) -> 
 
 @pytest.mark.parametrize("real", [True, False])
 def test_velocity_is_the_derivative_of_position(real: bool, request: pytest.FixtureRequest) -> None:
-    constellation: Any = Nominal()
+    constellation: Any = Glonass24Slots()
     if real:
         constellation = read_agl(request.getfixturevalue("shared") / "data/almanacs/MCCJ_180913.agl")
     t = timescales.gps_from_utc(np.array([1536840000.0, 1536843333.0]))
@@ -124,7 +125,7 @@ def test_velocity_is_the_derivative_of_position(real: bool, request: pytest.Fixt
 def test_nominal_constellation_is_that_of_the_icd(within: Within) -> None:
     """Radius, inclination, three planes 120 degrees apart, eight places 45 degrees apart, shifted by 15."""
     t = timescales.gps_from_utc(np.array([1536840000.0]))
-    position, velocity = Nominal().state(t)
+    position, velocity = Glonass24Slots().state(t)
     p = position[0]
     # seen from axes that turn with the planes: the Earth's rate, and the secular regression of the nodes
     mean_motion = np.sqrt(398600.4418e9 / 25_508_000.0**3)
@@ -150,7 +151,7 @@ def test_nominal_is_near_the_real_constellation(shared: Path, within: Within) ->
     """On the day its phase was taken from, each slot as seen from the Earth's centre."""
     almanac = read_agl(shared / "data/almanacs/MCCJ_180913.agl")
     t = timescales.gps_from_utc(np.array([1536840000.0]))
-    real, nominal = almanac.state(t)[0][0], Nominal().state(t)[0][0]
+    real, nominal = almanac.state(t)[0][0], Glonass24Slots().state(t)[0][0]
     angle = np.degrees(np.arccos(np.sum(real * nominal, axis=1) / np.linalg.norm(real, axis=1) / 25_508_000.0))
     assert np.median(angle) < within["median"]
     assert angle.max() < within["each"]

@@ -18,12 +18,12 @@ from navsim.io.recording import read_fixes
 from navsim.io.results import Result, ResultError
 from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import read_obs
-from navsim.models import glonass_broadcast, gps
 from navsim.study import landing
 from navsim.study.executor import threads
 from navsim.study.single_point import PositioningOptions, solve
 from tests.conftest import Within
-from tests.helpers import case
+from tests.helpers import SCENARIOS, case
+from tests.unit.test_two_line import GPS as GPS_BY_TWO_LINES
 
 EXACT = ("signals.range_sigma_m=1e-6", "signals.range_rate_sigma_m_s=1e-6", "filter.gate.probability=0")
 RTKLIB = """pos1-posmode=single
@@ -237,10 +237,21 @@ def test_the_offset_between_systems_is_in_the_pseudoranges(tmp_path: Path) -> No
     navigation = read_nav(tmp_path / "r.nav")
     assert navigation.gps is not None
     assert navigation.glonass is not None
-    known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
+    known = navigation.constellations()
     found = solve(read_obs(tmp_path / "r.obs"), known, PositioningOptions(mask=0.0, troposphere=False))
     # a receiver's clock is by so much less ahead of the time scale that is ahead itself
     np.testing.assert_allclose(found.clocks[:, 0] - found.clocks[:, 1], 299792458.0 * 100e-9, atol=0.05)
+
+
+def test_satellites_without_messages_are_named(tmp_path: Path) -> None:
+    """GPS by two-line elements beside GLONASS by an almanac: only the latter has messages that can be written."""
+    (tmp_path / "gps.tle").write_text("\n".join(GPS_BY_TWO_LINES) + "\n")
+    files = f"sky.almanac=[{SCENARIOS / 'data/nominal.agl'}, {tmp_path / 'gps.tle'}]"
+    export(flown("duration_s=3", files, sky="almanac"), tmp_path / "r.h5", ["rinex"])
+    assert "for want of messages to write: G0" in comments(tmp_path)
+    assert {name[0] for name in read_obs(tmp_path / "r.obs").satellites} == {"R"}
+    export(flown("duration_s=3"), tmp_path / "all.h5", ["rinex"])
+    assert "for want of" not in (tmp_path / "all.obs").read_text()
 
 
 def test_one_system_has_no_offset_between_systems(tmp_path: Path) -> None:
@@ -279,7 +290,7 @@ def test_our_own_reader_and_solver_find_the_fixes_again(noisy: Result, tmp_path:
     observations, navigation = read_obs(tmp_path / "r.obs"), read_nav(tmp_path / "r.nav")
     assert navigation.gps is not None
     assert navigation.glonass is not None
-    known = [glonass_broadcast.Constellation(navigation.glonass), gps.Constellation(navigation.gps)]
+    known = navigation.constellations()
     found = solve(observations, known, PositioningOptions(mask=0.0, troposphere=False))
     ours = ecef_from_llh(alone["/receiver/position_llh"][0])
     assert np.linalg.norm(found.position - ours, axis=1).max() < 0.02

@@ -16,10 +16,11 @@ from navsim.io.almanac import read_almanac
 from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3
 from navsim.models import glonass, gps, timescales
-from navsim.models.glonass_broadcast import Constellation as Glonass
-from navsim.models.glonass_broadcast import itrf_from_pz90, lunisolar, messages, pz90_from_itrf
+from navsim.models.glonass_broadcast import StateVectorEphemerides as Glonass
+from navsim.models.glonass_broadcast import itrf_from_pz90, lunisolar, pz90_from_itrf, sent_by
 from navsim.models.pseudorange import satellites_at_reception
 from navsim.models.sky import azimuth_elevation, enu_matrix
+from navsim.models.systems import GLONASS, GPS
 from tests.conftest import Within
 
 BROADCAST = "data/esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz"
@@ -91,7 +92,7 @@ def test_runge_kutta_is_of_fourth_order(oracles: dict[str, Any]) -> None:
 def test_gps_broadcast_against_sp3(shared: Path, within: Within) -> None:
     navigation, precise = read_nav(shared / BROADCAST), read_sp3(shared / PRECISE)
     assert navigation.gps is not None
-    error = _differences(gps.Constellation(navigation.gps), precise.of("G", "gps"))
+    error = _differences(gps.KeplerianEphemerides(navigation.gps), precise.of(GPS))
     assert error.size > 2000
     assert np.sqrt(np.mean(error**2)) <= within["rms"]
     assert np.median(error) == pytest.approx(1.31, abs=0.02)  # a plain solver's, truth.json
@@ -103,7 +104,7 @@ def test_gps_broadcast_against_sp3(shared: Path, within: Within) -> None:
 def test_glonass_broadcast_against_sp3(shared: Path, within: Within) -> None:
     navigation, precise = read_nav(shared / BROADCAST), read_sp3(shared / PRECISE)
     assert navigation.glonass is not None
-    error = _differences(Glonass(navigation.glonass), precise.of("R", "glonass"))
+    error = _differences(Glonass(navigation.glonass), precise.of(GLONASS))
     assert error.size > 800
     assert np.sqrt(np.mean(error**2)) <= within["rms"]
     assert error.max() < within["largest"]
@@ -119,9 +120,9 @@ def _differences(ours: Any, precise: Any) -> np.ndarray:
 
 def test_gps_clocks_near_the_precise_ones(shared: Path) -> None:
     """Broadcast clocks less precise ones: each satellite's scatter a few ns, after the common time scale's offset."""
-    navigation, precise = read_nav(shared / BROADCAST), read_sp3(shared / PRECISE).of("G", "gps")
+    navigation, precise = read_nav(shared / BROADCAST), read_sp3(shared / PRECISE).of(GPS)
     assert navigation.gps is not None
-    ours = gps.Constellation(navigation.gps)
+    ours = gps.KeplerianEphemerides(navigation.gps)
     common = [n for n in precise.names if n in ours.names]
     columns = [ours.names.index(n) for n in common]
     index = ours.chosen(np.repeat(precise.time[:, None], len(ours.names), axis=1))
@@ -139,9 +140,9 @@ def test_velocity_is_the_rate_of_position(make: str, shared: Path) -> None:
     assert navigation.gps is not None
     assert navigation.glonass is not None
     constellation: Any = {
-        "gps": lambda: gps.Constellation(navigation.gps),
+        "gps": lambda: gps.KeplerianEphemerides(navigation.gps),
         "glonass": lambda: Glonass(navigation.glonass),
-        "precise": lambda: read_sp3(shared / PRECISE).of("G", "gps"),
+        "precise": lambda: read_sp3(shared / PRECISE).of(GPS),
     }[make]()
     t = timescales.gps_from_utc(timescales.posix(2020, 6, 25, 11, 52)) + np.arange(0.0, 400.0, 40.0)
     velocity = constellation.state(t)[1]
@@ -161,7 +162,7 @@ def test_trimble_dops(oracles: dict[str, Any], shared: Path, within: Within) -> 
     skyline = np.array(entry["cases"][2]["mask_az_el_linear_interp"], dtype=float)
     for c in entry["cases"]:
         utc = datetime.datetime.fromisoformat(c["utc"] + "+00:00").timestamp()
-        almanac = read_almanac(shared / "data/almanacs/gps_yuma_20160331.alm", utc)
+        almanac = read_almanac(shared / "data/almanacs/gps_yuma_20160331.alm", utc).constellations[0]
         position, _ = satellites_at_reception(almanac, timescales.gps_from_utc(np.array([utc])), here[None])
         away = position - here
         los = np.einsum("ij,mnj->mni", enu_matrix(site), away / np.linalg.norm(away, axis=2, keepdims=True))
@@ -179,7 +180,9 @@ def test_trimble_dops(oracles: dict[str, Any], shared: Path, within: Within) -> 
 
 def test_gps_almanacs_of_neighbouring_weeks_agree(shared: Path) -> None:
     utc = timescales.posix(2018, 9, 13)
-    old, new = (read_almanac(shared / f"data/almanacs/MCCJ_{d}.agp", utc) for d in ("180901", "180913"))
+    old, new = (
+        read_almanac(shared / f"data/almanacs/MCCJ_{d}.agp", utc).constellations[0] for d in ("180901", "180913")
+    )
     common = [n for n in old.names if n in new.names]
     gpst = timescales.gps_from_utc(np.array([utc]))
     a = old.state(gpst)[0][0][[old.names.index(n) for n in common]]
@@ -190,8 +193,8 @@ def test_gps_almanacs_of_neighbouring_weeks_agree(shared: Path) -> None:
 
 def test_sem_and_yuma_of_neighbouring_weeks_agree(shared: Path) -> None:
     utc = timescales.posix(2016, 3, 20)
-    sem = read_almanac(shared / "data/almanacs/gps_sem_current.al3", utc)
-    yuma = read_almanac(shared / "data/almanacs/gps_yuma_20160331.alm", utc)
+    sem = read_almanac(shared / "data/almanacs/gps_sem_current.al3", utc).constellations[0]
+    yuma = read_almanac(shared / "data/almanacs/gps_yuma_20160331.alm", utc).constellations[0]
     common = [n for n in sem.names if n in yuma.names]
     gpst = timescales.gps_from_utc(np.array([utc]))
     a = sem.state(gpst)[0][0][[sem.names.index(n) for n in common]]
@@ -204,16 +207,15 @@ def test_simulated_messages_follow_their_constellation() -> None:
     """State vectors each half hour of the almanac's orbits, integrated, stay near those orbits: J2 and its short-period
     terms are in both, the almanac has no Moon."""
     start = timescales.posix(2018, 9, 13, 11, 50)
-    shape = glonass.Nominal()
-    records = messages(shape, start, start + 7200.0)
-    assert np.all(records.time % 1800.0 == 0.0)
-    ours = Glonass(records)
+    shape = glonass.Glonass24Slots()
+    ours = sent_by(shape, start, start + 7200.0)
+    assert np.all(ours.records.time % 1800.0 == 0.0)
     t = timescales.gps_from_utc(start + np.arange(0.0, 7200.0, 300.0))
     position, _ = ours.state(t)
     error = np.linalg.norm(position - shape.state(t)[0], axis=2)
     assert np.isfinite(error).all()
     assert error.max() < 400.0  # the nominal circles have no J2 in their plane
-    first = timescales.gps_from_utc(records.time[:1])
+    first = timescales.gps_from_utc(ours.records.time[:1])
     exact = np.linalg.norm(ours.state(first)[0] - shape.state(first)[0], axis=2)
     assert exact.max() < 1e-6
 
@@ -262,8 +264,8 @@ def test_almanacs_and_the_nominal_sky_move_on_in_a_leap_second(shared: Path) -> 
     """A satellite flies its 3.9 km in it as in any other."""
     t = timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 58.0)) + np.arange(0.0, 5.0)
     # the almanac's own time is three months later: behind the leap second
-    almanac = read_almanac(shared / "data/almanacs/MCCJ_170404.agl", timescales.posix(2017, 4, 4))
-    for constellation in (almanac, glonass.Nominal(), gps.nominal(timescales.posix(2016, 12, 31))):
+    almanac = read_almanac(shared / "data/almanacs/MCCJ_170404.agl", timescales.posix(2017, 4, 4)).constellations[0]
+    for constellation in (almanac, glonass.Glonass24Slots(), gps.nominal(timescales.posix(2016, 12, 31))):
         position, velocity = constellation.state(t)
         np.testing.assert_allclose(np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1]), atol=0.5)
 
@@ -287,8 +289,8 @@ TLE = """VANGUARD 1
 )
 def test_two_line_elements(tmp_path: Path, within: Within) -> None:
     path = tmp_path / "vanguard.tle"
-    path.write_text(TLE)
-    constellation = read_almanac(path, 0.0)
+    path.write_text(TLE.split("\n", 1)[1])
+    constellation = read_almanac(path, 0.0, GPS).constellations[0]
     assert constellation.names == ("T00005",)
     utc = float(constellation.epochs[0])
     ours = constellation.state(timescales.gps_from_utc(np.array([utc])))[0][0, 0]

@@ -15,6 +15,7 @@ from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import Observations, read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.models import glonass_broadcast, gps
+from navsim.models.systems import GLONASS, GPS
 from navsim.study.single_point import PositioningOptions, solve
 from tests.conftest import Within
 
@@ -43,7 +44,7 @@ def station(shared: Path) -> tuple[Any, Any, np.ndarray]:
 @pytest.mark.parametrize("systems", MEAN_PDOP)
 def test_a_day_of_positions(systems: str, station: tuple[Any, Any, np.ndarray], within: Within) -> None:
     navigation, observations, antenna = station
-    known = {"G": gps.Constellation(navigation.gps), "R": glonass_broadcast.Constellation(navigation.glonass)}
+    known = {c.system.letter: c for c in navigation.constellations()}
     solution = solve(observations, [known[s] for s in systems], PositioningOptions(klobuchar=navigation.klobuchar))
     error = (solution.position - antenna) @ ned_matrix(llh_from_ecef(antenna)).T
     assert np.isfinite(error).all()
@@ -84,7 +85,7 @@ def test_precise_orbits(systems: str, station: tuple[Any, Any, np.ndarray], shar
     """The orbits have no frequency channels; the observation file has."""
     navigation, observations, antenna = station
     orbits = read_sp3(shared / FOLDER / PRECISE)
-    known = {"G": orbits.of("G", "gps"), "R": orbits.of("R", "glonass")}
+    known = {"G": orbits.of(GPS), "R": orbits.of(GLONASS)}
     solution = solve(observations, [known[s] for s in systems], PositioningOptions(klobuchar=navigation.klobuchar))
     # the table begins with the first epoch, and ends 15 minutes before midnight
     sent = observations.time - 0.075
@@ -102,8 +103,8 @@ def test_precise_and_broadcast_orbits_agree(station: tuple[Any, Any, np.ndarray]
     navigation, observations, antenna = station
     hour = part(observations)
     settings = PositioningOptions(klobuchar=navigation.klobuchar)
-    bare = gps.Constellation(replace(navigation.gps, tgd=np.zeros_like(navigation.gps.tgd)))
-    ours = solve(hour, [read_sp3(shared / FOLDER / PRECISE).of("G", "gps")], settings)
+    bare = gps.KeplerianEphemerides(replace(navigation.gps, tgd=np.zeros_like(navigation.gps.tgd)))
+    ours = solve(hour, [read_sp3(shared / FOLDER / PRECISE).of(GPS)], settings)
     theirs = solve(hour, [bare], settings)
     same = ours.satellites == theirs.satellites
     assert same.sum() > 30
@@ -115,8 +116,8 @@ def test_channels_come_from_messages_where_the_file_has_none(
     station: tuple[Any, Any, np.ndarray], shared: Path
 ) -> None:
     navigation, observations, _ = station
-    orbits = [read_sp3(shared / FOLDER / PRECISE).of("R", "glonass")]
-    told = glonass_broadcast.Constellation(navigation.glonass).channels
+    orbits = [read_sp3(shared / FOLDER / PRECISE).of(GLONASS)]
+    told = glonass_broadcast.StateVectorEphemerides(navigation.glonass).channels
     # R10 is without messages that day, and the file knows it
     told = observations.channels | told
     bare = replace(part(observations), channels={})
@@ -137,7 +138,7 @@ def test_satellites_without_place_clock_or_measurement_shift_nothing(
     """The fix is that of the other satellites alone, to the last digit: of orbits with a hole, of orbits without a
     clock, of messages of a satellite that ran out."""
     navigation, observations, _ = station
-    orbits = read_sp3(shared / FOLDER / PRECISE).of("G", "gps")
+    orbits = read_sp3(shared / FOLDER / PRECISE).of(GPS)
     hour = part(observations)
     settings = PositioningOptions(klobuchar=navigation.klobuchar)
     i = max(range(len(orbits.names)), key=lambda k: _seen(hour, orbits.names[k]))
@@ -162,14 +163,14 @@ def test_satellites_without_place_clock_or_measurement_shift_nothing(
     old = records.take(np.flatnonzero(records.prn == int(name[1:]))[:1])
     long_ago = replace(old, toe=old.toe - 864000.0, toc=old.toc - 864000.0)
     whole = gps.Elements(**{k: np.concatenate([v, getattr(long_ago, k)]) for k, v in vars(kept).items()})
-    found, alone = (solve(hour, [gps.Constellation(r)], settings) for r in (whole, kept))
+    found, alone = (solve(hour, [gps.KeplerianEphemerides(r)], settings) for r in (whole, kept))
     np.testing.assert_array_equal(found.position, alone.position)
 
 
 def test_a_missing_doppler_is_no_range_rate_of_zero(station: tuple[Any, Any, np.ndarray]) -> None:
     """Position stays, velocity is that of the other satellites, and there is none of three."""
     navigation, observations, _ = station
-    known, settings = [gps.Constellation(navigation.gps)], PositioningOptions(klobuchar=navigation.klobuchar)
+    known, settings = [gps.KeplerianEphemerides(navigation.gps)], PositioningOptions(klobuchar=navigation.klobuchar)
     hour = part(observations)
     full = solve(hour, known, settings)
     columns = [i for i, n in enumerate(hour.satellites) if n[0] == "G" and np.isfinite(hour.of("C1C")[:, i]).all()]

@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from navsim.io import rinex_write
-from navsim.io.almanac import read_almanac
+from navsim.io.almanac import AlmanacFile, read_almanac
 from navsim.io.recording import read_fixes, read_imu
 from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import read_obs
@@ -36,7 +36,7 @@ NAMES = ("G01", "G02", "G03", "R01", "R02")
 
 def nav_text() -> str:
     elements = gps.nominal(UTC).records.take(np.arange(3))
-    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
+    vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(3))
     lines = rinex_write.navigation_lines(
         elements, vectors, ["fuzz"], "made", at=float(elements.toe[0]), klobuchar=([1e-8] * 4, [1e5] * 4)
     )
@@ -198,7 +198,10 @@ def sane(found: Any) -> None:
     numbers = list(tables(found))
     assert numbers
     assert not any(np.isinf(table).any() for table in numbers)
-    if isinstance(found, gps.Constellation | glonass.Almanac):
+    if isinstance(found, AlmanacFile):
+        for constellation in found.constellations:
+            sane(constellation)
+    elif isinstance(found, gps.KeplerianEphemerides | glonass.GlonassAlmanac):
         radius = np.linalg.norm(found.state(timescales.gps_from_utc(np.array([UTC])))[0], axis=2)
         assert np.all(np.isnan(radius) | ((radius > 1.2e7) & (radius < 8e7)))
 

@@ -13,6 +13,7 @@ from navsim.io.rinex_obs import read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps, timescales
+from navsim.models.systems import GPS
 
 UTC = timescales.posix(2018, 9, 13, 12)
 
@@ -39,8 +40,8 @@ def as_version_2(lines: list[str], letter: str) -> str:
 
 def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
     elements = gps.nominal(UTC).records.take(np.arange(4))
-    elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0)
-    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(4))
+    elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0, GPS)
+    vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(4))
     lines = rinex_write.navigation_lines(elements, vectors, [], "made", at=float(elements.toe[0]))
     (tmp_path / "three").write_text("\n".join(lines) + "\n")
     new = read_nav(tmp_path / "three")
@@ -61,7 +62,7 @@ def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
 
 def test_five_line_glonass_records(tmp_path: Path) -> None:
     """Version 3.05 adds a line to each GLONASS record."""
-    vectors = glonass_broadcast.messages(glonass.Nominal(), UTC, UTC).take(np.arange(3))
+    vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(3))
     lines = rinex_write.navigation_lines(None, vectors, [], "made", at=float(timescales.gps_from_utc(UTC)))
     body = lines.index(next(x for x in lines if "END OF HEADER" in x)) + 1
     longer = lines[:body]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from navsim.models import tracking
+from navsim.models.systems import GPS
 
-CHIP = tracking.CHIP["gps"]
+CHIP = tracking.chip_length(GPS)
 GROUND = tracking.GroundReflection(0.0, 15.0, 0.035, -10.0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.io.almanac import read_almanac
-from navsim.models import atmosphere, glonass, timescales, tle
+from navsim.models import atmosphere, systems, timescales, tle
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.study import landing
@@ -65,7 +65,7 @@ def prepared(folder: Path, lines: list[str], *assignments: str) -> landing.Case:
         ("COSMOS 2456 (730)", "glonass", "R730"),
         ("COSMOS 2471 (701K)", "glonass", "R701"),
         ("GLONASS-K2 13L", "glonass", "T24876"),
-        ("COSMOS 1408 DEB", tle.UNKNOWN, "T24876"),
+        ("COSMOS 1408 DEB", systems.UNKNOWN, "T24876"),
         ("GSAT0101 (PRN E11)", "Galileo", "T24876"),
         ("GSAT0101 (GALILEO-PFM)", "Galileo", "T24876"),
         ("BEIDOU-3 M1 (C19)", "BeiDou", "T24876"),
@@ -77,12 +77,12 @@ def prepared(folder: Path, lines: list[str], *assignments: str) -> landing.Case:
         ("LUCH 5A (SDCM/PRN 140)", "SBAS", "T24876"),
         ("IRNSS-1B", "NavIC", "T24876"),
         ("NVS-01 (IRNSS-1J)", "NavIC", "T24876"),
-        ("ISS (ZARYA)", tle.UNKNOWN, "T24876"),
-        ("", tle.UNTITLED, "T24876"),
+        ("ISS (ZARYA)", systems.UNKNOWN, "T24876"),
+        ("", systems.UNTITLED, "T24876"),
     ],
 )
 def test_titles_tell_systems(title: str, system: str, name: str) -> None:
-    assert tle.system_of(title) == system
+    assert systems.system_of(title) == system
     assert tle.short_name(title, elements(24876, 55.0, 0.0, 0.0, 2.0)[0]) == name
     assert tle.short_name(title.lower(), elements(24876, 55.0, 0.0, 0.0, 2.0)[0]) == name
 
@@ -101,7 +101,7 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
     assert {"R702", "G13"} <= set(s.names)
     assert 1.0 < np.nanmedian(mixed.world.dop[:, 1]) < 2.0
     # the ionosphere by the square of frequencies: channel 0, for elements tell none
-    ratio2 = (atmosphere.L1 / glonass.FDMA_L1) ** 2
+    ratio2 = (atmosphere.L1 / systems.GLONASS.carrier) ** 2
     alone = prepared(tmp_path, [x.replace("COSMOS", "NAVSTAR") for x in GLONASS], "signals.ionosphere={}")
     seen = alone.world.signals.used
     there = s.ionosphere[:, [n[0] == "R" for n in s.names]]
@@ -143,15 +143,15 @@ def test_comments_are_no_names(tmp_path: Path) -> None:
     lines = ["# made by hand", "# of 2018", *GPS[:3], "# between", *GPS[3:5], "# within", GPS[5], "#"]
     path.write_text("\n".join(lines) + "\n")
     found = read_almanac(path, UTC)
-    assert found.names == ("G01", "G02")
-    assert found.titles == ("GPS BIIR-1   (PRN 01)", "GPS BIIR-2   (PRN 02)")
+    assert [one.names for one in found.constellations] == [("G01", "G02")]
+    assert not found.not_used
 
 
 def test_motion_is_steady_through_a_leap_second(tmp_path: Path) -> None:
     """No step at 2017-01-01, of elements from before it: each position continues the last by its velocity."""
     lines = [checked(x[:-1].replace("18256.", "16366.")) if x[:2] == "1 " else x for x in GPS[:3]]
     (tmp_path / "sky.tle").write_text("\n".join(lines) + "\n")
-    found = read_almanac(tmp_path / "sky.tle", UTC)
+    found = read_almanac(tmp_path / "sky.tle", UTC).constellations[0]
     t = timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 57.0)) + np.arange(0.0, 8.0, 0.5)
     position, velocity = found.state(t)
     step = np.diff(position[:, 0], axis=0) / 0.5

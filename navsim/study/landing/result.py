@@ -10,7 +10,7 @@ from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Result, Stream
 from navsim.io.schema import LANDING
-from navsim.scenario.sky import CLOCKS
+from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,13 @@ from navsim.io.almanac import read_almanac
 from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
-from navsim.models import glonass, glonass_broadcast, gps, timescales, tle
+from navsim.models import timescales
+from navsim.models.constellation import Constellation
+from navsim.models.design import design
 from navsim.models.signals import Satellites
+from navsim.models.systems import CLOCKS, NAMES, SYSTEMS
 from navsim.scenario.landing import Landing
-from navsim.scenario.sky import CLOCKS, LENIENT, SOURCES_FROM_FILES, SYSTEMS, Sky
+from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES, Sky
 from navsim.scenario.source import Document, InputError, Place, Problem
 
 
@@ -30,11 +32,8 @@ def read_satellites(
     sky = scenario.sky
     utc = scenario.epoch.timestamp()
     key = sky.source
-    constellations: list[Any] = []
-    if key in ("nominal-glonass", "nominal"):
-        constellations.append(glonass.Nominal())
-    if key in ("nominal-gps", "nominal"):
-        constellations.append(gps.nominal(utc))
+    designed = [system for system in SYSTEMS if key in ("nominal", f"nominal-{system.name}")]
+    constellations = [design(system, utc) for system in designed]
     if key in SOURCES_FROM_FILES:
         files = _Files(scenario, document, key)
         for name in getattr(sky, key):
@@ -42,10 +41,10 @@ def read_satellites(
         scenario = files.with_checksums()
         if not constellations:
             where = document.place(("sky", key))
-            message = f"no satellite of {' or '.join(SYSTEMS)}{''.join(f'; {w}' for w in warnings)}"
+            message = f"no satellite of {' or '.join(NAMES)}{''.join(f'; {w}' for w in warnings)}"
             raise InputError([Problem(where, f"sky.{key}", message)])
     if sky.systems:
-        constellations = [c for c in constellations if c.system in sky.systems]
+        constellations = [c for c in constellations if c.system.name in sky.systems]
         if not constellations:
             where = document.place(("sky", "systems"))
             message = f"`source: {key}` has no satellite of {', '.join(sky.systems)}"
@@ -54,7 +53,7 @@ def read_satellites(
         _warn_of_age(sky.almanac_warning_days, constellations, float(timescales.gps_from_utc(utc)), warnings)
     if sky.broadcast:
         last = float(timescales.utc_from_gps(timescales.gps_from_utc(utc) + scenario.duration_s))
-        constellations = [_as_broadcast(c, utc, last) for c in constellations]
+        constellations = [c.broadcast(utc, last) for c in constellations]
     groups = tuple(_group(scenario, document, c, warnings) for c in constellations)
     names = [name for group in groups for name in group.names]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -64,50 +63,30 @@ def read_satellites(
     return groups, scenario
 
 
-_Read = tuple[list[Any], list[str]]
+_Read = tuple[Sequence[Constellation], Sequence[str]]
 """Constellations of a file, and what the user should hear of it."""
 
 
 def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
-    found = read_almanac(path, utc)
-    return _split(found, sky.almanac_system) if isinstance(found, tle.Constellation) else ([found], [])
-
-
-def _split(elements: tle.Constellation, told: str | None) -> _Read:
-    """Two-line elements by system, with warnings of those that are not used; told: the system of those without names.
-
-    Raises FileError where nothing tells the system.
-    """
-    if tle.UNTITLED in elements.systems and told is None:
-        count = elements.systems.count(tle.UNTITLED)
+    told = next((system for system in SYSTEMS if system.name == sky.almanac_system), None)
+    found = read_almanac(path, utc, told)
+    if found.untitled:
         raise FileError(
             0,
-            f"{count} of its two-line elements have no names, which would tell their systems; give "
-            f"sky.almanac_system ({' or '.join(SYSTEMS)}), or a file with names",
+            f"{found.untitled} of its two-line elements have no names, which would tell their systems; give "
+            f"sky.almanac_system ({' or '.join(NAMES)}), or a file with names",
         )
-    said = []
-    for system in dict.fromkeys(elements.systems):
-        if system not in (*SYSTEMS, tle.UNTITLED):
-            titles = ", ".join(t for t, s in zip(elements.titles, elements.systems, strict=True) if s == system)
-            why = "of no known system" if system == tle.UNKNOWN else f"of {system}, which navsim does not model"
-            said.append(f"not used, {why}: {titles}")
-    parts = [elements.of(system, *([tle.UNTITLED] if system == told else [])) for system in SYSTEMS]
-    return [part for part in parts if part.names], said
+    return found.constellations, found.not_used
 
 
 def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     found = read_nav(path, sky.lenient)
-    out: list[Any] = []
-    if found.glonass is not None:
-        out.append(glonass_broadcast.Constellation(found.glonass))
-    if found.gps is not None:
-        out.append(gps.Constellation(found.gps))
-    return out, list(found.left_out)
+    return found.constellations(), found.left_out
 
 
 def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
     table = read_sp3(path, sky.lenient)
-    return [o for o in (table.of("R", "glonass"), table.of("G", "gps")) if o.names], list(table.left_out)
+    return [orbits for orbits in map(table.of, SYSTEMS) if orbits.names], table.left_out
 
 
 _READERS: dict[str, Callable[[Path, float, Sky], _Read]] = {
@@ -127,7 +106,7 @@ class _Files:
 
     def read(
         self, name: str, reader: Callable[[Path, float, Sky], _Read], utc: float, warnings: list[str]
-    ) -> list[Any]:
+    ) -> Sequence[Constellation]:
         place = ("sky", self.key)
         path = self.document.resolve(place, name)
         try:
@@ -158,45 +137,34 @@ class _Files:
         return InputError([Problem(Place(str(path), line, 1), f"sky.{self.key}", f"{message} (named at {named})")])
 
 
-def _warn_of_age(limit_days: float, constellations: list[Any], gpst: float, warnings: list[str]) -> None:
+def _warn_of_age(limit_days: float, constellations: Sequence[Constellation], gpst: float, warnings: list[str]) -> None:
     for constellation in constellations:
         age = constellation.age(gpst) / 86400.0
         if age > limit_days:
             warnings.append(
-                f"the {constellation.system} almanac is {age:.0f} days away from the epoch; satellite positions may be "
-                "off"
+                f"the {constellation.system.name} almanac is {age:.0f} days away from the epoch; satellite positions "
+                "may be off"
             )
 
 
-def _as_broadcast(constellation: Any, first: float, last: float) -> Any:
-    """The constellation by the messages it would send."""
-    if isinstance(constellation, (glonass.Almanac, glonass.Nominal)):
-        return glonass_broadcast.Constellation(glonass_broadcast.messages(constellation, first, last))
-    return constellation
-
-
-def _group(scenario: Landing, document: Document, constellation: Any, warnings: list[str]) -> Satellites:
+def _group(scenario: Landing, document: Document, constellation: Constellation, warnings: list[str]) -> Satellites:
     """A constellation with the choice of its satellites; warnings of those that cannot be used."""
     sky = scenario.sky
-    if sky.use_unhealthy and hasattr(constellation, "use_unhealthy"):
-        constellation = type(constellation)(constellation.records, constellation.reach, True)
-    names = constellation.names
-    healthy = np.ones(len(names), dtype=bool)
-    if hasattr(constellation, "healthy") and not sky.use_unhealthy:
-        healthy = constellation.healthy
+    if sky.use_unhealthy:
+        constellation = constellation.using_unhealthy()
+    names, usable = constellation.names, constellation.usable
     start = float(timescales.gps_from_utc(scenario.epoch.timestamp()))
     ends = constellation.state(np.array([start, start + scenario.duration_s]))[0]
     known = np.isfinite(ends[..., 0]).any(axis=0)
     if not known.any():
         where = document.place(("sky", sky.source))
-        message = (
-            f"has no {constellation.system} satellite for the time of the scenario, {scenario.epoch:%Y-%m-%d %H:%M}"
-        )
+        of = constellation.system.name
+        message = f"has no {of} satellite for the time of the scenario, {scenario.epoch:%Y-%m-%d %H:%M}"
         raise InputError([Problem(where, f"sky.{sky.source}", message)])
-    for good, why in ((healthy, "because the almanac marks them as unhealthy"), (known, "because no message serves")):
+    for good, why in ((usable, "because the almanac marks them as unhealthy"), (known, "because no message serves")):
         if not np.all(good):
             out = ", ".join(n for n, g in zip(names, good, strict=True) if not g)
             warnings.append(f"not used, {why}: {out}")
-    chosen = healthy & known & np.array([name not in sky.exclude for name in names])
-    clock = np.full(len(names), CLOCKS.index(constellation.system))
+    chosen = usable & known & np.array([name not in sky.exclude for name in names])
+    clock = np.full(len(names), CLOCKS.index(constellation.system.name))
     return Satellites(constellation, names, clock, chosen)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from navsim.core import states
 from navsim.io.draft import Draft
-from navsim.models import glonass, glonass_broadcast, gps, timescales
-from navsim.scenario.sky import CLOCKS
+from navsim.models import timescales
+from navsim.models.systems import CLOCKS
 from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, on_glide
 from navsim.study.root import root_attributes
 
@@ -21,7 +20,7 @@ def base(case: Case, sort: str) -> Draft:
         sort,
         {"mixed": ", ".join(dict.fromkeys(case.state_units))},
         sensor=[aid.sensor.name for aid in case.world.aids],
-        system=[group.constellation.system for group in case.environment.satellites],
+        system=[group.constellation.system.name for group in case.environment.satellites],
     )
     _truth(draft, case)
     _geometry(draft, case)
@@ -68,24 +67,13 @@ def _navigation(draft: Draft, case: Case) -> None:
     """The messages the satellites flew by, or would have sent: what an export to RINEX needs."""
     time = timescales.gps_from_utc(case.scenario.epoch.timestamp()) + case.world.signals.time
     for group in case.environment.satellites:
-        constellation = group.constellation
-        exact = not isinstance(constellation, (glonass.Almanac, glonass.Nominal))
-        if not exact:
-            records: Any = None
-            if time.size:
-                records = glonass_broadcast.messages(constellation, *timescales.utc_from_gps(time[[0, -1]]))
-        elif isinstance(constellation, (gps.Constellation, glonass_broadcast.Constellation)):
-            used = constellation.chosen(np.repeat(time[:, None], len(group.names), axis=1))
-            records = constellation.records.take(np.unique(used[used >= 0]))
-        else:
+        sent = group.constellation.messages(time)
+        if sent is None:
             continue
-        if records is None:
-            continue
-        branch = f"/navigation/{constellation.system}"
-        for field in fields(records):
-            data = np.asarray(getattr(records, field.name))
-            draft[f"{branch}/{field.name}"] = data.astype(np.int8) if data.dtype == bool else data
-        draft.put(f"{branch}/message", np.arange(len(records.healthy)), {"exact": int(exact)})
+        branch = f"/navigation/{group.constellation.system.name}"
+        for name, values in sent.fields.items():
+            draft[f"{branch}/{name}"] = values.astype(np.int8) if values.dtype == bool else values
+        draft.put(f"{branch}/message", np.arange(len(sent.fields["healthy"])), {"exact": int(sent.exact)})
         if f"{branch}/position" in draft:
             draft[f"{branch}/xyz"] = np.array(["x", "y", "z"])
 

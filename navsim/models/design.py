@@ -1,0 +1,19 @@
+"""The design constellation of each system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from navsim.models import glonass, gps
+from navsim.models.constellation import Constellation
+from navsim.models.systems import GLONASS, GPS, System
+
+_DESIGNED: dict[System, Callable[[float], Constellation]] = {
+    GLONASS: lambda utc: glonass.Glonass24Slots(),
+    GPS: gps.nominal,
+}
+
+
+def design(system: System, utc: float) -> Constellation:
+    """A system's constellation as it was designed, for flights about a UTC time (POSIX s)."""
+    return _DESIGNED[system](utc)
