@@ -12,6 +12,8 @@ from navsim.models.kinematics import tangent_frame
 
 NEAREST = 10.0
 """Distance a pseudolite keeps from the aircraft at all times, m."""
+TRACK_STEP = 2.0
+"""Most distance between points of the track by which that is judged, m: right to 5 cm."""
 
 TABLE1_SPHERE = 6371.0e3
 """Radius of the sphere behind the coordinates of Table 1, m."""
@@ -47,11 +49,20 @@ def runway_positions(threshold: np.ndarray, heading: float, places: np.ndarray, 
     return llh
 
 
+def too_near(track: np.ndarray, sites: np.ndarray) -> np.ndarray:
+    """By how much sites (..., 3) come nearer to the aircraft than `NEAREST`, zero or less where they do not, m (...).
+
+    track: (n, 3) points of the aircraft, no more than `TRACK_STEP` from one to the next; all ECEF, m.
+    """
+    return NEAREST - clearance(track, sites)
+
+
 def clearance(track: np.ndarray, sites: np.ndarray) -> np.ndarray:
     """Least distance (...) of sites (..., 3) from the points of a track (n, 3), all ECEF, m."""
     few = 16
     if sites[..., 0].size <= few:  # spares a check of one scenario the import
-        return np.linalg.norm(sites[..., None, :] - track, axis=-1).min(axis=-1)
+        least = [np.linalg.norm(track - site, axis=1).min() for site in sites.reshape(-1, 3)]
+        return np.array(least).reshape(sites.shape[:-1])
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(track).query(sites)[0])

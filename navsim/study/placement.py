@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io import files
-from navsim.models.pseudolite import NEAREST, clearance, runway_positions
+from navsim.models.pseudolite import runway_positions, too_near
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Constraints, Optimize, Strip, Surfaces
@@ -77,7 +77,7 @@ class Rules:
             keep(np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
         count = places.shape[1]
         if count:
-            keep(NEAREST - clearance(self.track, self.ground.ecef(places)))
+            keep(too_near(self.track, self.ground.ecef(places)))
         for i in range(count):
             for j in range(i):
                 keep(self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))

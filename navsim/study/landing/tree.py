@@ -23,7 +23,7 @@ def base(case: Case, seed: int) -> Result:
     _coordinates(v)
     _truth(v, case)
     _geometry(v, case)
-    _geometry_summary(v, case)
+    v.update(geometry_summary(case))
     _navigation(v, case)
     attributes = root_attributes("landing", seed, case.scenario, method=case.scenario.method)
     return Result(attributes, v)
@@ -129,7 +129,9 @@ _MESSAGE_UNITS = {
 }  # fmt: skip
 
 
-def _geometry_summary(v: dict[str, Variable], case: Case) -> None:
+def geometry_summary(case: Case) -> dict[str, Variable]:
+    """What the fixes of the glide owe to the geometry: DOPs and SKO."""
+    v: dict[str, Variable] = {}
     world = case.world
     glide = on_glide(case.scenario, case.trajectory, world.signals.time)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
@@ -153,6 +155,7 @@ def _geometry_summary(v: dict[str, Variable], case: Case) -> None:
             "without sampling uncertainty",
             {"minimum": each.min() if each.size else np.nan, "maximum": each.max() if each.size else np.nan},
         )  # fmt: skip
+    return v
 
 
 def accuracy(
