@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from navsim.models.effects import Effects
     from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import Path
+    from navsim.models.pseudolite import Track
     from navsim.models.signals import Ground
 
 
@@ -136,16 +137,16 @@ class Landing(Section):
                 key,
             )
 
-    def pseudolite_sites(self, frame: Frame, track: np.ndarray) -> np.ndarray:
+    def pseudolite_sites(self, frame: Frame, track: Track) -> np.ndarray:
         """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
         coordinates are of another frame."""
         from navsim.core.wgs84 import ecef_from_llh
-        from navsim.models.pseudolite import NEAREST, too_near
+        from navsim.models.pseudolite import NEAREST
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
             raise reject("the paper's frame is counted from approach.start, which is not given", "pseudolites", "frame")
         sites = ecef_from_llh(self.pseudolite_positions(frame))
-        for index, excess in enumerate(too_near(track, sites)):
+        for index, excess in enumerate(track.too_near(sites)):
             if excess > 0.0:
                 path = ("sites", index) if self.pseudolites.sites else ("s_m",)
                 raise reject(
@@ -156,23 +157,22 @@ class Landing(Section):
                 )
         return sites
 
-    def track(self, trajectory: Moving) -> np.ndarray:
-        """Where the aircraft is during the simulation, its IMU and its antenna (n, 3), ECEF, m, for
-        `pseudolite.too_near`."""
+    def track(self, trajectory: Moving) -> Track:
+        """Where the aircraft is during the simulation, its IMU and its antenna."""
         import numpy as np
 
-        from navsim.models.pseudolite import TRACK_STEP
+        from navsim.models.pseudolite import TRACK_STEP, Track
 
         tenths = np.arange(0.0, self.duration_s, 0.1)
         fastest = np.linalg.norm(trajectory.path.jet(tenths)[:, 1], axis=1).max()
         times = np.linspace(0.0, self.duration_s, math.ceil(self.duration_s * fastest / TRACK_STEP) + 1)
         lever_arm = np.array(self.receiver.lever_arm_m)
         if not lever_arm.any():
-            return trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
+            return Track(trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin)
         from navsim.models.signals import antenna_ecef
 
         motion = trajectory.motion(times)
-        return np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)])
+        return Track(np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)]))
 
     # --- the models the sections stand for
 

@@ -22,6 +22,7 @@ from navsim.io import files
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result, Variable
 from navsim.models.kinematics import Frame
+from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
 from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, validated
@@ -179,7 +180,7 @@ class Plan:
         return self.first[0].trajectory().frame
 
     @cached_property
-    def track(self) -> np.ndarray:
+    def track(self) -> Track:
         """The aircraft during the first combination's simulation, see `Landing.track`."""
         return self.first[0].track(self.first[0].trajectory())
 
