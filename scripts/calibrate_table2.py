@@ -17,17 +17,18 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import brentq, least_squares, minimize_scalar
 
+from navsim.core.dop import normals
 from navsim.core.wgs84 import ecef_from_llh
 from navsim.models.sky import enu_matrix, unit_vector
 from navsim.scenario.base import DEG
 from navsim.scenario.load import read
-from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.simulation.geometry import glide_geometry, rows
 from navsim.study.landing import covariance_analysis, covariance_result, prepare
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.table2 import PUBLISHED, PUBLISHED_DOPS, PUBLISHED_SKO, ROWS
@@ -74,19 +75,19 @@ class Approach:
             self.sites.append(ecef_from_llh(placed.pseudolite_positions(self.trajectory.frame)))
         full = glide_geometry(self.trajectory, self.sources, np.zeros(1), self.time, counted)
         self.time = self.time[counted]
-        self.coarse = Geometry(full.receiver[4::10], full.up[4::10], full.unit[4::10], full.weighted[4::10],
-                               full.ground_weight[4::10])  # fmt: skip
+        self.coarse = full.at(np.arange(4, len(full.receiver), 10))
         self.axes = enu_matrix(self.trajectory.motion(self.time[4::10]).llh)
 
     def dops(self, azimuth: np.ndarray, elevation: np.ndarray, weight: float) -> np.ndarray:
         """PDOP, HDOP, VDOP (8, 3) of all rows, satellites of unit weight, pseudolites of `weight`, angles in rad."""
         u = np.einsum("si,eij->esj", unit_vector(azimuth, elevation), self.axes)
-        rows = np.zeros_like(self.coarse.unit)
-        a = np.einsum("esi,esj->eij", u, u)
-        rows[:, 6:12] = a[:, (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)]
-        rows[:, 12:15] = u.sum(axis=1)
-        rows[:, 15] = azimuth.size
-        here = Geometry(self.coarse.receiver, self.coarse.up, rows, rows, np.full(len(rows), weight))
+        clock = np.zeros(azimuth.size, np.int64)
+        here = replace(
+            self.coarse,
+            spare=np.full(len(u), azimuth.size - 4),
+            weighted=rows(normals(u, clock, np.ones(u.shape[:2])), 0),
+            ground_weighted=np.full(len(u), weight),
+        )
         out = np.empty((len(ROWS), 3))
         for count in (0, 1, 2):
             members = [i for i, row in enumerate(ROWS) if row.pseudolites == count]

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from navsim.core.jit import kernel
+from navsim.core.jit import inlined, kernel
 from navsim.core.linear import invert_spd
 
 MAX_CLOCKS = 3
@@ -36,6 +36,21 @@ def clock_columns(used, clock, column):
             column[c] = n
             n += 1
     return n
+
+
+@inlined
+def add_source(x, y, z, weight, c, normal):
+    """Add a source, unit vector x, y, z, the clock in column c, to the lower triangle of H' W H."""
+    normal[0, 0] += weight * x * x
+    normal[1, 0] += weight * y * x
+    normal[1, 1] += weight * y * y
+    normal[2, 0] += weight * z * x
+    normal[2, 1] += weight * z * y
+    normal[2, 2] += weight * z * z
+    normal[c, 0] -= weight * x
+    normal[c, 1] -= weight * y
+    normal[c, 2] -= weight * z
+    normal[c, c] += weight
 
 
 @kernel
@@ -64,15 +79,25 @@ def covariance_of_geometry(los, clock, weight, out, unknowns):
         normal[:] = 0.0
         for s in range(sources):
             if used[s]:
-                w = weight[e, s]
-                c = column[clock[s]]
-                for i in range(3):
-                    for j in range(i + 1):
-                        normal[i, j] += w * los[e, s, i] * los[e, s, j]
-                    normal[c, i] -= w * los[e, s, i]
-                normal[c, c] += w
+                add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], column[clock[s]], normal)
         if invert_spd(normal, n, out[e]):
             unknowns[e] = n
+
+
+@kernel
+def _normals(los, clock, weight, out):
+    for e in range(los.shape[0]):
+        for s in range(los.shape[1]):
+            if not math.isnan(los[e, s, 0]):
+                add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], 3 + clock[s], out[e])
+
+
+def normals(los: np.ndarray, clock: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """H' W H of every epoch (e, 6, 6), its lower triangle; a row for every clock, by number, zero without sources. See
+    `dops`; los in any axes."""
+    out = np.zeros((los.shape[0], MAX_UNKNOWNS, MAX_UNKNOWNS))
+    _normals(*_as_kernels_take(los, clock, weight), out)
+    return out
 
 
 def dops(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
@@ -94,11 +119,15 @@ def geometry_covariance(los: np.ndarray, clock: np.ndarray, weight: np.ndarray) 
     """(H' W H)^-1 (e, 6, 6) and the number of unknowns (e,), 0 without a solution; see `dops`."""
     out = np.empty((los.shape[0], MAX_UNKNOWNS, MAX_UNKNOWNS))
     unknowns = np.zeros(los.shape[0], np.int64)
-    covariance_of_geometry(
+    covariance_of_geometry(*_as_kernels_take(los, clock, weight), out, unknowns)
+    return out, unknowns
+
+
+def _as_kernels_take(
+    los: np.ndarray, clock: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return (
         np.ascontiguousarray(los, dtype=float),
         np.ascontiguousarray(clock, dtype=np.int64),
         np.ascontiguousarray(weight, dtype=float),
-        out,
-        unknowns,
     )
-    return out, unknowns

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.dop import clock_columns
+from navsim.core.dop import add_source, clock_columns
 from navsim.core.jit import kernel
 from navsim.core.linear import cholesky, invert_factored, invert_spd, solve_cholesky
 
@@ -53,16 +53,7 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, normal, c
             w = 1.0 / (sigma[s] * sigma[s])
             # the clocks enter linearly: solve for their whole value each time
             z = w * (pseudorange[s] - distance)
-            normal[0, 0] += w * ux * ux
-            normal[1, 0] += w * uy * ux
-            normal[1, 1] += w * uy * uy
-            normal[2, 0] += w * uz * ux
-            normal[2, 1] += w * uz * uy
-            normal[2, 2] += w * uz * uz
-            normal[c, 0] -= w * ux
-            normal[c, 1] -= w * uy
-            normal[c, 2] -= w * uz
-            normal[c, c] += w
+            add_source(ux, uy, uz, w, c, normal)
             rhs[0] -= z * ux
             rhs[1] -= z * uy
             rhs[2] -= z * uz

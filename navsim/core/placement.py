@@ -1,7 +1,7 @@
 """DOPs of many placements of pseudolites along one approach.
 
-The satellites' part of the normal matrix depends on the epoch alone, the pseudolites' on placement and point of the
-approach alone. With the clocks eliminated what is left is 3 x 3,
+The satellites' part of the normal matrix (`core.dop.normals`) depends on the epoch alone, the pseudolites' on placement
+and point of the approach alone. With the clocks eliminated what is left is 3 x 3,
 
     C = sum over clocks of A_g - b_g b_g' / n_g,        A = sum w u u', b = sum w u, n = sum w,
 
@@ -26,11 +26,13 @@ BLOCK = 128
 """Placements worked on at once: their sums stay in the first cache."""
 
 # what the satellites contribute at one epoch, a row of `satellites`
-SAT_FIXED = 0
-"""C of the clocks the pseudolites do not keep: xx, yx, yy, zx, zy, zz."""
-SAT_SHARED = 6
-"""A, then b, then n of the satellites on the pseudolites' clock: 6 + 3 + 1."""
-SAT_N = 16
+SAT_A = 0
+"""C of the clocks the pseudolites do not keep plus A of the one they keep: xx, yx, yy, zx, zy, zz."""
+SAT_B = 6
+"""b of the satellites on the pseudolites' clock."""
+SAT_WEIGHT = 9
+"""n of them, 0 where there are none."""
+SAT_N = 10
 
 _SINGULAR = 1e-12
 """A determinant below this share of (trace / 3)^3 counts as no solution: DOPs above a hundred thousand."""
@@ -60,21 +62,19 @@ def _add_site(x, y, z, site_x, site_y, site_z, weight, a, count):
 
 
 @kernel
-def _solve(satellites, up_x, up_y, up_z, a, squares, count):
+def _solve(up_x, up_y, up_z, a, squares, count):
     """Squares of PDOP, HDOP, VDOP (3, BLOCK) from the sums of a block; nan without a solution."""
     xx, yx, yy, zx, zy, zz, bx, by, bz, total = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9]
-    f0, f1, f2 = satellites[0], satellites[1], satellites[2]
-    f3, f4, f5 = satellites[3], satellites[4], satellites[5]
     p, h, v = squares[0], squares[1], squares[2]
     for j in range(count):
         r = 1.0 / max(total[j], 1e-300)
         x, y, z = bx[j], by[j], bz[j]
-        c0 = f0 + xx[j] - x * x * r
-        c1 = f1 + yx[j] - y * x * r
-        c2 = f2 + yy[j] - y * y * r
-        c3 = f3 + zx[j] - z * x * r
-        c4 = f4 + zy[j] - z * y * r
-        c5 = f5 + zz[j] - z * z * r
+        c0 = xx[j] - x * x * r
+        c1 = yx[j] - y * x * r
+        c2 = yy[j] - y * y * r
+        c3 = zx[j] - z * x * r
+        c4 = zy[j] - z * y * r
+        c5 = zz[j] - z * z * r
         k0 = c2 * c5 - c4 * c4
         k1 = c3 * c4 - c1 * c5
         k2 = c0 * c5 - c3 * c3
@@ -94,15 +94,16 @@ def _solve(satellites, up_x, up_y, up_z, a, squares, count):
 
 
 @kernel
-def placement_dops(receiver, up, satellites, sites, weight, first, last, out, lost):
+def placement_dops(receiver, up, spare, satellites, sites, weight, first, last, out, lost):
     """Statistics over the epochs of PDOP, HDOP, VDOP for the placements first ... last - 1.
 
-    receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. satellites: (e, SAT_N), see SAT_FIXED, SAT_SHARED.
-    sites: (k, 3, p) ECEF of the k pseudolites of each placement, m. weight: (e,) of their ranges, 1 or 1/variance.
+    receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. spare: (e,) int, satellites less the unknowns there
+    are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT. sites: (k, 3, p) ECEF of the k
+    pseudolites of each placement, m. weight: (e,) of their ranges, 1 or 1/variance, 0 where none is heard.
     out: (3, 3, p) written: PDOP, HDOP, VDOP by mean, smallest, largest over the epochs that have a solution, nan
     where none has. lost: (p,) int, written: epochs without a solution.
     """
-    a = np.empty((10, BLOCK))
+    a = np.empty((SAT_N, BLOCK))
     squares = np.empty((3, BLOCK))
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
@@ -113,14 +114,20 @@ def placement_dops(receiver, up, satellites, sites, weight, first, last, out, lo
             out[d, LARGEST, start:end] = 0.0
         lost[start:end] = 0
         for e in range(receiver.shape[0]):
-            for i in range(10):
-                a[i, :count] = satellites[e, SAT_SHARED + i]
+            heard = sites.shape[0] if weight[e] > 0.0 else 0
+            unknowns = 1 if heard > 0 and satellites[e, SAT_WEIGHT] == 0.0 else 0
+            if spare[e] + heard < unknowns:
+                # rounding would hide that there is nothing to invert
+                lost[start:end] += 1
+                continue
+            for i in range(SAT_N):
+                a[i, :count] = satellites[e, i]
             x, y, z = receiver[e, 0], receiver[e, 1], receiver[e, 2]
             for k in range(sites.shape[0]):
                 _add_site(
                     x, y, z, sites[k, 0, start:end], sites[k, 1, start:end], sites[k, 2, start:end], weight[e], a, count
                 )
-            _solve(satellites[e], up[e, 0], up[e, 1], up[e, 2], a, squares, count)
+            _solve(up[e, 0], up[e, 1], up[e, 2], a, squares, count)
             for d in range(3):
                 mean, low, high = out[d, MEAN, start:end], out[d, SMALLEST, start:end], out[d, LARGEST, start:end]
                 square = squares[d]

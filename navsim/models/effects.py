@@ -86,6 +86,12 @@ class Effects:
     one_clock: bool = False
     smoothing: float = 0.0
 
+    @property
+    def placed(self) -> bool:
+        """Whether it depends on the station's place which satellites are used: it has no troposphere to correct of
+        those below its own horizon."""
+        return self.reference is not None and self.troposphere is not None
+
 
 NO_EFFECTS = Effects()
 """The ideal world."""

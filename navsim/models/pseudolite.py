@@ -5,6 +5,10 @@ Source: `docs/theory/landing.md`, section 2.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 
 from navsim.core import wgs84
@@ -12,6 +16,8 @@ from navsim.models.kinematics import tangent_frame
 
 NEAREST = 10.0
 """Distance a pseudolite keeps from the aircraft at all times, m."""
+TRACK_STEP = 2.0
+"""Most distance between points of a `Track`, m: it judges that to 5 cm."""
 
 TABLE1_SPHERE = 6371.0e3
 """Radius of the sphere behind the coordinates of Table 1, m."""
@@ -47,11 +53,26 @@ def runway_positions(threshold: np.ndarray, heading: float, places: np.ndarray, 
     return llh
 
 
-def clearance(track: np.ndarray, sites: np.ndarray) -> np.ndarray:
-    """Least distance (...) of sites (..., 3) from the points of a track (n, 3), all ECEF, m."""
-    few = 16
-    if sites[..., 0].size <= few:  # spares a check of one scenario the import
-        return np.linalg.norm(sites[..., None, :] - track, axis=-1).min(axis=-1)
-    from scipy.spatial import cKDTree
+@dataclass(frozen=True)
+class Track:
+    """Where the aircraft is: points (n, 3), ECEF m, no more than `TRACK_STEP` from one to the next."""
 
-    return np.asarray(cKDTree(track).query(sites)[0])
+    points: np.ndarray
+
+    def too_near(self, sites: np.ndarray) -> np.ndarray:
+        """By how much sites (..., 3), ECEF m, come nearer than `NEAREST`, zero or less where they do not, m (...)."""
+        return NEAREST - self.clearance(sites)
+
+    def clearance(self, sites: np.ndarray) -> np.ndarray:
+        """Least distance (...) of sites (..., 3) from the points, m."""
+        few = 16
+        if sites[..., 0].size <= few:  # spares a check of one scenario the import
+            least = [np.linalg.norm(self.points - site, axis=1).min() for site in sites.reshape(-1, 3)]
+            return np.array(least).reshape(sites.shape[:-1])
+        return np.asarray(self._tree.query(sites)[0])
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)

@@ -5,6 +5,7 @@ Source: `docs/theory/landing.md`, section 4; the effects are those of `models.ef
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,8 @@ from navsim.models.systems import GPS
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
+_ROUNDING = 1e-6
+"""Of a number of epochs; the times of more or fewer epochs must not decide what half an epoch is rounded to."""
 
 
 @dataclass(frozen=True)
@@ -270,7 +273,8 @@ def fixed_with(
     """
     if effects.smoothing <= 0.0 or time.size < 2:
         return sigma, None
-    memory = max(1, round(effects.smoothing / float(np.median(np.diff(time)))))
+    epochs = effects.smoothing / float(np.median(np.diff(time)))
+    memory = max(1, math.floor(epochs + 0.5 + _ROUNDING))
     variance, counts = tracking.smoothed_variance(sigma**2, used, memory)
     return np.sqrt(variance), counts
 

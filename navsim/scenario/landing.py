@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from navsim.models.effects import Effects
     from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import Path
+    from navsim.models.pseudolite import Track
     from navsim.models.signals import Ground
 
 
@@ -90,7 +91,8 @@ class Landing(Section):
         except ValueError as error:
             raise reject(f"no such path: {error}", "approach") from error
         self._checked_speed(path)
-        self._checked_pseudolites()
+        trajectory = self.trajectory()
+        self.pseudolite_sites(trajectory.frame, self.track(trajectory))
         return self
 
     def _checked_aiding(self) -> None:
@@ -136,35 +138,42 @@ class Landing(Section):
                 key,
             )
 
-    def _checked_pseudolites(self) -> None:
+    def pseudolite_sites(self, frame: Frame, track: Track) -> np.ndarray:
+        """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
+        coordinates are of another frame."""
         from navsim.core.wgs84 import ecef_from_llh
+        from navsim.models.pseudolite import NEAREST
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
             raise reject("the paper's frame is counted from approach.start, which is not given", "pseudolites", "frame")
-        trajectory = self.trajectory()
-        sites = ecef_from_llh(self.pseudolite_positions(trajectory.frame))
-        self.check_clearance(self.track(trajectory), sites)
-
-    def check_clearance(self, track: np.ndarray, sites: np.ndarray) -> None:
-        """Raise where a pseudolite, sites (p, 3), comes too near to the track (n, 3), both ECEF, m."""
-        from navsim.models.pseudolite import NEAREST, clearance
-
-        for index, distance in enumerate(clearance(track, sites)):
-            if distance < NEAREST:
+        sites = ecef_from_llh(self.pseudolite_positions(frame))
+        for index, excess in enumerate(track.too_near(sites)):
+            if excess > 0.0:
                 path = ("sites", index) if self.pseudolites.sites else ("s_m",)
                 raise reject(
-                    f"pseudolite {self.pseudolites.names()[index]} comes within {distance:.1f} m of the aircraft; "
-                    f"it must stay {NEAREST:g} m away",
+                    f"pseudolite {self.pseudolites.names()[index]} comes within {NEAREST - excess:.1f} m of the "
+                    f"aircraft; it must stay {NEAREST:g} m away",
                     "pseudolites",
                     *path,
                 )
+        return sites
 
-    def track(self, trajectory: Moving) -> np.ndarray:
-        """Where the aircraft is every tenth of a second of the simulation (n, 3), ECEF, m."""
+    def track(self, trajectory: Moving) -> Track:
+        """Where the aircraft is during the simulation, its IMU and its antenna."""
         import numpy as np
 
-        times = np.arange(0.0, self.duration_s, 0.1)
-        return trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
+        from navsim.models.pseudolite import TRACK_STEP, Track
+
+        tenths = np.arange(0.0, self.duration_s, 0.1)
+        fastest = np.linalg.norm(trajectory.path.jet(tenths)[:, 1], axis=1).max()
+        times = np.linspace(0.0, self.duration_s, math.ceil(self.duration_s * fastest / TRACK_STEP) + 1)
+        lever_arm = np.array(self.receiver.lever_arm_m)
+        if not lever_arm.any():
+            return Track(trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin)
+        from navsim.models.signals import antenna_ecef
+
+        motion = trajectory.motion(times)
+        return Track(np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)]))
 
     # --- the models the sections stand for
 

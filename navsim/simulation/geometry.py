@@ -7,46 +7,56 @@ tens of nanoseconds an epoch.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from navsim.core.dop import MAX_CLOCKS
-from navsim.core.placement import BLOCK, SAT_FIXED, SAT_N, SAT_SHARED, placement_dops
+from navsim.core.dop import MAX_CLOCKS, normals
+from navsim.core.placement import BLOCK, SAT_A, SAT_B, SAT_N, SAT_WEIGHT, placement_dops
+from navsim.core.wgs84 import llh_from_ecef
 from navsim.models.kinematics import Moving
-from navsim.models.signals import Environment, build_signals, clock_unknowns, fixed_with
+from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
 
 _LOWER = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
 """Rows and columns of the lower triangle, in the kernel's order."""
 _SHARE = 64 * BLOCK
 """Placements a thread takes at a time."""
+_OVERHEAD = 1e5
+"""Height over touchdown at which the pseudolite stands that speaks for all, m: none of the flight comes near it."""
 
 
 @dataclass(frozen=True)
 class Geometry:
     """The approach as placements see it.
 
-    receiver: (e, 3) antenna, ECEF m. up: (e, 3). unit, weighted: (e, SAT_N) the satellites' normal matrices with unit
-    weights and with 1/variance. ground_weight: (e,) 1/variance of a pseudolite's range, 1/m2.
+    receiver: (e, 3) antenna, ECEF m. up: (e, 3). spare: (e,) int, satellites less the unknowns without pseudolites.
+    unit, weighted: (e, SAT_N) the satellites' normal matrices with unit weights and with 1/variance. ground_unit,
+    ground_weighted: (e,) the same of a pseudolite's range: 1, and 1/variance, 1/m2; 0 where it is not heard.
     """
 
     receiver: np.ndarray
     up: np.ndarray
+    spare: np.ndarray
     unit: np.ndarray
     weighted: np.ndarray
-    ground_weight: np.ndarray
+    ground_unit: np.ndarray
+    ground_weighted: np.ndarray
+
+    def at(self, epochs: np.ndarray) -> Geometry:
+        """The same at some of the epochs, (n,) int or (e,) bool."""
+        return Geometry(*(getattr(self, f.name)[epochs] for f in fields(self)))
 
     def dops(self, sites: np.ndarray, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """PDOP, HDOP, VDOP by mean, smallest, largest (3, 3, p), and epochs without a solution (p,).
 
         sites: (p, k, 3) ECEF of the pseudolites of each placement, m.
         """
-        return self._statistics(self.unit, np.ones(len(self.unit)), sites, workers)
+        return self._statistics(self.unit, self.ground_unit, sites, workers)
 
     def fix_sigmas(self, sites: np.ndarray, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """The same of the weighted covariance: 1 sigma in space, horizontal, vertical, m ("SKO")."""
-        return self._statistics(self.weighted, self.ground_weight, sites, workers)
+        return self._statistics(self.weighted, self.ground_weighted, sites, workers)
 
     def _statistics(
         self, satellites: np.ndarray, weight: np.ndarray, sites: np.ndarray, workers: int
@@ -57,7 +67,7 @@ class Geometry:
 
         def share(first: int) -> None:
             last = min(first + _SHARE, count)
-            placement_dops(self.receiver, self.up, satellites, by_axis, weight, first, last, out, lost)
+            placement_dops(self.receiver, self.up, self.spare, satellites, by_axis, weight, first, last, out, lost)
 
         starts = range(0, count, _SHARE)
         if workers == 1 or len(starts) == 1:
@@ -75,44 +85,45 @@ def glide_geometry(
     """The geometry at chosen fix epochs of the approach, for each start utc (n,), one after the other (n c).
 
     time: (e,) s, fix epochs from the first one on, so that what the receiver remembers is in it. counted: (e,) bool,
-    which of them placements are judged at.
+    which of them placements are judged at. The signals are those of a landing; what of a pseudolite's does not depend
+    on where it stands is told by one that stands out of the way.
     """
-    ground, effects = environment.ground, environment.effects
-    alone = replace(environment, ground=replace(ground, names=(), llh=np.empty((0, 3))))
     motion = trajectory.motion(time)
-    parts = [build_signals(motion, float(start), alone) for start in np.atleast_1d(utc)]
-    axes = enu_matrix(motion.llh)
-    shared = int(clock_unknowns(effects, np.array([ground.clock]))[0])
-    # pseudolites are heard all the time, all with one sigma
-    heard = np.ones((time.size, 1), dtype=bool)
-    sigma, _ = fixed_with(effects, time, np.full((time.size, 1), ground.sigma), heard)
-    unit = [_normal(s.los, axes, s.clock, np.ones_like(s.fix_sigma), shared)[counted] for s in parts]
-    weighted = [_normal(s.los, axes, s.clock, 1.0 / s.fix_sigma**2, shared)[counted] for s in parts]
-    return Geometry(
-        receiver=np.concatenate([s.antenna[counted] for s in parts]),
-        up=np.concatenate([axes[counted, 2]] * len(parts)),
-        unit=np.concatenate(unit),
-        weighted=np.concatenate(weighted),
-        ground_weight=np.tile(1.0 / sigma[counted, 0] ** 2, len(parts)),
-    )
+    axes = enu_matrix(motion.llh)[counted]
+    place = llh_from_ecef(trajectory.frame.origin) + np.array([0.0, 0.0, _OVERHEAD])
+    sources = replace(environment, ground=replace(environment.ground, names=("any",), llh=place[None]))
+    parts = []
+    for start in np.atleast_1d(utc):
+        s = build_signals(motion, float(start), sources)
+        clock, shared = s.clock[:-1], int(s.clock[-1])
+        los = np.einsum("esi,eij->esj", s.los[counted, :-1], axes)
+        heard, weight = s.used[counted, -1], 1.0 / s.fix_sigma[counted] ** 2
+        counts = normals(los, clock, np.ones(los.shape[:2]))
+        in_clock = np.diagonal(counts, axis1=1, axis2=2)[:, 3:]
+        parts.append(
+            Geometry(
+                receiver=s.antenna[counted],
+                up=axes[:, 2],
+                spare=(in_clock.sum(axis=1) - (in_clock > 0.0).sum(axis=1) - 3.0).astype(np.int64),
+                unit=rows(counts, shared),
+                weighted=rows(normals(los, clock, weight[:, :-1]), shared),
+                ground_unit=heard.astype(float),
+                ground_weighted=np.where(heard, weight[:, -1], 0.0),
+            )
+        )
+    return Geometry(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Geometry)))
 
 
-def _normal(los: np.ndarray, axes: np.ndarray, clock: np.ndarray, weight: np.ndarray, shared: int) -> np.ndarray:
-    """Rows of `core.placement` (e, SAT_N) from unit vectors (e, s, 3) in ENU, nan where a source is not used."""
-    used = np.isfinite(los[:, :, 0])
-    u = np.einsum("esi,eij->esj", np.where(used[:, :, None], los, 0.0), axes)
-    w = np.where(used, weight, 0.0)
-    out = np.zeros((los.shape[0], SAT_N))
-    for number in range(MAX_CLOCKS):
-        member = w * (clock == number)
-        a = np.einsum("es,esi,esj->eij", member, u, u)
-        b = np.einsum("es,esi->ei", member, u)
-        n = member.sum(axis=1)
-        if number == shared:
-            out[:, SAT_SHARED : SAT_SHARED + 6] = a[:, *_LOWER]
-            out[:, SAT_SHARED + 6 : SAT_SHARED + 9] = b
-            out[:, SAT_SHARED + 9] = n
-        else:
-            c = a - b[:, :, None] * b[:, None, :] / np.where(n > 0.0, n, 1.0)[:, None, None]
-            out[:, SAT_FIXED : SAT_FIXED + 6] += c[:, *_LOWER]
+def rows(normal: np.ndarray, shared: int) -> np.ndarray:
+    """Rows of `core.placement` (e, SAT_N) from the satellites' `normals` (e, 6, 6) in ECEF, all clocks eliminated but
+    number `shared`, which the pseudolites keep."""
+    b, n = -normal[:, 3:, :3], np.diagonal(normal, axis1=1, axis2=2)[:, 3:]
+    out = np.empty((len(normal), SAT_N))
+    out[:, SAT_A:SAT_B] = normal[:, *_LOWER]
+    for other in range(MAX_CLOCKS):
+        if other != shared:
+            square = b[:, other, _LOWER[0]] * b[:, other, _LOWER[1]]
+            out[:, SAT_A:SAT_B] -= square / np.where(n[:, other] > 0.0, n[:, other], 1.0)[:, None]
+    out[:, SAT_B:SAT_WEIGHT] = b[:, shared]
+    out[:, SAT_WEIGHT] = n[:, shared]
     return out

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -51,8 +52,8 @@ class World:
 
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) exact increments. truth: motion at imu_time. at_filter: motion
     at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
-    the IMU sample at or just before them. dop: (e, 5). fix_covariance: (e, 3, 3) weighted, ENU.
-    clock: (e, 2) receiver clock offset (m) and drift (m/s). aids: sensors beside the receiver.
+    the IMU sample at or just before them. clock: (e, 2) receiver clock offset (m) and drift (m/s). aids: sensors
+    beside the receiver.
     """
 
     imu_time: np.ndarray
@@ -60,8 +61,6 @@ class World:
     dv: np.ndarray
     truth: Motion
     signals: pseudorange.Signals
-    dop: np.ndarray
-    fix_covariance: np.ndarray
     clock: np.ndarray
     start: np.ndarray
     at_filter: Motion
@@ -72,6 +71,17 @@ class World:
     def filter_time(self) -> np.ndarray:
         """Times of the filter's output, s (e + 1,)."""
         return self.at_filter.time
+
+    @cached_property
+    def dop(self) -> np.ndarray:
+        """`dops` of the signals (e, 5)."""
+        return dops(self.signals.los, self.signals.clock)
+
+    @cached_property
+    def fix_covariance(self) -> np.ndarray:
+        """Weighted covariance of the position fixes from the signals (e, 3, 3), ENU, m2."""
+        weight = 1.0 / self.signals.fix_sigma**2
+        return geometry_covariance(self.signals.los, self.signals.clock, weight)[0][:, :3, :3]
 
 
 def epochs(duration: float, rate: float) -> np.ndarray:
@@ -109,7 +119,6 @@ def build_world(
     fix_time = fix_epochs(duration, imu_rate, fix_rate, latency)
     at_fix = trajectory.motion(fix_time)
     signals = build_signals(at_fix, utc, environment)
-    cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.fix_sigma**2)
     at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + latency]))
     return World(
         imu_time=imu_time,
@@ -117,8 +126,6 @@ def build_world(
         dv=dv,
         truth=trajectory.motion(imu_time),
         signals=signals,
-        dop=dops(signals.los, signals.clock),
-        fix_covariance=cofactor[:, :3, :3],
         clock=SPEED_OF_LIGHT
         * np.stack([clock_offset + clock_drift * fix_time, np.full_like(fix_time, clock_drift)], axis=1),
         start=trajectory.frame.origin,

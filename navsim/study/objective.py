@@ -23,7 +23,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from navsim.core.dop import dops
 from navsim.core.wgs84 import llh_from_ecef
 from navsim.io.findings import Finding
 from navsim.models import timescales
@@ -223,7 +222,7 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
         values, lost = part.fix_sigmas(kept.ground.ecef(places))
         return np.where(lost < len(part.receiver), values[of, 0] + _NO_FIX * lost, np.inf)
 
-    parts = (row, _part(geometry, late)), (row, _part(geometry, before)), (0, _part(geometry, late))
+    parts = (row, _some(geometry, late)), (row, _some(geometry, before)), (0, _some(geometry, late))
     return tuple(partial(screen, *part) for part in parts)
 
 
@@ -231,7 +230,7 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> 
     """Logarithms of the mean SKO of fixes in space, horizontal, vertical, and epochs without a fix, over stretches of
     the glide before `end`: the filter forgets the earlier ones, by how much differs."""
     edges = (-math.inf, *(end - before for before in _STRETCHES), end)
-    parts = [_part(geometry, (time > first) & (time <= last)) for first, last in itertools.pairwise(edges)]
+    parts = [_some(geometry, (time > first) & (time <= last)) for first, last in itertools.pairwise(edges)]
     parts = [part for part in parts if len(part.receiver)]
 
     def features(places: np.ndarray) -> np.ndarray:
@@ -244,13 +243,9 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> 
     return features
 
 
-def _part(geometry: Geometry, epochs: np.ndarray) -> Geometry:
-    """Some epochs of a geometry (e,) bool, of which every fifth says enough."""
-    chosen = np.flatnonzero(epochs)[::5]
-    return replace(
-        geometry, receiver=geometry.receiver[chosen], up=geometry.up[chosen], unit=geometry.unit[chosen],
-        weighted=geometry.weighted[chosen], ground_weight=geometry.ground_weight[chosen],
-    )  # fmt: skip
+def _some(geometry: Geometry, epochs: np.ndarray) -> Geometry:
+    """Of these epochs (e,) bool every fifth, which says enough."""
+    return geometry.at(np.flatnonzero(epochs)[::5])
 
 
 @dataclass(frozen=True)
@@ -278,8 +273,6 @@ class _Flight:
     def findings(self, kept: Rules, places: np.ndarray) -> list[Finding]:
         """What the covariance analysis of a placement (k, 2) finds."""
         here = self.with_pseudolites(llh_from_ecef(kept.ground.ecef(places)))
-        signals = here.world.signals
-        here = here.over(replace(here.world, dop=dops(signals.los, signals.clock)))
         return covariance_findings(here, covariance_analysis(here))
 
     def with_pseudolites(self, llh: np.ndarray) -> Case:

@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.core.wgs84 import ecef_from_llh, heading_axes
 from navsim.io import files
-from navsim.models.pseudolite import NEAREST, clearance, runway_positions
+from navsim.models.pseudolite import Track, runway_positions
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import Constraints, Optimize, Strip, Surfaces
@@ -43,7 +43,7 @@ class Ground:
 class Rules:
     """The constraints of a study over one approach.
 
-    receiver: (e, 3) the antenna during the glide, track: (n, 3) the aircraft during the whole simulation, ECEF m.
+    receiver: (e, 3) the antenna during the glide, ECEF m. track: the aircraft during the whole simulation.
     keep_out: a shapely geometry in (s, l1), or None.
     """
 
@@ -51,7 +51,7 @@ class Rules:
     ground: Ground
     runway_length: float
     receiver: np.ndarray
-    track: np.ndarray
+    track: Track
     keep_out: Any
 
     def violation(self, places: np.ndarray) -> np.ndarray:
@@ -77,13 +77,15 @@ class Rules:
             keep(np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
         count = places.shape[1]
         if count:
-            keep(NEAREST - clearance(self.track, self.ground.ecef(places)))
+            keep(self.track.too_near(self.ground.ecef(places)))
         for i in range(count):
             for j in range(i):
                 keep(self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))
         if self.given.distance_m is not None or self.given.near_far_db is not None:
-            gap = np.linalg.norm(self.ground.ecef(places)[:, :, None] - self.receiver, axis=3)
-            near, far = gap.min(axis=2), gap.max(axis=2)
+            sites = self.ground.ecef(places)
+            # an axis after the other: (n, k, e, 3) at one go takes twice as long
+            squares = sum((sites[..., i, None] - self.receiver[:, i]) ** 2 for i in range(3))
+            near, far = np.sqrt(np.min(squares, axis=2)), np.sqrt(np.max(squares, axis=2))
             if self.given.distance_m is not None:
                 keep(np.maximum(self.given.distance_m[0] - near, far - self.given.distance_m[1]))
             if self.given.near_far_db is not None:

@@ -23,7 +23,8 @@ from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result
 from navsim.io.schema import OUTCOMES, SWEEP
-from navsim.models.kinematics import Frame, Moving
+from navsim.models.kinematics import Frame
+from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
 from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, validated
@@ -46,7 +47,8 @@ from navsim.study.landing import (
     result,
 )
 from navsim.study.landing import fly_all as fly_landing
-from navsim.study.landing.case import environment, files_of, glide_epochs
+from navsim.study.landing.case import environment, files_of, glide_epochs, on_glide
+from navsim.study.landing.tree import geometry_summary
 from navsim.study.partial import Arrays, PartialError, Store, code_key
 from navsim.study.root import root_attributes
 
@@ -180,7 +182,7 @@ class Plan:
         return self.first[0].trajectory().frame
 
     @cached_property
-    def track(self) -> np.ndarray:
+    def track(self) -> Track:
         """The aircraft during the first combination's simulation, see `Landing.track`."""
         return self.first[0].track(self.first[0].trajectory())
 
@@ -197,10 +199,11 @@ class Plan:
         out[: len(shown)] = self.plane(shown)
         return out
 
-    @property
+    @cached_property
     def geometry_alone(self) -> bool:
-        """Whether all combinations only move pseudolites and fly no filter."""
-        return self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
+        """Whether all combinations only move pseudolites, without effect on what else is heard, and fly no filter."""
+        moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
+        return moves and not self.sources.effects.placed
 
     @cached_property
     def geometry(self) -> Geometry | None:
@@ -208,7 +211,8 @@ class Plan:
         if not self.geometry_alone:
             return None
         sources, scenario, _ = self._environment
-        return _geometry(scenario, scenario.trajectory(), sources)
+        trajectory, utc = scenario.trajectory(), np.array([scenario.epoch.timestamp()])
+        return glide_geometry(trajectory, sources, utc, *glide_epochs(scenario, trajectory))
 
     @cached_property
     def _environment(self) -> tuple[Environment, Landing, list[str]]:
@@ -286,11 +290,6 @@ def _checksum(document: Document, key: KeyPath, name: str) -> str:
         return UNUSABLE
 
 
-def _geometry(scenario: Landing, trajectory: Moving, sources: Environment) -> Geometry:
-    utc = np.array([scenario.epoch.timestamp()])
-    return glide_geometry(trajectory, sources, utc, *glide_epochs(scenario, trajectory))
-
-
 def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
     """Check that the keys can be varied at all, and read the files. Raises InputError."""
     if study.method != "dop":
@@ -342,8 +341,7 @@ class SweepStudy:
             try:
                 section = PseudolitesSection.model_validate(base | settings)
                 moved = scenario.model_copy(update={"pseudolites": section})
-                site = ecef_from_llh(moved.pseudolite_positions(self.plan.frame))
-                moved.check_clearance(self.plan.track, site)
+                site = moved.pseudolite_sites(self.plan.frame, self.plan.track)
             except ValueError:
                 continue
             rows["site"][i] = self.plan.in_plan(site)
@@ -352,9 +350,10 @@ class SweepStudy:
             sites.append(site)
         for members, sites in groups.values():
             found = dop_outputs(geometry, np.array(sites))
-            solved = np.isfinite(found["pdop"])
+            lost = found["epochs_without_fix"]
+            solved = lost < max(len(geometry.receiver), 1)
             rows["outcome"][members] = np.where(solved, COMPUTED, NO_FIX)
-            rows["findings"][members, _UNHEARD] = found["epochs_without_fix"] > 0.0
+            rows["findings"][members, _UNHEARD] = lost > 0.0
             for name in columns(self.plan.study):
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
@@ -369,8 +368,9 @@ class SweepStudy:
                 raise PartialError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.ground.llh)
         warned = bool(self.plan.warnings_of(case))
-        geometry = _geometry(case.scenario, case.trajectory, case.environment)
-        out = {k: float(v[0]) for k, v in dop_outputs(geometry, site[None]).items()}
+        glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
+        lost = int(np.isnan(case.world.dop[glide, 1]).sum())
+        out = _of_landing(geometry_summary(case), lost)
         if method == "covariance":
             analysis = covariance_analysis(case)
             outputs = out | filter_outputs(covariance_summary(case, analysis))
@@ -378,9 +378,8 @@ class SweepStudy:
         if method == "monte-carlo":
             flown = _flown(case, self.plan.seed, self.plan.study.runs)
             return out | filter_outputs(flown), site, of(flown), warned
-        lost = int(out["epochs_without_fix"])
         text = f"{lost} epochs of the glide without a fix"
-        found = [Finding("epochs_without_fix", text, (FIX,), lost, len(geometry.receiver))] if lost else []
+        found = [Finding("epochs_without_fix", text, (FIX,), lost, int(glide.sum()))] if lost else []
         return out, site, found, warned
 
 
@@ -394,6 +393,14 @@ def dop_outputs(geometry: Geometry, sites: np.ndarray, workers: int = 1) -> dict
     sigmas, _ = geometry.fix_sigmas(sites, workers)
     values = [*dops[:, 0], *dops[:, 2], sigmas[1, 0], sigmas[2, 0], lost.astype(float)]
     return dict(zip(DOP_OUTPUTS, values, strict=True))
+
+
+def _of_landing(summary: Draft, lost: int) -> dict[str, float]:
+    """The same of a landing, by what its result tells; lost: epochs of the glide without a fix."""
+    dops = [summary[f"/summary/dop/{name}"] for name in ("pdop", "hdop", "vdop")]
+    sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
+    values = [*(d[0] for d in dops), *(d[2] for d in dops), *(s[0] for s in sigmas), lost]
+    return dict(zip(DOP_OUTPUTS, map(float, values), strict=True))
 
 
 def filter_outputs(tree: Result | Draft) -> dict[str, float]:

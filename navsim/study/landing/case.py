@@ -10,7 +10,6 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.rotation import dcm_from_rpy
-from navsim.core.wgs84 import ecef_from_llh
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import KINDS
 from navsim.io import files
@@ -205,9 +204,7 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     trajectory, scenario = trajectory_of(scenario, document)
     if isinstance(scenario.approach, RecordedApproach):  # of others the scenario itself knows the track
         try:
-            scenario.check_clearance(
-                scenario.track(trajectory), ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
-            )
+            scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     sources, scenario, warnings = environment(scenario, document, trajectory)

@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.io.draft import Draft
+from navsim.io.schema import COVARIANCE
 from navsim.models import timescales
 from navsim.models.systems import CLOCKS
 from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, on_glide
@@ -76,6 +77,13 @@ def _navigation(draft: Draft, case: Case) -> None:
         draft.put(f"{branch}/message", np.arange(len(sent.fields["healthy"])), {"exact": int(sent.exact)})
         if f"{branch}/position" in draft:
             draft[f"{branch}/xyz"] = np.array(["x", "y", "z"])
+
+
+def geometry_summary(case: Case) -> Draft:
+    """What the fixes of the glide owe to the geometry, DOPs and SKO, for those who need no more of a result."""
+    draft = Draft(COVARIANCE)
+    _geometry_summary(draft, case)
+    return draft
 
 
 def _geometry_summary(draft: Draft, case: Case) -> None:
