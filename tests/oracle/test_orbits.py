@@ -21,7 +21,7 @@ from navsim.models.glonass_broadcast import itrf_from_pz90, lunisolar, pz90_from
 from navsim.models.pseudorange import satellites_at_reception
 from navsim.models.sky import azimuth_elevation, enu_matrix
 from navsim.models.systems import GLONASS, GPS
-from tests.conftest import Within
+from tests.conftest import SCENARIOS, Within
 
 BROADCAST = "data/esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz"
 PRECISE = "data/esbc_2020177/GRG0MGXFIN_20201770000_01D_15M_ORB.SP3.gz"
@@ -135,16 +135,19 @@ def test_gps_clocks_near_the_precise_ones(shared: Path) -> None:
 
 
 @pytest.mark.parametrize("make", ["gps", "glonass", "precise"])
-def test_velocity_is_the_rate_of_position(make: str, shared: Path) -> None:
-    navigation = read_nav(shared / BROADCAST)
-    assert navigation.gps is not None
-    assert navigation.glonass is not None
-    constellation: Any = {
-        "gps": lambda: gps.KeplerianEphemerides(navigation.gps),
-        "glonass": lambda: Glonass(navigation.glonass),
-        "precise": lambda: read_sp3(shared / PRECISE).of(GPS),
-    }[make]()
-    t = timescales.gps_from_utc(timescales.posix(2020, 6, 25, 11, 52)) + np.arange(0.0, 400.0, 40.0)
+def test_velocity_is_the_rate_of_position(make: str, request: pytest.FixtureRequest) -> None:
+    """Of shipped messages, and of a real table of precise orbits."""
+    constellation: Any
+    if make == "precise":
+        constellation = read_sp3(request.getfixturevalue("shared") / PRECISE).of(GPS)
+        noon = timescales.posix(2020, 6, 25, 12)
+    else:
+        navigation = read_nav(SCENARIOS / "data" / "nominal.rnx")
+        assert navigation.gps is not None
+        assert navigation.glonass is not None
+        constellation = gps.KeplerianEphemerides(navigation.gps) if make == "gps" else Glonass(navigation.glonass)
+        noon = timescales.posix(2018, 9, 13, 12)
+    t = timescales.gps_from_utc(noon) + np.arange(-480.0, -80.0, 40.0)
     velocity = constellation.state(t)[1]
     h = 0.5
     numeric = (constellation.state(t + h)[0] - constellation.state(t - h)[0]) / (2 * h)
@@ -260,11 +263,11 @@ def test_announced_leap_seconds(date: tuple[int, ...], wanted: tuple[int, tuple[
     assert timescales.announced_leap_second(float(timescales.gps_from_utc(timescales.posix(*date)))) == wanted
 
 
-def test_almanacs_and_the_nominal_sky_move_on_in_a_leap_second(shared: Path) -> None:
+def test_almanacs_and_the_nominal_sky_move_on_in_a_leap_second() -> None:
     """A satellite flies its 3.9 km in it as in any other."""
     t = timescales.gps_from_utc(timescales.posix(2016, 12, 31, 23, 59, 58.0)) + np.arange(0.0, 5.0)
-    # the almanac's own time is three months later: behind the leap second
-    almanac = read_almanac(shared / "data/almanacs/MCCJ_170404.agl", timescales.posix(2017, 4, 4)).constellations[0]
+    # the almanac's own time is later: behind the leap second
+    almanac = read_almanac(SCENARIOS / "data" / "nominal.agl", timescales.posix(2018, 9, 13)).constellations[0]
     for constellation in (almanac, glonass.Glonass24Slots(), gps.nominal(timescales.posix(2016, 12, 31))):
         position, velocity = constellation.state(t)
         np.testing.assert_allclose(np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1]), atol=0.5)
