@@ -80,7 +80,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Section:
+class Chapter:
     """Entries that belong together, under the title they have in the documentation."""
 
     title: str
@@ -122,7 +122,7 @@ _LATE = "over 20 s to touchdown"
 _RMS = f"root mean square over runs and {_LATE}"
 _SIGMA = "1 sigma of the filter, root mean square over runs"
 
-_AXES = Section(
+_AXES = Chapter(
     "Axes",
     "Coordinates with the same labels in every file.",
     (
@@ -141,7 +141,7 @@ _AXES = Section(
     ),
 )  # fmt: skip
 
-_TRUTH = Section(
+_TRUTH = Chapter(
     "Truth and geometry of a landing",
     "The flight as it is, and what it sees.",
     (
@@ -164,7 +164,7 @@ _TRUTH = Section(
     ),
 )  # fmt: skip
 
-_RECEIVER = Section(
+_RECEIVER = Chapter(
     "Receiver",
     "What is measured, and the fixes: of the simulated receiver, or as they were recorded.",
     (
@@ -186,7 +186,7 @@ _RECEIVER = Section(
     ),
 )  # fmt: skip
 
-_FILTER = Section(
+_FILTER = Chapter(
     "Filter",
     "Every answer of the filter, after the update, at the same times in all variables of the group.",
     (
@@ -241,7 +241,7 @@ _FILTER = Section(
     ),
 )  # fmt: skip
 
-_ANALYSIS = Section(
+_ANALYSIS = Chapter(
     "Covariance analysis",
     "Errors to first order, and the budget of their sources.",
     (
@@ -256,7 +256,7 @@ _ANALYSIS = Section(
     ),
 )  # fmt: skip
 
-_SUMMARY = Section(
+_SUMMARY = Chapter(
     "Summary of a landing",
     "What `navsim show` prints, and `--json` with the same names.",
     (
@@ -338,7 +338,7 @@ def _message(units: str, *names: str, dims: str = "message", of: str = NUMBER) -
     return _a("/navigation/{system}/{field}", dims, units, _MESSAGE, _FLOWN, of, when=_MESSAGES, field=names)
 
 
-_NAVIGATION = Section(
+_NAVIGATION = Chapter(
     "Navigation messages",
     "What the satellites sent or would have sent: elements of GPS, state vectors of GLONASS in axes fixed to the "
     "Earth. An export to RINEX needs them.",
@@ -363,7 +363,7 @@ _NAVIGATION = Section(
     ),
 )  # fmt: skip
 
-_REPLAY = Section(
+_REPLAY = Chapter(
     "A recorded flight",
     "How it was tuned, what the innovations say, how far it drifts without fixes.",
     (
@@ -413,7 +413,7 @@ COUNTS = {
 }
 """What a live run counts of its stream."""
 
-_LIVE = Section(
+_LIVE = Chapter(
     "A live run",
     "What came over the line, and what became of it.",
     (
@@ -449,7 +449,7 @@ QUANTITIES = _DOP_QUANTITIES | _FILTER_QUANTITIES
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """What became of a combination of a sweep, by its number."""
 
-_SWEEP = Section(
+_SWEEP = Chapter(
     "Sweep",
     "A cube for each output, an axis for each varied key or list of keys.",
     (
@@ -480,7 +480,7 @@ _SWEEP = Section(
     ),
 )  # fmt: skip
 
-_OPTIMIZE = Section(
+_OPTIMIZE = Chapter(
     "Best placements",
     "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
     (
@@ -519,7 +519,7 @@ _OPTIMIZE = Section(
     ),
 )  # fmt: skip
 
-_TABLE2 = Section(
+_TABLE2 = Chapter(
     "Table 2",
     "What the paper prints, and what calibrations give.",
     (
@@ -563,7 +563,7 @@ _TABLE2 = Section(
 )  # fmt: skip
 
 _DEG2 = "deg2, deg2/s, deg2/s2"
-_ELEVATION = Section(
+_ELEVATION = Chapter(
     "MLS elevation",
     "Degrees throughout, as the paper has it.",
     (
@@ -621,7 +621,7 @@ _ATC_FILTERS = {
 }  # fmt: skip
 _AZIMUTH_FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
 _AZIMUTH_VARIANTS = ("L4_stamped", "L4_roll", "L4_track_rate", "L4_roll_stamped")
-_TRACKING = Section(
+_TRACKING = Chapter(
     "Tracking",
     "Filters of the companion papers on tracking from the ground; further cases have the layout of the first.",
     (
@@ -633,7 +633,7 @@ _TRACKING = Section(
     ),
 )  # fmt: skip
 
-_ATC = Section(
+_ATC = Chapter(
     "Air traffic control",
     "Errors truth - estimate.",
     (
@@ -672,7 +672,7 @@ _ATC = Section(
     ),
 )  # fmt: skip
 
-_AZIMUTH = Section(
+_AZIMUTH = Chapter(
     "Azimuth",
     "Degrees; errors truth minus estimate.",
     (
@@ -726,7 +726,7 @@ _AZIMUTH = Section(
 
 FINDINGS = "/findings"
 """The group of what the user of a result must hear about."""
-_FINDINGS = Section(
+_FINDINGS = Chapter(
     "Findings",
     "Warnings with counts, in every result; of length 0 where there is nothing to say.",
     tuple(

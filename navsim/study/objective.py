@@ -32,8 +32,7 @@ from navsim.models.signals import Environment, build_signals
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
-from navsim.scenario.source import Document, InputError, set_value
-from navsim.scenario.source import Problem as Complaint
+from navsim.scenario.source import Document, InputError, Problem, set_value
 from navsim.scenario.sweep import HEIGHTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.landing import Case, covariance_analysis, covariance_findings, covariance_summary, prepare
@@ -70,7 +69,7 @@ Judge = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Problem:
+class PlacementProblem:
     """An objective with its rules, and warnings about the sky.
 
     For an error of the filter: coarse, its quick judge; screens and features, what the geometry says of it (features:
@@ -124,7 +123,7 @@ class Problem:
         return np.array([[site.s_m, site.l1_m] for site in self.study.sites])
 
 
-def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> Problem:
+def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> PlacementProblem:
     """The base scenario, the rules and the objective of a study, once `ask` has let it pass. Raises InputError, and
     what `ask` raises."""
     bare = base.copy()
@@ -149,15 +148,15 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     study = study.model_copy(update={"constraints": kept.given})
     if study.objective in DOP_OBJECTIVES:
         objective = partial(_of_geometry, study.objective, geometry, kept)
-        return Problem(study, scenario, kept, geometry, objective, warnings)
+        return PlacementProblem(study, scenario, kept, geometry, objective, warnings)
     case = prepare(scenario, bare)
     end = _read_at(study.objective, case)
     if not math.isfinite(end):
         place = document.place(("objective",))
         text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
-        raise InputError([Complaint(place, "objective", f"{text}: {case.scenario.duration_s:g}")])
+        raise InputError([Problem(place, "objective", f"{text}: {case.scenario.duration_s:g}")])
     flight = _flight(case, end, case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz)
-    return Problem(
+    return PlacementProblem(
         study, scenario, kept, geometry,
         flight.judge(study.objective, kept),
         warnings,
@@ -181,7 +180,7 @@ def _check_known(sources: Environment, starts: np.ndarray, document: Document) -
                 f"times, the first of them {first:%Y-%m-%dT%H:%M:%SZ}: the messages or orbits do not reach over the "
                 "period"
             )
-            raise InputError([Complaint(document.place(("period",)), "period", text)])
+            raise InputError([Problem(document.place(("period",)), "period", text)])
 
 
 def _ranked(places: np.ndarray, broken: np.ndarray, judge: Judge) -> np.ndarray:

@@ -19,7 +19,7 @@ from navsim.io.schema import OPTIMIZE, QUANTITIES
 from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
 from navsim.study.journal import Journal
-from navsim.study.objective import UNSOLVED, Judge, Problem
+from navsim.study.objective import UNSOLVED, Judge, PlacementProblem
 from navsim.study.partial import Arrays, code_key
 from navsim.study.root import root_attributes
 from navsim.study.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
@@ -67,23 +67,23 @@ class SearchOutcome:
         return out
 
 
-def search(here: Problem, seed: int, watch: Watch | None = None) -> dict[int, Found]:
+def search(here: PlacementProblem, seed: int, watch: Watch | None = None) -> dict[int, Found]:
     """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
     watch = watch or Watch()
     watch.plan(_search_steps(here))
     return dict(_searches(here, seed, watch, Journal()))
 
 
-def planned(here: Problem) -> list[Step]:
+def planned(here: PlacementProblem) -> list[Step]:
     """All steps of the work, each with the most placements it may judge."""
     return [*_search_steps(here), *_later_steps(here)]
 
 
-def _search_steps(here: Problem) -> list[Step]:
+def _search_steps(here: PlacementProblem) -> list[Step]:
     return [step for i, count in enumerate(sorted(here.study.pseudolites)) for step in steps(here, count, i > 0)]
 
 
-def _searches(here: Problem, seed: int, watch: Watch, journal: Journal) -> Iterator[tuple[int, Found]]:
+def _searches(here: PlacementProblem, seed: int, watch: Watch, journal: Journal) -> Iterator[tuple[int, Found]]:
     earlier: np.ndarray | None = None
     for count in sorted(here.study.pseudolites):
         found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, here, count, seed, earlier, watch)))
@@ -91,17 +91,19 @@ def _searches(here: Problem, seed: int, watch: Watch, journal: Journal) -> Itera
         yield count, found
 
 
-def _search_arrays(here: Problem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Arrays:
+def _search_arrays(here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Arrays:
     return search_one(here, count, seed, earlier, watch).arrays()
 
 
-def partial_key(here: Problem, seed: int) -> dict[str, object]:
+def partial_key(here: PlacementProblem, seed: int) -> dict[str, object]:
     """What partial work must agree in to be resumed."""
     text = resolved_yaml(here.study) + resolved_yaml(here.scenario)
     return {"study_sha256": hashlib.sha256(text.encode()).hexdigest(), "seed": seed, **code_key()}
 
 
-def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal | None = None) -> SearchOutcome:
+def solve(
+    here: PlacementProblem, seed: int, watch: Watch | None = None, journal: Journal | None = None
+) -> SearchOutcome:
     """Placements, then their neighbourhoods, then maps. The time limit of the watch or an interrupt ends the work; what
     was found until then is kept, the best of a search in progress with it.
 
@@ -121,7 +123,9 @@ def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal
         here.coarse(nothing)  # so that what is timed next is not the loading of kernels
     outcome = SearchOutcome(float(here.objective(nothing)[0]))
 
-    def step(what: str, count: int, work: Callable[[Problem, Found, Trials], np.ndarray], best: Found) -> np.ndarray:
+    def step(
+        what: str, count: int, work: Callable[[PlacementProblem, Found, Trials], np.ndarray], best: Found
+    ) -> np.ndarray:
         return journal.step(f"{what}-{count}", lambda: {what: work(here, best, trials)})[what]
 
     try:
@@ -151,7 +155,7 @@ def solve(here: Problem, seed: int, watch: Watch | None = None, journal: Journal
     return outcome
 
 
-def _keep_unfinished(here: Problem, outcome: SearchOutcome, counts: tuple[int, ...], watch: Watch) -> None:
+def _keep_unfinished(here: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: Watch) -> None:
     """The best so far of the number of pseudolites whose search was stopped."""
     if len(outcome.found) == len(counts) or watch.places is None:
         return
@@ -169,7 +173,7 @@ def _mapping(count: int) -> str:
     return f"{named(count)}, map"
 
 
-def _later_steps(here: Problem) -> list[Step]:
+def _later_steps(here: PlacementProblem) -> list[Step]:
     counts = sorted(here.study.pseudolites)
     way = COARSE if here.flown else GEOMETRY
     reach = _FLOWN_REACH.size if here.flown else _REACH.size
@@ -180,7 +184,7 @@ def _later_steps(here: Problem) -> list[Step]:
     ]
 
 
-def _judged(here: Problem, best: Found, trials: Trials) -> Judge:
+def _judged(here: PlacementProblem, best: Found, trials: Trials) -> Judge:
     """The objective; for an error of the filter the coarse analysis, in proportion so that it is right at the best."""
     if here.coarse is None:
         return trials.at_once
@@ -193,7 +197,7 @@ def _judged(here: Problem, best: Found, trials: Trials) -> Judge:
     return judge
 
 
-def neighbourhood(here: Problem, best: Found, trials: Trials) -> np.ndarray:
+def neighbourhood(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
     """How far each pseudolite may be moved by itself before the objective worsens, by LOSSES and BEARINGS (k, 2, 8), m;
     nan where the area or a rule ends it first."""
     judge = _judged(here, best, trials)
@@ -258,14 +262,14 @@ def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -
     return out
 
 
-def map_axes(here: Problem) -> tuple[np.ndarray, np.ndarray]:
+def map_axes(here: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
     """The axes of maps of the objective: s (a,), l1 (b,), m."""
     low, high = here.limits()
     points = FLOWN_MAP_POINTS if here.flown else MAP_POINTS
     return np.linspace(low[0], high[0], points), np.linspace(low[1], high[1], points)
 
 
-def objective_map(here: Problem, best: Found, trials: Trials) -> np.ndarray:
+def objective_map(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
     """The objective with the first pseudolite moved over the area (a, b), nan where a rule is broken."""
     s, l1 = map_axes(here)
     moved = np.repeat(best.places[None], s.size * l1.size, axis=0)
@@ -274,7 +278,7 @@ def objective_map(here: Problem, best: Found, trials: Trials) -> np.ndarray:
     return np.where(values < UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
 
-def optimize_result(here: Problem, outcome: SearchOutcome, seed: int) -> Result:
+def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:
     """The optima, their neighbourhoods and the front as a result tree of kind optimize."""
     study, found = here.study, outcome.found
     counts = sorted(found)
@@ -331,7 +335,7 @@ def optimize_result(here: Problem, outcome: SearchOutcome, seed: int) -> Result:
     return out
 
 
-def _findings(here: Problem, outcome: SearchOutcome) -> list[Finding]:
+def _findings(here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
     """What the full analysis finds in the best placements; nothing in those judged by geometry."""
     if here.found is None:
         return []

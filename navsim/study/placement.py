@@ -22,7 +22,7 @@ from navsim.scenario.source import Document, InputError, Place, Problem
 
 
 @dataclass(frozen=True)
-class Ground:
+class RunwayPlane:
     """The runway's plane: where places (s, l1) lie on the Earth."""
 
     threshold: np.ndarray
@@ -48,7 +48,7 @@ class Rules:
     """
 
     given: Constraints
-    ground: Ground
+    ground: RunwayPlane
     runway_length: float
     receiver: np.ndarray
     track: Track
@@ -118,7 +118,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
     """The constraints ready to be asked, with the checksum of their file. Raises InputError for a keep-out file that
     cannot be used."""
     trajectory = scenario.trajectory()
-    ground = Ground(scenario.threshold(trajectory.frame), scenario.runway.heading_deg * DEG, study.height_m)
+    ground = RunwayPlane(scenario.threshold(trajectory.frame), scenario.runway.heading_deg * DEG, study.height_m)
     given, keep_out = study.constraints, None
     if given.keep_out is not None:
         key = ("constraints", "keep_out")
@@ -140,7 +140,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
     return Rules(given, ground, scenario.runway.length_m, receiver, scenario.track(trajectory), keep_out)
 
 
-def _polygons(content: bytes, ground: Ground, height: float) -> Any:
+def _polygons(content: bytes, ground: RunwayPlane, height: float) -> Any:
     """The polygons of a GeoJSON file's content, in (s, l1), as one geometry. Raises ValueError for all else in it."""
     import shapely
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.study.job import JobError
-from navsim.study.objective import BROKEN, UNSOLVED, Judge, Problem
+from navsim.study.objective import BROKEN, UNSOLVED, Judge, PlacementProblem
 from navsim.study.watch import Step, Watch
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Found:
         return Found(arrays["places"], float(arrays["value"]), tried, every, finished)
 
 
-def steps(here: Problem, count: int, earlier: bool) -> list[Step]:
+def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
     """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""
     effort = here.study.effort
     rounds = _rounds(count) * effort
@@ -157,10 +157,10 @@ def _first(count: int) -> int:
 
 
 class Trials:
-    """Judges placements under the eyes of a watch; every value is that of `Problem.value`. searching: the best are
-    offered to the watch."""
+    """Judges placements under the eyes of a watch; every value is that of `PlacementProblem.value`. searching: the best
+    are offered to the watch."""
 
-    def __init__(self, here: Problem, watch: Watch, searching: bool) -> None:
+    def __init__(self, here: PlacementProblem, watch: Watch, searching: bool) -> None:
         self._here, self._watch, self._searching = here, watch, searching
 
     def at_once(self, places: np.ndarray, judge: Judge | None = None) -> np.ndarray:
@@ -197,7 +197,7 @@ class Trials:
             self._watch.offer(places[best], float(values[best]))
 
 
-def search_one(here: Problem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Found:
+def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: Watch) -> Found:
     """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
     watch.begin()
     trials = Trials(here, watch, searching=True)
@@ -218,7 +218,7 @@ def search_one(here: Problem, count: int, seed: int, earlier: np.ndarray | None,
 
 
 def _place(
-    here: Problem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
 ) -> tuple[np.ndarray, float]:
     def value(x: np.ndarray) -> float:
         return float(trials.at_once(x.reshape(1, count, 2))[0])
@@ -239,7 +239,7 @@ def _place(
     return best, lowest
 
 
-def _bounds(here: Problem, count: int) -> Bounds:
+def _bounds(here: PlacementProblem, count: int) -> Bounds:
     from scipy.optimize import Bounds
 
     low, high = here.limits()
@@ -271,7 +271,12 @@ def _evolve(
 
 
 def _one_more(
-    here: Problem, count: int, earlier: np.ndarray, rng: np.random.Generator, trials: Trials, judge: Judge | None = None
+    here: PlacementProblem,
+    count: int,
+    earlier: np.ndarray,
+    rng: np.random.Generator,
+    trials: Trials,
+    judge: Judge | None = None,
 ) -> np.ndarray:
     """The placement found for fewer, with the best of many random places added one at a time; the best (20, k, 2)."""
     low, high = here.limits()
@@ -307,12 +312,12 @@ def _finish(
     return x, lowest
 
 
-def _usable(here: Problem) -> np.ndarray:
+def _usable(here: PlacementProblem) -> np.ndarray:
     """Which sites keep the rules by themselves (n,) bool."""
     return here.rules.violation(here.sites()[:, None]) <= 0.0
 
 
-def _sites(here: Problem, count: int) -> np.ndarray:
+def _sites(here: PlacementProblem, count: int) -> np.ndarray:
     usable = here.sites()[_usable(here)]
     if len(usable) < count:
         total = len(here.study.sites)
@@ -327,7 +332,9 @@ def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
         yield np.array(chunk)
 
 
-def _choose(here: Problem, count: int, seed: int, trials: Trials, watch: Watch) -> tuple[np.ndarray, float, bool]:
+def _choose(
+    here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch
+) -> tuple[np.ndarray, float, bool]:
     """The best `count` of the study's sites."""
     usable = _sites(here, count)
     with watch.step(_choosing(count)):
@@ -416,7 +423,7 @@ class Surrogate:
 class _Learner:
     """Placements analysed so far and the surrogate they make."""
 
-    def __init__(self, here: Problem, trials: Trials) -> None:
+    def __init__(self, here: PlacementProblem, trials: Trials) -> None:
         self._here, self._trials = here, trials
         self.places: list[np.ndarray] = []
         self.values: list[float] = []
@@ -489,14 +496,14 @@ def _rounds(count: int) -> int:
     return 2 + 2 * count
 
 
-def _gaps(here: Problem, count: int) -> np.ndarray:
+def _gaps(here: PlacementProblem, count: int) -> np.ndarray:
     """The distance new placements keep from those analysed, round by round, m."""
     low, high = here.limits()
     return np.geomspace(0.02 * float(np.linalg.norm(high - low)), 2.0, _rounds(count) * here.study.effort)
 
 
 def _place_flown(
-    here: Problem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
+    here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
 ) -> tuple[np.ndarray, float]:
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(here, count)
@@ -542,7 +549,9 @@ def _place_flown(
     return _decided(learner, count, here, trials, watch)
 
 
-def _decided(learner: _Learner, count: int, here: Problem, trials: Trials, watch: Watch) -> tuple[np.ndarray, float]:
+def _decided(
+    learner: _Learner, count: int, here: PlacementProblem, trials: Trials, watch: Watch
+) -> tuple[np.ndarray, float]:
     """The best by the full analysis of the best by the coarse one, 10 m apart."""
     with watch.step(_deciding(count)):
         best = learner.apart(here.study.effort + 1, 10.0)
@@ -552,7 +561,7 @@ def _decided(learner: _Learner, count: int, here: Problem, trials: Trials, watch
     return best[i], float(values[i])
 
 
-def _pool(here: Problem, count: int, rng: np.random.Generator) -> np.ndarray:
+def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
     """Placements (n, k, 2) all over the area, of places that keep the rules by themselves where there are any."""
     from scipy.stats.qmc import Sobol
 
@@ -566,7 +575,9 @@ def _pool(here: Problem, count: int, rng: np.random.Generator) -> np.ndarray:
     return kept if len(kept) >= _first(count) + _members(count) else pool
 
 
-def _choose_flown(here: Problem, count: int, seed: int, trials: Trials, watch: Watch) -> tuple[np.ndarray, float, bool]:
+def _choose_flown(
+    here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch
+) -> tuple[np.ndarray, float, bool]:
     """The best `count` of the study's sites by an error of the filter."""
     usable = _sites(here, count)
     if math.comb(len(usable), count) <= ALL_FLOWN:

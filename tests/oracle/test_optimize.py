@@ -12,7 +12,7 @@ from shapely.geometry import Point, Polygon
 
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
-from navsim.study.objective import Problem, problem
+from navsim.study.objective import PlacementProblem, problem
 from navsim.study.optimize import search
 from tests.conftest import SCENARIOS
 
@@ -34,7 +34,7 @@ constraints:
 """
 
 
-def posed(place: Path, sky: str, count: int, extra: str = RULES, objective: str = "pdop") -> Problem:
+def posed(place: Path, sky: str, count: int, extra: str = RULES, objective: str = "pdop") -> PlacementProblem:
     file = place / "study.yaml"
     file.write_text(
         f"kind: optimize\nversion: 1\nbase: {SCENARIOS / 'landing_gnss_only.yaml'}\n"
@@ -49,7 +49,7 @@ def grid(step: float) -> np.ndarray:
     return np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def refined(here: Problem, places: np.ndarray, value: float) -> float:
+def refined(here: PlacementProblem, places: np.ndarray, value: float) -> float:
     """Downhill on a 10 m grid: all pairs of neighbours of both pseudolites until none is better."""
     steps = 10.0 * np.array(list(itertools.product((-1, 0, 1), repeat=2 * len(places)))).reshape(-1, len(places), 2)
     low, high = np.array(AREA).T
@@ -131,7 +131,7 @@ constraints:
             assert np.hypot(*(found.places[i] - found.places[j])) >= 900 - 0.01
 
 
-def _llh(here: Problem, places: np.ndarray) -> np.ndarray:
+def _llh(here: PlacementProblem, places: np.ndarray) -> np.ndarray:
     from navsim.core.wgs84 import llh_from_ecef
 
     return llh_from_ecef(here.rules.ground.ecef(places))
@@ -200,7 +200,7 @@ def test_errors_of_the_filter_as_objective(tmp_path: Path) -> None:
 FLOWN = "duration_s: 61, receiver.rate_hz: 2, imu.rate_hz: 20"
 
 
-def flown(place: Path, count: int, objective: str, where: str, effort: int = 1) -> Problem:
+def flown(place: Path, count: int, objective: str, where: str, effort: int = 1) -> PlacementProblem:
     file = place / "flown.yaml"
     file.write_text(
         f"kind: optimize\nversion: 1\nbase: {SCENARIOS / 'landing_gnss_only.yaml'}\nset: {{{FLOWN}}}\n"

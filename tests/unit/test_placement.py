@@ -13,7 +13,7 @@ from navsim.scenario.load import read
 from navsim.scenario.optimize import Surfaces
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.landing.case import environment
-from navsim.study.placement import Ground, _polygons, surface_height
+from navsim.study.placement import RunwayPlane, _polygons, surface_height
 from tests.conftest import SCENARIOS
 
 EPOCHS = np.linspace(0.0, 60.0, 7)
@@ -94,7 +94,7 @@ def test_surfaces_rise_outwards_from_the_strip() -> None:
 
 
 SQUARE = [[37.0, 56.0], [37.01, 56.0], [37.01, 56.01], [37.0, 56.01], [37.0, 56.0]]
-GROUND = Ground(np.array([np.radians(56.0), np.radians(37.0), 0.0]), 0.0, 0.0)
+GROUND = RunwayPlane(np.array([np.radians(56.0), np.radians(37.0), 0.0]), 0.0, 0.0)
 
 
 def feature(coordinates: Any, kind: str = "Polygon") -> dict[str, Any]:

@@ -45,7 +45,7 @@ from navsim.study.budget.landing import (
 from navsim.study.ensemble import BATCH
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
-from navsim.study.objective import COARSE_FIXES, COARSE_IMU, Problem
+from navsim.study.objective import COARSE_FIXES, COARSE_IMU, PlacementProblem
 from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY
 from navsim.study.sweep import MOST_MAP_SITES, Axis, Plan, columns
 
@@ -154,7 +154,7 @@ def _glide(scenario: Landing) -> int:
     return int(glide_epochs(scenario, scenario.trajectory())[1].sum())
 
 
-def search_time(here: Problem) -> float:
+def search_time(here: PlacementProblem) -> float:
     """The most time a search takes, s."""
     case = here.scenario
     points = len(here.geometry.receiver)

@@ -17,7 +17,7 @@ from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, Options, Outcome, Tell
 from navsim.study.journal import Journal
-from navsim.study.objective import Problem, problem
+from navsim.study.objective import PlacementProblem, problem
 from navsim.study.partial import Store
 from navsim.study.search import COARSE, FULL
 from navsim.study.watch import Progress, Watch
@@ -29,7 +29,7 @@ class OptimizeJob:
 
     suffix, unit, extent, work = "", "placements", 0, "analyses"
     pieces = 2
-    posed: Problem
+    posed: PlacementProblem
 
     def __init__(self, section: Optimize, document: Document, options: Options) -> None:
         self.section, self.document, self.options = section, document, options
