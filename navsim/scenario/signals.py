@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from navsim.models import effects
+    from navsim.models.receiver import Receiver
     from navsim.models.signals import ErrorLaw, Ground
     from navsim.models.tracking import CodeLoop, GroundReflection
 
@@ -303,3 +304,9 @@ class ReceiverSection(Section):
     """memory of the carrier-smoothed code; 0: bare code"""
     one_clock: bool = False
     """take all time scales for one: one unknown less, and gps_offset_ns is felt"""
+
+    def model(self) -> Receiver:
+        """The receiver in SI units."""
+        from navsim.models.receiver import Receiver
+
+        return Receiver(self.rate_hz, self.latency_s, self.clock_offset_us * 1e-6, self.clock_drift_ppb * 1e-9)

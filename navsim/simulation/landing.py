@@ -17,15 +17,16 @@ import numpy as np
 
 from navsim.core import noise, states
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
-from navsim.core.wgs84 import SPEED_OF_LIGHT
-from navsim.estimation import error_state, receiver
+from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import estimate, is_smoother
 from navsim.estimation.judge import judge
 from navsim.estimation.observations import FIX, MOST, FixTable, Measurements
+from navsim.estimation.receiver import fixes
 from navsim.estimation.records import Events, FilterModel, History, ImuData, Truth, schedule, start
 from navsim.models import imu, pseudorange, tracking
 from navsim.models.kinematics import Motion, Moving
+from navsim.models.receiver import Receiver
 from navsim.models.signals import Environment, build_signals
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.sensors import true_values
@@ -84,50 +85,32 @@ class World:
         return geometry_covariance(self.signals.los, self.signals.clock, weight)[0][:, :3, :3]
 
 
-def epochs(duration: float, rate: float) -> np.ndarray:
-    """Times k / rate, k = 1, 2, ... up to the duration, s."""
-    return np.arange(1, int(np.floor(duration * rate + 1e-9)) + 1) / rate
-
-
-def fix_epochs(duration: float, imu_rate: float, fix_rate: float, latency: float) -> np.ndarray:
-    """Times of the fixes that reach the filter before its last sample of the IMU, s (e,). Rates in Hz, others s."""
-    last = np.floor(duration * imu_rate + 1e-9) / imu_rate
-    time = epochs(duration, fix_rate)
-    return time[time + latency <= last + 1e-9]
-
-
 def build_world(
     trajectory: Moving,
     environment: Environment,
+    receiver: Receiver,
     *,
     utc: float,
     duration: float,
     imu_rate: float,
-    fix_rate: float,
-    latency: float,
-    clock_offset: float,
-    clock_drift: float,
     aiding: Sequence[Any] = (),
 ) -> World:
     """Route and geometry of the signals.
 
-    utc: of time 0, s from 1970-01-01. duration: s. imu_rate, fix_rate: Hz. latency: s; fixes that would come
-    after the end are left out. clock_offset: s, clock_drift: s/s of the receiver. aiding: models of sensors beside it.
+    utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes that would come after the end are left out.
+    aiding: models of sensors beside the receiver.
     """
     imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
     dtheta, dv = trajectory.increments(imu_time)
-    fix_time = fix_epochs(duration, imu_rate, fix_rate, latency)
-    at_fix = trajectory.motion(fix_time)
-    signals = build_signals(at_fix, utc, environment)
-    at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + latency]))
+    fix_time = receiver.epochs(duration, imu_rate)
+    at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + receiver.latency]))
     return World(
         imu_time=imu_time,
         dtheta=dtheta,
         dv=dv,
         truth=trajectory.motion(imu_time),
-        signals=signals,
-        clock=SPEED_OF_LIGHT
-        * np.stack([clock_offset + clock_drift * fix_time, np.full_like(fix_time, clock_drift)], axis=1),
+        signals=build_signals(trajectory.motion(fix_time), utc, environment),
+        clock=receiver.clock(fix_time),
         start=trajectory.frame.origin,
         at_filter=at_filter,
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
@@ -222,7 +205,7 @@ def fixed(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarr
     e = ranges.shape[0]
     llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
     cov = np.empty((e, 6, 6))
-    receiver.fixes(
+    fixes(
         world.start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
         ranges, rates, llh, velocity, clocks, cov,
     )  # fmt: skip

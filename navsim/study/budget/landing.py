@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import times_of
-from navsim.simulation.landing import epochs, fix_epochs
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
@@ -69,8 +69,7 @@ class Extent:
 
 def extent(scenario: Landing, sources: Environment) -> Extent:
     """The numbers of a scenario under a sky."""
-    receiver = scenario.receiver
-    fixes = fix_epochs(scenario.duration_s, scenario.imu.rate_hz, receiver.rate_hz, receiver.latency_s)
+    fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
     clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
     names = sum(len(group.names) for group in sources.satellites) + len(sources.ground.names)
     if sources.listed is not None:

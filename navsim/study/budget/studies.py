@@ -6,13 +6,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.shipped import path
-from navsim.simulation.landing import epochs, fix_epochs
 from navsim.study import optimize, replay, table2
 from navsim.study.budget.estimate import (
     AXIS,
@@ -158,7 +158,7 @@ def search_time(here: PlacementProblem) -> float:
     """The most time a search takes, s."""
     case = here.scenario
     points = len(here.geometry.receiver)
-    fixes = fix_epochs(case.duration_s, case.imu.rate_hz, case.receiver.rate_hz, case.receiver.latency_s).size
+    fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
     heard = 24 + max(here.study.pseudolites)
     whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0, 0.0)
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))

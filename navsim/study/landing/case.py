@@ -31,7 +31,6 @@ from navsim.simulation.landing import (
     Run,
     World,
     build_world,
-    fix_epochs,
     fly,
 )
 from navsim.simulation.landing import prepare as prepare_flight
@@ -223,17 +222,13 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
 
 def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
     """What all runs of a scenario share, by its duration, rates and receiver."""
-    receiver = scenario.receiver
     return build_world(
         trajectory,
         sources,
+        scenario.receiver.model(),
         utc=scenario.epoch.timestamp(),
         duration=scenario.duration_s,
         imu_rate=scenario.imu.rate_hz,
-        fix_rate=receiver.rate_hz,
-        latency=receiver.latency_s,
-        clock_offset=receiver.clock_offset_us * 1e-6,
-        clock_drift=receiver.clock_drift_ppb * 1e-9,
         aiding=scenario.aiding(),
     )
 
@@ -284,8 +279,7 @@ def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndar
 
 def glide_epochs(scenario: Landing, trajectory: Moving) -> tuple[np.ndarray, np.ndarray]:
     """Fix epochs up to touchdown (e,), s, and which of them are on the glide (e,) bool; see `glide_geometry`."""
-    receiver = scenario.receiver
-    time = fix_epochs(scenario.duration_s, scenario.imu.rate_hz, receiver.rate_hz, receiver.latency_s)
+    time = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
     time = time[time <= touchdown_time(scenario, trajectory) + 1e-9]
     return time, on_glide(scenario, trajectory, time)
 
