@@ -250,10 +250,10 @@ def analysis(rows: list[tuple[str, str, str, bool]]) -> None:
 
 def tracking(rows: list[tuple[str, str, str, bool]]) -> None:
     """The 13-state tracking filter against its six decoupled groups, per scan."""
-    from navsim.estimation.atc import ADAPT, FULL, MEASURED, N, track
-    from navsim.models.circuit import at, fly
-    from navsim.scenario.atc import Atc
-    from navsim.study.atc import settings, truth
+    from navsim.scenario.tracking.atc import Atc
+    from navsim.study.tracking.atc import settings, truth
+    from navsim.tracking.atc import ADAPT, FULL, MEASURED, N, track
+    from navsim.tracking.circuit import at, fly
 
     scenario = Atc(kind="atc-tracking", version=1)
     case = settings(scenario, 1.0, False)

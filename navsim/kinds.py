@@ -23,21 +23,22 @@ class Kind:
 
 KINDS = {
     "landing": Kind(
-        "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.study.jobs.landing:job"
+        "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.study.jobs.landing:job",
     ),
     "mls-elevation": Kind(
-        "run", "navsim.report.elevation:VIEW", "navsim.scenario.elevation:Elevation",
-        "navsim.study.jobs.companions:mls_elevation",
+        "run", "navsim.report.tracking.elevation:VIEW", "navsim.scenario.tracking.elevation:Elevation",
+        "navsim.study.tracking.jobs:mls_elevation",
     ),
     "atc-tracking": Kind(
-        "run", "navsim.report.atc:VIEW", "navsim.scenario.atc:Atc", "navsim.study.jobs.companions:atc_tracking"
+        "run", "navsim.report.tracking.atc:VIEW", "navsim.scenario.tracking.atc:Atc",
+        "navsim.study.tracking.jobs:atc_tracking",
     ),
     "azimuth-tracking": Kind(
-        "run", "navsim.report.azimuth:VIEW", "navsim.scenario.azimuth:Azimuth",
-        "navsim.study.jobs.companions:azimuth_tracking",
+        "run", "navsim.report.tracking.azimuth:VIEW", "navsim.scenario.tracking.azimuth:Azimuth",
+        "navsim.study.tracking.jobs:azimuth_tracking",
     ),
     "sweep": Kind(
-        "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.study.jobs.sweep:SweepJob", "study"
+        "sweep", "navsim.report.sweep:VIEW", "navsim.scenario.sweep:Sweep", "navsim.study.jobs.sweep:SweepJob", "study",
     ),
     "optimize": Kind(
         "optimize", "navsim.report.optimize:VIEW", "navsim.scenario.optimize:Optimize",

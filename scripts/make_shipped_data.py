@@ -23,13 +23,13 @@ from pathlib import Path
 import numpy as np
 
 import navsim
+from navsim.core.streams import generator
 from navsim.io.rinex_write import navigation_lines
 from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
 from navsim.models.systems import GLONASS
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.simulation.landing import fixed, measured
-from navsim.simulation.streams import generator
 from navsim.study import landing
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"

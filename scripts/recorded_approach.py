@@ -9,10 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.scenario.azimuth import Azimuth
-from navsim.simulation.azimuth import draw, nodes, reported
-from navsim.study.azimuth import onboard, ratio, rmse
-from navsim.study.recorded import DEG, RESIDUAL, SIMULATED_RESIDUAL, Tracks, read, received_nodes, smoothed, track_plots
+from navsim.scenario.tracking.azimuth import Azimuth
+from navsim.study.tracking.azimuth import onboard, ratio, rmse
+from navsim.study.tracking.mode_s import (
+    DEG,
+    RESIDUAL,
+    SIMULATED_RESIDUAL,
+    Tracks,
+    read,
+    received_nodes,
+    smoothed,
+    track_plots,
+)
+from navsim.tracking.reports import draw, nodes, reported
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT.parent / "shared" / "data" / "modes_afr34zg"

@@ -22,7 +22,7 @@ from navsim.core.kernel_cache import CheckedCache
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
-_KERNEL_ROOMS = ("core", "models", "estimation", "simulation")
+_KERNEL_ROOMS = ("core", "models", "estimation", "simulation", "tracking")
 _WARM_MARK = "complete"
 
 

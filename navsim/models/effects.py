@@ -16,7 +16,7 @@ import numpy as np
 
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh
-from navsim.models import atmosphere, tracking
+from navsim.models import atmosphere, code_loop
 from navsim.models.constellation import Constellation
 from navsim.models.pseudorange import satellites_at_reception
 from navsim.models.sky import azimuth_elevation, enu_matrix
@@ -59,7 +59,7 @@ class Reference:
     noise: float
 
 
-STANDARD_LOOP = tracking.CodeLoop(spacing=0.5, bandwidth=1.0, integration=0.02)
+STANDARD_LOOP = code_loop.CodeLoop(spacing=0.5, bandwidth=1.0, integration=0.02)
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,10 @@ class Effects:
     troposphere: Troposphere | None = None
     space: Space | None = None
     reference: Reference | None = None
-    loop: tracking.CodeLoop = STANDARD_LOOP
+    loop: code_loop.CodeLoop = STANDARD_LOOP
     thermal: bool = False
     horizon_db: float = 0.0
-    ground: tracking.GroundReflection | None = None
+    ground: code_loop.GroundReflection | None = None
     cn0_reference: float | None = None
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
     one_clock: bool = False

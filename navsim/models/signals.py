@@ -13,7 +13,7 @@ import numpy as np
 from navsim.core.defect import Defect
 from navsim.core.wgs84 import RATE as EARTH_RATE
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
-from navsim.models import atmosphere, pseudorange, timescales, tracking
+from navsim.models import atmosphere, code_loop, pseudorange, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.kinematics import Motion
@@ -235,7 +235,7 @@ def _affected(
         sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
     los[~used], cn0[~used] = np.nan, np.nan
     if effects.thermal:
-        cn0 += np.where(sky, tracking.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
+        cn0 += np.where(sky, code_loop.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
     if effects.cn0_reference is not None:
         cn0 += np.where(on_ground, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
     if effects.thermal:
@@ -246,8 +246,8 @@ def _affected(
             transmitter = ground.llh[i - (s - len(ground.names))]
             above, own = llh[:, 2] - effects.ground.height, transmitter[2] - effects.ground.height
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
-            ray = tracking.reflection(effects.ground, atmosphere.L1, above, float(own), across)
-            delay[:, i] += tracking.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+            ray = code_loop.reflection(effects.ground, atmosphere.L1, above, float(own), across)
+            delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     return replace(
         signals,
@@ -275,7 +275,7 @@ def fixed_with(
         return sigma, None
     epochs = effects.smoothing / float(np.median(np.diff(time)))
     memory = max(1, math.floor(epochs + 0.5 + _ROUNDING))
-    variance, counts = tracking.smoothed_variance(sigma**2, used, memory)
+    variance, counts = code_loop.smoothed_variance(sigma**2, used, memory)
     return np.sqrt(variance), counts
 
 
@@ -286,11 +286,11 @@ def clock_unknowns(effects: Effects, clock: np.ndarray) -> np.ndarray:
 
 def _carriers(environment: Environment, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Length of a chip, m, and (L1 / f)^2 of every source (s,); what is no satellite is as those of GPS."""
-    chip, ratio2 = np.full(count, tracking.chip_length(GPS)), np.ones(count)
+    chip, ratio2 = np.full(count, code_loop.chip_length(GPS)), np.ones(count)
     first = 0
     for group in environment.satellites:
         here = slice(first, first + len(group.names))
         first = here.stop
-        chip[here] = tracking.chip_length(group.constellation.system)
+        chip[here] = code_loop.chip_length(group.constellation.system)
         ratio2[here] = (atmosphere.L1 / carriers(group.constellation)) ** 2
     return chip, ratio2

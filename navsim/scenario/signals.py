@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from navsim.models import effects
+    from navsim.models.code_loop import CodeLoop, GroundReflection
     from navsim.models.receiver import Receiver
     from navsim.models.signals import ErrorLaw, Ground
-    from navsim.models.tracking import CodeLoop, GroundReflection
 
 Klobuchar = Annotated[float, Field(ge=-1e8, le=1e8)]
 Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(as_tuple)]
@@ -122,7 +122,7 @@ class Tracking(Section):
 
     def loop(self) -> CodeLoop:
         """The code loop."""
-        from navsim.models.tracking import CodeLoop
+        from navsim.models.code_loop import CodeLoop
 
         return CodeLoop(self.spacing_chips, self.bandwidth_hz, self.integration_s)
 
@@ -137,7 +137,7 @@ class GroundMultipath(Section):
 
     def model(self, height: float, horizon_db: float) -> GroundReflection:
         """The reflection by ground at a height, m, into an antenna of this gain at its horizon."""
-        from navsim.models.tracking import GroundReflection
+        from navsim.models.code_loop import GroundReflection
 
         return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db)
 

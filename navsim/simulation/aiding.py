@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from navsim.core.streams import generator
 from navsim.estimation.observations import ALTITUDE, AltitudeTable
 from navsim.models.altimeter import Altimeter
 from navsim.models.kinematics import Motion, Moving
-from navsim.simulation.streams import generator
 
 
 @dataclass(frozen=True)

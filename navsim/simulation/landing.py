@@ -17,6 +17,7 @@ import numpy as np
 
 from navsim.core import noise, states
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
+from navsim.core.streams import generator
 from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import estimate, is_smoother
@@ -24,13 +25,12 @@ from navsim.estimation.judge import judge
 from navsim.estimation.observations import FIX, MOST, FixTable, Measurements
 from navsim.estimation.receiver import fixes
 from navsim.estimation.records import Events, FilterModel, History, ImuData, Truth, schedule, start
-from navsim.models import imu, pseudorange, tracking
+from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver
 from navsim.models.signals import Environment, build_signals
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.sensors import true_values
-from navsim.simulation.streams import generator
 
 CARRIER_SIGMA = 3e-3
 """1 sigma of a carrier phase measurement, m."""
@@ -179,7 +179,7 @@ def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]
     if signals.smoothing is None:
         return ranges, rates
     phase = carrier(world, delay) + CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
-    return tracking.smooth(ranges, phase, signals.smoothing), rates
+    return code_loop.smooth(ranges, phase, signals.smoothing), rates
 
 
 def carrier(world: World, delay: np.ndarray) -> np.ndarray:
@@ -194,7 +194,7 @@ def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
     ranges = np.where(signals.used, signals.range + signals.delay + world.clock[:, :1], np.nan)
     rates = np.where(signals.used, signals.range_rate + world.clock[:, 1:], np.nan)
     if signals.smoothing is not None:
-        ranges = tracking.smooth(ranges, carrier(world, signals.delay), signals.smoothing)
+        ranges = code_loop.smooth(ranges, carrier(world, signals.delay), signals.smoothing)
     return ranges, rates
 
 

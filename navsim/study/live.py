@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from navsim.core import states, wgs84
+from navsim.core.streams import generator
 from navsim.estimation.records import REJECTED
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding
@@ -29,7 +30,6 @@ from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.models.signals import antenna_ecef
 from navsim.simulation.landing import fixed, initial_estimate, measured
 from navsim.simulation.live import Increments, LiveFilter
-from navsim.simulation.streams import generator
 from navsim.study import source_clock
 from navsim.study.findings import notes, of_flight
 from navsim.study.landing.case import Case

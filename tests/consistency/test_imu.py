@@ -6,6 +6,7 @@ import allantools
 import numpy as np
 import pytest
 
+from navsim.core.streams import generator
 from navsim.models.imu import (
     Triad,
     allan_variance,
@@ -13,7 +14,6 @@ from navsim.models.imu import (
     sample_sigma_from_density,
     simulate,
 )
-from navsim.simulation.streams import generator
 from tests.helpers import scenario
 
 RATE = 100.0

@@ -9,10 +9,10 @@ from scipy.stats import chi2
 from navsim.core import wgs84
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.noise import measure
+from navsim.core.streams import generator
 from navsim.estimation.receiver import fixes
 from navsim.models.kinematics import Motion
 from navsim.simulation.landing import World
-from navsim.simulation.streams import generator
 from tests.helpers import case
 
 FIXES = 5000

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.study.azimuth import ratio, rmse
-from navsim.study.recorded import read, received_nodes, smoothed
+from navsim.study.tracking.azimuth import ratio, rmse
+from navsim.study.tracking.mode_s import read, received_nodes, smoothed
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))

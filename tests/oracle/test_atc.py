@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from navsim.core.kalman import update_row
-from navsim.estimation.atc import NAMES, N, range_acceleration, range_rate
-from navsim.models.circuit import fly
-from navsim.scenario.atc import Atc
-from navsim.scenario.circuit import CircuitSection
-from navsim.study.atc import compute, group_limits, multiplications, settings, truth
+from navsim.scenario.tracking.atc import Atc
+from navsim.scenario.tracking.circuit import CircuitSection
+from navsim.study.tracking.atc import compute, group_limits, multiplications, settings, truth
+from navsim.tracking.atc import NAMES, N, range_acceleration, range_rate
+from navsim.tracking.circuit import fly
+from navsim.tracking.kalman import update_row
 from tests.conftest import Within
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from navsim.models.circuit import at, fly
-from navsim.scenario.azimuth import Azimuth
-from navsim.scenario.circuit import CircuitSection
-from navsim.simulation.azimuth import Onboard, draw, nodes, reported, stamped
-from navsim.study.azimuth import compute, scans
+from navsim.scenario.tracking.azimuth import Azimuth
+from navsim.scenario.tracking.circuit import CircuitSection
+from navsim.study.tracking.azimuth import compute, scans
+from navsim.tracking.circuit import at, fly
+from navsim.tracking.reports import Onboard, draw, nodes, reported, stamped
 from tests.conftest import Within
 
 DEG = np.pi / 180.0

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from navsim.core.kalman import covariance_sequence, predict, singer, steady_state, update
-from navsim.estimation.elevation import model
-from navsim.models import mls
-from navsim.scenario.elevation import Elevation
-from navsim.study.elevation import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
+from navsim.scenario.tracking.elevation import Elevation
+from navsim.study.tracking.elevation import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
+from navsim.tracking import mls
+from navsim.tracking.elevation import model
+from navsim.tracking.kalman import covariance_sequence, predict, singer, steady_state, update
 from tests.conftest import Within
 
 PERIOD, R, Q = 0.0247, 0.0036, 1e-4

@@ -20,12 +20,12 @@ import numpy as np
 import pytest
 
 from navsim.cli.recorded import _ended_by_signals
+from navsim.core.streams import generator
 from navsim.io.export import export
 from navsim.io.results import read
 from navsim.io.stream import Lines, StreamError, opened
 from navsim.models import imu
 from navsim.simulation.landing import fixed, measured
-from navsim.simulation.streams import generator
 from navsim.study import landing
 from navsim.study import live as flying
 from navsim.study.executor import threads

@@ -23,16 +23,17 @@ from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
-from navsim.models import mls
-from navsim.report import atc, azimuth, elevation, figures, live, sweep, tables
+from navsim.report import figures, live, sweep, tables
 from navsim.report.table import console
+from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
-from navsim.study import atc as atc_study
-from navsim.study import elevation as elevation_study
 from navsim.study import landing
 from navsim.study import sweep as sweep_study
 from navsim.study.executor import threads
+from navsim.study.tracking import atc as atc_study
+from navsim.study.tracking import elevation as elevation_study
+from navsim.tracking import mls
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

@@ -12,11 +12,12 @@ from typer.testing import CliRunner, Result
 from navsim.cli.main import app
 from navsim.scenario.load import read_any
 from navsim.simulation.landing import Run
-from navsim.study import elevation, landing
+from navsim.study import landing
 from navsim.study.budget import machine as having
 from navsim.study.budget.estimate import Budget, Machine, duration, lacking, said, size
 from navsim.study.budget.landing import extent
 from navsim.study.landing.ensemble import history_bytes
+from navsim.study.tracking import elevation
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 

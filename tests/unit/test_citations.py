@@ -137,6 +137,33 @@ def test_pages_lead_somewhere(path: Path) -> None:
     assert not lost, "\n".join(lost)
 
 
+_ROOMS = "|".join(sorted(p.parent.name for p in (ROOT / "navsim").glob("*/__init__.py")))
+_MODULE = re.compile(rf"`(?:navsim/)?((?:{_ROOMS})/[\w/]+)(\.py)?(?:\.(\w+))?`")
+
+
+def lost_modules(text: str) -> list[str]:
+    """Modules that a text names, and names in them, that are not there."""
+    out = []
+    for whole, _, name in _MODULE.findall(text):
+        file = ROOT / "navsim" / f"{whole}.py"
+        folder = file.with_suffix("") / "__init__.py"
+        if not (file.is_file() or folder.is_file()):
+            out.append(whole)
+        elif name and not re.search(rf"\b{name}\b", (file if file.is_file() else folder).read_text()):
+            out.append(f"{whole}.{name}")
+    return out
+
+
+def test_modules_named_by_pages_are_there() -> None:
+    pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # of which the former names are history
+    found = {str(page.relative_to(ROOT)): lost_modules(page.read_text(encoding="utf-8")) for page in pages}
+    assert {page: lost for page, lost in found.items() if lost} == {}
+    assert lost_modules("`core/nothing.py`, `core/jit.no_such`, `core/jit.kernel`") == [
+        "core/nothing",
+        "core/jit.no_such",
+    ]
+
+
 @pytest.mark.parametrize("path", THEORY, ids=lambda p: p.name)
 def test_equations_are_numbered_in_order_and_referred_to(path: Path) -> None:
     """Equations of a page of theory count from 1, and what its sentences refer to is one of them."""

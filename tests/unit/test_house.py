@@ -15,9 +15,10 @@ ALLOWED = {
     "models": {"core"},
     "estimation": {"core"},
     "simulation": {"models", "estimation", "core"},
-    "scenario": {"models", "estimation", "core", "io", "kinds"},
+    "tracking": {"core"},
+    "scenario": {"models", "estimation", "tracking", "core", "io", "kinds"},
     "io": {"core", "models"},
-    "study": {"simulation", "scenario", "io", "models", "estimation", "core"},
+    "study": {"simulation", "tracking", "scenario", "io", "models", "estimation", "core"},
     "report": {"core", "io", "kinds"},
     "cli": {"core", "models", "estimation", "simulation", "scenario", "io", "study", "report", "kinds"},
 }

@@ -10,20 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.kalman import singer, steady_state
-from navsim.estimation.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
+from navsim.core.streams import generator
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import ATC
-from navsim.models.circuit import CircuitFlight, at, fly
-from navsim.scenario.atc import Atc
 from navsim.scenario.base import DEG
-from navsim.simulation.streams import generator
-from navsim.study.azimuth import ratio, rmse
-from navsim.study.azimuth import window as _window
+from navsim.scenario.tracking.atc import Atc
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
+from navsim.study.tracking.azimuth import ratio, rmse
+from navsim.study.tracking.azimuth import window as _window
+from navsim.tracking.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
+from navsim.tracking.circuit import CircuitFlight, at, fly
+from navsim.tracking.kalman import singer, steady_state
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
 WINDOWS = ("manoeuvre", "straight")

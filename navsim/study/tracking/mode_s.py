@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.core.kalman import singer
+from navsim.core.streams import generator
 from navsim.core.wgs84 import ecef_from_llh, ned_matrix
-from navsim.estimation.atc import singer_range
-from navsim.estimation.azimuth import FIRST, SINGER, azimuth_filter, range_filter
-from navsim.models.circuit import CircuitFlight, G
-from navsim.simulation.streams import generator
+from navsim.tracking.atc import singer_range
+from navsim.tracking.azimuth import FIRST, SINGER, azimuth_filter, range_filter
+from navsim.tracking.circuit import CircuitFlight, G
+from navsim.tracking.kalman import singer
 
 KNOT, FOOT, DEG = 0.514444, 0.3048, np.pi / 180.0
 POSITION_SIGMA, VELOCITY_SIGMA = 15.0, 0.7

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from navsim.scenario.atc import Atc
-from navsim.scenario.azimuth import Azimuth
-from navsim.scenario.elevation import Elevation
-from navsim.study import atc, azimuth
+from navsim.scenario.tracking.atc import Atc
+from navsim.scenario.tracking.azimuth import Azimuth
+from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, NUMBER, VARIABLE, WRITING, Budget
+from navsim.study.tracking import atc, azimuth
 
 _RUN_TIME = 20e-6
 """Seconds a run of a companion's filter takes whatever its length."""

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import Decay, ScanPeriod, Section, Sigma, Utc, Version, list_of, reject
-from navsim.scenario.circuit import CircuitSection
+from navsim.scenario.tracking.circuit import CircuitSection
 
 
 class Sigmas(Section):

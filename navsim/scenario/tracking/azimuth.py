@@ -18,7 +18,7 @@ from navsim.scenario.base import (
     list_of,
     pair_of,
 )
-from navsim.scenario.circuit import CircuitSection
+from navsim.scenario.tracking.circuit import CircuitSection
 
 Latency = Annotated[float, Field(ge=0.0, le=30.0)]
 

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from navsim.core.jit import kernel
-from navsim.core.kalman import predict, update
+from navsim.tracking.kalman import predict, update
 
 SINGER, LITERAL, TANGENT, HELD, FIRST = range(5)
 

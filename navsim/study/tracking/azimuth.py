@@ -10,20 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.kalman import singer
-from navsim.estimation.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import AZIMUTH
-from navsim.models.circuit import CircuitFlight, at, fly
-from navsim.scenario.azimuth import Azimuth
 from navsim.scenario.base import DEG
-from navsim.scenario.circuit import CircuitSection
-from navsim.simulation.azimuth import Draws, Onboard, draw, nodes, reported, stamped
+from navsim.scenario.tracking.azimuth import Azimuth
+from navsim.scenario.tracking.circuit import CircuitSection
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
 from navsim.study.statistics import mean_interval
+from navsim.tracking.azimuth import FIRST, HELD, LITERAL, SINGER, TANGENT, azimuth_filter
+from navsim.tracking.circuit import CircuitFlight, at, fly
+from navsim.tracking.kalman import singer
+from navsim.tracking.reports import Draws, Onboard, draw, nodes, reported, stamped
 
 FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
 SOURCES = ("L4 stamped", "L4 roll", "L4 track rate", "L4 roll stamped")

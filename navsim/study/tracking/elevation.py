@@ -10,18 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.kalman import covariance_sequence, driven_covariance, singer_sigma, steady_state
-from navsim.estimation.elevation import Model, fly, follow, model
+from navsim.core.streams import generator
 from navsim.io.draft import Draft
 from navsim.io.findings import CONSISTENT, Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import ELEVATION
-from navsim.models import mls
-from navsim.scenario.elevation import Elevation
-from navsim.simulation.streams import generator
+from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.findings import doubted, positive
 from navsim.study.root import root_attributes
 from navsim.study.statistics import chi_square_probability
+from navsim.tracking import mls
+from navsim.tracking.elevation import Model, fly, follow, model
+from navsim.tracking.kalman import covariance_sequence, driven_covariance, singer_sigma, steady_state
 
 BANDS = ("std_theory", "std_sample", "variance")
 """Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the

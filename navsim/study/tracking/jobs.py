@@ -6,16 +6,16 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from navsim.io.results import Result, Sort
-from navsim.scenario.atc import Atc
-from navsim.scenario.azimuth import Azimuth
-from navsim.scenario.elevation import Elevation
 from navsim.scenario.source import Document
-from navsim.study import atc, azimuth, elevation
-from navsim.study.budget import companions as budgets
+from navsim.scenario.tracking.atc import Atc
+from navsim.scenario.tracking.azimuth import Azimuth
+from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
+from navsim.study.tracking import atc, azimuth, elevation
+from navsim.study.tracking import budget as budgets
 
 
 class Compute(Protocol):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.jit import kernel
-from navsim.core.kalman import singer
+from navsim.tracking.kalman import singer
 
 
 @dataclass(frozen=True)

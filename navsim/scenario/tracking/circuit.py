@@ -9,7 +9,7 @@ from pydantic import Field
 from navsim.scenario.base import DEG, Pair, Section, Signed, Triple, list_of
 
 if TYPE_CHECKING:
-    from navsim.models.circuit import Circuit
+    from navsim.tracking.circuit import Circuit
 
 Command = Triple
 """Start s, duration s, increment."""
@@ -49,7 +49,7 @@ class CircuitSection(Section):
         """The circuit in SI units."""
         import numpy as np
 
-        from navsim.models.circuit import Circuit
+        from navsim.tracking.circuit import Circuit
 
         def table(rows: tuple[tuple[float, float, float], ...], unit: float) -> np.ndarray:
             return np.array(rows, dtype=float).reshape(-1, 3) * np.array([1.0, 1.0, unit])

@@ -1,0 +1,1 @@
+"""How results of the companion papers' systems are shown."""
