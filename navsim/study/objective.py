@@ -23,7 +23,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from navsim.core.wgs84 import llh_from_ecef
 from navsim.io.findings import Finding
 from navsim.models import timescales
 from navsim.models.constellation import Remembering
@@ -264,14 +263,14 @@ class _Flight:
         """The judge of placements by an error of the filter."""
 
         def one(places: np.ndarray) -> float:
-            here = self.with_pseudolites(llh_from_ecef(kept.ground.ecef(places)))
+            here = self.with_pseudolites(kept.ground.llh(places))
             return filter_outputs(covariance_summary(here, covariance_analysis(here)))[name]
 
         return lambda places: np.array([one(p) for p in places])
 
     def findings(self, kept: Rules, places: np.ndarray) -> list[Finding]:
         """What the covariance analysis of a placement (k, 2) finds."""
-        here = self.with_pseudolites(llh_from_ecef(kept.ground.ecef(places)))
+        here = self.with_pseudolites(kept.ground.llh(places))
         return covariance_findings(here, covariance_analysis(here))
 
     def with_pseudolites(self, llh: np.ndarray) -> Case:

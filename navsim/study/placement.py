@@ -29,9 +29,13 @@ class RunwayPlane:
     heading: float
     height: float
 
+    def llh(self, places: np.ndarray) -> np.ndarray:
+        """Antennas at places (..., 2), geodetic (..., 3), rad, rad, m."""
+        return runway_positions(self.threshold, self.heading, places, self.height)
+
     def ecef(self, places: np.ndarray) -> np.ndarray:
-        """Antennas at places (..., 2), ECEF (..., 3), m."""
-        return ecef_from_llh(runway_positions(self.threshold, self.heading, places, self.height))
+        """The same, ECEF (..., 3), m."""
+        return ecef_from_llh(self.llh(places))
 
     def places(self, llh: np.ndarray) -> np.ndarray:
         """Places (..., 2) of geodetic points (..., 3), m."""

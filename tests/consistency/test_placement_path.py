@@ -23,13 +23,15 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
-from navsim.scenario.sweep import DOP_OUTPUTS, Sweep
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.simulation.geometry import Geometry
 from navsim.simulation.landing import World, fixed
+from navsim.simulation.landing_covariance import AnalysisError
 from navsim.study import objective
+from navsim.study.landing import covariance_analysis, covariance_result
 from navsim.study.landing.case import on_glide, world_of
 from navsim.study.landing.tree import base
-from navsim.study.sweep import COMPUTED, INVALID, NO_FIX, SweepStudy, plan
+from navsim.study.sweep import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case, scenario
 
 FLAG = st.booleans()
@@ -149,7 +151,8 @@ PLACED = st.sampled_from([2, 1, 0, 4]).flatmap(
 )
 """Keys that say where pseudolites stand."""
 ONE_SATELLITE = {"sky.source": "directions", "sky.directions": [{"azimuth_deg": 0, "elevation_deg": 90}]}
-EXAMPLES = 15
+PLACE = st.tuples(st.sampled_from([-2000.0, -80.0, 300.0]), st.sampled_from([-1000.0, 200.0, 4000.0])).map(list)
+EXAMPLES, PHASES = 15, (Phase.explicit, Phase.generate)
 ALIKE = {
     "kind": "a name", "version": "a name", "title": "a name",
     "method": "how the filter is judged", "imu.": "inertial sensors", "altimeter.": "a sensor beside the receiver",
@@ -259,7 +262,7 @@ def assert_close(found: np.ndarray, expected: np.ndarray, pdop: np.ndarray) -> N
     max_examples=EXAMPLES,
     derandomize=True,
     suppress_health_check=list(HealthCheck),
-    phases=[Phase.explicit, Phase.generate],
+    phases=PHASES,
 )
 @given(st.fixed_dictionaries({}, optional=DRAWN), PLACED)
 @example(
@@ -328,6 +331,37 @@ def test_placement_path_equals_the_landing(
             world_of(flown.scenario.model_copy(update={"epoch": epoch}), flown.trajectory, flown.environment), glide
         )
         assert_close(found[len(expected) :], later, later[:, :1])
+
+
+@pytest.mark.parametrize("name", ["landing", "landing_smooth"])
+@settings(max_examples=8, derandomize=True, suppress_health_check=list(HealthCheck), phases=PHASES)
+@given(
+    st.fixed_dictionaries({}, optional=DRAWN | {"duration_s": st.sampled_from([50.0, 62.3, 105.0])}),
+    st.lists(PLACE, min_size=1, max_size=3, unique_by=tuple),
+    st.sampled_from(FILTER_OUTPUTS),
+)
+def test_an_error_of_the_filter_is_the_landings_own(
+    tmp_path_factory: pytest.TempPathFactory, name: str, drawn: dict[str, Any], places: list[list[float]], output: str
+) -> None:
+    """The objective of a placement, with its flight cut short, against the covariance analysis of the whole landing."""
+    drawn = {key: value for key, value in drawn.items() if not key.startswith("pseudolites.differential")}
+    drawn |= {"pseudolites.frame": "runway"}
+    sites = [{"s_m": s, "l1_m": l1} for s, l1 in places]
+    given = settings_of(drawn, {"sites": sites}, name)
+    try:
+        flown = case(*(f"{key}={json.dumps(value)}" for key, value in given.items()), name=name)
+        expected = filter_outputs(covariance_result(flown, covariance_analysis(flown), 1))[output]
+    except (InputError, AnalysisError):
+        reject()  # nothing to compare with
+    text = "area: {s_m: [-500, 500], l1_m: [0, 5000]}\npseudolites: [1]\n"
+    text += f"objective: {output}\nheight_m: {drawn.get('pseudolites.height_m', 0.0)}\n"
+    study = read_study(study_of(tmp_path_factory.mktemp("study"), "optimize", given, text, name), Optimize, [])
+    event(f"{output}: {expected:.3g}")
+    if np.isnan(expected):
+        with pytest.raises(InputError, match="has no value"):
+            objective.problem(*study)
+        return
+    assert objective.problem(*study).objective(np.array([places]))[0] == pytest.approx(expected, rel=1e-12)
 
 
 def of_result(result: Draft, lost: int) -> np.ndarray:
