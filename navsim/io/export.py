@@ -459,7 +459,9 @@ def true_antenna(result: Result) -> np.ndarray:
 def _map_features(result: Result) -> list[dict[str, Any]]:
     """Track, error ellipses of fixes, pseudolites, runway: type, name, coordinates (lon, lat, h), properties."""
     if result.attributes["kind"] == "replay":
-        path = [(name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "gnss"))]
+        path = [
+            (name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "receiver"))
+        ]
         return [
             {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
         ]
