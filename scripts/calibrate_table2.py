@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq, least_squares, minimize_scalar
 
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import normals
-from navsim.core.wgs84 import ecef_from_llh
 from navsim.models.sky import enu_matrix, unit_vector
 from navsim.scenario.base import DEG
 from navsim.scenario.load import read

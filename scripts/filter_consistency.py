@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.estimation.estimate import KINDS
+from navsim.estimation.estimate import FILTER_KINDS
 from navsim.scenario.load import read
 from navsim.study.executor import threads
 from navsim.study.landing import fly_all, prepare
@@ -75,7 +75,7 @@ def main() -> None:
         "|---|---|---|---|---|---|---|",
     ]
     for label, name, settings in CASES:
-        for kind in KINDS:
+        for kind in FILTER_KINDS:
             full, part = nees(name, (*settings, f"filter.kind={kind}"))
             lines.append(row(label, kind, full, part))
             print(lines[-1], file=sys.stderr)

@@ -29,7 +29,7 @@ from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
 from navsim.models.systems import GLONASS
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
-from navsim.simulation.landing import fixed, measured
+from navsim.simulation.landing import measured, receiver_fixes
 from navsim.study import landing
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
@@ -126,7 +126,7 @@ def flight() -> tuple[bytes, str]:
     head = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
     table = np.column_stack([world.imu_time[1:], dtheta / step, dv / step])
     np.savetxt(samples, table, ["%.2f", *3 * ["%.5f"], *3 * ["%.4f"]], ",", header=head, comments="")
-    llh, velocity, _, _ = fixed(world, *measured(world, SEED, 0))
+    llh, velocity, _, _ = receiver_fixes(world, *measured(world, SEED, 0))
     fixes = io.StringIO()
     head = "t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s"
     table = np.column_stack([world.signals.time + LATENCY, np.degrees(llh[:, :2]), llh[:, 2], velocity])

@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.rotation import dcm_from_rpy
-from navsim.core.wgs84 import llh_from_ecef, ned_matrix
+from navsim.core.arrays.attitude import dcm_from_rpy
+from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
 from navsim.models.conventions import HEIGHT_UNITS, SPEED_UNITS
 from navsim.models.kinematics import tangent_frame
-from navsim.models.recorded import RecordedTrajectory, recorded_trajectory
+from navsim.models.recorded_trajectory import RecordedTrajectory, recorded_trajectory
 from navsim.models.recording import Fixes, Samples
 from tests.helpers import case
 

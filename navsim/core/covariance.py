@@ -22,6 +22,7 @@ import math
 
 import numpy as np
 
+from navsim.core.arrays.earth import E2, RATE, SOMIGLIANA, A
 from navsim.core.attitude import left_jacobian
 from navsim.core.jit import inlined, kernel
 from navsim.core.linear import cholesky, solve_lower
@@ -57,7 +58,6 @@ from navsim.core.strapdown import (
     MID_TRANSVERSE,
     MID_VEL,
 )
-from navsim.core.wgs84 import E2, RATE, SOMIGLIANA, A
 
 STRIDE = 40
 """Distance of rows, the most states a filter can have: no power of two, or rows would share their cache lines."""

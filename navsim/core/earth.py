@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
+from navsim.core.arrays.earth import E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, A, B, F
 from navsim.core.jit import kernel
-from navsim.core.wgs84 import E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, A, B, F
 
 __all__ = ["RATE", "ecef_to_llh", "gravity", "ned_axes", "radii", "short_way"]
 
-short_way = kernel(wgs84.short_way)
+short_way = kernel(earth.short_way)
 
 
 @kernel

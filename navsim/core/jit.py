@@ -30,7 +30,7 @@ def digest() -> str:
     """Digest of everything that decides the machine code."""
     h = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}".encode())
     for room in _KERNEL_ROOMS:
-        for source in sorted((_PACKAGE / room).glob("*.py")):
+        for source in sorted((_PACKAGE / room).rglob("*.py")):
             h.update(source.name.encode())
             h.update(source.read_bytes())
     return h.hexdigest()[:16]

@@ -10,7 +10,7 @@ from navsim.estimation import filter_loop, smoother
 from navsim.estimation.observations import Measurements
 from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, State, empty_history
 
-KINDS = {
+FILTER_KINDS = {
     "eskf": filter_loop.ESKF,
     "left-invariant": filter_loop.LEFT_INVARIANT,
     "tfg": filter_loop.TFG,

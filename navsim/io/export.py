@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core import wgs84
-from navsim.core.rotation import dcm_from_rpy
+from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError, part, write_text
 from navsim.models import glonass_broadcast, gps, timescales
@@ -130,7 +130,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     columns, values = [], []
     channels: dict[str, int] = {}
     for constellation in constellations:
-        sent = gpst[:, None] - (ranges[:, _places(names, constellation.names)] / wgs84.SPEED_OF_LIGHT - clock[:, None])
+        sent = gpst[:, None] - (ranges[:, _places(names, constellation.names)] / earth.SPEED_OF_LIGHT - clock[:, None])
         sent = np.where(np.isfinite(sent), sent, gpst[:, None] - 0.075)
         offset, drift = constellation.clock(sent)
         frequency, told = carriers(constellation), constellation.channels
@@ -139,9 +139,9 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
                 continue
             i = names.index(name)
             # what the satellite's clock adds, a receiver that knows the message takes off again
-            raw = ranges[:, i] - wgs84.SPEED_OF_LIGHT * offset[:, k]
-            rate = rates[:, i] - wgs84.SPEED_OF_LIGHT * drift[:, k]
-            values.append(np.stack([raw, -rate * frequency[k] / wgs84.SPEED_OF_LIGHT, cn0[:, i]]))
+            raw = ranges[:, i] - earth.SPEED_OF_LIGHT * offset[:, k]
+            rate = rates[:, i] - earth.SPEED_OF_LIGHT * drift[:, k]
+            values.append(np.stack([raw, -rate * frequency[k] / earth.SPEED_OF_LIGHT, cn0[:, i]]))
             columns.append(name)
             if name in told:
                 channels[name] = told[name]
@@ -150,7 +150,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     order = np.argsort(columns)
     table = np.stack(values, axis=-1)[:, :, order]
     table[:, ~np.isfinite(table[0])] = np.nan
-    truth = wgs84.ecef_from_llh(result["/truth/position_llh"][0])
+    truth = earth.ecef_from_llh(result["/truth/position_llh"][0])
     epochs = rinex_write.Epochs(
         start=start,
         tag=tag,
@@ -294,7 +294,7 @@ def _pseudolites(result: Result, target: Path, start: float, tag: np.ndarray, na
     if not ground:
         return {}
     llh = result["/pseudolites/position_llh"]
-    ecef = wgs84.ecef_from_llh(llh)
+    ecef = earth.ecef_from_llh(llh)
     rows: list[list[str]] = []
     for e, when in enumerate(tag):
         for g, name in enumerate(ground):
@@ -450,10 +450,10 @@ def true_antenna(result: Result) -> np.ndarray:
     def at_fixes(values: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(when, t, column) for column in values.T], axis=1)
 
-    llh = at_fixes(wgs84.unturned(result["/truth/position_llh"]))
+    llh = at_fixes(earth.unturned(result["/truth/position_llh"]))
     attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
     lever = attitude @ np.array(_scenario(result)["receiver"]["lever_arm_m"], dtype=float)
-    return wgs84.ecef_from_llh(llh) + np.einsum("eij,ei->ej", wgs84.ned_matrix(llh), lever)
+    return earth.ecef_from_llh(llh) + np.einsum("eij,ei->ej", earth.ned_matrix(llh), lever)
 
 
 def _map_features(result: Result) -> list[dict[str, Any]]:
@@ -473,14 +473,14 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
     ]
     runway = _scenario(result)["runway"]
     threshold = result["/truth/threshold_llh"]
-    axes = wgs84.heading_axes(threshold, np.radians(runway["heading_deg"]))
+    axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
     half, length = 0.5 * runway["width_m"], runway["length_m"]
     corners = np.array([[0, -half], [length, -half], [length, half], [0, half], [0, -half]])
     out.append({"kind": "runway", "type": "Polygon", "name": "runway",
                 "coordinates": _lonlat(_offset(threshold, corners @ axes[:, :2].T))})  # fmt: skip
     for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
         out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
-    covariance, antenna = result["/receiver/covariance_enu"], wgs84.llh_from_ecef(true_antenna(result))
+    covariance, antenna = result["/receiver/covariance_enu"], earth.llh_from_ecef(true_antenna(result))
     known = np.flatnonzero(np.isfinite(covariance[:, 0, 0]))
     scale = np.sqrt(-2.0 * np.log(1.0 - ELLIPSE_PROBABILITY))
     for e in known[:: max(1, known.size // _ELLIPSES)]:
@@ -493,7 +493,7 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
         ned = np.stack([north, east, np.zeros_like(north)], axis=1)
         out.append(
             {"kind": "ellipse", "type": "Polygon", "name": f"fix at {t:g} s",
-             "coordinates": _lonlat(_offset(here, ned @ wgs84.ned_matrix(here))),
+             "coordinates": _lonlat(_offset(here, ned @ earth.ned_matrix(here))),
              "properties": {"t_s": float(t), "probability": ELLIPSE_PROBABILITY,
                             "semi_major_m": float(scale * np.sqrt(values[1])),
                             "semi_minor_m": float(scale * np.sqrt(values[0]))}}
@@ -502,13 +502,13 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
 
 
 def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:
-    return wgs84.llh_from_ecef(wgs84.ecef_from_llh(llh) + ecef)
+    return earth.llh_from_ecef(earth.ecef_from_llh(llh) + ecef)
 
 
 def _lonlat(llh: np.ndarray) -> list[list[float]]:
     """Longitude, latitude, deg, height, m, of a line's or ring's positions (n, 3): one across 180 degrees goes on
     beyond it, for maps would draw it round the Earth."""
-    there = wgs84.unturned(llh)
+    there = earth.unturned(llh)
     return [
         [round(float(np.degrees(p[1])), 9), round(float(np.degrees(p[0])), 9), round(float(p[2]), 3)] for p in there
     ]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.io.nmea import has_sentences, read_nmea
 from navsim.io.text import Dropped, FileError, number, read_lines, within
 from navsim.models import conventions
@@ -129,7 +129,7 @@ def is_nmea(path: Path, lenient: bool = False) -> bool:
 
 def _far(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two rows of fixes lie farther apart than anything flies."""
-    ecef = wgs84.ecef_from_llh(np.column_stack([np.radians([a[1:3], b[1:3]]), [a[3], b[3]]]))
+    ecef = earth.ecef_from_llh(np.column_stack([np.radians([a[1:3], b[1:3]]), [a[3], b[3]]]))
     return bool(np.linalg.norm(ecef[0] - ecef[1]) > 1000.0 * max(b[0] - a[0], 1.0))
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.core.arrays.earth import SPEED_OF_LIGHT
 from navsim.models import timescales
 from navsim.models.systems import GPS
 

@@ -14,8 +14,8 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core.wgs84 import RATE as EARTH_RATE
-from navsim.core.wgs84 import ecef_from_llh
+from navsim.core.arrays.earth import RATE as EARTH_RATE
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.models import atmosphere, code_loop
 from navsim.models.constellation import Constellation
 from navsim.models.pseudorange import satellites_at_reception
@@ -80,7 +80,7 @@ class Effects:
     loop: code_loop.CodeLoop = STANDARD_LOOP
     thermal: bool = False
     horizon_db: float = 0.0
-    ground: code_loop.GroundReflection | None = None
+    reflection: code_loop.GroundReflection | None = None
     cn0_reference: float | None = None
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
     one_clock: bool = False

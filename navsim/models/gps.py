@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.core.arrays.earth import SPEED_OF_LIGHT
 from navsim.models import timescales
 from navsim.models.messages import Messages, for_each, nearest
 from navsim.models.systems import GPS, System

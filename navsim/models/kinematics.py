@@ -17,12 +17,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from navsim.core import wgs84
-from navsim.core.rotation import quaternion_from_dcm, roll_pitch_yaw
+from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import quaternion_from_dcm, roll_pitch_yaw
 from navsim.models.path import Path
 
 _GAUSS = np.polynomial.legendre.leggauss(4)
-EARTH_RATE = np.array([0.0, 0.0, wgs84.RATE])
+EARTH_RATE = np.array([0.0, 0.0, earth.RATE])
 _GRADIENT_STEP = 100.0
 """Baseline of the central difference of gravity along the path, m: exact to 1e-15 m/s2 per metre."""
 
@@ -37,7 +37,7 @@ class Frame:
 
 def tangent_frame(llh: np.ndarray, heading: float) -> Frame:
     """Frame at a geodetic point (rad, rad, m), x towards `heading` (rad, clockwise from north), z down."""
-    return Frame(wgs84.ecef_from_llh(np.asarray(llh)), wgs84.heading_axes(np.asarray(llh), heading))
+    return Frame(earth.ecef_from_llh(np.asarray(llh)), earth.heading_axes(np.asarray(llh), heading))
 
 
 @dataclass(frozen=True)
@@ -133,9 +133,9 @@ class Trajectory:
 
         direction = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
         step = 0.5 * _GRADIENT_STEP * direction
-        slope = (wgs84.gravity_ecef(position + step) - wgs84.gravity_ecef(position - step)) / _GRADIENT_STEP
+        slope = (earth.gravity_ecef(position + step) - earth.gravity_ecef(position - step)) / _GRADIENT_STEP
         gravity_rate = slope * np.linalg.norm(velocity, axis=1, keepdims=True)
-        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_ecef(position)
         force_rate = jerk + 2.0 * np.cross(EARTH_RATE, acceleration) - gravity_rate
 
         wind, wind_rate = self.wind.at(t)
@@ -175,8 +175,8 @@ def assembled(
 ) -> Motion:
     """A motion from what it is in ECEF: position, velocity, specific force (n, 3), attitude C_eb (n, 3, 3), and the
     angular rate against the Earth in body axes (n, 3)."""
-    llh = wgs84.llh_from_ecef(position)
-    c_ne = wgs84.ned_matrix(llh)
+    llh = earth.llh_from_ecef(position)
+    c_ne = earth.ned_matrix(llh)
     return Motion(
         time=t,
         position_ecef=position,
@@ -235,7 +235,7 @@ def touchdown_from_start(start: tuple[float, float], height: float, heading: flo
     touchdown = np.array([start[0], start[1], height])
     for _ in range(10):
         frame = tangent_frame(touchdown, heading)
-        reached = wgs84.llh_from_ecef(frame.origin + frame.axes @ begin)
+        reached = earth.llh_from_ecef(frame.origin + frame.axes @ begin)
         miss = np.array(start) - reached[:2]
         touchdown[:2] += miss
         if np.max(np.abs(miss)) < 1e-15:
@@ -246,5 +246,5 @@ def touchdown_from_start(start: tuple[float, float], height: float, heading: flo
 def touchdown_from_threshold(threshold: tuple[float, float], height: float, heading: float, aim_point: float) -> Frame:
     """The touchdown frame `aim_point` metres beyond a threshold (latitude, longitude, rad)."""
     runway = tangent_frame(np.array([threshold[0], threshold[1], height]), heading)
-    llh = wgs84.llh_from_ecef(runway.origin + aim_point * runway.axes[:, 0])
+    llh = earth.llh_from_ecef(runway.origin + aim_point * runway.axes[:, 0])
     return tangent_frame(np.array([llh[0], llh[1], height]), heading)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.wgs84 import RATE, SPEED_OF_LIGHT
+from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT
 from navsim.models.messages import Messages, for_each
 from navsim.models.systems import System
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.models.kinematics import tangent_frame
 
 NEAREST = 10.0
@@ -48,7 +48,7 @@ def runway_positions(threshold: np.ndarray, heading: float, places: np.ndarray, 
     """Geodetic positions (..., 3) of places (..., 2), s and l1, as `runway_position`."""
     frame = tangent_frame(threshold, heading)
     plane = np.stack([-places[..., 1], places[..., 0], np.zeros(places.shape[:-1])], axis=-1)
-    llh = wgs84.llh_from_ecef(frame.origin + plane @ frame.axes.T)
+    llh = earth.llh_from_ecef(frame.origin + plane @ frame.axes.T)
     llh[..., 2] = threshold[2] + height
     return llh
 

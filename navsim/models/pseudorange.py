@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.models.constellation import Constellation
 
 _TRAVEL_TIME = 0.07
@@ -100,7 +100,7 @@ def satellites_at_reception(
     for _ in range(2):
         position, velocity = constellation.state(gpst[:, None] - travel)
         position, velocity = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
-        travel = np.linalg.norm(position - antenna[:, None], axis=2) / wgs84.SPEED_OF_LIGHT
+        travel = np.linalg.norm(position - antenna[:, None], axis=2) / earth.SPEED_OF_LIGHT
     return position, velocity
 
 
@@ -116,15 +116,15 @@ def apparent_velocity(
     """
     away = position - antenna[:, None]
     unit = away / np.linalg.norm(away, axis=2, keepdims=True)
-    inertial = velocity + np.cross([0.0, 0.0, wgs84.RATE], position)
+    inertial = velocity + np.cross([0.0, 0.0, earth.RATE], position)
     closing = np.sum(unit * (velocity - antenna_velocity[:, None]), axis=2)
-    rate = closing / (1.0 + np.sum(unit * inertial, axis=2) / wgs84.SPEED_OF_LIGHT)
-    return velocity - inertial * (rate / wgs84.SPEED_OF_LIGHT)[..., None]
+    rate = closing / (1.0 + np.sum(unit * inertial, axis=2) / earth.SPEED_OF_LIGHT)
+    return velocity - inertial * (rate / earth.SPEED_OF_LIGHT)[..., None]
 
 
 def turned_with_earth(v: np.ndarray, duration: np.ndarray) -> np.ndarray:
     """ECEF vectors (..., 3) in the axes to which the Earth has turned after a duration (...), s."""
-    angle = wgs84.RATE * duration
+    angle = earth.RATE * duration
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * v[..., 0] + s * v[..., 1], c * v[..., 1] - s * v[..., 0], v[..., 2]], axis=-1)
 

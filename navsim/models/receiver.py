@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.wgs84 import SPEED_OF_LIGHT
+from navsim.core.arrays.earth import SPEED_OF_LIGHT
 
 
 def epochs(duration: float, rate: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Fixes:
         index = np.arange(self.time.size)
         reach = max(1, round(0.5 / float(np.median(np.diff(self.time)))))
         before, after = np.maximum(index - reach, 0), np.minimum(index + reach, self.time.size - 1)
-        ecef = wgs84.ecef_from_llh(self.llh)
+        ecef = earth.ecef_from_llh(self.llh)
         over = self.time[after] - self.time[before]
-        derived = np.einsum("nij,nj->ni", wgs84.ned_matrix(self.llh), (ecef[after] - ecef[before]) / over[:, None])
+        derived = np.einsum("nij,nj->ni", earth.ned_matrix(self.llh), (ecef[after] - ecef[before]) / over[:, None])
         return Fixes(self.time, self.llh, np.where(np.isnan(self.velocity), derived, self.velocity)), over

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.core.arrays.earth import RATE as EARTH_RATE
+from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.core.defect import Defect
-from navsim.core.wgs84 import RATE as EARTH_RATE
-from navsim.core.wgs84 import ecef_from_llh, ned_matrix
 from navsim.models import atmosphere, code_loop, pseudorange, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
@@ -48,7 +48,7 @@ class Listed:
 
 
 @dataclass(frozen=True)
-class Ground:
+class Pseudolites:
     """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
     delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz."""
 
@@ -81,7 +81,7 @@ class Environment:
     satellites: tuple[Satellites, ...]
     listed: Listed | None
     mask: Mask
-    ground: Ground
+    pseudolites: Pseudolites
     law: ErrorLaw
     lever_arm: np.ndarray
     effects: Effects = NO_EFFECTS
@@ -98,7 +98,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     `pseudorange.Signals`."""
     e = motion.time.size
     when = timescales.gps_from_utc(utc) + motion.time
-    listed, ground, law = environment.listed, environment.ground, environment.law
+    listed, pseudolites, law = environment.listed, environment.pseudolites, environment.law
     c_ne = ned_matrix(motion.llh)
     antenna = antenna_ecef(motion, environment.lever_arm)
     earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
@@ -130,11 +130,11 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
             p = antenna + _LISTED_RANGE * direction
             # the source keeps its direction: it moves along, without range rate
             add(name, int(listed.clock[i]), p, antenna_velocity, p, listed.chosen[i], False)
-    for i, name in enumerate(ground.names):
-        surveyed = ecef_from_llh(ground.llh[i])
-        true = surveyed + ned_matrix(ground.llh[i]).T @ ground.survey_error
+    for i, name in enumerate(pseudolites.names):
+        surveyed = ecef_from_llh(pseudolites.llh[i])
+        true = surveyed + ned_matrix(pseudolites.llh[i]).T @ pseudolites.survey_error
         still = np.zeros((e, 3))
-        add(name, ground.clock, still + surveyed, still, still + true, True, True)
+        add(name, pseudolites.clock, still + surveyed, still, still + true, True, True)
 
     s = len(names)
     believed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
@@ -162,13 +162,13 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         velocity=speed,
         range=distance,
         range_rate=rate,
-        delay=np.broadcast_to(np.where(on_ground, ground.delay, 0.0), (e, s)).copy(),
-        sigma=np.where(on_ground, ground.sigma, sigma),
-        rate_sigma=np.broadcast_to(np.where(on_ground, ground.rate_sigma, law.rate_sigma), (e, s)).copy(),
+        delay=np.broadcast_to(np.where(on_ground, pseudolites.delay, 0.0), (e, s)).copy(),
+        sigma=np.where(on_ground, pseudolites.sigma, sigma),
+        rate_sigma=np.broadcast_to(np.where(on_ground, pseudolites.rate_sigma, law.rate_sigma), (e, s)).copy(),
         los=los,
         azimuth=azimuth,
         elevation=elevation,
-        cn0=np.where(used, np.where(on_ground, ground.cn0, law.cn0), np.nan),
+        cn0=np.where(used, np.where(on_ground, pseudolites.cn0, law.cn0), np.nan),
         ionosphere=np.zeros((e, s)),
         space=None,
         fix_sigma=np.empty((e, s)),
@@ -190,7 +190,7 @@ def _affected(
 ) -> pseudorange.Signals:
     """The signals with all effects of the environment; when: (e,) GPS s, llh: (e, 3) of the receiver, on_ground: (s,)
     pseudolites."""
-    effects, ground = environment.effects, environment.ground
+    effects, pseudolites = environment.effects, environment.pseudolites
     e, s = signals.range.shape
     sky = ~on_ground
     used, los = signals.used.copy(), signals.los.copy()
@@ -241,12 +241,12 @@ def _affected(
     if effects.thermal:
         thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
-    if effects.ground is not None:
+    if effects.reflection is not None:
         for i in np.flatnonzero(on_ground):
-            transmitter = ground.llh[i - (s - len(ground.names))]
-            above, own = llh[:, 2] - effects.ground.height, transmitter[2] - effects.ground.height
+            transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
+            above, own = llh[:, 2] - effects.reflection.height, transmitter[2] - effects.reflection.height
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
-            ray = code_loop.reflection(effects.ground, atmosphere.L1, above, float(own), across)
+            ray = code_loop.reflection(effects.reflection, atmosphere.L1, above, float(own), across)
             delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     return replace(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Mask:
 
 def enu_matrix(llh: np.ndarray) -> np.ndarray:
     """C_ue of geodetic positions (..., 3): v_enu = C_ue @ v_ecef, (..., 3, 3)."""
-    return wgs84.ned_matrix(llh)[..., [1, 0, 2], :] * np.array([1.0, 1.0, -1.0])[:, None]
+    return earth.ned_matrix(llh)[..., [1, 0, 2], :] * np.array([1.0, 1.0, -1.0])[:, None]
 
 
 def azimuth_elevation(los_enu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core.wgs84 import RATE
+from navsim.core.arrays.earth import RATE
 from navsim.models import timescales
 from navsim.models.messages import Messages, for_each
 from navsim.models.systems import NAMES, SYSTEMS, UNKNOWN, UNTITLED, System, system_of

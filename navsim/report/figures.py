@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from navsim.core.wgs84 import ecef_from_llh, heading_axes, ned_matrix, unturned
+from navsim.core.arrays.earth import ecef_from_llh, heading_axes, ned_matrix, unturned
 from navsim.io.export import true_antenna
 from navsim.io.results import Result, ResultError, Stream, write_bytes, write_text
 from navsim.report.figure_files import MARK, remove_former

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.io.results import Result
 from navsim.report.table import Table, cell, number, numbers
 from navsim.report.view import View, one_by_one
@@ -48,7 +48,7 @@ def tables(result: Result) -> list[Table | str]:
 
 def _local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
     """East and north of positions (n, 3) from an origin, m."""
-    ned = (wgs84.ecef_from_llh(llh) - wgs84.ecef_from_llh(origin)) @ wgs84.ned_matrix(origin).T
+    ned = (earth.ecef_from_llh(llh) - earth.ecef_from_llh(origin)) @ earth.ned_matrix(origin).T
     return ned[:, [1, 0]]
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import Path
     from navsim.models.pseudolite import Track
-    from navsim.models.signals import Ground
+    from navsim.models.signals import Pseudolites
 
 
 class Landing(Section):
@@ -141,7 +141,7 @@ class Landing(Section):
     def pseudolite_sites(self, frame: Frame, track: Track) -> np.ndarray:
         """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
         coordinates are of another frame."""
-        from navsim.core.wgs84 import ecef_from_llh
+        from navsim.core.arrays.earth import ecef_from_llh
         from navsim.models.pseudolite import NEAREST
 
         if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
@@ -182,22 +182,22 @@ class Landing(Section):
         assert not isinstance(self.approach, RecordedApproach)
         return self.approach.start_height_m / math.sin(self.approach.glide_slope_deg * DEG)
 
-    def effects(self, ground: Ground) -> Effects:
+    def effects(self, pseudolites: Pseudolites) -> Effects:
         """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
         from navsim.models.effects import Effects
 
-        signals, pseudolites, tracking = self.signals, self.pseudolites, self.signals.tracking
-        space, station, multipath = signals.ephemeris, pseudolites.differential, pseudolites.multipath
+        signals, section, tracking = self.signals, self.pseudolites, self.signals.tracking
+        space, station, multipath = signals.ephemeris, section.differential, section.multipath
         return Effects(
             ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
             troposphere=None if signals.troposphere is None else signals.troposphere.model(),
             space=None if space is None else space.model(),
-            reference=None if station is None else station.model(ground),
+            reference=None if station is None else station.model(pseudolites),
             loop=tracking.loop(),
             thermal=signals.range_law == "cn0",
             horizon_db=tracking.gain_horizon_db,
-            ground=None if multipath is None else multipath.model(self.runway.height_m, tracking.gain_horizon_db),
-            cn0_reference=pseudolites.cn0_reference_m,
+            reflection=None if multipath is None else multipath.model(self.runway.height_m, tracking.gain_horizon_db),
+            cn0_reference=section.cn0_reference_m,
             offsets=signals.offsets(),
             one_clock=self.receiver.one_clock,
             smoothing=self.receiver.smoothing_s,
@@ -241,7 +241,7 @@ class Landing(Section):
         """Threshold of the runway (rad, rad, m) whose touchdown point is the origin of `frame`."""
         import numpy as np
 
-        from navsim.core.wgs84 import llh_from_ecef
+        from navsim.core.arrays.earth import llh_from_ecef
 
         llh = llh_from_ecef(frame.origin - self.runway.aim_point_m * frame.axes[:, 0])
         return np.array([llh[0], llh[1], self.runway.height_m])

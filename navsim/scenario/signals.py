@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from navsim.models import effects
     from navsim.models.code_loop import CodeLoop, GroundReflection
     from navsim.models.receiver import Receiver
-    from navsim.models.signals import ErrorLaw, Ground
+    from navsim.models.signals import ErrorLaw, Pseudolites
 
 Klobuchar = Annotated[float, Field(ge=-1e8, le=1e8)]
 Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValidator(as_tuple)]
@@ -152,16 +152,16 @@ class Differential(Section):
     site: str | None = None
     """name of the pseudolite whose site has the station; default: the first"""
 
-    def model(self, ground: Ground) -> effects.Reference:
+    def model(self, pseudolites: Pseudolites) -> effects.Reference:
         """The station among these pseudolites."""
         from navsim.models import effects
 
-        at = ground.names.index(self.site) if self.site else 0
-        return effects.Reference(ground.llh[at], self.latency_s, self.sigma_m)
+        at = pseudolites.names.index(self.site) if self.site else 0
+        return effects.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m)
 
 
 class PseudolitesSection(Section):
-    """Ground transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
+    """Pseudolites transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
     count: Annotated[Literal[0, 1, 2], whole] = 0
     """one stands at +s_m, two stand at +s_m and -s_m, l1_m before the threshold"""
@@ -232,14 +232,14 @@ class PseudolitesSection(Section):
         """PL1, PL2, ... or the names given."""
         return tuple(site.name or f"PL{i}" for i, site in enumerate(self.placed(), 1))
 
-    def ground(self, llh: np.ndarray) -> Ground:
+    def model(self, llh: np.ndarray) -> Pseudolites:
         """The transmitters at surveyed positions (p, 3), rad, rad, m."""
         import numpy as np
 
-        from navsim.core.wgs84 import SPEED_OF_LIGHT
-        from navsim.models.signals import Ground
+        from navsim.core.arrays.earth import SPEED_OF_LIGHT
+        from navsim.models.signals import Pseudolites
 
-        return Ground(
+        return Pseudolites(
             names=self.names(),
             llh=llh,
             survey_error=np.array(self.survey_error_m),
@@ -283,7 +283,7 @@ class SignalsSection(Section):
 
     def offsets(self) -> tuple[float, ...]:
         """What the offsets of time scales add to the pseudoranges of each clock, m."""
-        from navsim.core.wgs84 import SPEED_OF_LIGHT
+        from navsim.core.arrays.earth import SPEED_OF_LIGHT
 
         # a clock ahead of the other makes its signals seem to come earlier
         return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == GPS.name else 0.0 for c in CLOCKS)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core import wgs84
-from navsim.core.rotation import dcm_from_rpy, quaternion_from_dcm
+from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.models.recording import Fixes, Samples
 
 
@@ -178,16 +178,16 @@ def _gained(since: np.ndarray, velocity: np.ndarray, llh: np.ndarray) -> np.ndar
     """The same integral from the fixes: velocity less gravity and the turning of the axes, in NED of time 0 [1]."""
     from scipy.spatial.transform import Rotation
 
-    gravity: np.ndarray = np.linalg.norm(wgs84.gravity_ecef(wgs84.ecef_from_llh(llh)), axis=1)
+    gravity: np.ndarray = np.linalg.norm(earth.gravity_ecef(earth.ecef_from_llh(llh)), axis=1)
     lat, height = llh[:, 0], llh[:, 2]
-    w = np.sqrt(1.0 - wgs84.E2 * np.sin(lat) ** 2)
-    transverse = wgs84.A / w
-    meridian = transverse * (1.0 - wgs84.E2) / w**2
-    earth = wgs84.RATE * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=1)
+    w = np.sqrt(1.0 - earth.E2 * np.sin(lat) ** 2)
+    transverse = earth.A / w
+    meridian = transverse * (1.0 - earth.E2) / w**2
+    rate = earth.RATE * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=1)
     east = velocity[:, 1] / (transverse + height)
-    turning = earth + np.stack([east, -velocity[:, 0] / (meridian + height), -east * np.tan(lat)], axis=1)
+    turning = rate + np.stack([east, -velocity[:, 0] / (meridian + height), -east * np.tan(lat)], axis=1)
     axes = Rotation.from_rotvec(since[:1, None] * turning[:1] + _integral(since, turning))
-    drive = np.cross(earth, velocity)
+    drive = np.cross(rate, velocity)
     drive[:, 2] -= gravity
     return axes.apply(velocity) + _integral(since, axes.apply(drive))
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import MAX_CLOCKS, normals
 from navsim.core.placement import BLOCK, SAT_A, SAT_B, SAT_N, SAT_WEIGHT, placement_dops
-from navsim.core.wgs84 import llh_from_ecef
 from navsim.models.kinematics import Moving
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
@@ -91,7 +91,7 @@ def glide_geometry(
     motion = trajectory.motion(time)
     axes = enu_matrix(motion.llh)[counted]
     place = llh_from_ecef(trajectory.frame.origin) + np.array([0.0, 0.0, _OVERHEAD])
-    sources = replace(environment, ground=replace(environment.ground, names=("any",), llh=place[None]))
+    sources = replace(environment, pseudolites=replace(environment.pseudolites, names=("any",), llh=place[None]))
     parts = []
     for start in np.atleast_1d(utc):
         s = build_signals(motion, float(start), sources)

@@ -198,7 +198,9 @@ def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
     return ranges, rates
 
 
-def fixed(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def receiver_fixes(
+    world: World, ranges: np.ndarray, rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The receiver's fixes from measurements (e, s): llh, velocity NED (e, 3), clocks (e, MAX_CLOCKS), covariance of
     position and velocity (e, 6, 6); see `estimation.receiver`."""
     signals = world.signals
@@ -279,7 +281,7 @@ def fly(flight: Flight, seed: int, run: int) -> Run:
     )
 
     ranges, rates = measured(world, seed, run)
-    llh, velocity, clocks, cov = fixed(world, ranges, rates)
+    llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
     aided = [aid.measured(seed, run) for aid in world.aids]
     history = estimate(
         ImuData(world.imu_time, dtheta, dv),

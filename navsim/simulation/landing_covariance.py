@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core import states
+from navsim.core.arrays.earth import E2, A, short_way
 from navsim.core.defect import Defect
 from navsim.core.states import Block
-from navsim.core.wgs84 import E2, A, short_way
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
 from navsim.estimation.observations import FIX, MOST
@@ -37,8 +37,8 @@ from navsim.simulation.landing import (
     InitialErrors,
     World,
     exact_start,
-    fixed,
     measurements,
+    receiver_fixes,
     table_of_fixes,
     without_noise,
 )
@@ -109,7 +109,7 @@ class Analysis:
 
 def _solve(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fixes (e, 3) llh and (e, 3) velocity, and their covariance (e, 6, 6)."""
-    llh, velocity, _, cov = fixed(world, ranges, rates)
+    llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
     return llh, velocity, cov
 
 
@@ -151,16 +151,22 @@ class _Smoothed:
     """
 
     def __init__(
-        self, size: int, counts: np.ndarray, sigma: np.ndarray, used: np.ndarray, slope: np.ndarray, ground: np.ndarray
+        self,
+        size: int,
+        counts: np.ndarray,
+        sigma: np.ndarray,
+        used: np.ndarray,
+        slope: np.ndarray,
+        of_pseudolites: np.ndarray,
     ):
-        """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; slope: (e, 6, s) of fixes; ground:
-        (s,) bool."""
+        """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; slope: (e, 6, s) of fixes;
+        of_pseudolites: (s,) bool."""
         self.size = size
         self.n = np.maximum(counts, 1)
         self.decay = np.where(counts > 1, 1.0 - 1.0 / self.n, 0.0)
         self.sigma, self.slope, self.used = sigma, slope, used
-        self.chosen = (~ground, ground)
-        self.cov = np.zeros((2, size + ground.size, size + ground.size))
+        self.chosen = (~of_pseudolites, of_pseudolites)
+        self.cov = np.zeros((2, size + of_pseudolites.size, size + of_pseudolites.size))
 
     def copied(self) -> _Smoothed:
         """The same, to go on by itself."""
@@ -260,10 +266,10 @@ class _Augmented:
         return way, added
 
 
-def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
+def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
     """The accuracy of a flight's filter.
 
-    ground: (s,) bool, which sources are pseudolites. Raises AnalysisError where the result contradicts itself.
+    of_pseudolites: (s,) bool, which sources are pseudolites. Raises AnalysisError where the result contradicts itself.
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     s = world.signals
@@ -309,8 +315,8 @@ def analyse(flight: Flight, ground: np.ndarray) -> Analysis:
     noise = np.zeros((len(sources), e, MOST, MOST))
     smoothed = None
     if s.smoothing is not None:
-        smoothed = _Smoothed(carried.size, s.smoothing, s.sigma, s.used, by_range, ground)
-    for which, chosen in enumerate((~ground, ground)):
+        smoothed = _Smoothed(carried.size, s.smoothing, s.sigma, s.used, by_range, of_pseudolites)
+    for which, chosen in enumerate((~of_pseudolites, of_pseudolites)):
         noise[_RATES[which]] = _white(by_rate, s.rate_sigma, s.used, chosen)
         if smoothed is None:
             noise[_RANGES[which]] = _white(by_range, s.sigma, s.used, chosen)

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core import covariance, states, wgs84
-from navsim.core.rotation import dcm_from_quaternion, roll_pitch_yaw
+from navsim.core import covariance, states
+from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.estimate import KINDS, estimate, is_smoother, lost
+from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.records import ImuData, schedule, start
 from navsim.models.recording import Fixes, Samples
@@ -126,8 +127,8 @@ def prepare(sensed: Sensed, fixes: Fixes, alignment: Alignment, latency: float) 
     filled, over = fixes.with_velocity()
     velocity = filled.velocity[at]
     ahead = begin - float(valid[at])
-    start = wgs84.llh_from_ecef(
-        wgs84.ecef_from_llh(fixes.llh[at]) + ahead * wgs84.ned_matrix(fixes.llh[at]).T @ velocity
+    start = earth.llh_from_ecef(
+        earth.ecef_from_llh(fixes.llh[at]) + ahead * earth.ned_matrix(fixes.llh[at]).T @ velocity
     )
     return RecordedFlight(
         **vars(sensed),
@@ -167,7 +168,7 @@ def fly(
         llh[withheld[:count]] = np.nan
     valid = np.maximum(arrival - beliefs.latency, flight.imu_time[0])
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
-    kind = KINDS["map"] if is_smoother(beliefs.kind) and flight.gaps else beliefs.kind
+    kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and flight.gaps else beliefs.kind
     noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
     events = schedule(outputs, (FIX, valid, valid if is_smoother(kind) else arrival))
     history = estimate(

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.io.recording import increments_as_rates
 from navsim.models import conventions
 from navsim.models.conventions import BODY_AXES, LEVEL_AXES, GnssConvention, ImuConvention, axes_letters, axes_matrix
@@ -356,7 +356,7 @@ def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
     """Changes of position and integrals of velocity (w, 3), NED m, over pieces of `WINDOW` seconds without holes."""
     time = fixes.time
     usual = float(np.median(np.diff(time)))
-    ecef, axes = wgs84.ecef_from_llh(fixes.llh), wgs84.ned_matrix(fixes.llh)
+    ecef, axes = earth.ecef_from_llh(fixes.llh), earth.ned_matrix(fixes.llh)
     steps = 0.5 * (fixes.velocity[1:] + fixes.velocity[:-1]) * np.diff(time)[:, None]
     gathered = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     way, summed = [], []
@@ -609,7 +609,7 @@ def gained(fixes: Fixes, scale: np.ndarray, piece: float = PIECE, pieces: int = 
         if time[index] - time[pick[-1]] >= piece - 1e-6:
             pick.append(index)
     edges, velocity = time[pick], fixes.velocity[pick]
-    gravity = float(np.linalg.norm(wgs84.gravity_ecef(wgs84.ecef_from_llh(fixes.llh[:1]))))
+    gravity = float(np.linalg.norm(earth.gravity_ecef(earth.ecef_from_llh(fixes.llh[:1]))))
     change = np.diff(velocity, axis=0) - np.diff(edges)[:, None] * [0.0, 0.0, gravity]
     whole = np.diff(edges) < 3.0 * piece
     windows = [

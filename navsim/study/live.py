@@ -15,7 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from navsim.core import states, wgs84
+from navsim.core import states
+from navsim.core.arrays import earth
 from navsim.core.streams import generator
 from navsim.estimation.records import REJECTED
 from navsim.io.draft import Draft
@@ -28,7 +29,7 @@ from navsim.io.text import plain_number
 from navsim.models import imu
 from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.models.signals import antenna_ecef
-from navsim.simulation.landing import fixed, initial_estimate, measured
+from navsim.simulation.landing import initial_estimate, measured, receiver_fixes
 from navsim.simulation.live import Increments, LiveFilter
 from navsim.study import source_clock
 from navsim.study.findings import notes, of_flight
@@ -256,8 +257,8 @@ class Session:
     def _off(self, time: np.ndarray, llh: np.ndarray) -> np.ndarray:
         """Fixes (n, 3) less the flight's antenna positions, m NED (n, 3)."""
         motion = self.case.trajectory.motion(time)
-        off = wgs84.ecef_from_llh(llh) - antenna_ecef(motion, self.case.environment.lever_arm)
-        return np.einsum("nij,nj->ni", wgs84.ned_matrix(motion.llh), off)
+        off = earth.ecef_from_llh(llh) - antenna_ecef(motion, self.case.environment.lever_arm)
+        return np.einsum("nij,nj->ni", earth.ned_matrix(motion.llh), off)
 
     def _sigma(self, time: np.ndarray) -> np.ndarray:
         """1 sigma of the scenario's fixes in space nearest to times (n,), m, as what real ones are measured by."""
@@ -298,7 +299,7 @@ class Session:
             return "doubled"
         if self.block == "imu":
             return "contradicting"
-        apart = float(np.linalg.norm(np.diff(wgs84.ecef_from_llh(_radians(np.array([row, other]))), axis=0)))
+        apart = float(np.linalg.norm(np.diff(earth.ecef_from_llh(_radians(np.array([row, other]))), axis=0)))
         now = np.array([0.0 if self.last is None else self.last])
         return "contradicting" if apart > source_clock.FITS * self._sigma(now)[0] else "late"
 
@@ -495,6 +496,6 @@ def _row(line: str, places: list[int], block: Block) -> np.ndarray | None:
 
 def _fixes(case: Case, seed: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Covariances of the fixes (e, 6, 6) NED, and the simulated fixes themselves: llh, velocity (e, 3)."""
-    llh, velocity, _, cov = fixed(case.world, *measured(case.world, seed, 0))
+    llh, velocity, _, cov = receiver_fixes(case.world, *measured(case.world, seed, 0))
     usual = np.diag([25.0, 25.0, 100.0, 0.1, 0.1, 0.4])  # where the scenario's own receiver would have no fix
     return np.where(np.isnan(cov), usual, cov), (llh, velocity)

@@ -192,7 +192,7 @@ def _ranked(places: np.ndarray, broken: np.ndarray, judge: Judge) -> np.ndarray:
 
 
 def _of_geometry(name: str, geometry: Geometry, kept: Rules, places: np.ndarray) -> np.ndarray:
-    sites = kept.ground.ecef(places)
+    sites = kept.plane.ecef(places)
     which = 2 if name.endswith("_max") else 0
     if name.startswith("fix_"):
         values, lost = geometry.fix_sigmas(sites)
@@ -217,7 +217,7 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
     row = 2 if name.startswith("vertical") else 1
 
     def screen(of: int, part: Geometry, places: np.ndarray) -> np.ndarray:
-        values, lost = part.fix_sigmas(kept.ground.ecef(places))
+        values, lost = part.fix_sigmas(kept.plane.ecef(places))
         return np.where(lost < len(part.receiver), values[of, 0] + _NO_FIX * lost, np.inf)
 
     parts = (row, _some(geometry, late)), (row, _some(geometry, before)), (0, _some(geometry, late))
@@ -234,7 +234,7 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> 
     def features(places: np.ndarray) -> np.ndarray:
         out = []
         for part in parts:
-            values, lost = part.fix_sigmas(kept.ground.ecef(places))
+            values, lost = part.fix_sigmas(kept.plane.ecef(places))
             out += [*np.log(np.where(lost < len(part.receiver), values[:, 0], _NO_FIX)), np.log1p(lost)]
         return np.stack(out, axis=1)
 
@@ -263,20 +263,20 @@ class _Flight:
         """The judge of placements by an error of the filter."""
 
         def one(places: np.ndarray) -> float:
-            here = self.with_pseudolites(kept.ground.llh(places))
+            here = self.with_pseudolites(kept.plane.llh(places))
             return filter_outputs(covariance_summary(here, covariance_analysis(here)))[name]
 
         return lambda places: np.array([one(p) for p in places])
 
     def findings(self, kept: Rules, places: np.ndarray) -> list[Finding]:
         """What the covariance analysis of a placement (k, 2) finds."""
-        here = self.with_pseudolites(kept.ground.llh(places))
+        here = self.with_pseudolites(kept.plane.llh(places))
         return covariance_findings(here, covariance_analysis(here))
 
     def with_pseudolites(self, llh: np.ndarray) -> Case:
         """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
         names = tuple(f"PL{i}" for i in range(1, len(llh) + 1))
-        sources = replace(self.case.environment, ground=replace(self.case.ground, names=names, llh=llh))
+        sources = replace(self.case.environment, pseudolites=replace(self.case.pseudolites, names=names, llh=llh))
         signals = build_signals(self.motion, self.case.scenario.epoch.timestamp(), sources)
         signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
         # fewer epochs have less to smooth already

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from navsim.core.wgs84 import llh_from_ecef
+from navsim.core.arrays.earth import llh_from_ecef
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
@@ -308,7 +308,7 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     for i, count in enumerate(counts):
         best = found[count]
         places[i, :count] = best.places
-        llh[i, :count] = llh_from_ecef(here.rules.ground.ecef(best.places))
+        llh[i, :count] = llh_from_ecef(here.rules.plane.ecef(best.places))
         if count in outcome.neighbourhoods:
             around[i, :count] = outcome.neighbourhoods[count]
         margin[i] = here.rules.violation(best.places[None])[0]
@@ -318,7 +318,7 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
         draft[f"/optimum/{name}"] = llh[..., axis]
     draft["/optimum/neighbourhood"] = around
     draft["/optimum/violation"] = margin
-    others = [dop_outputs(here.geometry, here.rules.ground.ecef(found[c].places)[None]) for c in counts]
+    others = [dop_outputs(here.geometry, here.rules.plane.ecef(found[c].places)[None]) for c in counts]
     for name in others[0]:
         draft[f"/optimum/{name}"] = np.array([o[name][0] for o in others])
     s, l1 = map_axes(here)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.core.arrays.earth import ecef_from_llh, heading_axes
 from navsim.io import files
 from navsim.models.pseudolite import Track, runway_positions
 from navsim.scenario.base import DEG
@@ -52,7 +52,7 @@ class Rules:
     """
 
     given: Constraints
-    ground: RunwayPlane
+    plane: RunwayPlane
     runway_length: float
     receiver: np.ndarray
     track: Track
@@ -72,7 +72,7 @@ class Rules:
         if self.given.runway_strip is not None:
             keep(_into_strip(self.given.runway_strip, self.runway_length, s, l1))
         if self.given.surfaces is not None:
-            keep(self.ground.height - surface_height(self.given.surfaces, self.runway_length, s, l1))
+            keep(self.plane.height - surface_height(self.given.surfaces, self.runway_length, s, l1))
         if self.keep_out is not None:
             import shapely
 
@@ -81,12 +81,12 @@ class Rules:
             keep(np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
         count = places.shape[1]
         if count:
-            keep(self.track.too_near(self.ground.ecef(places)))
+            keep(self.track.too_near(self.plane.ecef(places)))
         for i in range(count):
             for j in range(i):
                 keep(self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))
         if self.given.distance_m is not None or self.given.near_far_db is not None:
-            sites = self.ground.ecef(places)
+            sites = self.plane.ecef(places)
             # an axis after the other: (n, k, e, 3) at one go takes twice as long
             squares = sum((sites[..., i, None] - self.receiver[:, i]) ** 2 for i in range(3))
             near, far = np.sqrt(np.min(squares, axis=2)), np.sqrt(np.max(squares, axis=2))
@@ -122,7 +122,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
     """The constraints ready to be asked, with the checksum of their file. Raises InputError for a keep-out file that
     cannot be used."""
     trajectory = scenario.trajectory()
-    ground = RunwayPlane(scenario.threshold(trajectory.frame), scenario.runway.heading_deg * DEG, study.height_m)
+    plane = RunwayPlane(scenario.threshold(trajectory.frame), scenario.runway.heading_deg * DEG, study.height_m)
     given, keep_out = study.constraints, None
     if given.keep_out is not None:
         key = ("constraints", "keep_out")
@@ -135,16 +135,16 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
                 message = f"{given.keep_out} has the checksum {checksum}, not this one"
                 raise InputError([Problem(document.place(key), "constraints.keep_out_sha256", message)])
             given = given.model_copy(update={"keep_out_sha256": checksum})
-            keep_out = _polygons(content, ground, scenario.runway.height_m)
+            keep_out = _polygons(content, plane, scenario.runway.height_m)
         except ValueError as error:
             raise InputError([Problem(Place(str(path)), "", f"{error} (named at {document.place(key)})")]) from None
         except OSError as error:
             message = f"{path}: cannot be read: {error.strerror or error}"
             raise InputError([Problem(document.place(key), "constraints.keep_out", message)]) from None
-    return Rules(given, ground, scenario.runway.length_m, receiver, scenario.track(trajectory), keep_out)
+    return Rules(given, plane, scenario.runway.length_m, receiver, scenario.track(trajectory), keep_out)
 
 
-def _polygons(content: bytes, ground: RunwayPlane, height: float) -> Any:
+def _polygons(content: bytes, plane: RunwayPlane, height: float) -> Any:
     """The polygons of a GeoJSON file's content, in (s, l1), as one geometry. Raises ValueError for all else in it."""
     import shapely
 
@@ -172,7 +172,7 @@ def _polygons(content: bytes, ground: RunwayPlane, height: float) -> Any:
 
         def to_plane(coordinates: np.ndarray) -> np.ndarray:
             llh = np.column_stack([coordinates[:, 1] * DEG, coordinates[:, 0] * DEG, np.full(len(coordinates), height)])
-            return ground.places(llh)
+            return plane.places(llh)
 
         if not polygon.is_valid:
             raise ValueError(f"feature {i}: {shapely.is_valid_reason(polygon)}")

@@ -23,7 +23,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.estimate import KINDS, is_smoother
+from navsim.estimation.estimate import FILTER_KINDS, is_smoother
 from navsim.estimation.filter_loop import TFG
 from navsim.estimation.records import REJECTED
 from navsim.io import files
@@ -398,7 +398,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     """Tune, fly, impose the outages. Raises ReplayError where a smoother fails."""
     scenario = recording.scenario
     settings = tune(recording, done)
-    kind = KINDS[scenario.filter.kind]
+    kind = FILTER_KINDS[scenario.filter.kind]
     flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings, kind)
     fix_sigma = recording.fix_sigma(settings)
     begin, end = flight.imu_time[0], flight.imu_time[-1]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.core.dop import MAX_CLOCKS, dops
-from navsim.core.wgs84 import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.estimation import receiver
 from navsim.io.rinex_obs import Observations
 from navsim.models import atmosphere

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.wgs84 import ecef_from_llh, heading_axes
+from navsim.core.arrays.earth import ecef_from_llh, heading_axes
 from navsim.io import files
 from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
@@ -366,7 +366,7 @@ class SweepStudy:
         for name, checksum in files_of(case.scenario).items():
             if checksum != self.plan.files[name]:
                 raise PartialError(f"{name} was changed while the study ran")
-        site = ecef_from_llh(case.ground.llh)
+        site = ecef_from_llh(case.pseudolites.llh)
         warned = bool(self.plan.warnings_of(case))
         glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
         lost = int(np.isnan(case.world.dop[glide, 1]).sum())

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.wgs84 import ecef_from_llh
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Result

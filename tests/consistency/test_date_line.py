@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navsim.core import earth, wgs84
+from navsim.core import earth as point
+from navsim.core.arrays import earth
 from navsim.io import export
 from navsim.io.export import true_antenna
 from navsim.io.results import Result
@@ -27,9 +28,9 @@ HALF = np.pi
 @pytest.mark.parametrize("turns", [-2, -1, 0, 1])
 def test_the_short_way_round(turns: int) -> None:
     angles = np.array([0.0, 1e-9, -3.0, 3.0, np.nan])
-    np.testing.assert_allclose(wgs84.short_way(angles + 2.0 * HALF * turns), angles, atol=1e-14)
-    assert earth.short_way(angles[1]) == angles[1]
-    assert np.isnan(earth.short_way(np.nan))
+    np.testing.assert_allclose(earth.short_way(angles + 2.0 * HALF * turns), angles, atol=1e-14)
+    assert point.short_way(angles[1]) == angles[1]
+    assert np.isnan(point.short_way(np.nan))
 
 
 EAST = ("runway.heading_deg=90", "duration_s=40", "imu.rate_hz=20", "receiver.rate_hz=2")

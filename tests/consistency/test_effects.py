@@ -21,7 +21,7 @@ QUIET = ("signals.range_sigma_m=1e-6", "signals.range_rate_sigma_m_s=1e-6", "pse
 
 def fix_errors(c: landing.Case, run: int = 0) -> np.ndarray:
     """Errors of the fixes of a run, NED m."""
-    from navsim.core.wgs84 import ecef_from_llh, ned_matrix
+    from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 
     flown = c.fly(1, run)
     truth = c.world.signals.antenna

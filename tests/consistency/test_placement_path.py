@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, example, given, reject, settings
 from hypothesis import strategies as st
 
-from navsim.core.wgs84 import ecef_from_llh
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.models.pseudolite import NEAREST, TRACK_STEP, Track
@@ -25,7 +25,7 @@ from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.simulation.geometry import Geometry
-from navsim.simulation.landing import World, fixed
+from navsim.simulation.landing import World, receiver_fixes
 from navsim.simulation.landing_covariance import AnalysisError
 from navsim.study import objective
 from navsim.study.landing import covariance_analysis, covariance_result
@@ -282,7 +282,7 @@ def test_placement_path_equals_the_landing(
     except InputError as error:
         event(f"refused: {str(error)[:60]}")
         reject()
-    world, sites = flown.world, ecef_from_llh(flown.ground.llh)
+    world, sites = flown.world, ecef_from_llh(flown.pseudolites.llh)
     glide = on_glide(flown.scenario, flown.trajectory, world.signals.time)
     expected = of_world(world, glide)
     outputs = of_result(base(flown, COVARIANCE), int(np.isnan(expected[:, 0]).sum()))
@@ -377,7 +377,7 @@ def check_fixes(world: World, glide: np.ndarray, expected: np.ndarray) -> None:
     signals = world.signals
     ranges = np.linalg.norm(signals.position - signals.antenna[:, None], axis=2) + world.clock[:, :1]
     ranges = np.where(signals.used, ranges, np.nan)
-    llh, _, _, cov = fixed(world, ranges, np.where(signals.used, signals.range_rate, np.nan))
+    llh, _, _, cov = receiver_fixes(world, ranges, np.where(signals.used, signals.range_rate, np.nan))
     off = np.linalg.norm(ecef_from_llh(llh[glide]) - signals.antenna[glide], axis=1)
     sigma = np.sqrt(np.trace(cov[glide, :3, :3], axis1=1, axis2=2))
     found = (off < 0.01) & ~(expected[:, 0] > 100.0)

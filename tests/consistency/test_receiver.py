@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.noise import measure
 from navsim.core.streams import generator
@@ -49,8 +49,8 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
         llh, v, clocks, cov,
     )  # fmt: skip
     truth = world.at_filter
-    ned = wgs84.ned_matrix(truth.llh[epoch + 1])
-    error = (wgs84.ecef_from_llh(llh) - truth.position_ecef[epoch + 1]) @ ned.T
+    ned = earth.ned_matrix(truth.llh[epoch + 1])
+    error = (earth.ecef_from_llh(llh) - truth.position_ecef[epoch + 1]) @ ned.T
     return error[:, [1, 0, 2]] * [1, 1, -1], world.fix_covariance[epoch]
 
 
@@ -87,8 +87,8 @@ def test_velocity_of_fixes() -> None:
     run = flown.fly(3, 0)
     s = flown.world.signals
     at = flown.trajectory.motion(s.time)
-    c_ne = wgs84.ned_matrix(at.llh)
-    omega_ie_b = np.einsum("nji,njk,k->ni", at.c_nb, c_ne, [0, 0, wgs84.RATE])
+    c_ne = earth.ned_matrix(at.llh)
+    omega_ie_b = np.einsum("nji,njk,k->ni", at.c_nb, c_ne, [0, 0, earth.RATE])
     swing = np.einsum("nij,nj->ni", at.c_nb, np.cross(at.angular_rate - omega_ie_b, [2, 1, -1]))
     error = run.fix_velocity - at.velocity_ned - swing
     total = sum(x @ np.linalg.solve(p, x) for x, p in zip(error, noise_only(flown.world, at, c_ne), strict=True))
@@ -115,7 +115,7 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     at = flown.trajectory.motion(world.signals.time)
     near = np.linalg.norm(world.signals.position[:, -1] - at.position_ecef, axis=1) < 260.0
     assert near.sum() > 10
-    c_ne = wgs84.ned_matrix(at.llh)
+    c_ne = earth.ned_matrix(at.llh)
     arm = np.einsum("nij,j->ni", at.c_nb, flown.scenario.receiver.lever_arm_m)
     total, count = np.zeros(2), 0
     for run in range(400):
@@ -129,7 +129,7 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
         llh, v, clocks, cov = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS)), np.empty((e, 6, 6))
         fixes(world.start, s.position, s.velocity, s.sigma, s.rate_sigma, s.clock, ranges, rates, llh, v, clocks, cov)
         antenna = at.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
-        position = np.einsum("nij,nj->ni", c_ne, wgs84.ecef_from_llh(llh) - antenna)
+        position = np.einsum("nij,nj->ni", c_ne, earth.ecef_from_llh(llh) - antenna)
         error = np.concatenate([position, v - at.velocity_ned], axis=1)[near]
         for one, p, plain in zip(error, cov[near], noise_only(world, at, c_ne)[near], strict=True):
             total += one @ np.linalg.solve(p, one) / 6, one[3:] @ np.linalg.solve(plain, one[3:]) / 3

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.wgs84 import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.io import findings
 from navsim.io.results import Result
 from navsim.scenario.load import read_replay

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from navsim.core import earth, wgs84
+from navsim.core import earth as point
+from navsim.core.arrays import earth
 from navsim.models.pseudolite import runway_position
 from navsim.models.sky import azimuth_elevation, enu_matrix
 from tests.conftest import Within
@@ -27,8 +28,8 @@ def test_published_points(oracles: dict[str, Any], within: Within) -> None:
     for entry in oracles["ecef_llh"]:
         lat, lon, h = entry["lat_lon_deg_h_m"]
         llh = np.array([np.radians(lat), np.radians(lon), h])
-        np.testing.assert_allclose(wgs84.ecef_from_llh(llh), entry["ecef_m"], rtol=0.0, atol=within["ECEF"])
-        back = wgs84.llh_from_ecef(np.array(entry["ecef_m"]))
+        np.testing.assert_allclose(earth.ecef_from_llh(llh), entry["ecef_m"], rtol=0.0, atol=within["ECEF"])
+        back = earth.llh_from_ecef(np.array(entry["ecef_m"]))
         np.testing.assert_allclose(np.degrees(back[:2]), [lat, lon], rtol=0.0, atol=within["angles"])
         assert back[2] == pytest.approx(h, abs=within["height"])
 
@@ -36,9 +37,9 @@ def test_published_points(oracles: dict[str, Any], within: Within) -> None:
 @pytest.mark.validates("normal gravity", "NIMA TR8350.2 figures as in pyins' tests", gravity="1e-9 m/s²")
 def test_published_gravity(oracles: dict[str, Any], within: Within) -> None:
     entry = oracles["gravity_somigliana"]
-    assert earth.gravity(0.0, 0.0) == pytest.approx(entry["g_equator_h0"], abs=within["gravity"])
-    assert earth.gravity(1.0, 0.0) == pytest.approx(entry["g_pole_h0"], abs=within["gravity"])
-    assert earth.gravity(0.5, 1000.0) == pytest.approx(earth.gravity(0.5, 0.0) * (1 - 2000.0 / wgs84.A), rel=1e-14)
+    assert point.gravity(0.0, 0.0) == pytest.approx(entry["g_equator_h0"], abs=within["gravity"])
+    assert point.gravity(1.0, 0.0) == pytest.approx(entry["g_pole_h0"], abs=within["gravity"])
+    assert point.gravity(0.5, 1000.0) == pytest.approx(point.gravity(0.5, 0.0) * (1 - 2000.0 / earth.A), rel=1e-14)
 
 
 @pytest.mark.validates("geodetic and ECEF coordinates, random points", "pymap3d", ECEF="1e-8 m")
@@ -46,15 +47,15 @@ def test_published_gravity(oracles: dict[str, Any], within: Within) -> None:
 @given(lat=st.floats(-89.9, 89.9), lon=st.floats(-180, 180), h=st.floats(-1e3, 5e5))
 def test_coordinates_agree_with_pymap3d(within: Within, lat: float, lon: float, h: float) -> None:
     llh = np.array([np.radians(lat), np.radians(lon), h])
-    ecef = wgs84.ecef_from_llh(llh)
+    ecef = earth.ecef_from_llh(llh)
     np.testing.assert_allclose(ecef, pymap3d.geodetic2ecef(lat, lon, h), rtol=0.0, atol=within["ECEF"])
-    np.testing.assert_allclose(wgs84.ecef_from_llh(wgs84.llh_from_ecef(ecef)), ecef, rtol=0.0, atol=within["ECEF"])
+    np.testing.assert_allclose(earth.ecef_from_llh(earth.llh_from_ecef(ecef)), ecef, rtol=0.0, atol=within["ECEF"])
     kernel = np.empty(3)
-    earth.ecef_to_llh(*ecef, kernel)
-    np.testing.assert_allclose(kernel, wgs84.llh_from_ecef(ecef), rtol=1e-14, atol=2e-9)
+    point.ecef_to_llh(*ecef, kernel)
+    np.testing.assert_allclose(kernel, earth.llh_from_ecef(ecef), rtol=1e-14, atol=2e-9)
     axes = np.empty((3, 3))
-    earth.ned_axes(llh[0], llh[1], axes)
-    np.testing.assert_allclose(axes, wgs84.ned_matrix(llh), atol=1e-15)
+    point.ned_axes(llh[0], llh[1], axes)
+    np.testing.assert_allclose(axes, earth.ned_matrix(llh), atol=1e-15)
 
 
 @pytest.mark.validates("local axes, random points", "pymap3d", vector="1e-14")
@@ -63,7 +64,7 @@ def test_coordinates_agree_with_pymap3d(within: Within, lat: float, lon: float, 
 def test_local_axes_agree_with_pymap3d(within: Within, lat: float, lon: float) -> None:
     v = np.array([0.3, -2.0, 1.1])
     enu = pymap3d.ecef2enuv(*v, lat, lon)
-    ned = wgs84.ned_matrix(np.array([np.radians(lat), np.radians(lon), 0.0])) @ v
+    ned = earth.ned_matrix(np.array([np.radians(lat), np.radians(lon), 0.0])) @ v
     np.testing.assert_allclose(ned, [enu[1], enu[0], -enu[2]], rtol=0.0, atol=within["vector"])
 
 
@@ -81,7 +82,7 @@ def test_directions_agree_with_pymap3d(
     """Its way there only: on the way back it takes components below a millimetre for none."""
     there = np.array(pymap3d.aer2ecef(azimuth, elevation, distance, lat, lon, h))
     here = np.array([np.radians(lat), np.radians(lon), h])
-    away = there - wgs84.ecef_from_llh(here)
+    away = there - earth.ecef_from_llh(here)
     ours = azimuth_elevation(enu_matrix(here) @ away / np.linalg.norm(away))
     gap = (np.degrees(ours[0]) - azimuth + 180.0) % 360.0 - 180.0
     assert abs(gap) * np.cos(np.radians(elevation)) < within["angles"] + np.degrees(4e-9 / distance)
@@ -104,12 +105,12 @@ def test_runway_axes_agree_with_pymap3d(
     east, north = -l1 * ahead + s * np.array([np.sin(right), np.cos(right)])
     place = pymap3d.enu2geodetic(east, north, 0.0, lat, lon, 150.0)
     theirs = np.array(pymap3d.geodetic2ecef(place[0], place[1], 153.0))
-    np.testing.assert_allclose(wgs84.ecef_from_llh(ours), theirs, rtol=0.0, atol=within["place"])
+    np.testing.assert_allclose(earth.ecef_from_llh(ours), theirs, rtol=0.0, atol=within["place"])
 
 
 @pytest.mark.validates("radii of curvature at pole and equator", "closed form", "(relative)", radii="1e-12")
 def test_radii_at_pole_and_equator(within: Within) -> None:
     """Closed forms: a(1 - e2) and a on the equator, both a/sqrt(1 - e2) at the pole."""
-    assert earth.radii(0.0) == pytest.approx((wgs84.A * (1 - wgs84.E2), wgs84.A), rel=within["radii"])
-    polar = wgs84.A**2 / wgs84.B
-    assert earth.radii(1.0) == pytest.approx((polar, polar), rel=within["radii"])
+    assert point.radii(0.0) == pytest.approx((earth.A * (1 - earth.E2), earth.A), rel=within["radii"])
+    polar = earth.A**2 / earth.B
+    assert point.radii(1.0) == pytest.approx((polar, polar), rel=within["radii"])

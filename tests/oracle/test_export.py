@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from navsim.core.wgs84 import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.io.export import export
 from navsim.io.recording import read_fixes
 from navsim.io.results import Result, ResultError

@@ -122,7 +122,7 @@ constraints:
         half = 75 + 0.15 * max(beyond, 0)
         allowed = 0.025 * max(beyond, 0) + 0.143 * max(abs(s) - half, 0)
         assert allowed >= 12 - 0.01
-        gap = np.linalg.norm(here.rules.ground.ecef(found.places[i]) - here.rules.receiver, axis=1)
+        gap = np.linalg.norm(here.rules.plane.ecef(found.places[i]) - here.rules.receiver, axis=1)
         assert gap.min() >= 400 - 0.01
         assert gap.max() <= 3500 + 0.01
         assert 20 * np.log10(gap.max() / gap.min()) <= 12 + 1e-3
@@ -132,9 +132,9 @@ constraints:
 
 
 def _llh(here: PlacementProblem, places: np.ndarray) -> np.ndarray:
-    from navsim.core.wgs84 import llh_from_ecef
+    from navsim.core.arrays.earth import llh_from_ecef
 
-    return llh_from_ecef(here.rules.ground.ecef(places))
+    return llh_from_ecef(here.rules.plane.ecef(places))
 
 
 def test_sites_are_chosen_from_all_combinations(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.dop import dops
 from navsim.core.orbits import glonass_states
-from navsim.core.wgs84 import ecef_from_llh
 from navsim.io.almanac import read_almanac
 from navsim.io.rinex_nav import read_nav
 from navsim.io.sp3 import read_sp3

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from navsim.core import states
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.core.strapdown import navigate
-from navsim.core.wgs84 import ecef_from_llh
 from navsim.io.results import write
 from navsim.models.kinematics import tangent_frame
-from navsim.models.recorded import recorded_trajectory
+from navsim.models.recorded_trajectory import recorded_trajectory
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.source import InputError
 from navsim.study import landing, replay

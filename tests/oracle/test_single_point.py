@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.wgs84 import llh_from_ecef, ned_matrix
+from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
 from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import Observations, read_obs
 from navsim.io.sp3 import read_sp3

@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, states, strapdown, wgs84
+from navsim.core import attitude, states, strapdown
+from navsim.core.arrays import earth
 from navsim.models.kinematics import Trajectory
 from tests.conftest import Within
 from tests.helpers import case, cross, scenario
@@ -25,7 +26,7 @@ def mechanised(trajectory: Trajectory, rate: float, duration: float = 120.0) -> 
     nav[:3], nav[3:6], nav[6:10] = truth.llh[0], truth.velocity_ned[0], truth.quaternion[0]
     out = np.empty((2, states.NAV_N))
     strapdown.navigate(nav, states.declared(states.biases()), dtheta, dv, 1 / rate, t.size - 1, out)
-    error = wgs84.ned_matrix(truth.llh[1]) @ (truth.position_ecef[1] - wgs84.ecef_from_llh(out[1, :3]))
+    error = earth.ned_matrix(truth.llh[1]) @ (truth.position_ecef[1] - earth.ecef_from_llh(out[1, :3]))
     turn = np.empty(3)
     attitude.difference(truth.quaternion[1], out[1, 6:10], turn)
     return error, turn
@@ -64,18 +65,18 @@ def test_paper_profile_comes_back() -> None:
 def test_truth_against_an_independent_integrator(name: str, within: Within) -> None:
     """The path's own rates, integrated in ECEF by scipy's DOP853, give back the path."""
     trajectory = scenario("wind.speed_m_s=5", "wind.from_deg=40", "runway.heading_deg=75", name=name).trajectory()
-    omega = np.array([0.0, 0.0, wgs84.RATE])
+    omega = np.array([0.0, 0.0, earth.RATE])
     ends = np.array([0.0, *trajectory.path.knots, *trajectory.wind.knots, 120.0])
     ends = np.unique(ends[(ends >= 0) & (ends <= 120)])
     start = trajectory.motion(ends[:1])
-    c_eb = wgs84.ned_matrix(start.llh[0]).T @ start.c_nb[0]
+    c_eb = earth.ned_matrix(start.llh[0]).T @ start.c_nb[0]
     y = np.concatenate([start.position_ecef[0], start.velocity_ecef[0], c_eb.ravel()])
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         motion = trajectory.motion(np.array([t]))
         c = y[6:].reshape(3, 3)
         w, f = motion.angular_rate[0], motion.specific_force[0]
-        gravity = wgs84.gravity_ecef(y[:3])
+        gravity = earth.gravity_ecef(y[:3])
         acceleration = c @ f + gravity - 2 * np.cross(omega, y[3:6])
         return np.concatenate([y[3:6], acceleration, (c @ cross(w) - cross(omega) @ c).ravel()])
 
@@ -87,7 +88,7 @@ def test_truth_against_an_independent_integrator(name: str, within: Within) -> N
         y = solution.y[:, -1]
     truth = trajectory.motion(np.array([120.0]))
     assert np.linalg.norm(y[:3] - truth.position_ecef[0]) < within["place"]
-    turn = Rotation.from_matrix(wgs84.ned_matrix(truth.llh[0]) @ y[6:].reshape(3, 3) @ truth.c_nb[0].T)
+    turn = Rotation.from_matrix(earth.ned_matrix(truth.llh[0]) @ y[6:].reshape(3, 3) @ truth.c_nb[0].T)
     assert turn.magnitude() < within["attitude"]
 
 
@@ -183,10 +184,10 @@ def test_noise_free_run_has_no_error_but_rounding(lever_arm: list[float], attitu
     )  # fmt: skip
     flown = quiet.fly(1, 0)
     # fixes carry the rounding of ranges of 2e7 m (4e-9 m) times the DOP
-    fix = wgs84.ecef_from_llh(flown.fix_llh)
+    fix = earth.ecef_from_llh(flown.fix_llh)
     at_fix = quiet.trajectory.motion(quiet.world.signals.time)
     arm = np.einsum("nij,j->ni", at_fix.c_nb, lever_arm)
-    antenna = at_fix.position_ecef + np.einsum("nji,nj->ni", wgs84.ned_matrix(at_fix.llh), arm)
+    antenna = at_fix.position_ecef + np.einsum("nji,nj->ni", earth.ned_matrix(at_fix.llh), arm)
     assert np.abs(fix - antenna).max() < 1e-6
     assert np.abs(flown.error[:, :3]).max() < 1e-3
     assert np.abs(flown.error[:, 6:9]).max() < attitude

@@ -25,7 +25,7 @@ from navsim.io.export import export
 from navsim.io.results import read
 from navsim.io.stream import Lines, StreamError, opened
 from navsim.models import imu
-from navsim.simulation.landing import fixed, measured
+from navsim.simulation.landing import measured, receiver_fixes
 from navsim.study import landing
 from navsim.study import live as flying
 from navsim.study.executor import threads
@@ -329,7 +329,7 @@ def test_the_shift_is_as_sure_as_it_says() -> None:
         session = Session(c, "receiver", 1)
         time = c.world.signals.time
         velocity = c.trajectory.motion(time).velocity_ned
-        fixes = [fixed(c.world, *measured(c.world, seed, 0))[0] for seed in range(30)]
+        fixes = [receiver_fixes(c.world, *measured(c.world, seed, 0))[0] for seed in range(30)]
         shift, sigma = np.array([flying._shift(time, session._off(time, llh), velocity) for llh in fixes]).T
         assert abs(shift.mean()) < 4.0 * shift.std() / np.sqrt(shift.size)
         assert 0.6 < np.sqrt(np.mean(sigma**2)) / shift.std() < 1.6

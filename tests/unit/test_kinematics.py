@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from tests.helpers import scenario
 
 T = np.linspace(1.0, 118.0, 60)
@@ -23,7 +23,7 @@ def test_threshold_and_aim_point() -> None:
     s = scenario(name="landing_smooth")
     frame = s.trajectory().frame
     np.testing.assert_allclose(np.degrees(s.threshold(frame)[:2]), [56.02, 37.01], atol=1e-9)
-    threshold = wgs84.ecef_from_llh(np.array([*np.radians([56.02, 37.01]), 120.0]))
+    threshold = earth.ecef_from_llh(np.array([*np.radians([56.02, 37.01]), 120.0]))
     assert np.linalg.norm(frame.origin - threshold) == pytest.approx(100.0, abs=0.01)
 
 
@@ -70,8 +70,8 @@ def test_rates_are_derivatives_of_the_attitude(name: str) -> None:
     ahead, behind, here = (trajectory.motion(T + d) for d in (step, -step, 0.0))
 
     def inertial(m: object, t: np.ndarray) -> Rotation:
-        c_eb = np.swapaxes(wgs84.ned_matrix(m.llh), 1, 2) @ m.c_nb  # type: ignore[attr-defined]
-        return Rotation.from_rotvec(np.outer(t, [0, 0, wgs84.RATE])) * Rotation.from_matrix(c_eb)
+        c_eb = np.swapaxes(earth.ned_matrix(m.llh), 1, 2) @ m.c_nb  # type: ignore[attr-defined]
+        return Rotation.from_rotvec(np.outer(t, [0, 0, earth.RATE])) * Rotation.from_matrix(c_eb)
 
     turn = (inertial(behind, T - step).inv() * inertial(ahead, T + step)).as_rotvec() / (2 * step)
     np.testing.assert_allclose(turn, here.angular_rate, atol=3e-8)

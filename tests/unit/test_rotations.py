@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from navsim.core import attitude, rotation
+from navsim.core import attitude as point
+from navsim.core.arrays import attitude
 from tests.helpers import cross
 
 component = st.floats(-3.0, 3.0)
@@ -24,13 +25,13 @@ def scalar_first(r: Rotation) -> np.ndarray:
 def test_turning_agrees_with_scipy(start: np.ndarray, turn: np.ndarray) -> None:
     before = Rotation.from_rotvec(start)
     for kernel, expected in (
-        (attitude.rotate_left, Rotation.from_rotvec(turn) * before),
-        (attitude.rotate_right, before * Rotation.from_rotvec(turn)),
+        (point.rotate_left, Rotation.from_rotvec(turn) * before),
+        (point.rotate_right, before * Rotation.from_rotvec(turn)),
     ):
         q = scalar_first(before)
         kernel(q, *turn)
         matrix = np.empty((3, 3))
-        attitude.dcm(q, matrix)
+        point.dcm(q, matrix)
         np.testing.assert_allclose(matrix, expected.as_matrix(), atol=1e-14)
         assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-14)
 
@@ -43,7 +44,7 @@ def test_difference_is_the_left_error(theta: np.ndarray) -> None:
     estimate = Rotation.from_rotvec([0.3, -1.1, 2.0])
     truth = Rotation.from_rotvec(theta) * estimate
     out = np.empty(3)
-    attitude.difference(scalar_first(truth), scalar_first(estimate), out)
+    point.difference(scalar_first(truth), scalar_first(estimate), out)
     np.testing.assert_allclose(out, theta, atol=1e-13)
 
 
@@ -51,7 +52,7 @@ def test_difference_is_the_left_error(theta: np.ndarray) -> None:
 def test_left_jacobian_is_the_derivative_of_the_exponential(size: float) -> None:
     theta = size * np.array([0.6, -0.64, 0.48])
     jacobian = np.empty((3, 3))
-    attitude.left_jacobian(*theta, jacobian)
+    point.left_jacobian(*theta, jacobian)
     step = 1e-5
     for i in range(3):
         ahead, behind = theta.copy(), theta.copy()
@@ -63,7 +64,7 @@ def test_left_jacobian_is_the_derivative_of_the_exponential(size: float) -> None
 
 @given(st.floats(0.0, 0.2))
 def test_series_meet_the_closed_forms(t: float) -> None:
-    s, c = attitude.half_sinc(t * t)
+    s, c = point.half_sinc(t * t)
     assert c == pytest.approx(np.cos(t / 2), abs=1e-16)
     assert s * t == pytest.approx(np.sin(t / 2), abs=1e-17)
 
@@ -71,19 +72,19 @@ def test_series_meet_the_closed_forms(t: float) -> None:
 @given(vector)
 def test_quaternion_and_angles_of_a_matrix(theta: np.ndarray) -> None:
     r = Rotation.from_rotvec(theta)
-    np.testing.assert_allclose(rotation.quaternion_from_dcm(r.as_matrix()), scalar_first(r), atol=1e-7)
-    q = rotation.quaternion_from_dcm(r.as_matrix())
+    np.testing.assert_allclose(attitude.quaternion_from_dcm(r.as_matrix()), scalar_first(r), atol=1e-7)
+    q = attitude.quaternion_from_dcm(r.as_matrix())
     matrix = np.empty((3, 3))
-    attitude.dcm(q, matrix)
+    point.dcm(q, matrix)
     np.testing.assert_allclose(matrix, r.as_matrix(), atol=1e-14)
-    roll, pitch, yaw = rotation.roll_pitch_yaw(r.as_matrix())
+    roll, pitch, yaw = attitude.roll_pitch_yaw(r.as_matrix())
     again = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
     np.testing.assert_allclose(again, r.as_matrix(), atol=1e-7)
 
 
 def test_normalise_pulls_back_to_unit_length() -> None:
     q = np.array([0.5, 0.5, -0.5, 0.5]) * (1 + 1e-7)
-    attitude.normalise(q)
+    point.normalise(q)
     assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-13)
 
 
@@ -101,11 +102,11 @@ def test_errors_of_roll_pitch_yaw_agree_with_scipy(rpy: np.ndarray, theta: np.nd
     theta = theta * 0.1
     truth = Rotation.from_euler("ZYX", rpy[::-1])
     estimate = (Rotation.from_rotvec(-theta) * truth).as_euler("ZYX")[::-1]
-    difference = rotation.rpy_error(rpy[None], theta[None])[0] - (rpy - estimate)
+    difference = attitude.rpy_error(rpy[None], theta[None])[0] - (rpy - estimate)
     np.testing.assert_allclose((difference + np.pi) % (2 * np.pi), np.pi, atol=1e-9)
 
 
 @given(st.tuples(component, angle, component).map(np.array), vector)
 def test_small_errors_of_roll_pitch_yaw_are_linear(rpy: np.ndarray, theta: np.ndarray) -> None:
-    linear = rotation.rpy_jacobian(rpy[None])[0] @ theta * 1e-6
-    np.testing.assert_allclose(rotation.rpy_error(rpy[None], 1e-6 * theta[None])[0], linear, atol=1e-9)
+    linear = attitude.rpy_jacobian(rpy[None])[0] @ theta * 1e-6
+    np.testing.assert_allclose(attitude.rpy_error(rpy[None], 1e-6 * theta[None])[0], linear, atol=1e-9)

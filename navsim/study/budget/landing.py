@@ -71,12 +71,12 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     """The numbers of a scenario under a sky."""
     fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
     clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
-    names = sum(len(group.names) for group in sources.satellites) + len(sources.ground.names)
+    names = sum(len(group.names) for group in sources.satellites) + len(sources.pseudolites.names)
     if sources.listed is not None:
         clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
         names += len(sources.listed.names)
-    if sources.ground.names:
-        clocks.add(sources.ground.clock)
+    if sources.pseudolites.names:
+        clocks.add(sources.pseudolites.clock)
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names,
         1 if sources.effects.one_clock else len(clocks), len(scenario.filter.states()),

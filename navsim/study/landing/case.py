@@ -9,16 +9,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from navsim.core import states
-from navsim.core.rotation import dcm_from_rpy
+from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.estimate import KINDS
+from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io import files
 from navsim.io.results import ResultError, read
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
-from navsim.models.recorded import recorded_trajectory
-from navsim.models.signals import Environment, Ground, Satellites
+from navsim.models.recorded_trajectory import recorded_trajectory
+from navsim.models.signals import Environment, Pseudolites, Satellites
 from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.landing import Landing
@@ -98,9 +98,9 @@ class Case:
         return self.flight.beliefs
 
     @property
-    def ground(self) -> Ground:
+    def pseudolites(self) -> Pseudolites:
         """The pseudolites."""
-        return self.environment.ground
+        return self.environment.pseudolites
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
@@ -179,14 +179,20 @@ def environment(
     warnings: list[str] = []
     if trajectory is None:
         trajectory, scenario = trajectory_of(scenario, document)
-    ground = scenario.pseudolites.ground(scenario.pseudolite_positions(trajectory.frame))
+    pseudolites = scenario.pseudolites.model(scenario.pseudolite_positions(trajectory.frame))
     satellites: tuple[Satellites, ...] = ()
     listed = scenario.sky.listed() if scenario.sky.source == "directions" else None
     if listed is None:
         satellites, scenario = read_satellites(scenario, document, warnings)
     lever_arm = np.array(scenario.receiver.lever_arm_m)
     sources = Environment(
-        satellites, listed, scenario.sky.mask(), ground, scenario.signals.law(), lever_arm, scenario.effects(ground)
+        satellites,
+        listed,
+        scenario.sky.mask(),
+        pseudolites,
+        scenario.signals.law(),
+        lever_arm,
+        scenario.effects(pseudolites),
     )
     return sources, scenario, warnings
 
@@ -259,7 +265,7 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
         accel = believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(
-        kind=KINDS[section.kind],
+        kind=FILTER_KINDS[section.kind],
         sensors=followed(gyro, accel, section.scale_factors),
         velocity=section.velocity,
         latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from navsim.core import states
-from navsim.core.rotation import rpy_jacobian
+from navsim.core.arrays.attitude import rpy_jacobian
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
@@ -49,8 +49,8 @@ def budget(analysis: Analysis) -> tuple[str, ...]:
 def covariance_analysis(case: Case) -> Analysis:
     """The analysis of a case. Raises ValueError for a smoother, AnalysisError for a defect of the analysis."""
     case.scenario.check_analysable()
-    ground = np.isin(case.world.signals.names, case.ground.names)
-    return analyse(case.flight, ground)
+    of_pseudolites = np.isin(case.world.signals.names, case.pseudolites.names)
+    return analyse(case.flight, of_pseudolites)
 
 
 def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:

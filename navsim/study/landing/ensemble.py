@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from navsim.core import states
+from navsim.core.arrays.attitude import rpy_error, rpy_jacobian
 from navsim.core.dop import MAX_CLOCKS
-from navsim.core.rotation import rpy_error, rpy_jacobian
 from navsim.estimation.observations import MOST
 from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import FIX, Finding

@@ -57,9 +57,9 @@ def _geometry(draft: Draft, case: Case) -> None:
     draft["/geometry/line_of_sight"] = s.los
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         draft[f"/geometry/{name}"] = world.dop[:, i]
-    ground = case.ground
-    draft["/pseudolites/name"] = np.array(ground.names, dtype=object)
-    draft["/pseudolites/position_llh"] = ground.llh
+    pseudolites = case.pseudolites
+    draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
+    draft["/pseudolites/position_llh"] = pseudolites.llh
     draft["/receiver/time"] = s.time
     draft["/receiver/covariance_enu"] = world.fix_covariance
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.core.streams import generator
-from navsim.core.wgs84 import ecef_from_llh, ned_matrix
 from navsim.tracking.atc import singer_range
 from navsim.tracking.azimuth import FIRST, SINGER, azimuth_filter, range_filter
 from navsim.tracking.circuit import CircuitFlight, G

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core import wgs84
+from navsim.core.arrays import earth
 from navsim.models.kinematics import EARTH_RATE, Frame, Motion, assembled, integrate
 
 _POSITION_KNOTS, _ATTITUDE_STEP = 0.5, 0.25
@@ -54,7 +54,7 @@ class RecordedTrajectory:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         position, velocity, acceleration = (self.path.spline(t, order) for order in range(3))
         c_eb = self.attitude(t).as_matrix()
-        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - wgs84.gravity_ecef(position)
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_ecef(position)
         return assembled(t, position, velocity, force, c_eb, self.attitude(t, 1))
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +82,7 @@ def recorded_trajectory(
             f"a recording of at least {4.0 * _POSITION_KNOTS:g} s with outputs each {_ATTITUDE_STEP:g} s or denser is "
             f"needed, this has {time.size} in {span:.1f} s"
         )
-    ecef = wgs84.ecef_from_llh(llh)
+    ecef = earth.ecef_from_llh(llh)
     inner = np.linspace(time[0], time[-1], max(2, round(span / _POSITION_KNOTS)) + 1)
     knots = np.concatenate([np.repeat(inner[:1], _DEGREE), inner, np.repeat(inner[-1:], _DEGREE)])
     spline = make_lsq_spline(time, ecef, knots, k=_DEGREE)
@@ -93,7 +93,7 @@ def recorded_trajectory(
             kept.append(index)
     if kept[-1] != time.size - 1:
         kept[-1] = time.size - 1
-    c_eb = np.swapaxes(wgs84.ned_matrix(llh[kept]), 1, 2) @ c_nb[kept]
+    c_eb = np.swapaxes(earth.ned_matrix(llh[kept]), 1, 2) @ c_nb[kept]
     attitude = RotationSpline(time[kept], Rotation.from_matrix(c_eb))
     path = RecordedPath(spline, frame, inner, events)
     return RecordedTrajectory(path, frame, attitude, misfit)
