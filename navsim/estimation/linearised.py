@@ -109,13 +109,13 @@ def room(steps: Steps, outputs: int, declared: np.ndarray, truth: np.ndarray) ->
 @kernel
 def _interval(
     until, imu, model, truth, markov, unit_noise, nav, p, cursor, felt, scratch, c_nb, inverse, flat,
-    way, inputs, added,
+    phi_total, inputs, added,
 ):  # fmt: skip
-    """Fly to `until` and describe the way there: way (n, n), inputs (9, t), added (NOISES, 15, 15)."""
+    """Fly to `until` and describe what happens: phi_total (n, n), inputs (9, t), added (NOISES, 15, 15)."""
     errors, driven, phi_truth, phi_markov = flat[0], flat[1], flat[2], flat[3]
     a, b = flat[4], flat[5]
     gathered = flat[6 : 6 + NOISES]
-    n, t = way.shape[0], inputs.shape[1]
+    n, t = phi_total.shape[0], inputs.shape[1]
     errors[: STRIDE * n] = 0.0
     driven[: STRIDE * (SENSORS + t)] = 0.0
     gathered[:, : STRIDE * N] = 0.0
@@ -145,7 +145,7 @@ def _interval(
                 first = GYRO + 3 * (i - 2) + c
                 if i >= 2:
                     gathered[i, (STRIDE + 1) * first] += dt
-    square(errors, way)
+    square(errors, phi_total)
     for i in range(SENSORS):
         for j in range(t):
             inputs[i, j] = driven[STRIDE * i + j]

@@ -52,23 +52,23 @@ def difference(a, b, out):
 
 
 @kernel
-def _fly(until, imu, model, nav, cursor, felt, scratch, c_nb, inverse, way, added, work, transition):
+def _fly(until, imu, model, nav, cursor, felt, scratch, c_nb, inverse, phi_total, added, work, transition):
     """Mechanise to `until`; transition (n, n) of the plain errors, added (SIZE,): covariance gathered.
 
-    way, work: (SIZE,) space.
+    phi_total, work: (SIZE,) space.
     """
     n = transition.shape[0]
-    way[:] = 0.0
+    phi_total[:] = 0.0
     added[:] = 0.0
     for i in range(n):
-        way[(STRIDE + 1) * i] = 1.0
+        phi_total[(STRIDE + 1) * i] = 1.0
     phi = scratch[MID_N : MID_N + SIZE]
     last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         end = min(imu.time[int(cursor[0]) + 1], until)
         advance(ESKF, end, imu, model, nav, added, cursor, felt, scratch, c_nb, inverse)
-        carry_errors(phi, model.declared, cursor[2], way, n, work)
-    square(way, transition)
+        carry_errors(phi, model.declared, cursor[2], phi_total, n, work)
+    square(phi_total, transition)
 
 
 @kernel
@@ -179,7 +179,7 @@ def run(imu, measurements, events, state, model, passes, history):
     mean, mean_predicted = np.zeros((count, n)), np.zeros((count, n))
     gains = np.empty((count, n, n))
     transition, factor, prior = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    way, added, p = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
+    phi_total, added, p = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
     flat_work = np.zeros(SIZE)
     h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
     place = np.empty(MOST, np.int64)
@@ -221,7 +221,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 scratch,
                 c_nb,
                 inverse,
-                way,
+                phi_total,
                 added,
                 flat_work,
                 transition,

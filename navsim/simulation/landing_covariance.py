@@ -174,10 +174,10 @@ class _Smoothed:
         out.cov = self.cov.copy()
         return out
 
-    def carry(self, way: np.ndarray) -> None:
-        """On by what changes the state by `way` (S, S): an interval, or the weighing of another sensor."""
-        self.cov[:, : self.size] = way @ self.cov[:, : self.size]
-        self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ way.T
+    def carry(self, phi: np.ndarray) -> None:
+        """On by what changes the state by `phi` (S, S): an interval, or the weighing of another sensor."""
+        self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
+        self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
 
     def measure(self, i: int) -> None:
         """The smoothed noises become those of epoch i."""
@@ -253,17 +253,17 @@ class _Augmented:
 
     def interval(self, lin: Linearised, i: int, length: float, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transition (S, S) and added covariance (source, S, S) of interval i, length s. density: (source, NOISES)."""
-        way = np.eye(self.size)
-        way[: self.n, : self.n] = lin.transition[i]
-        way[: states.SENSORS, self.n :] = lin.inputs[i]
+        phi = np.eye(self.size)
+        phi[: self.n, : self.n] = lin.transition[i]
+        phi[: states.SENSORS, self.n :] = lin.inputs[i]
         at = np.arange(self.n, self.size)
-        way[at, at] = np.exp(-self.decay * length)
+        phi[at, at] = np.exp(-self.decay * length)
         # the sensor rows of what is added are those of the Markov biases themselves
         place = np.concatenate([np.arange(states.SENSORS), self.markov])
         added = np.zeros((density.shape[0], self.size, self.size))
         for source, noise in zip(*np.nonzero(density), strict=True):
             added[source][np.ix_(place, place)] += density[source, noise] * lin.added[i, noise]
-        return way, added
+        return phi, added
 
 
 def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
@@ -344,11 +344,11 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
         was_ahead = ahead
         interval = steps.interval[i]
         if interval >= 0:
-            way, added = carried.interval(lin, interval, steps.length[i], density)
-            total = way @ total @ way.T + added
-            mean, response = way @ mean, way @ response
+            phi, added = carried.interval(lin, interval, steps.length[i], density)
+            total = phi @ total @ phi.T + added
+            mean, response = phi @ mean, phi @ response
             if ranges_here is not None:
-                ranges_here.carry(way)
+                ranges_here.carry(phi)
                 total[list(_RANGES)] = ranges_here.state()
         kind, row, w = int(events.kind[i]), int(events.row[i]), steps.measurement[i]
         if kind == OUTPUT:

@@ -44,16 +44,18 @@ class Journal:
             if len(parts) != 4 or not line.endswith(b"\n") or parts[3] != self._check(*parts[:3]):
                 self._store.redone += 1
                 break
-            way, places, value = parts[:3]
-            self._known[way, bytes.fromhex(places.strip("."))] = bytes.fromhex(value)
+            fidelity, places, value = parts[:3]
+            self._known[fidelity, bytes.fromhex(places.strip("."))] = bytes.fromhex(value)
             end += len(line)
         return end
 
-    def _check(self, way: str, places: str, value: str) -> str:
+    def _check(self, fidelity: str, places: str, value: str) -> str:
         assert self._store is not None
-        return f"{zlib.crc32(self._store.identity + f'{way} {places} {value}'.encode()):08x}"
+        return f"{zlib.crc32(self._store.identity + f'{fidelity} {places} {value}'.encode()):08x}"
 
-    def remembering(self, way: str, judge: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    def remembering(
+        self, fidelity: str, judge: Callable[[np.ndarray], np.ndarray]
+    ) -> Callable[[np.ndarray], np.ndarray]:
         """A judge of placements (n, k, 2) that asks the journal first, one placement at a time.
 
         The judge must be the same for one placement as among many. Raises PartialError where the disk is full.
@@ -62,18 +64,18 @@ class Journal:
             return judge
 
         def remembered(places: np.ndarray) -> np.ndarray:
-            return np.concatenate([self._value(way, judge, places[i : i + 1]) for i in range(len(places))])
+            return np.concatenate([self._value(fidelity, judge, places[i : i + 1]) for i in range(len(places))])
 
         return remembered
 
-    def _value(self, way: str, judge: Callable[[np.ndarray], np.ndarray], place: np.ndarray) -> np.ndarray:
-        key = way, np.ascontiguousarray(place, np.float64).tobytes()
+    def _value(self, fidelity: str, judge: Callable[[np.ndarray], np.ndarray], place: np.ndarray) -> np.ndarray:
+        key = fidelity, np.ascontiguousarray(place, np.float64).tobytes()
         known = self._known.get(key)
         if known is None:
             value = np.asarray(judge(place), np.float64)
             known = self._known[key] = value.tobytes()
             # the empty placement is a dot: a line has four words
-            words = way, key[1].hex() or ".", known.hex()
+            words = fidelity, key[1].hex() or ".", known.hex()
             self._append(f"{' '.join(words)} {self._check(*words)}\n")
         return np.frombuffer(known)
 

@@ -130,8 +130,8 @@ def solve(
 
     try:
         if here.coarse is not None:
-            for way, judge in ((FULL, here.objective), (COARSE, here.coarse)):
-                with watch.trying(way, 1):
+            for fidelity, judge in ((FULL, here.objective), (COARSE, here.coarse)):
+                with watch.trying(fidelity, 1):
                     judge(nothing)
         for count, found in _searches(here, seed, watch, journal):
             outcome.found[count] = found
@@ -175,12 +175,12 @@ def _mapping(count: int) -> str:
 
 def _later_steps(here: PlacementProblem) -> list[Step]:
     counts = sorted(here.study.pseudolites)
-    way = COARSE if here.flown else GEOMETRY
+    fidelity = COARSE if here.flown else GEOMETRY
     reach = _FLOWN_REACH.size if here.flown else _REACH.size
     points = FLOWN_MAP_POINTS if here.flown else MAP_POINTS
     return [
-        *(Step(_around(count), {way: count * BEARINGS.size * reach}) for count in counts),
-        *(Step(_mapping(count), {way: points * points}) for count in counts),
+        *(Step(_around(count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
+        *(Step(_mapping(count), {fidelity: points * points}) for count in counts),
     ]
 
 
@@ -292,8 +292,8 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     values, without = np.array([found[c].value for c in counts]), {"without_pseudolites": outcome.without}
     draft.put("/front/objective", values, without, unit=unit, quantity=quantity)
     draft["/front/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
-    for way in (COARSE, FULL):
-        draft[f"/front/evaluations_{way}"] = np.array([found[c].tried.get(way, 0) for c in counts])
+    for fidelity in (COARSE, FULL):
+        draft[f"/front/evaluations_{fidelity}"] = np.array([found[c].tried.get(fidelity, 0) for c in counts])
     for path, marks in (
         ("/front/every_choice", [found[c].every for c in counts]),
         ("/front/finished", [found[c].finished for c in counts]),

@@ -183,10 +183,10 @@ class Trials:
         """Values (n,) of an error of the filter."""
         return self._one_by_one(places, FULL, None)
 
-    def _one_by_one(self, places: np.ndarray, way: str, judge: Judge | None) -> np.ndarray:
+    def _one_by_one(self, places: np.ndarray, fidelity: str, judge: Judge | None) -> np.ndarray:
         values = np.empty(len(places))
         for i in range(len(places)):
-            with self._watch.trying(way, 1):
+            with self._watch.trying(fidelity, 1):
                 values[i : i + 1] = self._here.value(places[i : i + 1], judge)
                 self._offer(places[i : i + 1], values[i : i + 1])
         return values

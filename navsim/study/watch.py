@@ -30,7 +30,7 @@ class Progress:
     """Where a search stands.
 
     tried: placements judged so far, by the way of judging. best, places: the best of the number of pseudolites in
-    work, with its sites (k, 2) s and l1 in m; None before there is one. left: seconds at most, None while the cost
+    work, with its sites (k, 2) s and l1 in m; None before there is one. remaining: seconds at most, None while the cost
     of some step to come is not known.
     """
 
@@ -39,7 +39,7 @@ class Progress:
     best: float | None
     places: np.ndarray | None
     used: float
-    left: float | None
+    remaining: float | None
 
 
 class Watch:
@@ -87,7 +87,7 @@ class Watch:
 
     def tried_since(self) -> dict[str, int]:
         """Placements judged since the number of pseudolites in work was begun, by the way of judging."""
-        return {way: count - self._before.get(way, 0) for way, count in self.tried.items()}
+        return {fidelity: count - self._before.get(fidelity, 0) for fidelity, count in self.tried.items()}
 
     def judge_anew(self) -> None:
         """The best so far is only that until the next is offered: another, stricter judge begins."""
@@ -99,30 +99,30 @@ class Watch:
             self.best, self.places, self._anew = value, places, False
 
     @contextmanager
-    def trying(self, way: str, count: int) -> Iterator[None]:
+    def trying(self, fidelity: str, count: int) -> Iterator[None]:
         """The judging of `count` placements in one of the ways."""
         self.look()
         begun = self._clock()
         yield
         cost = (self._clock() - begun) / count
-        self._cost[way] = (1.0 - _MEMORY) * self._cost.get(way, cost) + _MEMORY * cost
-        self.tried[way] = self.tried.get(way, 0) + count
-        if way in self._now.most:
-            self._now.most[way] = max(self._now.most[way] - count, 0)
+        self._cost[fidelity] = (1.0 - _MEMORY) * self._cost.get(fidelity, cost) + _MEMORY * cost
+        self.tried[fidelity] = self.tried.get(fidelity, 0) + count
+        if fidelity in self._now.most:
+            self._now.most[fidelity] = max(self._now.most[fidelity] - count, 0)
         self.look()
 
     def look(self) -> None:
         """Tell where the search stands. Raises TimeUp."""
         used = self._clock() - self._started
-        self.tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._left()))
+        self.tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining()))
         if self._limit is not None and used >= self._limit:
             raise TimeUp
 
-    def _left(self) -> float | None:
+    def _remaining(self) -> float | None:
         left = 0.0
         for step in (self._now, *self._to_come):
-            for way, most in step.most.items():
-                if most and way not in self._cost:
+            for fidelity, most in step.most.items():
+                if most and fidelity not in self._cost:
                     return None
-                left += self._cost.get(way, 0.0) * most
+                left += self._cost.get(fidelity, 0.0) * most
         return left

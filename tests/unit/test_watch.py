@@ -28,13 +28,13 @@ def test_time_left_is_what_is_planned_at_its_measured_cost() -> None:
     watch.plan([Step("one", {"cheap": 100}), Step("two", {"dear": 10}), Step("three", {"dear": 5})])
     with watch.step("one"), watch.trying("cheap", 50):
         clock.now += 1.0
-    assert told[-1].left is None, "nobody knows yet what dear ones cost"
+    assert told[-1].remaining is None, "nobody knows yet what dear ones cost"
     with watch.step("two"):
         for _ in range(4):
             with watch.trying("dear", 1):
                 clock.now += 2.0
         # 6 of its own and 5 of the next; the 50 that step one did not need are not counted
-        assert told[-1].left == pytest.approx(22.0)
+        assert told[-1].remaining == pytest.approx(22.0)
     assert told[-1].tried == {"cheap": 50, "dear": 4}
     assert told[-1].used == pytest.approx(9.0)
 

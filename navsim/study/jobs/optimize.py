@@ -71,7 +71,7 @@ class OptimizeJob:
 
 def said(progress: Progress, unit: str) -> str:
     """Where a search stands in words; unit: of the objective."""
-    analysed = sum(progress.tried.get(way, 0) for way in (COARSE, FULL))
+    analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))
     tried = f"{sum(progress.tried.values())} placements tried"
     if analysed:
         tried += f", {analysed} by covariance analysis"
@@ -79,5 +79,5 @@ def said(progress: Progress, unit: str) -> str:
     if progress.best is not None and progress.places is not None:
         at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
         best = f"best {progress.best:.4g}{'' if unit == '1' else f' {unit}'} at s, l1 {at} m"
-    left = "time left not known yet" if progress.left is None else f"at most {progress.left:.0f} s left"
-    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {left}"
+    remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
+    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
