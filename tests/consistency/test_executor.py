@@ -31,7 +31,8 @@ def test_processes_fly_what_threads_fly(kept: bool, tmp_path: Path) -> None:
         np.testing.assert_array_equal(theirs[name], ours[name], err_msg=name)
     np.testing.assert_array_equal(theirs.mean("nees"), ours.mean("nees"))
     if store is not None:
-        again = fly_all(here, 3, 0, 30, Executor(2, _none), keep="all", store=store)
+        opened = Store(tmp_path / "partial", {}, False)
+        again = fly_all(here, 3, 0, 30, Executor(2, _none), keep="all", store=opened)
         np.testing.assert_array_equal(again["error"], ours["error"])
 
 
