@@ -104,7 +104,7 @@ def test_damaged_batches_are_flown_again(place: Path, undisturbed: Path) -> None
     for damage, victim in zip((cut, flip, orphan), victims, strict=True):
         damage(victim)
     done = navsim(*COMMAND, "-o", file, cwd=place)
-    assert "2 damaged batch(es)" in done.stderr
+    assert "2 damaged piece(s)" in done.stderr
     assert stored(file) == stored(undisturbed)
 
 

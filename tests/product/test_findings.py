@@ -184,7 +184,7 @@ def test_combinations_without_a_fix(tmp_path: Path) -> None:
     for method in ("monte-carlo", "covariance"):
         section, document, base = read_study(tmp_path / "lost.yaml", Sweep, [f"method={method}"])
         planned = sweep.plan(section, document, base, 1)
-        result = sweep.sweep_result(planned, sweep.compute(planned, 1))
+        result = sweep.sweep_result(planned, sweep.compute(planned, threads(1)))
         np.testing.assert_array_equal(result["/outcome/combination"], [sweep.COMPUTED, sweep.NO_FIX])
         np.testing.assert_array_equal(np.isnan(result["/sweep/pdop"]), [False, True])
         assert int(result.attributes["refused"]) == 1

@@ -109,7 +109,7 @@ AGL = """13 09 2018    3600
  1   1  1  13 09 2018  0.955206250E+04  0.000000000E+00  0.000000000E+00 -0.305175781E-04
 -0.9923382E+00  0.6754875E-02 -0.2874756E-01  0.4005432E-03 -0.2656180E+04  0.8544922E-03
 """
-TLE = """VANGUARD 1
+TLE = """GPS BIIR-2  (PRN 13)
 1 00005U 58002B   00179.78495062  .00000023  00000-0  28098-4 0  4753
 2 00005  34.2682 348.7242 1859667 331.7664  19.3264 10.82419157413667
 """
@@ -193,15 +193,17 @@ def tables(found: Any) -> Iterator[np.ndarray]:
 
 def sane(found: Any) -> None:
     """What was read holds no infinities, and satellites where satellites can be."""
+    if isinstance(found, AlmanacFile):
+        assert found.constellations or found.not_used or found.untitled
+        for constellation in found.constellations:
+            sane(constellation)
+        return
     if isinstance(found, tuple):
         found = found[0]
     numbers = list(tables(found))
     assert numbers
     assert not any(np.isinf(table).any() for table in numbers)
-    if isinstance(found, AlmanacFile):
-        for constellation in found.constellations:
-            sane(constellation)
-    elif isinstance(found, gps.KeplerianEphemerides | glonass.GlonassAlmanac):
+    if isinstance(found, gps.KeplerianEphemerides | glonass.GlonassAlmanac):
         radius = np.linalg.norm(found.state(timescales.gps_from_utc(np.array([UTC])))[0], axis=2)
         assert np.all(np.isnan(radius) | ((radius > 1.2e7) & (radius < 8e7)))
 

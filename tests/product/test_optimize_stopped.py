@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from navsim.__main__ import main
+from navsim.cli import common
 from navsim.io.results import read
 from navsim.study import watch
+from navsim.study.jobs import optimize as job
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
 
@@ -46,7 +48,8 @@ def optimize(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], clock: Clock, study: Path, *more: str
 ) -> tuple[int, str, str]:
     """The command in this process, by a clock of its own: exit code, standard output, standard error."""
-    monkeypatch.setattr(watch, "Watch", functools.partial(watch.Watch, clock=clock))
+    monkeypatch.setattr(common, "SAY_EVERY_S", 0.0)
+    monkeypatch.setattr(job, "Watch", functools.partial(watch.Watch, clock=clock))
     monkeypatch.setattr(sys, "argv", ["navsim", "optimize", str(study), "-o", str(study.with_suffix(".h5")), *more])
     with pytest.raises(SystemExit) as left:
         main()
@@ -59,7 +62,7 @@ def test_time_limit_keeps_the_best(
 ) -> None:
     code, out, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "420", "--json")
     assert code == 0
-    assert "stopped early (time limit of 420 s)" in err
+    assert "stopped early: time limit of 420 s" in err
     assert "undone: the search for 1, 2 pseudolite(s); the neighbourhood for 1, 2 pseudolite(s)" in err
     assert "at most" in err
     assert "by covariance analysis" in err
@@ -108,7 +111,7 @@ def test_interrupt_keeps_the_best(
 
     code, out, err = optimize(monkeypatch, capsys, Clock(ctrl_c, 420), study)
     assert code == 130
-    assert "stopped early (interrupted)" in err
+    assert "stopped early: interrupted" in err
     assert "(stopped)" in out
     assert "not computed" in out
     result = read(study.with_suffix(".h5"))

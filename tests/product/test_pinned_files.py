@@ -14,6 +14,7 @@ from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import InputError
 from navsim.scenario.sweep import Sweep
 from navsim.study import objective, optimize
+from navsim.study.executor import threads
 from navsim.study.partial import PartialError
 from navsim.study.sweep import SweepStudy, compute, partial_key, plan, sweep_result
 from tests.helpers import SCENARIOS
@@ -69,7 +70,7 @@ def test_a_sweep_is_resumed_with_the_same_files_only(
     planned = plan(*read_study(path, Sweep, []), 1)
     key = partial_key(planned)
     assert key["files"] == (sums if vary else {"a.alm": sums["a.alm"]})
-    result = sweep_result(planned, compute(planned, 1))
+    result = sweep_result(planned, compute(planned, threads(1)))
     assert sums["a.alm"] in str(result.attributes["scenario"])
     assert json.loads(result.attributes["files"]) == key["files"]
     last = "b.alm" if vary else "a.alm"

@@ -399,7 +399,7 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     file.write_text(MAP.format(base=SCENARIOS / "landing_gnss_only.yaml"))
     section, document, base = read_study(file, Sweep, [])
     planned = sweep_study.plan(section, document, base, 1)
-    result = sweep_study.sweep_result(planned, sweep_study.compute(planned, 1))
+    result = sweep_study.sweep_result(planned, sweep_study.compute(planned, threads(1)))
     values = result["/sweep/pdop"]
     assert np.isnan(values).any()
     best = sweep.best(values)

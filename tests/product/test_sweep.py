@@ -176,7 +176,7 @@ def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> N
             content[len(content) // 2] ^= 1
             victim.write_bytes(content)
     done = navsim("sweep", file, "-o", target, "--workers", 2, "--figures", "none", cwd=place)
-    assert "1 damaged batch" in done.stderr
+    assert "1 damaged piece" in done.stderr
     assert stored(target) == stored(grid)
     assert target.with_suffix(".csv").read_bytes() == grid.with_suffix(".csv").read_bytes()
     assert not folder.exists()
