@@ -194,17 +194,17 @@ def placements(rows: list[tuple[str, str, str, bool]]) -> None:
     from navsim.scenario.load import read
     from navsim.simulation.geometry import glide_geometry
     from navsim.study.landing.case import environment
-    from navsim.study.placement import Ground
+    from navsim.study.placement import RunwayPlane
 
     scenario, document = read(SCENARIO, ["pseudolites.frame=runway", "pseudolites.count=0", "sky.mask_deg=0"])
     sources, scenario, _ = environment(scenario, document)
     trajectory = scenario.trajectory()
     epochs = np.linspace(0.0, 60.0, 121)
     here = glide_geometry(trajectory, sources, np.array([scenario.epoch.timestamp()]), epochs, np.ones(121, dtype=bool))
-    ground = Ground(scenario.threshold(trajectory.frame), 0.0, 0.0)
+    plane = RunwayPlane(scenario.threshold(trajectory.frame), 0.0, 0.0)
     s, l1 = np.meshgrid(np.linspace(50.0, 2000.0, 200), np.linspace(0.0, 5000.0, 200), indexing="ij")
     pairs = np.stack([np.stack([s, l1], axis=-1), np.stack([-s, l1], axis=-1)], axis=-2).reshape(-1, 2, 2)
-    sites = ground.ecef(pairs)
+    sites = plane.ecef(pairs)
     rng = np.random.default_rng(1)
     sky = rng.standard_normal((121, 10, 3))
     sky /= np.linalg.norm(sky, axis=2)[:, :, None]

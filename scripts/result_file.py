@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from navsim.io.schema import FAMILIES, ONE_FLIGHT, ROOT, SECTIONS, SORTS, WORDS, Entry, fields
+from navsim.io.schema import FAMILIES, LAYOUTS, ONE_FLIGHT, ROOT, SECTIONS, WORDS, Entry, fields
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "result-file.md"
 HEAD = """# The result file
@@ -17,7 +17,7 @@ dimension. Every variable has `units` and `long_name`; nan stands for what is no
 covariance, replay, live) the same path is the same quantity. [conventions.md](conventions.md) defines frames and signs,
 [landing.md](landing.md) says how damage shows.
 
-| sort | what it is |
+| layout | what it is |
 |---|---|
 """
 NOTES = """
@@ -50,11 +50,11 @@ def said(entry: Entry, text: str) -> str:
     return text
 
 
-def _in(sorts: Mapping[str, str]) -> str:
-    """Sorts of results, and on which condition each."""
-    if len(sorts) == len(SORTS) and not any(sorts.values()):
+def _in(layouts: Mapping[str, str]) -> str:
+    """Layouts of results, and on which condition each."""
+    if len(layouts) == len(LAYOUTS) and not any(layouts.values()):
         return "all"
-    return ", ".join(f"{name} ({when})" if when else name for name, when in sorts.items())
+    return ", ".join(f"{name} ({when})" if when else name for name, when in layouts.items())
 
 
 def row(entry: Entry) -> str:
@@ -64,7 +64,7 @@ def row(entry: Entry) -> str:
     if entry.labels:
         meaning += ": " + ", ".join(entry.labels)
     cells = (path_of(entry), f"`{dims}`" if dims else "", said(entry, entry.units), entry.of, meaning,
-             _in(entry.sorts), ", ".join(entry.attributes))  # fmt: skip
+             _in(entry.layouts), ", ".join(entry.attributes))  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
 
@@ -72,10 +72,10 @@ def page() -> str:
     """The whole page."""
     families = "; ".join(f"<{name}> {what}" for name, what in FAMILIES.items())
     words = "; ".join(f"*{name}* {what}" for name, what in WORDS.items())
-    lines = [HEAD + "\n".join(f"| {name} | {what} |" for name, what in SORTS.items())]
+    lines = [HEAD + "\n".join(f"| {name} | {what} |" for name, what in LAYOUTS.items())]
     lines.append(NOTES.format(one_flight=" and ".join(ONE_FLIGHT), families=families, words=words))
     lines += ["## Root attributes", "", "| attribute | what | in |", "|---|---|---|"]
-    lines += [f"| `{name}` | {what} | {_in(dict.fromkeys(sorts, ''))} |" for name, (sorts, what) in ROOT.items()]
+    lines += [f"| `{name}` | {what} | {_in(dict.fromkeys(layouts, ''))} |" for name, (layouts, what) in ROOT.items()]
     lines.append("")
     for section in SECTIONS:
         rows = map(row, section.entries)

@@ -1,4 +1,4 @@
-"""Whether a result holds what the schema declares for its sort: all that must be there, nothing else, as described."""
+"""Whether a result holds what the schema declares for its layout: all that must be there, nothing else, as said."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from navsim.io.draft import missing
 from navsim.io.results import Result
-from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, ROOT, SORTS, declared
+from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, LAYOUTS, ROOT, declared
 
 
-def sort_of(result: Result) -> str:
-    """The sort a result has in the schema."""
+def layout_of(result: Result) -> str:
+    """The layout a result has in the schema."""
     kind = str(result.attributes["kind"])
     return COVARIANCE if kind == "landing" and result.attributes["method"] == "covariance" else kind
 
@@ -33,10 +33,10 @@ def named(result: Result) -> dict[str, tuple[str, ...]]:
 
 def as_declared(result: Result) -> None:
     """Fails where a variable is not declared, is lacking, or is not what it is declared to be."""
-    sort = sort_of(result)
-    assert sort in SORTS
-    assert set(result.attributes) == {name for name, (sorts, _) in ROOT.items() if sort in sorts} - {CHECKSUMS}
-    due = declared(sort, tuple(named(result).items()))
+    layout = layout_of(result)
+    assert layout in LAYOUTS
+    assert set(result.attributes) == {name for name, (layouts, _) in ROOT.items() if layout in layouts} - {CHECKSUMS}
+    due = declared(layout, tuple(named(result).items()))
     assert sorted(set(result.variables) - set(due)) == []
     assert missing(due, result.variables) == []
     for path, variable in result.variables.items():

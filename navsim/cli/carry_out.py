@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from navsim.cli.budget import afford
-from navsim.cli.common import begin, check_target, figure_folder, leave, print_shown, progress, save
+from navsim.cli.common import begin, check_target, figure_folder, leave, print_shown, progress, save, target_of
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
 from navsim.cli.findings import require, warn
 from navsim.cli.options import Care, Required
@@ -22,20 +22,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be done with a job. figures: as given, see `common.figure_folder`."""
+    """What is to be done with a job. options: as the job has them. figures: see `common.figure_folder`."""
 
     care: Care
     required: Required
-    figures: str | None = None
+    options: Options
+    figures: str | Path | None = None
     dry_run: bool = False
-    fresh: bool = False
     json: bool = False
-    workers: int | None = None
 
 
 @contextmanager
-def failures() -> Iterator[None]:
-    """Leave with the words and the exit code of what stopped the work."""
+def failures(name: object) -> Iterator[None]:
+    """Leave with the words and the exit code of what stopped the work on a file of this name."""
     from navsim.io.results import ResultError
     from navsim.scenario.source import InputError
     from navsim.study.job import JobError, OptionError
@@ -47,7 +46,9 @@ def failures() -> Iterator[None]:
         leave(BAD_INPUT, *error.problems)
     except OptionError as error:
         leave(BAD_INPUT, error)
-    except (ResultError, JobError, PartialError) as error:
+    except JobError as error:
+        leave(RUN_FAILED, f"{name}: {error}")
+    except (ResultError, PartialError) as error:
         leave(RUN_FAILED, error)
 
 
@@ -56,7 +57,7 @@ def opened(command: str, file: Path, assignments: Sequence[str], options: Option
     from navsim.kinds import KINDS, named
     from navsim.scenario.load import read_for
 
-    with failures():
+    with failures(file):
         section, document = read_for(command, file, assignments)
         job: Job = named(KINDS[document.data["kind"]].job)(section, document, options)
     return job
@@ -76,6 +77,11 @@ def method_given(path: Path, assignments: list[str] | None, method: str | None) 
     return ([], "") if own is None else ([f"method={method}"], "" if own == method else f"_{method}")
 
 
+def target_for(output: Path | None, file: Path, job: Job, suffix: str = "") -> Path:
+    """The result's path: as given by -o, else by the file's name and what is unusual about the work."""
+    return target_of(output, f"{file.stem}{job.suffix or suffix}")
+
+
 def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | None:
     """Do a job and show its result, or only what it would take; returns the result where there is one.
 
@@ -86,25 +92,25 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
     from navsim.study.executor import threads
 
     check_target(target, job.sort, wanted.care.force)
-    skipped = wanted.care.quiet or job.sort.extent == SEVERAL_RUNS
+    skipped = wanted.care.quiet or job.sort.runs == SEVERAL_RUNS
     drawing = figure_folder(wanted.figures, target, skipped)
-    executor = threads(wanted.workers)
+    executor = threads(wanted.options.workers)
 
     def allow(budget: Any, final: bool = True, at_most: bool = False) -> None:
         afford(name, budget, target, wanted.care.over_budget, shown=wanted.dry_run and final, at_most=at_most)
 
     if not wanted.dry_run:
         begin(target)
-    with failures():
+    with failures(name):
         job.prepare(executor, allow)
     for warning in job.warnings:
         say(f"warning: {warning}")
     if wanted.dry_run:
         say(f"{name}: {job.described()}; would write {target}")
         return None
-    store = _store(job, target, wanted.fresh)
+    store = _store(job, target, wanted.options.fresh)
     try:
-        with failures():
+        with failures(name):
             with progress(job.extent, job.unit, not wanted.care.quiet) as tell:
                 outcome = job.run(executor, store, tell)
             written = save(outcome.result, target, None if outcome.interrupted else drawing)

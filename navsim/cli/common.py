@@ -166,8 +166,9 @@ def save(result: Result, target: Path, figures: Path | None) -> Written:
     return Written(texts, [] if figures is None else draw(result, figures, target.stem))
 
 
-def figure_folder(figures: str | None, target: Path, skipped: bool) -> Path | None:
-    """Where figures go; skipped: there are none unless a folder is given."""
+def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Path | None:
+    """Where figures go. figures: as given by the option, a folder or the word `none`; a Path is a folder whatever its
+    name. skipped: there are none unless a folder is given."""
     if figures == "none" or (figures is None and skipped):
         return None
     folder = target.parent if figures is None else Path(figures)
@@ -192,12 +193,6 @@ def read_result(path: Path) -> Result:
                 if kind in OF_FILES:
                     leave(BAD_INPUT, f"{path}: is no result but {advice(kind, path)}")
         leave(BAD_INPUT, error)
-
-
-def lacks(result: Any, name: object, error: KeyError) -> str:
-    """What to say of a result file without a variable that its kind has today."""
-    version = result.attributes["navsim_version"]
-    return f"{name}: has no {error.args[0]}; it was written by navsim {version}, compute it again with this version"
 
 
 def print_tables(results: list[tuple[str, Result]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from navsim.cli.budget import afford
-from navsim.cli.carry_out import Wanted, carry_out
+from navsim.cli.carry_out import Wanted, carry_out, target_for
 from navsim.cli.carry_out import opened as opened_job
 from navsim.cli.common import begin, check_target, leave, print_shown, progress, save, target_of
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, say
@@ -59,9 +60,10 @@ def replay(
     """
     from navsim.study.job import Options
 
-    job = opened_job("replay", log, given.set_ or [], Options())
-    wanted = Wanted(care, required, given.figures, given.dry_run, json=given.json_)
-    carry_out(log, job, target_of(given.output, log.stem), wanted)
+    options = Options()
+    job = opened_job("replay", log, given.set_ or [], options)
+    wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
+    carry_out(log, job, target_for(given.output, log, job), wanted)
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
     session = _session(scenario, given, care, target)
     session.tell = lambda message: None if care.quiet and not message.startswith("warning") else say(message)
-    extent = int(session.case.scenario.duration_s)
+    extent = math.ceil(session.case.scenario.duration_s)
     try:
         with opened(given.receiver or given.imu or "-") as lines, progress(extent, "seconds", not care.quiet) as done:
             session.tell(f"reading {lines.place}" + (f"; {lines.note}" if lines.note else ""))

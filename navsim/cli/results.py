@@ -11,7 +11,6 @@ import typer
 
 from navsim.cli.common import (
     figure_folder,
-    lacks,
     leave,
     print_json,
     print_tables,
@@ -57,17 +56,23 @@ def show(
 def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     """Leave with words where the contents of result files do not fit together, or lack what this version shows."""
     from navsim.io.results import ResultError
+    from navsim.io.schema import SCHEMA_VERSION
 
     try:
         yield
     except ResultError as error:
         named = any(str(file) in str(error) for file in files)
         leave(BAD_INPUT, error if named else f"{', '.join(map(str, files))}: {error}")
-    except KeyError as error:
-        leave(BAD_INPUT, *(lacks(result, file, error) for result, file in zip(results, files, strict=True)))
     except (typer.Exit, OSError, UnicodeEncodeError):
         raise  # left already, or the terminal's
     except Exception as error:  # the file's content alone decides what happens here, and it may be anybody's
+        earlier = [
+            f"{file}: written by navsim {result.attributes['navsim_version']}; compute it again with this version"
+            for result, file in zip(results, files, strict=True)
+            if result.attributes.get("schema_version") != SCHEMA_VERSION
+        ]
+        if earlier:
+            leave(BAD_INPUT, *earlier)
         said = (str(error).splitlines() or [""])[0]
         names = ", ".join(map(str, files))
         leave(BAD_INPUT, f"{names}: damaged: what it holds does not fit together ({type(error).__name__}: {said})")

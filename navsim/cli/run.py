@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out, method_given, opened
-from navsim.cli.common import target_of
+from navsim.cli.carry_out import Wanted, carry_out, method_given, opened, target_for
 from navsim.cli.options import (
     Care,
     FreshOption,
@@ -89,5 +88,5 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
         fresh=given.fresh, require_fix=required.require_fix,
     )  # fmt: skip
     job = opened("run", scenario, [*(given.set_ or []), *assigned], options)
-    wanted = Wanted(care, required, given.figures, given.dry_run, given.fresh, given.json_, given.workers)
-    carry_out(scenario, job, target_of(given.output, f"{scenario.stem}{job.suffix or suffix}"), wanted)
+    wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
+    carry_out(scenario, job, target_for(given.output, scenario, job, suffix), wanted)

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out, method_given, opened
-from navsim.cli.common import leave, target_of
+from navsim.cli.carry_out import Wanted, carry_out, method_given, opened, target_for
+from navsim.cli.common import leave
 from navsim.cli.ending import CHECK_FAILED
 from navsim.cli.options import (
     Care,
@@ -62,9 +62,10 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
 
     assigned, suffix = method_given(study, given.set_, given.method)
     keys = [*(given.set_ or []), *assigned, *([f"runs={given.runs}"] if given.runs else [])]
-    job = opened("sweep", study, keys, Options(given.seed))
-    wanted = Wanted(care, required, given.figures, given.dry_run, given.fresh, given.json_, given.workers)
-    carry_out(study, job, target_of(given.output, f"{study.stem}{suffix}"), wanted)
+    options = Options(given.seed, workers=given.workers, fresh=given.fresh)
+    job = opened("sweep", study, keys, options)
+    wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
+    carry_out(study, job, target_for(given.output, study, job, suffix), wanted)
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,10 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
     """
     from navsim.study.job import Options
 
-    job = opened("optimize", study, given.set_ or [], Options(given.seed, time_limit=given.time_limit))
-    wanted = Wanted(care, Required(), given.figures, given.dry_run, given.fresh, given.json_)
-    carry_out(study, job, target_of(given.output, study.stem), wanted)
+    options = Options(given.seed, time_limit=given.time_limit, fresh=given.fresh)
+    job = opened("optimize", study, given.set_ or [], options)
+    wanted = Wanted(care, Required(), options, given.figures, given.dry_run, given.json_)
+    carry_out(study, job, target_for(given.output, study, job), wanted)
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,11 @@ def table2(given: Table2Options, care: Care) -> None:
 
     Exit code 1 when claim C3 or the direction of C4 fails.
     """
+    from navsim.study.job import Options
     from navsim.study.jobs.table2 import Table2Job
 
-    wanted = Wanted(care, Required(), str(given.output), dry_run=given.dry_run, workers=given.workers)
+    options = Options(given.seed, given.runs, workers=given.workers)
+    wanted = Wanted(care, Required(), options, given.output, given.dry_run)
     result = carry_out("table2", Table2Job(given.seed, given.runs), given.output / "table2.h5", wanted)
     if result is None:
         return

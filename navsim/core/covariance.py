@@ -85,13 +85,13 @@ def kept(decay, dt):
 
 
 @inlined
-def transition(mid, felt, declared, phi):
+def transition(mid, increments, declared, phi):
     """Phi - I over one interval, the navigation rows of the flat `phi`.
 
     Second order in dt: I + F dt + F^2 dt^2 / 2 with F at mid-interval. Left out of F^2 are the products of
     two Earth-curvature terms (each below 1e-10 in Phi at 100 Hz and aircraft speeds), and of the effect of sensor
     states the estimated scale factors themselves (1e-3 of it where they are as large). mid: (MID_N,) from
-    `strapdown.step`. felt: (6,) true to the estimate, increments of angle and velocity over the interval. declared:
+    `strapdown.step`. increments: (6,) of angle and velocity over the interval, compensated by the estimate. declared:
     `states.DECLARED`. phi: (SIZE,) zero but for what this function writes.
     """
     dt = mid[MID_DT]
@@ -223,7 +223,7 @@ def transition(mid, felt, declared, phi):
         size = dt - h * declared[c].decay
         second = h
         if declared[c].signal != CONSTANT:
-            signal = felt[3 * declared[c].triad + declared[c].signal] / dt
+            signal = increments[3 * declared[c].triad + declared[c].signal] / dt
             size *= signal
             second *= signal
         column = SENSORS + c
@@ -382,13 +382,13 @@ def add_white(p, noise, dt):
 
 
 @inlined
-def predict(p, mid, felt, noise, declared, phi, a, b):
+def predict(p, mid, increments, noise, declared, phi, a, b):
     """P <- Phi P Phi' + Q over one interval, in place, but for decay and drive of the sensor states (`vary`).
 
-    p: (SIZE,). mid, felt, declared: as of `transition`. noise: (2,) densities of the white noises. phi, a, b: (SIZE,)
-    work space, zero at first.
+    p: (SIZE,). mid, increments, declared: as of `transition`. noise: (2,) densities of the white noises. phi, a, b:
+    (SIZE,) work space, zero at first.
     """
-    transition(mid, felt, declared, phi)
+    transition(mid, increments, declared, phi)
     carry_covariance(p, phi, SENSORS + declared.shape[0], a, b)
     add_white(p, noise, mid[MID_DT])
 

@@ -107,16 +107,7 @@ def solve_velocity(source, los, source_velocity, range_rate, sigma, used, x, v, 
         w = 1.0 / (sigma[s] * sigma[s])
         z = ux * source_velocity[s, 0] + uy * source_velocity[s, 1] + uz * source_velocity[s, 2]
         z = w * (range_rate[s] - z)
-        normal[0, 0] += w * ux * ux
-        normal[1, 0] += w * uy * ux
-        normal[1, 1] += w * uy * uy
-        normal[2, 0] += w * uz * ux
-        normal[2, 1] += w * uz * uy
-        normal[2, 2] += w * uz * uz
-        normal[3, 0] -= w * ux
-        normal[3, 1] -= w * uy
-        normal[3, 2] -= w * uz
-        normal[3, 3] += w
+        add_source(ux, uy, uz, w, 3, normal)
         v[0] -= z * ux
         v[1] -= z * uy
         v[2] -= z * uz

@@ -34,9 +34,9 @@ class SensorBeliefs:
 class Beliefs:
     """What a filter is and believes.
 
-    kind: `estimate.KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they come, s.
-    lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its fixes. gate:
-    limits by the number of measurements, see `FilterModel`.
+    kind: `estimate.FILTER_KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they
+    come, s. lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its
+    fixes. gate: limits by the number of measurements, see `FilterModel`.
     """
 
     kind: int

@@ -30,20 +30,20 @@ ESKF, LEFT_INVARIANT, TFG = 0, 1, 2
 
 
 @kernel
-def set_off(imu, nav, declared, cursor, felt):
-    """The start of a flight: cursor (3,) as of `advance`, felt (6,) what stands for the interval before the first."""
+def set_off(imu, nav, declared, cursor, increments):
+    """The start of a flight: cursor (3,) as of `advance`, increments (6,) for the interval before the first."""
     cursor[0] = 0.0
     cursor[1] = imu.time[0]
     cursor[2] = imu.time[1] - imu.time[0]
-    first_increments(nav, declared, imu.dtheta[0], imu.dv[0], cursor[2], felt)
+    first_increments(nav, declared, imu.dtheta[0], imu.dv[0], cursor[2], increments)
 
 
 @kernel
-def advance(kind, until, imu, model, nav, p, cursor, felt, scratch, c_nb, inverse):
+def advance(kind, until, imu, model, nav, p, cursor, increments, scratch, c_nb, inverse):
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
     imu, model: `records`. nav (NAV,), p (SIZE,): overwritten. cursor: (3,) index of the current IMU interval, present
-    time s, length of the interval last used s. felt: (6,) its compensated increments.
+    time s, length of the interval last used s. increments: (6,) its compensated increments.
     scratch: work space (MID_N + 3 * SIZE,), zero at first; c_nb: (3, 3), inverse: (2, 3, 3).
     """
     mid = scratch[:MID_N]
@@ -67,20 +67,20 @@ def advance(kind, until, imu, model, nav, p, cursor, felt, scratch, c_nb, invers
         scale = dt / cursor[2]
         if abs(scale - 1.0) > 1e-6:
             for i in range(6):
-                felt[i] *= scale
+                increments[i] *= scale
         share = 1.0 if whole_left and to_end else dt / whole
         tx, ty, tz, ux, uy, uz = compensated(
             nav, mixed, inverse, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], dt,
         )  # fmt: skip
-        step(nav, tx, ty, tz, ux, uy, uz, felt, dt, c_nb, mid)
-        predict(p, mid, felt, noise[min(k, noise.shape[0] - 1)], declared, phi, a, b)
+        step(nav, tx, ty, tz, ux, uy, uz, increments, dt, c_nb, mid)
+        predict(p, mid, increments, noise[min(k, noise.shape[0] - 1)], declared, phi, a, b)
         if varying:
             vary(declared, dt, p)
             for c in range(declared.shape[0]):
                 nav[NAV_SENSORS + c] *= kept(declared[c].decay, dt)
         if kind == TFG:
-            tfg.hold_axes(nav, p, felt, dt)
+            tfg.hold_axes(nav, p, increments, dt)
         cursor[2] = dt
         if to_end:
             k += 1
@@ -141,7 +141,7 @@ def own_error(kind, nav, error, out):
 def run(imu, measurements, events, state, model, history):
     """Fly through the events; arguments are those of `estimation.records`.
 
-    state: overwritten by the final one, at the last event that was not ahead. history: filled in.
+    state: overwritten by the final one, at the last event that before not ahead. history: filled in.
     """
     kind, declared = model.kind, model.declared
     n = history.covariance.shape[1]
@@ -160,7 +160,7 @@ def run(imu, measurements, events, state, model, history):
     # the filter itself, and its copy that runs ahead
     navs = np.empty((2, state.navigation.shape[0]))
     ps = np.zeros((2, SIZE))
-    felts = np.empty((2, 6))
+    increments_pair = np.empty((2, 6))
     cursors = np.zeros((2, 3))
     rejections = np.zeros((2, state.rejected.shape[0]), np.int64)
 
@@ -170,28 +170,34 @@ def run(imu, measurements, events, state, model, history):
     # a flight that goes on from an earlier piece keeps the bias axes of its covariance
     if not navs[0, NAV_HELD:NAV_GYRO].any():
         navs[0, NAV_HELD] = 1.0
-    set_off(imu, navs[0], declared, cursors[0], felts[0])
-    was = 0
+    set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
+    before = 0
     for i in range(events.time.shape[0]):
-        own = 1 if events.ahead[i] else 0
-        if own > was:
+        ahead = 1 if events.ahead[i] else 0
+        if ahead > before:
             navs[1] = navs[0]
             ps[1] = ps[0]
-            felts[1] = felts[0]
+            increments_pair[1] = increments_pair[0]
             cursors[1] = cursors[0]
             rejections[1] = rejections[0]
-        was = own
-        nav, p, felt, cursor, rejected = navs[own], ps[own], felts[own], cursors[own], rejections[own]
+        before = ahead
+        nav, p, increments, cursor, rejected = (
+            navs[ahead],
+            ps[ahead],
+            increments_pair[ahead],
+            cursors[ahead],
+            rejections[ahead],
+        )
         what, row = events.kind[i], events.row[i]
-        advance(kind, events.time[i], imu, model, nav, p, cursor, felt, scratch, c_nb, inverse)
+        advance(kind, events.time[i], imu, model, nav, p, cursor, increments, scratch, c_nb, inverse)
         if what == OUTPUT:
             history.navigation[row] = nav
             square(p, history.covariance[row])
         elif what != PASS:
-            m = observe(what, row, measurements, nav, felt, cursor[2], declared, c_nb, place, z, h, r)
+            m = observe(what, row, measurements, nav, increments, cursor[2], declared, c_nb, place, z, h, r)
             if m == 0 or not gain(p, h, r, m, pht, s, k):
                 continue
-            if own == 0:
+            if ahead == 0:
                 keep_innovation(place, m, z, s, history.innovation[i], history.innovation_sigma[i])
             for j in range(n):
                 x[j] = 0.0
@@ -199,7 +205,7 @@ def run(imu, measurements, events, state, model, history):
                     x[j] += k[j, a] * z[a]
             q = whitened_square(s, z, m)
             used = q <= model.gate[m] or rejected[what] >= model.max_rejected
-            if own == 0:
+            if ahead == 0:
                 history.innovation_squared[i] = q
                 history.degrees[i] = m
                 history.status[i] = USED if used else REJECTED
@@ -208,7 +214,7 @@ def run(imu, measurements, events, state, model, history):
                 # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
                 # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
                 correct(kind, nav, p, x, space)
-                observe(what, row, measurements, nav, felt, cursor[2], declared, c_nb, place, z, h, r)
+                observe(what, row, measurements, nav, increments, cursor[2], declared, c_nb, place, z, h, r)
                 gain(p, h, r, m, pht, s, k)
                 joseph(p, h, r, m, pht, k, work)
             else:

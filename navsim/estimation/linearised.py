@@ -76,7 +76,7 @@ def steps_of(begin: float, events: Events) -> Steps:
     """The steps of a flight from `begin`, s, on."""
     count = events.time.size
     length = np.empty(count)
-    own, copy = begin, begin
+    own, copy = begin, begin  # times of the filter itself, and of its copy that runs ahead
     # nothing happens before the flight begins: a filter that waits for late fixes is at its start
     times = np.maximum(events.time, begin).tolist()
     for i, (time, ahead) in enumerate(zip(times, events.ahead.tolist(), strict=True)):
@@ -108,7 +108,7 @@ def room(steps: Steps, outputs: int, declared: np.ndarray, truth: np.ndarray) ->
 
 @kernel
 def _interval(
-    until, imu, model, truth, markov, unit_noise, nav, p, cursor, felt, scratch, c_nb, inverse, flat,
+    until, imu, model, truth, markov, unit_noise, nav, p, cursor, increments, scratch, c_nb, inverse, flat,
     phi_total, inputs, added,
 ):  # fmt: skip
     """Fly to `until` and describe what happens: phi_total (n, n), inputs (9, t), added (NOISES, 15, 15)."""
@@ -129,12 +129,12 @@ def _interval(
     last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         step_end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(ESKF, step_end, imu, model, nav, p, cursor, felt, scratch, c_nb, inverse)
+        advance(ESKF, step_end, imu, model, nav, p, cursor, increments, scratch, c_nb, inverse)
         dt = mid[MID_DT]
         carry_errors(phi, model.declared, dt, errors, n, a)
-        transition(mid, felt, truth, phi_truth)
+        transition(mid, increments, truth, phi_truth)
         carry_errors(phi_truth, truth, dt, driven, t, a)
-        transition(mid, felt, markov, phi_markov)
+        transition(mid, increments, markov, phi_markov)
         for i in range(NOISES):
             carry_covariance(gathered[i], phi_markov, N, a, b)
             if varying:
@@ -168,7 +168,7 @@ def linearise(imu, measurements, events, steps, state, model, truth, markov, out
     c_nb, inverse = np.empty((3, 3)), np.empty((2, 3, 3))
     scratch = np.zeros(MID_N + 3 * SIZE)
     flat = np.zeros((6 + NOISES, SIZE))
-    navs, ps, felts, cursors = (
+    navs, ps, increments_pair, cursors = (
         np.empty((2, state.navigation.shape[0])), np.zeros((2, SIZE)), np.empty((2, 6)), np.zeros((2, 3)),
     )  # fmt: skip
     unit_noise = np.zeros((NOISES, NOISE_N))
@@ -177,32 +177,34 @@ def linearise(imu, measurements, events, steps, state, model, truth, markov, out
 
     navs[0] = state.navigation
     ps[0] = state.covariance
-    set_off(imu, navs[0], declared, cursors[0], felts[0])
-    was = 0
+    set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
+    before = 0
     for i in range(events.time.shape[0]):
-        own = 1 if events.ahead[i] else 0
-        if own > was:
+        # what is answered ahead of late fixes is a copy's, which starts from the filter as it is now
+        ahead = 1 if events.ahead[i] else 0
+        if ahead > before:
             navs[1] = navs[0]
             ps[1] = ps[0]
-            felts[1] = felts[0]
+            increments_pair[1] = increments_pair[0]
             cursors[1] = cursors[0]
-        was = own
-        nav, p, felt, cursor = navs[own], ps[own], felts[own], cursors[own]
+        before = ahead
+        nav, p, increments, cursor = navs[ahead], ps[ahead], increments_pair[ahead], cursors[ahead]
         at = steps.interval[i]
         if at >= 0:
             _interval(
-                events.time[i], imu, model, truth, markov, unit_noise, nav, p, cursor, felt, scratch, c_nb, inverse,
-                flat, out.transition[at], out.inputs[at], out.added[at],
+                events.time[i], imu, model, truth, markov, unit_noise, nav, p, cursor, increments, scratch, c_nb,
+                inverse, flat, out.transition[at], out.inputs[at], out.added[at],
             )  # fmt: skip
         what, row = events.kind[i], events.row[i]
         if what == OUTPUT:
             square(p, out.believed[row])
         elif what != PASS:
             w = steps.measurement[i]
-            m = observe(what, row, measurements, nav, felt, cursor[2], declared, c_nb, out.place[w], z, h, r)
+            m = observe(what, row, measurements, nav, increments, cursor[2], declared, c_nb, out.place[w], z, h, r)
             if m == 0 or not gain(p, h, r, m, pht, s, out.gain[w]):
                 continue
             out.degrees[w] = m
+            # what the filter expects of its innovation: H P H' + R
             for a in range(m):
                 out.z[w, a] = z[a]
                 out.h[w, a] = h[a]

@@ -86,7 +86,7 @@ def _across(arm, h, first):
 
 
 @kernel
-def _fix(nav, felt, dt, declared, c_nb, lever, llh, vel, z, h):
+def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
     """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n)."""
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
@@ -106,7 +106,7 @@ def _fix(nav, felt, dt, declared, c_nb, lever, llh, vel, z, h):
     # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
     rate = np.empty(3)
     for i in range(3):
-        rate[i] = felt[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
+        rate[i] = increments[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
     bx = rate[1] * lever[2] - rate[2] * lever[1]
     by = rate[2] * lever[0] - rate[0] * lever[2]
     bz = rate[0] * lever[1] - rate[1] * lever[0]
@@ -119,25 +119,25 @@ def _fix(nav, felt, dt, declared, c_nb, lever, llh, vel, z, h):
     for c in range(declared.shape[0]):
         if declared[c].triad == GYROS:
             b, d = (declared[c].axis + 1) % 3, (declared[c].axis + 2) % 3
-            size = 1.0 if declared[c].signal == CONSTANT else felt[declared[c].signal] / dt
+            size = 1.0 if declared[c].signal == CONSTANT else increments[declared[c].signal] / dt
             for i in range(3):
                 h[3 + i, SENSORS + c] = size * (c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b])
 
 
 @kernel
-def observe(kind, row, measurements, nav, felt, dt, declared, c_nb, place, z, h, r):
+def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, place, z, h, r):
     """What a measurement says: returns the number m of its numbers in use, 0 where there is nothing to use.
 
-    kind, row: as of `records.Events`. nav: navigation state; felt (6,): compensated increments of the last interval of
-    dt s. declared: the filter's sensor states. c_nb (3, 3): work space. Out: place (MOST,) which of the kind's numbers
-    are in use, z (MOST,) innovation, h (MOST, n), r (MOST, MOST) noise, in the first m rows.
+    kind, row: as of `records.Events`. nav: navigation state; increments (6,): the compensated ones of the last
+    interval, of dt s. declared: the filter's sensor states. c_nb (3, 3): work space. Out: place (MOST,) which of the
+    kind's numbers are in use, z (MOST,) innovation, h (MOST, n), r (MOST, MOST) noise, in the first m rows.
     """
     kept = 0
     if kind == FIX:
         fixes = measurements.fixes
         if math.isnan(fixes.llh[row, 0]):
             return 0
-        _fix(nav, felt, dt, declared, c_nb, fixes.lever_arm, fixes.llh[row], fixes.velocity[row], z, h)
+        _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, fixes.llh[row], fixes.velocity[row], z, h)
         for a in range(MOST):
             if not math.isnan(z[a]):
                 place[kept] = a

@@ -59,10 +59,10 @@ class State(NamedTuple):
 
 
 class FilterModel(NamedTuple):
-    """What a filter does and believes: kind (`estimation.estimate.KINDS`); noise (1, 2) or (n, 2) white densities of
-    the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate (MOST + 1,)
-    largest normalised innovation squared by the number of measurements; rejections in a row after which one is taken
-    nevertheless.
+    """What a filter does and believes: kind (`estimation.estimate.FILTER_KINDS`); noise (1, 2) or (n, 2) white
+    densities of the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate
+    (MOST + 1,) largest normalised innovation squared by the number of measurements; rejections in a row after which one
+    is taken nevertheless.
     """
 
     kind: int

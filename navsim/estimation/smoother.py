@@ -52,7 +52,7 @@ def difference(a, b, out):
 
 
 @kernel
-def _fly(until, imu, model, nav, cursor, felt, scratch, c_nb, inverse, phi_total, added, work, transition):
+def _fly(until, imu, model, nav, cursor, increments, scratch, c_nb, inverse, phi_total, added, work, transition):
     """Mechanise to `until`; transition (n, n) of the plain errors, added (SIZE,): covariance gathered.
 
     phi_total, work: (SIZE,) space.
@@ -66,7 +66,7 @@ def _fly(until, imu, model, nav, cursor, felt, scratch, c_nb, inverse, phi_total
     last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(ESKF, end, imu, model, nav, added, cursor, felt, scratch, c_nb, inverse)
+        advance(ESKF, end, imu, model, nav, added, cursor, increments, scratch, c_nb, inverse)
         carry_errors(phi, model.declared, cursor[2], phi_total, n, work)
     square(phi_total, transition)
 
@@ -186,7 +186,7 @@ def run(imu, measurements, events, state, model, passes, history):
     k, pht, work = np.empty((n, MOST)), np.empty((n, MOST)), np.empty((n, MOST))
     c_nb, jac, columns, inverse = np.empty((3, 3)), np.empty((3, 3)), np.empty((n, 3)), np.empty((2, 3, 3))
     scratch = np.zeros(MID_N + 3 * SIZE)
-    felt, cursor = np.empty(6), np.zeros(3)
+    increments, cursor = np.empty(6), np.zeros(3)
     here, x = np.empty(state.navigation.shape[0]), np.empty(n)
 
     start = state.navigation.copy()
@@ -201,9 +201,10 @@ def run(imu, measurements, events, state, model, passes, history):
         first = iteration == 0
         if first:
             nodes[0] = start
-        set_off(imu, nodes[0], declared, cursor, felt)
+        set_off(imu, nodes[0], declared, cursor, increments)
         # prior: exp(d) exp(moved) = exp(theta), theta ~ N(0, P)
         difference(nodes[0], start, x)
+        # forwards: a filter of the errors along this trajectory
         p[:] = state.covariance
         reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
         square(p, filtered[0])
@@ -217,7 +218,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 model,
                 here,
                 cursor,
-                felt,
+                increments,
                 scratch,
                 c_nb,
                 inverse,
@@ -229,6 +230,7 @@ def run(imu, measurements, events, state, model, passes, history):
             _predict(transition, added, filtered[node - 1], carried[node], predicted[node])
             if first:
                 nodes[node] = here
+            # the trajectory jumps where the pass before has moved its nodes: the jump carries the mean on
             difference(here, nodes[node], x)
             for i in range(n):
                 t = x[i]
@@ -241,7 +243,9 @@ def run(imu, measurements, events, state, model, passes, history):
             if e < 0 or (not first and status[e] != USED):
                 continue
             what = events.kind[e]
-            m = observe(what, events.row[e], measurements, nodes[node], felt, cursor[2], declared, c_nb, place, z, h, r)
+            m = observe(
+                what, events.row[e], measurements, nodes[node], increments, cursor[2], declared, c_nb, place, z, h, r
+            )
             for a in range(m):
                 for c in range(n):
                     z[a] -= h[a, c] * mean[node, c]
@@ -275,6 +279,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 for i in range(n):
                     mean[node, i] += x[i]
             square(p, filtered[node])
+        # backwards: what later measurements say of each node
         moved = 0.0
         for node in range(count - 1, -1, -1):
             if node < count - 1:
@@ -290,10 +295,12 @@ def run(imu, measurements, events, state, model, passes, history):
                     mean[node, i] += t
             for i in range(n):
                 moved = max(moved, abs(mean[node, i]) / math.sqrt(filtered[node, i, i]))
+        # the next trajectory
         for node in range(count):
             error_state.inject(nodes[node], mean[node])
         if not first and moved < _CONVERGED:
             break
+    # covariances are smoothed once, along the last trajectory; none of them moves it
     _to_flat(filtered[count - 1], state.covariance)
     prior[:] = filtered[count - 1]
     for node in range(count - 1, -1, -1):

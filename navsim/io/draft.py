@@ -18,18 +18,18 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 class Draft:
     """The variables of a result so far; it refuses what the schema does not declare, at once, with a Defect.
 
-    sort: of the result, see `schema.SORTS`. words: that come into all units and meanings, see `schema.WORDS`. named:
-    the members of the families that a study names, see `schema.FAMILIES`. Coordinates with the same labels in every
-    result are there from the beginning.
+    layout: of the result, see `schema.LAYOUTS`. words: that come into all units and meanings, see `schema.WORDS`.
+    named: the members of the families that a study names, see `schema.FAMILIES`. Coordinates with the same labels in
+    every result are there from the beginning.
     """
 
-    def __init__(self, sort: str, words: Mapping[str, str] = _NONE, **named: Sequence[str]) -> None:
-        self.sort = sort
+    def __init__(self, layout: str, words: Mapping[str, str] = _NONE, **named: Sequence[str]) -> None:
+        self.layout = layout
         self.variables: dict[str, Variable] = {}
         self._words = words
         # a study may name a case twice
         families = tuple((family, tuple(dict.fromkeys(members))) for family, members in named.items())
-        self._declared = declared(sort, families)
+        self._declared = declared(layout, families)
         self._lengths: dict[str, tuple[int, str]] = {}
         for path, one in self._declared.items():
             if one.labels:
@@ -48,7 +48,7 @@ class Draft:
         """Data (an array, a number or a Stream) of a path, with its attributes, and words for its unit and meaning."""
         one = self._declared.get(path)
         if one is None:
-            raise Defect(f"{path}: not declared for results of sort {self.sort}")
+            raise Defect(f"{path}: not declared for results of layout {self.layout}")
         data = data if isinstance(data, Stream) else np.asarray(data)
         if data.dtype.kind not in DTYPES[one.of]:
             raise Defect(f"{path}: {data.dtype} where {one.of} is declared")
@@ -80,10 +80,10 @@ class Draft:
         lacking = [path for path in missing(self._declared, self.variables) if not path.startswith(FINDINGS)]
         lacking += [path for path in self._lengths if path not in self.variables]
         if lacking:
-            raise Defect(f"a result of sort {self.sort} without {', '.join(lacking)}")
-        due = {name for name, (sorts, _) in ROOT.items() if self.sort in sorts and name not in LATE}
+            raise Defect(f"a result of layout {self.layout} without {', '.join(lacking)}")
+        due = {name for name, (layouts, _) in ROOT.items() if self.layout in layouts and name not in LATE}
         if set(attributes) != due:
-            raise Defect(f"root attributes of sort {self.sort}: {', '.join(sorted(due ^ set(attributes)))}")
+            raise Defect(f"root attributes of layout {self.layout}: {', '.join(sorted(due ^ set(attributes)))}")
         return Result(attributes, self.variables)
 
 

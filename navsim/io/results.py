@@ -132,19 +132,21 @@ class Result:
 class Sort:
     """What sort of result a file holds; results of different sorts do not take each other's place.
 
-    kind: as its root attribute. method: that made it, "" for kinds that know only one. extent: `ONE_RUN` or
+    kind: as its root attribute. method: that made it, "" for kinds that know only one. runs: `ONE_RUN` or
     `SEVERAL_RUNS` where runs were flown, else "".
     """
 
     kind: str
     method: str = ""
-    extent: str = ""
+    runs: str = ""
 
     def __str__(self) -> str:
         method = f"method {self.method}" if self.method else ""
-        return ", ".join(part for part in (f"kind {self.kind}", method, self.extent) if part)
+        return ", ".join(part for part in (f"kind {self.kind}", method, self.runs) if part)
 
 
+MOST_WHOLE = int(np.iinfo(np.int64).max)
+"""Largest whole number that a result holds, such as that of a run."""
 ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 
 
@@ -333,11 +335,9 @@ def read_sort(path: Path) -> Sort:
     tree = _opened(path)
     with _damage_of(path):
         method = str(tree.attributes.get("method", ""))
-        extent = ""
-        runs = tree.length("run") if method == "monte-carlo" else None
-        if runs is not None:
-            extent = SEVERAL_RUNS if runs > 1 else ONE_RUN
-        return Sort(tree.attributes["kind"], method, extent)
+        count = tree.length("run") if method == "monte-carlo" else None
+        runs = "" if count is None else SEVERAL_RUNS if count > 1 else ONE_RUN
+        return Sort(tree.attributes["kind"], method, runs)
 
 
 def _opened(path: Path) -> Tree:

@@ -1,4 +1,4 @@
-"""Every variable that a result may hold: path, dimensions, unit, meaning, in which sorts of results, and when.
+"""Every variable that a result may hold: path, dimensions, unit, meaning, in which layouts of results, and when.
 
 Studies hand in data by path (`io.draft`); what stands here is written into the file, published in
 docs/result-file.md, and held against the files that studies make (`tests/layout.py`).
@@ -19,10 +19,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from types import MappingProxyType
 
+SCHEMA_VERSION = 2
+"""Of the names and meanings on this page; root attribute of every result."""
 LANDING, COVARIANCE, REPLAY, LIVE = "landing", "covariance", "replay", "live"
 SWEEP, OPTIMIZE, TABLE2 = "sweep", "optimize", "table2"
 ELEVATION, ATC, AZIMUTH = "mls-elevation", "atc-tracking", "azimuth-tracking"
-SORTS = {
+LAYOUTS = {
     LANDING: "runs of a landing, one or several",
     COVARIANCE: "the covariance analysis of a landing; root attribute `kind` is landing, `method` covariance",
     REPLAY: "a recorded flight through the filter",
@@ -34,9 +36,9 @@ SORTS = {
     ATC: "the companion paper on tracking by an air traffic control radar",
     AZIMUTH: "the companion paper on azimuth tracking",
 }
-"""Sorts of results, and what each is."""
+"""Layouts of results, and what each is."""
 ONE_FLIGHT = (REPLAY, LIVE)
-"""Sorts that have one flight and no axis `run`."""
+"""Layouts that have one flight and no axis `run`."""
 NUMBER, WHOLE, TEXT, ANY = "number", "whole number", "text", "number or text"
 DTYPES = {NUMBER: "f", WHOLE: "iu", TEXT: "UO", ANY: "fiuUO"}
 """Kinds of numpy's types by what an entry holds."""
@@ -64,15 +66,15 @@ FAMILIES = {
 
 @dataclass(frozen=True)
 class Entry:
-    """A variable, or a family of like ones. sorts: the sorts of results that may hold it, and in words when each does,
-    "" for always. of: what it holds. each: the members of the families it lists. attributes: those it has beside
+    """A variable, or a family of like ones. layouts: those of results that may hold it, and in words when each does, ""
+    for always. of: what it holds. each: the members of the families it lists. attributes: those it has beside
     units and long_name. labels: of a coordinate that is the same in every result."""
 
     path: str
     dims: tuple[str, ...]
     units: str
     meaning: str
-    sorts: Mapping[str, str]
+    layouts: Mapping[str, str]
     of: str = NUMBER
     each: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     attributes: tuple[str, ...] = ()
@@ -93,7 +95,7 @@ def _a(
     dims: str,
     units: str,
     meaning: str,
-    sorts: str | Sequence[str],
+    layouts: str | Sequence[str],
     of: str = NUMBER,
     *,
     when: str | Mapping[str, str] = "",
@@ -101,24 +103,28 @@ def _a(
     labels: tuple[str, ...] = (),
     **each: tuple[str, ...],
 ) -> Entry:
-    """An entry; dims: names with blanks between; when: one for all sorts, or by sort where it is not always."""
-    names = (sorts,) if isinstance(sorts, str) else tuple(sorts)
+    """An entry; dims: names with blanks between; when: one for all layouts, or by layout where it is not always."""
+    names = (layouts,) if isinstance(layouts, str) else tuple(layouts)
     conditions = {name: when if isinstance(when, str) else when.get(name, "") for name in names}
     return Entry(path, tuple(dims.split()), units, meaning, conditions, of, each, attributes, labels)
 
 
-def _labels(path: str, meaning: str, sorts: str | Sequence[str], *labels: str) -> Entry:
+def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str) -> Entry:
     """A coordinate with the same labels in every result."""
-    return _a(path, path.rsplit("/", 1)[-1], "1", meaning, sorts, TEXT, labels=labels)
+    return _a(path, path.rsplit("/", 1)[-1], "1", meaning, layouts, TEXT, labels=labels)
 
 
 _FLOWN = (LANDING, COVARIANCE)
 _KEPT = "unless `--keep none`"
 _ALL = "with `--keep all`, which is the default for one run"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
+RMS_WINDOW = 20.0
+"""Length of the stretch before touchdown over which RMS errors are taken, s."""
+HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
+"""Heights above the runway at which errors are told, ft."""
 _RUNWAY = ("lateral", "along", "vertical")
 _BAND = ("band_low", "band_high", "degrees_of_freedom")
-_LATE = "over 20 s to touchdown"
+_LATE = f"over {RMS_WINDOW:g} s to touchdown"
 _RMS = f"root mean square over runs and {_LATE}"
 _SIGMA = "1 sigma of the filter, root mean square over runs"
 
@@ -280,7 +286,7 @@ _SUMMARY = Chapter(
         _a("/summary/sigma/{part}", "", "m", f"{{part}} position, {_SIGMA} and {_LATE}", _FLOWN,
            part=("horizontal", "vertical")),
         _a("/summary/percentile", "percentile", "1", "percentiles over runs of the size of an error", _FLOWN, WHOLE),
-        _a("/summary/at/height", "height", "m", "true height above the runway: touchdown, 50, 100, 200 ft", _FLOWN),
+        _a("/summary/at/height", "height", "m", f"true height above the runway: {', '.join(HEIGHTS).replace('ft', ' ft')}", _FLOWN),
         _a("/summary/at/{axis}", "height interval", "m", "root mean square over runs of the {axis} position error",
            _FLOWN, axis=_RUNWAY),
         _a("/summary/at/{axis}_sigma", "height", "m", f"{{axis}} position, {_SIGMA}", _FLOWN, axis=_RUNWAY),
@@ -295,8 +301,8 @@ _SUMMARY = Chapter(
         _a("/summary/consistency/time", "time", "s", "time of the filter's output", _FLOWN),
         *(
             _a(f"/summary/consistency/{name}", "time", "1", f"{how} per degree of freedom: normalised {meaning}",
-               sort, attributes=attributes)
-            for sort, how, attributes in ((LANDING, "ensemble mean", _BAND),
+               layout, attributes=attributes)
+            for layout, how, attributes in ((LANDING, "ensemble mean", _BAND),
                                           (COVARIANCE, "expected", ("degrees_of_freedom",)))
             for name, meaning in (
                 ("nees", "estimation error squared of all states"),
@@ -422,11 +428,11 @@ _LIVE = Chapter(
         _a("/clock/shift", "", "s", "how far the fixes lie ahead of the flight along the track, in time", LIVE),
         _a("/clock/shift_sigma", "", "s", "1 sigma of the same, from its scatter", LIVE),
         _a("/summary/rms_position_ned", "ned", "m",
-           "rms position error over the last 20 s that came, not those to touchdown", LIVE),
+           f"rms position error over the last {RMS_WINDOW:g} s that came, not those to touchdown", LIVE),
     ),
 )  # fmt: skip
 
-_DOP_QUANTITIES = {
+DOP_QUANTITIES = {
     **{
         f"{dop}{end}": ("1", f"{dop.upper()}, {which} over the glide")
         for end, which in (("", "mean"), ("_max", "largest"))
@@ -435,15 +441,17 @@ _DOP_QUANTITIES = {
     **{f"fix_{part}": ("m", f"{part} RMS of a fix, mean over the glide") for part in ("horizontal", "vertical")},
     "epochs_without_fix": ("1", "epochs of the glide without a fix"),
 }
-_FILTER_QUANTITIES = {
+"""Unit and meaning of what every method has for placements: DOPs, SKO of a fix, lost epochs."""
+FILTER_QUANTITIES = {
     **{part: ("m", f"root mean square {part} position error {_LATE}") for part in ("horizontal", "vertical")},
     **{
         f"{axis}_{height}": ("m", f"root mean square {axis} position error at {height}")
         for axis in _RUNWAY
-        for height in ("touchdown", "50ft", "100ft", "200ft")
+        for height in HEIGHTS
     },
 }
-QUANTITIES = _DOP_QUANTITIES | _FILTER_QUANTITIES
+"""The same of the methods that fly a filter."""
+QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES
 """Unit and meaning of what placements are judged by, and sweeps are made of."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
@@ -462,7 +470,7 @@ _SWEEP = Chapter(
         *(
             _a(f"/sweep/{name}_{{end}}", "*axes", units, meaning + ", {end} end of its 95 % interval", SWEEP,
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
-            for name, (units, meaning) in _FILTER_QUANTITIES.items()
+            for name, (units, meaning) in FILTER_QUANTITIES.items()
         ),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
@@ -509,7 +517,7 @@ _OPTIMIZE = Chapter(
            OPTIMIZE),
         *(
             _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
-            for name, (units, meaning) in _DOP_QUANTITIES.items()
+            for name, (units, meaning) in DOP_QUANTITIES.items()
         ),
         _a("/map/computed", "pseudolites", "1", "1: the map was computed", OPTIMIZE, WHOLE),
         _a("/map/s", "s", "m", "right of the runway's axis", OPTIMIZE),
@@ -730,7 +738,7 @@ _FINDINGS = Chapter(
     "Findings",
     "Warnings with counts, in every result; of length 0 where there is nothing to say.",
     tuple(
-        _a(f"{FINDINGS}/{name}", "finding", units, meaning, tuple(SORTS), of)
+        _a(f"{FINDINGS}/{name}", "finding", units, meaning, tuple(LAYOUTS), of)
         for name, units, meaning, of in (
             ("finding", "1", "names of what the user must hear about", TEXT),
             ("text", "1", "what was found", TEXT),
@@ -752,16 +760,16 @@ SECTIONS = (
 CHECKSUMS = "checksums"
 """Root attribute of files that carry checksums; `io.results` writes it."""
 ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
-    "kind": (tuple(SORTS), "kind of result; landing for both landing and covariance"),
-    "schema_version": (tuple(SORTS), "version of this page's contents"),
-    "navsim_version": (tuple(SORTS), "the version that wrote the file"),
-    "seed": (tuple(SORTS), "root of all random numbers"),
-    "scenario": (tuple(SORTS), "the whole resolved scenario, YAML"),
+    "kind": (tuple(LAYOUTS), "kind of result; landing for both landing and covariance"),
+    "schema_version": (tuple(LAYOUTS), "version of this page's contents"),
+    "navsim_version": (tuple(LAYOUTS), "the version that wrote the file"),
+    "seed": (tuple(LAYOUTS), "root of all random numbers"),
+    "scenario": (tuple(LAYOUTS), "the whole resolved scenario, YAML"),
     "study": ((SWEEP, OPTIMIZE), "the whole resolved study, YAML"),
-    "scenario_sha256": (tuple(SORTS), "SHA-256 of study and scenario"),
-    "epoch": (tuple(SORTS), "UTC of time 0"),
-    "created": (tuple(SORTS), "when the file was made, UTC"),
-    "title": (tuple(SORTS), "title of study or scenario"),
+    "scenario_sha256": (tuple(LAYOUTS), "SHA-256 of study and scenario"),
+    "epoch": (tuple(LAYOUTS), "UTC of time 0"),
+    "created": (tuple(LAYOUTS), "when the file was made, UTC"),
+    "title": (tuple(LAYOUTS), "title of study or scenario"),
     "method": ((LANDING, COVARIANCE, SWEEP), "monte-carlo or covariance; of a sweep also dop"),
     "files": ((SWEEP,), "checksums of the files that combinations read, JSON"),
     "runs": ((SWEEP,), "runs of each combination, 0 without runs"),
@@ -778,9 +786,9 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "verdict": ((LIVE,), "flown, or why this is no result"),
     "least_pdop_of_case_6_from_cases_1_and_2": ((TABLE2,), "what the paper's cases 1 and 2 leave for case 6"),
     "largest_pdop_of_case_6_printed": ((TABLE2,), "what the paper prints for case 6, rounding in favour"),
-    CHECKSUMS: (tuple(SORTS), "that the file carries checksums"),
+    CHECKSUMS: (tuple(LAYOUTS), "that the file carries checksums"),
 }
-"""Root attributes: of which sorts, and what they say."""
+"""Root attributes: of which layouts, and what they say."""
 LATE = ("verdict", CHECKSUMS)
 """Root attributes that are given when the rest of the result is there."""
 
@@ -809,15 +817,15 @@ def fields(text: str) -> list[str]:
 
 
 @cache
-def declared(sort: str, named: tuple[tuple[str, tuple[str, ...]], ...] = ()) -> Mapping[str, Declared]:
-    """All that a result of this sort may hold, by path. named: families and the members that the study names, see
+def declared(layout: str, named: tuple[tuple[str, tuple[str, ...]], ...] = ()) -> Mapping[str, Declared]:
+    """All that a result of this layout may hold, by path. named: families and the members that the study names, see
     `FAMILIES`; a family without members is left out."""
     members = dict.fromkeys(FAMILIES, ()) | dict(named)
     axes = members["dimension"]
     out: dict[str, Declared] = {}
-    for entry in (entry for section in SECTIONS for entry in section.entries if sort in entry.sorts):
+    for entry in (entry for section in SECTIONS for entry in section.entries if layout in entry.layouts):
         dims = tuple(d for dim in entry.dims for d in (axes if dim == "*axes" else (dim,)))
-        if sort in ONE_FLIGHT:
+        if layout in ONE_FLIGHT:
             dims = tuple(dim for dim in dims if dim != "run")
         families = list(dict.fromkeys(fields(entry.path)))
         for chosen in itertools.product(*(entry.each.get(family) or members[family] for family in families)):
@@ -831,7 +839,7 @@ def declared(sort: str, named: tuple[tuple[str, tuple[str, ...]], ...] = ()) -> 
             path = filled(entry.path)
             assert path not in out, path
             out[path] = Declared(
-                tuple(map(filled, dims)), filled(entry.units), filled(entry.meaning), entry.sorts[sort], entry.of,
+                tuple(map(filled, dims)), filled(entry.units), filled(entry.meaning), entry.layouts[layout], entry.of,
                 entry.attributes, entry.labels,
             )  # fmt: skip
     coordinates = {path for path, one in out.items() if one.dims == (path.rsplit("/", 1)[-1],)}

@@ -2,7 +2,7 @@
 
 Positions are fitted by a quintic spline with a knot each half second (least squares, so that the steps a filter makes
 at its fixes are not flown), attitudes by a spline with continuous rates through samples a quarter of a second apart.
-What inertial sensors feel follows from these curves exactly; how near they are to the recording is `misfit`.
+What inertial sensors feel follows from these curves exactly; how near they are to the recording is `rms_residual`.
 
 Sources: [1] de Boor, A Practical Guide to Splines (2001), chapter XIV. [2] scipy's RotationSpline (rates in body axes).
 [3] Groves (2013), eqs. 2.147-2.149.
@@ -46,7 +46,7 @@ class RecordedTrajectory:
     path: RecordedPath
     frame: Frame
     attitude: Any
-    misfit: float
+    rms_residual: float
     """rms distance of the curve from the recorded positions, m"""
 
     def motion(self, t: np.ndarray) -> Motion:
@@ -86,7 +86,7 @@ def recorded_trajectory(
     inner = np.linspace(time[0], time[-1], max(2, round(span / _POSITION_KNOTS)) + 1)
     knots = np.concatenate([np.repeat(inner[:1], _DEGREE), inner, np.repeat(inner[-1:], _DEGREE)])
     spline = make_lsq_spline(time, ecef, knots, k=_DEGREE)
-    misfit = float(np.sqrt(np.mean(np.sum((spline(time) - ecef) ** 2, axis=1))))
+    rms_residual = float(np.sqrt(np.mean(np.sum((spline(time) - ecef) ** 2, axis=1))))
     kept = [0]
     for index in range(1, time.size):
         if time[index] - time[kept[-1]] >= _ATTITUDE_STEP - 1e-6:
@@ -96,4 +96,4 @@ def recorded_trajectory(
     c_eb = np.swapaxes(earth.ned_matrix(llh[kept]), 1, 2) @ c_nb[kept]
     attitude = RotationSpline(time[kept], Rotation.from_matrix(c_eb))
     path = RecordedPath(spline, frame, inner, events)
-    return RecordedTrajectory(path, frame, attitude, misfit)
+    return RecordedTrajectory(path, frame, attitude, rms_residual)

@@ -207,6 +207,7 @@ def _affected(
         unit = away[:, sky] / distance[:, sky, None]
         space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
     if effects.reference is not None:
+        # the corrections of a reference station take off what it has itself, at its place and some time ago
         first = 0
         earlier = when - effects.reference.latency
         place = np.broadcast_to(effects.reference.llh, (e, 3))
@@ -234,6 +235,7 @@ def _affected(
                 space[:, here] = 0.0
         sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
     los[~used], cn0[~used] = np.nan, np.nan
+    # carrier to noise by antenna and distance, then the noise that the code loop has of it
     if effects.thermal:
         cn0 += np.where(sky, code_loop.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
     if effects.cn0_reference is not None:
@@ -242,6 +244,7 @@ def _affected(
         thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
     if effects.reflection is not None:
+        # the ray by the runway's plane, per pseudolite
         for i in np.flatnonzero(on_ground):
             transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
             above, own = llh[:, 2] - effects.reflection.height, transmitter[2] - effects.reflection.height

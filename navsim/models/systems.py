@@ -28,7 +28,8 @@ class System:
     simulated. old_codes: of RINEX 2 observations, the best first. message: that its satellites are flown by, in RINEX
     4's words. old_file: type of RINEX 2 files with its messages. time_system: of its files' times, in RINEX's words.
     talker: of NMEA sentences.
-    gm, earth_rate: of its messages, m3/s2, rad/s. called: pattern of titles of its satellites in two-line elements;
+    gm, earth_rate: by which its messages of orbital elements are meant (of GLONASS its almanacs; `core.orbits` has what
+    its state vectors are meant by), m3/s2, rad/s. called: pattern of titles of its satellites in two-line elements;
     numbered: pattern of titles with a satellite's number.
     """
 

@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from navsim.core.arrays.earth import ecef_from_llh, heading_axes, ned_matrix, unturned
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.io.export import true_antenna
 from navsim.io.results import Result, ResultError, Stream, write_bytes, write_text
 from navsim.report.figure_files import MARK, remove_former
@@ -113,8 +113,7 @@ def _in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
     """Positions in the tangent plane of the threshold: along (positive beyond it), right, up, m."""
     threshold = result["/truth/threshold_llh"]
     heading = np.radians(setting(result, "runway", "heading_deg"))
-    offset = (ecef_from_llh(llh) - ecef_from_llh(threshold)) @ heading_axes(threshold, heading)
-    return offset * np.array([1.0, 1.0, -1.0])
+    return in_heading_axes(ecef_from_llh(llh), threshold, heading) * np.array([1.0, 1.0, -1.0])
 
 
 def _touchdown(result: Result) -> float:

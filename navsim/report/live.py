@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.io.schema import RMS_WINDOW
 from navsim.report.table import Table, cell
 from navsim.report.view import View, one_by_one
 
@@ -21,7 +22,8 @@ def tables(result: Result) -> list[Table | str]:
         if path.startswith("/stream/"):
             stream.add(variable.long_name, cell("{}", int(np.asarray(variable.data))))
     rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
-    said = f"rms position error N E D over the last 20 s: {rms} m; NIS per degree {result['/summary/nis'][0]:.2f}"
+    said = f"rms position error N E D over the last {RMS_WINDOW:g} s: {rms} m"
+    said += f"; NIS per degree {result['/summary/nis'][0]:.2f}"
     offset, base = float(result["/clock/offset"]), result.attributes["clock"]
     clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"
     return [stream, said, clock, f"verdict: {result.attributes['verdict']}"]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 
 FINDINGS = "/findings/"
@@ -154,7 +155,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     def columns(result: Result, value: str) -> str:
         return value + (" [95 %]" if result["/run"].size > 1 else "") + ", σ of the filter"
 
-    section("Filter, errors over 20 s to touchdown", lambda r: columns(r, "RMS"))
+    section(f"Filter, errors over {RMS_WINDOW:g} s to touchdown", lambda r: columns(r, "RMS"))
     for name in ("horizontal", "vertical"):
         row(f"  {name} position, m", lambda r, n=name: _late(r, n))
     for path, axes, unit, scale in (
@@ -163,7 +164,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     ):
         for i, axis in enumerate(axes):
             row(f"  {axis}, {unit}", lambda r, p=path, i=i, s=scale: _late(r, p, i, s))
-    labels = ("touchdown", "50 ft", "100 ft", "200 ft")
+    labels = [name.replace("ft", " ft") for name in HEIGHTS]
     section("Filter, position error at height, m", lambda r: columns(r, "truth - estimate" if single(r) else "RMS"))
     for i, label in enumerate(labels):
         for name in ("lateral", "along", "vertical"):
@@ -175,7 +176,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     if not all(single(r) for _, r in results):
         section("Size of the position error, m", levels)
         for name in ("horizontal", "vertical"):
-            row(f"  {name}, RMS over 20 s", lambda r, n=name: _percentiles(r, f"/summary/rms/{n}_percentile"))
+            row(
+                f"  {name}, RMS over {RMS_WINDOW:g} s",
+                lambda r, n=name: _percentiles(r, f"/summary/rms/{n}_percentile"),
+            )
         for i, label in enumerate(labels):
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"
@@ -190,12 +194,12 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     flown = next((r for _, r in results if "/summary/coverage/level" in r), None)
     if flown is not None:
         for i, name in enumerate(flown["/summary/consistency/group"]):
-            row(f"  NEES of {str(name).replace('_', ' ')}, last 20 s", lambda r, i=i: _group(r, i))
+            row(f"  NEES of {str(name).replace('_', ' ')}, last {RMS_WINDOW:g} s", lambda r, i=i: _group(r, i))
         for i, level in enumerate(flown["/summary/coverage/level"]):
             row(f"  share of position within {level:g}σ", lambda r, i=i: _coverage(r, i))
     analysed = next((r for _, r in results if "/summary/budget/source" in r), None)
     if analysed is not None:
-        section("Error budget, same 20 s: horizontal, vertical, m (share of mean square)")
+        section(f"Error budget, same {RMS_WINDOW:g} s: horizontal, vertical, m (share of mean square)")
         for i, name in enumerate(analysed["/summary/budget/source"]):
             row(f"  {str(name).replace('_', ' ')}", lambda r, i=i: _budget(r, i))
     return table

@@ -161,7 +161,7 @@ class Differential(Section):
 
 
 class PseudolitesSection(Section):
-    """Pseudolites transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
+    """Transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
     count: Annotated[Literal[0, 1, 2], whole] = 0
     """one stands at +s_m, two stand at +s_m and -s_m, l1_m before the threshold"""

@@ -7,29 +7,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from navsim.io.schema import DOP_QUANTITIES, FILTER_QUANTITIES, QUANTITIES
 from navsim.scenario.base import Section, Version, list_of, reject
 
-DOP_OUTPUTS = (
-    "pdop",
-    "hdop",
-    "vdop",
-    "pdop_max",
-    "hdop_max",
-    "vdop_max",
-    "fix_horizontal",
-    "fix_vertical",
-    "epochs_without_fix",
-)
-"""Outputs of every method: DOPs (mean and largest over the glide), SKO of a fix in m, lost epochs of the glide."""
-HEIGHTS = ("touchdown", "50ft", "100ft", "200ft")
-FILTER_OUTPUTS = (
-    "horizontal",
-    "vertical",
-    *(f"{axis}_{height}" for axis in ("lateral", "along", "vertical") for height in HEIGHTS),
-)
-"""Outputs of the methods that fly a filter, m: root mean square errors over 20 s to touchdown and at heights."""
-OUTPUTS = (*DOP_OUTPUTS, *FILTER_OUTPUTS)
-
+DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(QUANTITIES)
+"""Outputs of every method; of those that fly a filter besides; of both."""
 MOST_VALUES = 100_000
 """Most values an axis may have, counted before they are made."""
 MOST_COMBINATIONS = 100_000_000

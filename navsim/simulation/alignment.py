@@ -5,8 +5,7 @@ change of its velocity less gravity: one rotation turns all pieces of the one in
 assumption on side slip, and finds the heading from any horizontal acceleration.
 
 Sources: [1] Wu & Pan, Velocity/position integration formula part I: application to in-flight coarse alignment, IEEE
-Trans. AES 49 (2013). [2] Davenport's solution of Wahba's problem: Shuster & Oh, Three-axis attitude determination from
-vector observations, J. Guidance and Control 4 (1981). [3] Groves (2013), section 5.6.2 (levelling).
+Trans. AES 49 (2013). [2] Groves (2013), section 5.6.2 (levelling).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays import earth
-from navsim.core.arrays.attitude import dcm_from_rpy, quaternion_from_dcm
+from navsim.core.arrays.attitude import dcm_from_rpy, quaternion_from_dcm, wahba
 from navsim.models.recording import Fixes, Samples
 
 
@@ -94,7 +93,7 @@ def standstill(samples: Samples, fixes: Fixes, begin: float, end: float) -> Stan
 
 
 def levelled(force: np.ndarray, heading: float) -> np.ndarray:
-    """C_nb (3, 3) of a body at rest from its mean specific force (3,), and a heading in rad [3]."""
+    """C_nb (3, 3) of a body at rest from its mean specific force (3,), and a heading in rad [2]."""
     roll = np.arctan2(-force[1], -force[2])
     pitch = np.arctan2(force[0], np.hypot(force[1], force[2]))
     return dcm_from_rpy(np.array([roll, pitch, heading]))
@@ -127,16 +126,16 @@ def velocity_matching(
     time = fixes.time
     if time.size < 4:
         return None
-    felt, ahead = _felt(samples.between(begin - 1.0, time[-1] + 1.0), begin, time, gyro_bias)
+    force_integral, ahead = _integrated_force(samples.between(begin - 1.0, time[-1] + 1.0), begin, time, gyro_bias)
     gained = _gained(time - begin, fixes.velocity, fixes.llh)
     # pieces of about a second: shorter ones are all noise
     pick = [0]
     for index in range(1, time.size):
         if time[index] - time[pick[-1]] >= _PIECE - 1e-6:
             pick.append(index)
-    a, b, length = np.diff(felt[pick], axis=0), np.diff(gained[pick], axis=0), np.diff(time[pick])
+    a, b, length = np.diff(force_integral[pick], axis=0), np.diff(gained[pick], axis=0), np.diff(time[pick])
     for count in range(3, len(pick)):
-        turn = _wahba(a[:count], b[:count])
+        turn = wahba(a[:count], b[:count])
         residual = b[:count] - a[:count] @ turn.T
         scatter = np.sum(residual**2) / (3 * count - 3)
         # a piece tells nothing about a turn around itself
@@ -156,7 +155,9 @@ def velocity_matching(
     return None
 
 
-def _felt(samples: Samples, begin: float, time: np.ndarray, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _integrated_force(
+    samples: Samples, begin: float, time: np.ndarray, bias: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Integral of specific force from `begin` to the times (m,), and where the nose points then, both (m, 3) in the
     body axes of `begin` as they stay inertially."""
     from scipy.spatial.transform import Rotation
@@ -196,9 +197,3 @@ def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Trapezoid sums (m, 3) of a rate from the first time on."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)[:, None]
     return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-
-def _wahba(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) that best turns the vectors a (n, 3) into b (n, 3), least squares [2]."""
-    u, _, vt = np.linalg.svd(b.T @ a)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt

@@ -29,7 +29,7 @@ class Increments:
     dv: list[np.ndarray] = field(default_factory=list)
 
     def add(self, time: float, dtheta: np.ndarray, dv: np.ndarray) -> None:
-        """What was felt from the last time to this one."""
+        """The increments from the last time to this one."""
         self.time.append(time)
         self.dtheta.append(dtheta)
         self.dv.append(dv)

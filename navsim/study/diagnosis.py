@@ -15,8 +15,7 @@ What the motion does not show is not judged: a correction is named only where th
 clearly worse than the best one, and equally good ones are named together. Each stage goes on with what the one before
 has corrected, so several mistakes are found.
 
-Sources: [1] Groves (2013), section 17.4 (consistency tests). [2] Wu & Pan (2013) and Shuster & Oh (1981), as
-`simulation.alignment`.
+Sources: [1] Groves (2013), section 17.4 (consistency tests). [2] Wu & Pan (2013), as `simulation.alignment`.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays import earth
+from navsim.core.arrays.attitude import wahba
 from navsim.io.recording import increments_as_rates
 from navsim.models import conventions
 from navsim.models.conventions import BODY_AXES, LEVEL_AXES, GnssConvention, ImuConvention, axes_letters, axes_matrix
@@ -329,7 +329,7 @@ def _angles(log: Log) -> tuple[list[Mistake], Log]:
 def _climbs(log: Log) -> bool:
     """Whether enough pieces climb or descend to judge the vertical velocity."""
     way, summed = _moved(log.fixes)
-    return bool(np.isfinite(_misfit(way[:, 2:], summed[:, 2:], SHORTEST_CLIMB)[0]))
+    return bool(np.isfinite(_relative_residual(way[:, 2:], summed[:, 2:], SHORTEST_CLIMB)[0]))
 
 
 def _both_turn(level: Mistake, vertical: Mistake) -> bool:
@@ -371,7 +371,7 @@ def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
     return np.reshape(way, (-1, 3)), np.reshape(summed, (-1, 3))
 
 
-def _misfit(way: np.ndarray, summed: np.ndarray, shortest: float) -> tuple[float, int]:
+def _relative_residual(way: np.ndarray, summed: np.ndarray, shortest: float) -> tuple[float, int]:
     """Median of |difference| / mean length of two ways (w, d) in pieces with a way, and how many pieces have one."""
     length = 0.5 * (np.linalg.norm(way, axis=1) + np.linalg.norm(summed, axis=1))
     counts = length > shortest
@@ -386,7 +386,7 @@ _LEVEL = [m for m in (axes_matrix(name, LEVEL_AXES) for name in conventions.all_
 
 def _level(log: Log) -> tuple[list[Mistake], Log]:
     way, summed = _moved(log.fixes)
-    as_written, count = _misfit(way[:, :2], summed[:, :2], SHORTEST_WAY)
+    as_written, count = _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAY)
     if np.isnan(as_written) or as_written <= MISFITS:
         return [], log
     written = "kn" if log.sentences else log.gnss.speed_unit
@@ -407,8 +407,8 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
         moved, added = _moved(placed.fixes)
         for matrix, (unit, factor) in itertools.product([np.eye(3)] if log.sentences else _LEVEL, speeds.items()):
             turned = not np.array_equal(matrix, np.eye(3))
-            misfit, enough = _misfit(moved[:, :2], factor * added[:, :2] @ matrix[:2, :2].T, SHORTEST_WAY)
-            if np.isnan(misfit) or enough < 3:
+            residual, enough = _relative_residual(moved[:, :2], factor * added[:, :2] @ matrix[:2, :2].T, SHORTEST_WAY)
+            if np.isnan(residual) or enough < 3:
                 continue
             letters = axes_letters(matrix @ axes_now, LEVEL_AXES)
             keys, said = dict(remedy), [seems] if seems else []
@@ -424,7 +424,7 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
             velocity[:, :2] = velocity[:, :2] @ matrix[:2, :2].T  # the vertical one may be unknown
             gnss = replace(placed.gnss, velocity_axes=letters, speed_unit=unit)
             cured = replace(placed, fixes=replace(placed.fixes, velocity=velocity), gnss=gnss)
-            options.append((changes + turned + (factor != 1.0), misfit, cured, keys, " and ".join(said)))
+            options.append((changes + turned + (factor != 1.0), residual, cured, keys, " and ".join(said)))
     ratio = float(np.sum(np.linalg.norm(summed[:, :2], axis=1)) / np.sum(np.linalg.norm(way[:, :2], axis=1)))
     course = np.degrees(np.arctan2(summed[:, 1], summed[:, 0]) - np.arctan2(way[:, 1], way[:, 0]))
     turned_by = float(np.median(np.abs((course + 180.0) % 360.0 - 180.0)))
@@ -432,7 +432,7 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
         f"over {count} pieces of {WINDOW:g} s the velocities add up to {_ratio(ratio)} times the change of position, "
         f"{turned_by:.0f} degrees aside of it"
     )
-    chosen = _simplest([(changes, misfit) for changes, misfit, *_ in options], as_written)
+    chosen = _simplest([(changes, residual) for changes, residual, *_ in options], as_written)
     if not chosen:
         return [Mistake(evidence, "position and velocity contradict each other", (), "gnss")], log
     told = " or ".join(options[i][4] for i in chosen)
@@ -445,7 +445,7 @@ def _ratio(value: float) -> str:
 
 
 def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:
-    """Which of (changes, misfit) explain the ways: those of the fewest changes that fit well and nearly best."""
+    """Which of (changes, residual) explain the ways: those of the fewest changes that fit well and nearly best."""
     fits = [i for i, (_, m) in enumerate(options) if m <= ACCEPTED or (m <= FITS and m <= 0.25 * as_written)]
     if not fits:
         return []
@@ -458,14 +458,14 @@ def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:
 def _vertical(log: Log) -> tuple[list[Mistake], Log]:
     way, summed = _moved(log.fixes)
     down, added = way[:, 2:], summed[:, 2:]
-    as_written, count = _misfit(down, added, SHORTEST_CLIMB)
+    as_written, count = _relative_residual(down, added, SHORTEST_CLIMB)
     if np.isnan(as_written) or as_written <= MISFITS:
         return [], log
     heights = {log.gnss.height_unit: 1.0, **_relative(conventions.HEIGHT_UNITS, log.gnss.height_unit)}
     options = []
     for sign, (unit, factor) in itertools.product((1.0, -1.0), heights.items()):
-        misfit, enough = _misfit(factor * down, sign * added, SHORTEST_CLIMB)
-        if np.isnan(misfit) or enough < 3:
+        residual, enough = _relative_residual(factor * down, sign * added, SHORTEST_CLIMB)
+        if np.isnan(residual) or enough < 3:
             continue
         axes = axes_letters(np.diag([1.0, 1.0, sign]) @ axes_matrix(log.gnss.velocity_axes, LEVEL_AXES), LEVEL_AXES)
         keys, said = {}, []
@@ -479,12 +479,12 @@ def _vertical(log: Log) -> tuple[list[Mistake], Log]:
             log.fixes, llh=log.fixes.llh * [1.0, 1.0, factor], velocity=log.fixes.velocity * [1.0, 1.0, sign]
         )
         cured = replace(log, fixes=fixes, gnss=replace(log.gnss, velocity_axes=axes, height_unit=unit))
-        options.append(((sign < 0.0) + (factor != 1.0), misfit, cured, keys, " and ".join(said)))
+        options.append(((sign < 0.0) + (factor != 1.0), residual, cured, keys, " and ".join(said)))
     ratio = float(np.sum(down * added) / np.sum(down * down))
     evidence = (
         f"over {count} pieces of {WINDOW:g} s the vertical velocities add up to {_ratio(ratio)} times the descent"
     )
-    chosen = _simplest([(changes, misfit) for changes, misfit, *_ in options], as_written)
+    chosen = _simplest([(changes, residual) for changes, residual, *_ in options], as_written)
     if not chosen:
         # heights of a poor receiver wander by as much: that is no mistake of the log
         return [], log
@@ -498,7 +498,7 @@ def _vertical(log: Log) -> tuple[list[Mistake], Log]:
 
 @dataclass(frozen=True)
 class _Carried:
-    """What accelerometers felt, carried along by gyros of one sign and unit: times (n,) of the grid, s; integrals from
+    """Specific force carried along by gyros of one sign and unit: times (n,) of the grid, s; integrals from
     its begin on: specific force for the gyros as they are and with `_NUDGE` of bias about each axis, (4, n, 3, 3, 3) by
     row and column of the rotation and by component; rotation (n, 3, 3); attitude (n, 3, 3)."""
 
@@ -634,17 +634,17 @@ def fitted(flight: _Carried, target: _Gained, windows: np.ndarray, hypothesis: _
     sums = np.einsum("xa,vnabc,cb->vnx", turn, force, turn) * hypothesis.accel_sign
     spin = np.einsum("xa,nab,yb->nxy", turn, flight.at(flight.turning, edges[both]), turn)
     after = np.searchsorted(both, windows + 1)
-    felt = sums[:, after] - sums[:, place]
+    sensed = sums[:, after] - sums[:, place]
     spun = spin[after] - spin[place]
     due = target.gained[windows]
-    rotation = _wahba(felt[0], due)
-    seen = np.einsum("wij,wkj->wki", rotation, felt[0])
+    rotation = wahba(sensed[0], due)
+    seen = np.einsum("wij,wkj->wki", rotation, sensed[0])
     count = windows.shape[0]
     residual = (due - seen).reshape(count, -1)
     free = _crosses(seen).reshape(count, -1, 3)
     shared = np.concatenate(
         [
-            np.einsum("wij,vwkj->wkiv", rotation, felt[1:] - felt[:1]).reshape(count, -1, 3) / _NUDGE,
+            np.einsum("wij,vwkj->wkiv", rotation, sensed[1:] - sensed[:1]).reshape(count, -1, 3) / _NUDGE,
             -np.einsum("wij,wkjl->wkil", rotation, spun).reshape(count, -1, 3),
         ],
         axis=2,
@@ -689,13 +689,6 @@ def _pointing(
     course = velocity / np.maximum(speed, MOVING)[..., None]
     ahead = np.einsum("wkji,wlj,wkl->wki", middle, rotation, course, optimize=True)
     return down.mean(axis=(0, 1)), ahead[counted].mean(axis=0)
-
-
-def _wahba(felt: np.ndarray, due: np.ndarray) -> np.ndarray:
-    """The rotations (..., 3, 3) that best turn vectors felt (..., k, 3) into those due (..., k, 3)."""
-    u, _, vt = np.linalg.svd(np.einsum("...ki,...kj->...ij", due, felt))
-    u[..., :, 2] *= (np.linalg.det(u) * np.linalg.det(vt))[..., None]
-    return u @ vt
 
 
 def _crosses(vectors: np.ndarray) -> np.ndarray:
@@ -797,12 +790,12 @@ class _Judge:
         sums = np.einsum(
             "txa,nabc,tcb->tnx", turns, flight.at(flight.force[0], target.edges + offset), turns, optimize=True
         )
-        felt = sums[:, windows + 1] - sums[:, windows]
+        sensed = sums[:, windows + 1] - sums[:, windows]
         due = target.gained[windows]
         out = []
         for sign in (1.0, -1.0):
-            rotation = _wahba(sign * felt, due)
-            residual = due - np.einsum("twij,twkj->twki", rotation, sign * felt)
+            rotation = wahba(sign * sensed, due)
+            residual = due - np.einsum("twij,twkj->twki", rotation, sign * sensed)
             # the median, so that a window in which the receiver fails does not decide
             squares = np.median(np.mean(residual**2, axis=(2, 3)), axis=1) + np.mean(residual**2, axis=(1, 2, 3))
             out += [(float(square), _Hypothesis(factor, turn, sign, offset)) for turn, square in enumerate(squares)]
@@ -829,8 +822,8 @@ class _Judge:
             windows = self.windows[inside]
             if windows.shape[0] >= 2:
                 sums = np.einsum("nabb->na", flight.at(flight.force[0], target.edges + offset))
-                felt, due = sums[windows + 1] - sums[windows], target.gained[windows]
-                residual = due - np.einsum("wij,wkj->wki", _wahba(felt, due), felt)
+                sensed, due = sums[windows + 1] - sums[windows], target.gained[windows]
+                residual = due - np.einsum("wij,wkj->wki", wahba(sensed, due), sensed)
                 squares[row, inside] = np.mean(residual**2, axis=(1, 2))
         allowed = (offsets >= tolerated[0] - 1e-9) & (offsets <= tolerated[1] + 1e-9)
         allowed &= np.isfinite(squares).any(axis=1)

@@ -25,7 +25,7 @@ BEYOND = 10.0
 """Sigmas an error never reaches: a Gaussian one does with a chance of 1e-23."""
 
 LANDING: dict[str, tuple[tuple[str, ...], str]] = {
-    "no_fix": ((FIX,), "no fix epoch: shorter than one fix interval"),
+    "no_fix": ((FIX,), "no fix epoch in the flight, or in the glide where placements are judged by it"),
     "epochs_without_fix": ((FIX,), "epochs without a fix: too few usable sources"),
     "lost_fixes": ((FIX,), "epochs without a fix: sources enough, but the least squares found no solution"),
     "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter wants"),

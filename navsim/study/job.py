@@ -1,4 +1,5 @@
-"""A job: the work that a file of some kind asks for, done by every command in the same steps.
+"""A job: the work that a file of some kind asks for, done by every command in the same steps. (`navsim live` alone has
+steps of its own: its work comes line by line and ends when the source does.)
 
 opened      from the validated file and what the command line says beside it, cheap
 prepared    files read, the extent known and allowed, what all of the work shares made
@@ -39,8 +40,8 @@ class Options:
     fresh: bool = False
     require_fix: bool = False
 
-    def only(self, *taken: str) -> list[str]:
-        """Those given that are not among the taken ones, as the command line has them."""
+    def foreign(self, *taken: str) -> list[str]:
+        """Those given that are not among the ones taken, as the command line has them."""
         given = [field.name for field in fields(self)[1:] if getattr(self, field.name) not in (None, False)]
         return [f"--{name.replace('_', '-')}" for name in given if name not in taken]
 
@@ -74,7 +75,8 @@ class Job(Protocol):
 
     sort: of its result. suffix: of the result's name where it is not the usual work of the file. extent, unit: of
     progress, what it counts; an extent of 0 is told in words. pieces: of the work that a store keeps, named `work` in
-    words, 0 where nothing is kept. warnings: of the input. The last three count once the job is prepared.
+    words; 0 where nothing is kept, more than one where their number is not known before. warnings: of the input. The
+    last three count once the job is prepared.
     """
 
     sort: Sort

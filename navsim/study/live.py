@@ -237,9 +237,9 @@ class Session:
     def _settle(self, row: np.ndarray, kind: source_clock.Kind) -> None:
         self._held = None
         scenario = self.case.scenario
-        misfit = (lambda t: self._misfit(t, _radians(row))) if self.block == "receiver" else None
+        distance = (lambda t: self._normalized_distance(t, _radians(row))) if self.block == "receiver" else None
         self.clock = source_clock.settle(
-            float(row[0]), kind, scenario.epoch.timestamp(), scenario.duration_s, self.period, misfit, self.start
+            float(row[0]), kind, scenario.epoch.timestamp(), scenario.duration_s, self.period, distance, self.start
         )
         self._told()
         self._place(row)
@@ -250,7 +250,7 @@ class Session:
         if self.clock.doubt:
             self.tell(f"warning: {self.clock.doubt}")
 
-    def _misfit(self, t: float, llh: np.ndarray) -> float:
+    def _normalized_distance(self, t: float, llh: np.ndarray) -> float:
         """Distance of a fix from where the flight's antenna is at a time, in sigmas."""
         return float(np.linalg.norm(self._off(np.array([t]), llh[None])[0]) / self._sigma(np.array([t]))[0])
 

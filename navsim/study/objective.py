@@ -24,6 +24,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from navsim.io.findings import Finding
+from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models import timescales
 from navsim.models.constellation import Remembering
 from navsim.models.kinematics import Motion
@@ -32,11 +33,9 @@ from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.source import Document, InputError, Problem, set_value
-from navsim.scenario.sweep import HEIGHTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.landing import Case, covariance_analysis, covariance_findings, covariance_summary, prepare
 from navsim.study.landing.case import (
-    RMS_WINDOW,
     Ask,
     crossing_times,
     environment,
@@ -206,7 +205,9 @@ def _of_geometry(name: str, geometry: Geometry, kept: Rules, places: np.ndarray)
 def _read_at(name: str, case: Case) -> float:
     """Time at which an error of the filter is read, or the end of the stretch it is taken over, s."""
     _, _, height = name.partition("_")
-    return crossing_times(case)[HEIGHTS.index(height)] if height else touchdown_time(case.scenario, case.trajectory)
+    return (
+        crossing_times(case)[list(HEIGHTS).index(height)] if height else touchdown_time(case.scenario, case.trajectory)
+    )
 
 
 def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> tuple[Judge, ...]:

@@ -279,7 +279,7 @@ def objective_map(here: PlacementProblem, best: Found, trials: Trials) -> np.nda
 
 
 def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -> Result:
-    """The optima, their neighbourhoods and the front as a result tree of kind optimize."""
+    """The optima, their neighbourhoods and the front as a result of kind optimize."""
     study, found = here.study, outcome.found
     counts = sorted(found)
     most = max(counts)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, heading_axes
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
 from navsim.io import files
 from navsim.models.pseudolite import Track, runway_positions
 from navsim.scenario.base import DEG
@@ -39,7 +39,7 @@ class RunwayPlane:
 
     def places(self, llh: np.ndarray) -> np.ndarray:
         """Places (..., 2) of geodetic points (..., 3), m."""
-        offset = (ecef_from_llh(llh) - ecef_from_llh(self.threshold)) @ heading_axes(self.threshold, self.heading)
+        offset = in_heading_axes(ecef_from_llh(llh), self.threshold, self.heading)
         return np.stack([offset[..., 1], -offset[..., 0]], axis=-1)
 
 

@@ -7,11 +7,10 @@ import hashlib
 from typing import Any
 
 import navsim
+from navsim.io.schema import SCHEMA_VERSION
 from navsim.scenario.base import Section, utc_text
 from navsim.scenario.load import resolved_yaml
 
-SCHEMA_VERSION = 2
-"""Of the names and meanings in `io.schema`."""
 _UTC = "%Y-%m-%dT%H:%M:%SZ"
 
 

@@ -116,13 +116,13 @@ def settle(
     epoch: float,
     duration: float,
     period: float,
-    misfit: Callable[[float], float] | None,
+    distance: Callable[[float], float] | None,
     start: Start | Literal["first"] | None = None,
 ) -> Settled:
     """Settle a source's clock by its first message.
 
     stamp: of that message, s. epoch: UTC of time 0, POSIX s. duration, period: of the flight and between messages, s.
-    misfit: how far from the flight at a time (s) the message's position lies, in sigmas; None where it has none.
+    distance: how far from the flight at a time (s) the message's position lies, in sigmas; None where it has none.
     """
     if start == FIRST:
         return Settled(stamp - period, kind, "first line")
@@ -132,14 +132,14 @@ def settle(
             offset = stamp - _within_half_a_day(stamp - start.reading)
         return Settled(offset, kind, "given")
     candidates = [
-        *_clock_readings(stamp, kind, epoch, duration, has_position=misfit is not None),
+        *_clock_readings(stamp, kind, epoch, duration, has_position=distance is not None),
         Settled(stamp - period, kind, "first line"),
     ]
-    if misfit is None:
+    if distance is None:
         return candidates[0]
     for candidate in candidates:
         time = stamp - candidate.offset
-        if time < 0.0 or misfit(time) <= FITS:
+        if time < 0.0 or distance(time) <= FITS:
             break
     else:  # it lies nowhere near the flight: whatever the clock says is as good as anything
         return candidates[0]

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, heading_axes
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
 from navsim.io import files
 from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result
-from navsim.io.schema import OUTCOMES, SWEEP
+from navsim.io.schema import HEIGHTS, OUTCOMES, SWEEP
 from navsim.models.kinematics import Frame
 from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
@@ -33,7 +33,7 @@ from navsim.scenario.load import NO_RECORDED, resolved_yaml
 from navsim.scenario.signals import PseudolitesSection
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, HEIGHTS, Sweep, Vary
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
@@ -62,7 +62,7 @@ UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
 COMPUTED, INVALID, NO_FIX = range(3)
 """What became of a combination, see `schema.OUTCOMES`."""
-_UNHEARD = list(LANDING).index("epochs_without_fix")
+_UNHEARD, _NO_EPOCH = (list(LANDING).index(name) for name in ("epochs_without_fix", "no_fix"))
 
 
 @dataclass(frozen=True)
@@ -188,9 +188,8 @@ class Plan:
 
     def plane(self, ecef: np.ndarray) -> np.ndarray:
         """Positions (..., 3) ECEF in the plane of the runway: along it from the threshold, right of it (..., 2), m."""
-        threshold = self.first[0].threshold(self.frame)
-        axes = heading_axes(threshold, self.first[0].runway.heading_deg * DEG)
-        return ((ecef - ecef_from_llh(threshold)) @ axes)[..., :2]
+        scenario = self.first[0]
+        return in_heading_axes(ecef, scenario.threshold(self.frame), scenario.runway.heading_deg * DEG)[..., :2]
 
     def in_plan(self, site: np.ndarray) -> np.ndarray:
         """The first sites (k, 3) of a combination in that plane, (MOST_MAP_SITES, 2), nan for none."""
@@ -351,9 +350,10 @@ class SweepStudy:
         for members, sites in groups.values():
             found = dop_outputs(geometry, np.array(sites))
             lost = found["epochs_without_fix"]
-            solved = lost < max(len(geometry.receiver), 1)
+            solved = lost < len(geometry.receiver)
             rows["outcome"][members] = np.where(solved, COMPUTED, NO_FIX)
             rows["findings"][members, _UNHEARD] = lost > 0.0
+            rows["findings"][members, _NO_EPOCH] = len(geometry.receiver) == 0
             for name in columns(self.plan.study):
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
@@ -378,8 +378,13 @@ class SweepStudy:
         if method == "monte-carlo":
             flown = _flown(case, self.plan.seed, self.plan.study.runs)
             return out | filter_outputs(flown), site, of(flown), warned
-        text = f"{lost} epochs of the glide without a fix"
-        found = [Finding("epochs_without_fix", text, (FIX,), lost, int(glide.sum()))] if lost else []
+        epochs = int(glide.sum())
+        found = []
+        if lost:
+            said = f"{lost} epochs of the glide without a fix"
+            found.append(Finding("epochs_without_fix", said, (FIX,), lost, epochs))
+        if not epochs:
+            found.append(Finding("no_fix", "no fix epoch in the glide", (FIX,)))
         return out, site, found, warned
 
 
@@ -387,10 +392,10 @@ def _flown(case: Case, seed: int, runs: int) -> Result:
     return result(case, fly_landing(case, seed, 0, runs, threads(1), keep="none"), seed, keep="none")
 
 
-def dop_outputs(geometry: Geometry, sites: np.ndarray, workers: int = 1) -> dict[str, np.ndarray]:
+def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
     """The outputs of every method for placements (p, k, 3), ECEF m: each (p,)."""
-    dops, lost = geometry.dops(sites, workers)
-    sigmas, _ = geometry.fix_sigmas(sites, workers)
+    dops, lost = geometry.dops(sites)
+    sigmas, _ = geometry.fix_sigmas(sites)
     values = [*dops[:, 0], *dops[:, 2], sigmas[1, 0], sigmas[2, 0], lost.astype(float)]
     return dict(zip(DOP_OUTPUTS, values, strict=True))
 
@@ -411,7 +416,7 @@ def filter_outputs(tree: Result | Draft) -> dict[str, float]:
             interval = tree[f"/summary/rms/{name}"]
         else:
             axis, height = name.split("_")
-            interval = tree[f"/summary/at/{axis}"][HEIGHTS.index(height)]
+            interval = tree[f"/summary/at/{axis}"][list(HEIGHTS).index(height)]
         out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
     return out
 

@@ -254,14 +254,14 @@ def published_contradiction() -> tuple[float, float]:
     return coincident_bound(none - 0.005, one - 0.005), two + 0.005
 
 
-def misfit(computed: np.ndarray, published: np.ndarray) -> tuple[float, float]:
+def relative_difference(computed: np.ndarray, published: np.ndarray) -> tuple[float, float]:
     """Root mean square and largest relative difference from the published cells."""
     relative = computed[list(PUBLISHED)] / published - 1.0
     return float(np.sqrt(np.mean(relative**2))), float(np.max(np.abs(relative)))
 
 
 def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
-    """All calibrations as one result tree of kind table2."""
+    """All calibrations as one result of kind table2."""
     draft = Draft(TABLE2)
     draft["/calibration"] = draft["/claims/calibration"] = np.array([c.name for c in found], dtype=object)
     draft["/case"] = np.arange(1, len(ROWS) + 1)
@@ -282,7 +282,12 @@ def result(found: dict[Calibration, Computed], seed: int, runs: int) -> Result:
     draft["/fit/letter"] = np.array([c.letter for c in found], dtype=object)
     draft["/fit/meaning"] = np.array([c.meaning for c in found], dtype=object)
     draft["/fit/weighted"] = np.array([c.weighted for c in found]).astype(np.int8)
-    fits = np.array([[*misfit(c.compared(k), PUBLISHED_DOPS), *misfit(c.sko, PUBLISHED_SKO)] for k, c in found.items()])
+    fits = np.array(
+        [
+            [*relative_difference(c.compared(k), PUBLISHED_DOPS), *relative_difference(c.sko, PUBLISHED_SKO)]
+            for k, c in found.items()
+        ]
+    )
     for j, name in enumerate(("dop_rms", "dop_max", "sko_rms", "sko_max")):
         draft[f"/fit/{name}"] = fits[:, j]
     judged = [claims(c.compared(k), c.sko, c.error) for k, c in found.items()]

@@ -17,8 +17,8 @@ from navsim.study.table2 import (
     Calibration,
     coincident_bound,
     geometry,
-    misfit,
     published_contradiction,
+    relative_difference,
 )
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case
@@ -95,16 +95,16 @@ def test_calibration_b() -> None:
     dops, _, sko = computed(BY_LETTER["b"])
     assert np.all(np.abs(dops[0] - PUBLISHED_DOPS[0]) < 0.01), dops[0]
     assert np.all(np.abs(sko[0] - PUBLISHED_SKO[0]) < 0.01), sko[0]
-    rms, worst = misfit(dops, PUBLISHED_DOPS)
+    rms, worst = relative_difference(dops, PUBLISHED_DOPS)
     assert rms < 0.06
     assert worst < 0.12
-    assert misfit(sko, PUBLISHED_SKO)[0] < 0.06
+    assert relative_difference(sko, PUBLISHED_SKO)[0] < 0.06
 
 
 def test_calibration_b_prime() -> None:
     dops, _, sko = computed(BY_LETTER["b'"])
     assert np.all(np.abs(dops[0] - PUBLISHED_DOPS[0]) < 0.01), dops[0]
-    rms, worst = misfit(dops, PUBLISHED_DOPS)
+    rms, worst = relative_difference(dops, PUBLISHED_DOPS)
     assert rms < 0.07
     assert worst < 0.145
     assert np.all(np.abs(sko[0] - PUBLISHED_SKO[0]) < 0.05), sko[0]
@@ -113,7 +113,7 @@ def test_calibration_b_prime() -> None:
 def test_calibration_c() -> None:
     _, weighted, sko = computed(BY_LETTER["c"])
     for cells, published in ((weighted, PUBLISHED_DOPS), (sko, PUBLISHED_SKO)):
-        rms, worst = misfit(cells, published)
+        rms, worst = relative_difference(cells, published)
         assert rms < 0.03
         assert worst < 0.06
 

@@ -59,14 +59,14 @@ def some_state(blocks: Sequence[states.Block] = BIASES) -> tuple[np.ndarray, np.
 def step(
     nav: np.ndarray, dtheta: np.ndarray, dv: np.ndarray, dt: float, blocks: Sequence[states.Block] = BIASES
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The state after an interval, its mid-interval quantities, and what was felt."""
-    after, mid, felt = nav.copy(), np.zeros(strapdown.MID_N), np.zeros(6)
+    """The state after an interval, its mid-interval quantities, and its compensated increments."""
+    after, mid, increments = nav.copy(), np.zeros(strapdown.MID_N), np.zeros(6)
     inverse = np.empty((2, 3, 3))
     declared = states.declared(blocks)
     strapdown.unmixing(nav, declared, inverse)
-    increments = strapdown.compensated(nav, strapdown.is_mixed(declared), inverse, *dtheta, *dv, dt)
-    strapdown.step(after, *increments, felt, dt, np.empty((3, 3)), mid)
-    return after, mid, felt
+    compensated = strapdown.compensated(nav, strapdown.is_mixed(declared), inverse, *dtheta, *dv, dt)
+    strapdown.step(after, *compensated, increments, dt, np.empty((3, 3)), mid)
+    return after, mid, increments
 
 
 def perturbed(nav: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -96,9 +96,9 @@ def error(truth: np.ndarray, estimate: np.ndarray) -> np.ndarray:
     return x
 
 
-def dense_transition(mid: np.ndarray, felt: np.ndarray, blocks: Sequence[states.Block]) -> np.ndarray:
+def dense_transition(mid: np.ndarray, increments: np.ndarray, blocks: Sequence[states.Block]) -> np.ndarray:
     phi, n, declared = np.zeros(covariance.SIZE), size(blocks), states.declared(blocks)
-    covariance.transition(mid, felt, declared, phi)
+    covariance.transition(mid, increments, declared, phi)
     out = np.eye(n)
     out[:9] += square(phi, n)[:9]
     out[9:, 9:] = np.diag(np.exp(-declared["decay"] * mid[strapdown.MID_DT]))
@@ -115,8 +115,8 @@ def test_transition_is_the_derivative_of_the_mechanisation(followed: str) -> Non
     """Central differences of `strapdown.step` itself, error by error: every sign and term of Phi."""
     blocks = undriven(BLOCKS[followed])
     nav, dtheta, dv = some_state(blocks)
-    after, mid, felt = step(nav, dtheta, dv, DT, blocks)
-    phi = dense_transition(mid, felt, blocks)
+    after, mid, increments = step(nav, dtheta, dv, DT, blocks)
+    phi = dense_transition(mid, increments, blocks)
     sizes = np.array([SIZES[unit] for unit in states.units(blocks)])
     n = size(blocks)
     for j in range(n):
@@ -154,12 +154,12 @@ def test_transition_is_of_second_order(followed: str) -> None:
     misfit = []
     for dt in (0.04, 0.02):
         scale = dt / DT
-        _, mid, felt = step(nav, dtheta * scale, dv * scale, dt, blocks)
-        phi = dense_transition(mid, felt, blocks)
+        _, mid, increments = step(nav, dtheta * scale, dv * scale, dt, blocks)
+        phi = dense_transition(mid, increments, blocks)
         # F by extrapolation to zero interval at the same mid-point quantities
         tiny = mid.copy()
         tiny[strapdown.MID_DT] = 1e-7
-        f = (dense_transition(tiny, felt * 1e-7 / dt, blocks) - np.eye(size(blocks))) / 1e-7
+        f = (dense_transition(tiny, increments * 1e-7 / dt, blocks) - np.eye(size(blocks))) / 1e-7
         by_unit = {"m": 1.0, "m/s": 1.0, "rad": 0.1, "rad/s": 0.01, "m/s2": 0.1, "1": 0.01}
         scales = np.array([by_unit[unit] for unit in states.units(blocks)])
         difference = (phi - expm(f * dt)) / scales[:, None] * scales
@@ -173,9 +173,9 @@ def test_predict_agrees_with_dense_algebra(followed: str) -> None:
     blocks = BLOCKS[followed]
     declared, n = states.declared(blocks), size(blocks)
     nav, dtheta, dv = some_state(blocks)
-    _, mid, felt = step(nav, dtheta, dv, DT, blocks)
+    _, mid, increments = step(nav, dtheta, dv, DT, blocks)
     p = some_covariance(0, blocks)
-    phi = dense_transition(mid, felt, blocks)
+    phi = dense_transition(mid, increments, blocks)
     q = np.zeros((n, n))
     i = np.arange(3)
     q[i, i] = DT**2 / 4 * NOISE[1] * DT
@@ -184,7 +184,7 @@ def test_predict_agrees_with_dense_algebra(followed: str) -> None:
     q[i + 6, i + 6] = NOISE[0] * DT
     q[9:, 9:] = np.diag(declared["drive"]) * DT
     ours = flat(p)
-    covariance.predict(ours, mid, felt, NOISE, declared, *np.zeros((3, covariance.SIZE)))
+    covariance.predict(ours, mid, increments, NOISE, declared, *np.zeros((3, covariance.SIZE)))
     covariance.vary(declared, DT, ours)
     expected = phi @ p @ phi.T + q
     np.testing.assert_allclose(square(ours, n), expected, rtol=1e-12, atol=1e-15)

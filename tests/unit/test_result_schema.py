@@ -17,11 +17,11 @@ from navsim.io.schema import (
     COVARIANCE,
     FAMILIES,
     LANDING,
+    LAYOUTS,
     LIVE,
     QUANTITIES,
     REPLAY,
     SECTIONS,
-    SORTS,
     SWEEP,
     WORDS,
     Declared,
@@ -42,10 +42,10 @@ def test_the_page_is_made_from_the_schema() -> None:
     assert PAGE.read_text() == page()
 
 
-@pytest.mark.parametrize("sort", SORTS)
-def test_every_dimension_has_a_coordinate(sort: str) -> None:
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_dimension_has_a_coordinate(layout: str) -> None:
     """Declared, and in the file whenever the variable is: of a stricter condition only by mistake."""
-    due = declared(sort, NAMED)
+    due = declared(layout, NAMED)
     for path, one in due.items():
         for dim, coordinate in zip(one.dims, one.coordinates, strict=True):
             if dim == "{of_axis}":
@@ -60,20 +60,20 @@ def test_what_stands_in_braces_is_explained() -> None:
         known = {*fields(entry.path), *(name.upper() for name in fields(entry.path)), *WORDS}
         assert set(fields(" ".join((entry.units, entry.meaning, *entry.dims)))) <= known, entry.path
         assert set(entry.each) <= set(fields(entry.path)), entry.path
-        assert set(entry.sorts) <= set(SORTS), entry.path
+        assert set(entry.layouts) <= set(LAYOUTS), entry.path
 
 
 def test_one_path_is_one_quantity_in_all_flights() -> None:
     """The same dimensions (but for runs, of which a single flight has none), unit, type, attributes."""
     seen: dict[str, tuple[str, Declared]] = {}
-    for sort in (LANDING, COVARIANCE, REPLAY, LIVE):
-        for path, one in declared(sort, NAMED).items():
-            first, other = seen.setdefault(path, (sort, one))
+    for layout in (LANDING, COVARIANCE, REPLAY, LIVE):
+        for path, one in declared(layout, NAMED).items():
+            first, other = seen.setdefault(path, (layout, one))
             there = [tuple(dim for dim in each.dims if dim != "run") for each in (one, other)]
-            assert there[0] == there[1], (path, sort, first)
-            assert (one.units, one.of) == (other.units, other.of), (path, sort, first)
+            assert there[0] == there[1], (path, layout, first)
+            assert (one.units, one.of) == (other.units, other.of), (path, layout, first)
             expected = path.startswith("/summary/consistency/")  # in an analysis, without a band of chance
-            assert set(one.attributes) == set(other.attributes) or expected, (path, sort, first)
+            assert set(one.attributes) == set(other.attributes) or expected, (path, layout, first)
 
 
 def test_every_output_of_a_sweep_is_declared() -> None:
@@ -100,7 +100,7 @@ def test_what_a_draft_refuses() -> None:
     draft = Draft(LANDING, sensor=("altimeter",))
     draft["/filter/time"] = np.arange(3.0)
     for path, data, attributes, said in (
-        ("/filter/tiem", np.zeros(3), {}, "not declared for results of sort landing"),
+        ("/filter/tiem", np.zeros(3), {}, "not declared for results of layout landing"),
         ("/filter/attitude_rpy", np.zeros((3, 3)), {}, "not declared"),
         ("/aiding/baro/time", np.zeros(3), {}, "not declared"),
         ("/truth/time", np.zeros((3, 1)), {}, "2 dimensions where time are declared"),
@@ -114,7 +114,7 @@ def test_what_a_draft_refuses() -> None:
     ):
         with pytest.raises(Defect, match=said):
             draft.put(path, data, attributes)
-    with pytest.raises(Defect, match=r"a result of sort landing without .*/truth/time"):
+    with pytest.raises(Defect, match=r"a result of layout landing without .*/truth/time"):
         draft.result({})
     with pytest.raises(Defect, match="no word for unit"):
         Draft(LANDING, {"mixed": "m"}, sensor=("altimeter",)).put("/aiding/altimeter/measured", np.zeros((1, 3, 1)))

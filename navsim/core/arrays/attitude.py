@@ -1,6 +1,8 @@
 """Rotations on whole numpy arrays; `core.attitude` has the kernels and the conventions.
 
-Source: [1] Titterton & Weston, Strapdown Inertial Navigation Technology, 2nd ed. (2004), section 3.6.
+Sources: [1] Titterton & Weston, Strapdown Inertial Navigation Technology, 2nd ed. (2004), section 3.6. [2]
+Markley, Attitude determination using vector observations and the singular value decomposition, J. Astronautical
+Sciences 36 (1988).
 """
 
 from __future__ import annotations
@@ -88,3 +90,10 @@ def rpy_error(rpy: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
     estimate = roll_pitch_yaw(Rotation.from_rotvec(-theta).as_matrix() @ dcm_from_rpy(rpy))
     return np.pi - (np.pi - (rpy - estimate)) % (2.0 * np.pi)
+
+
+def wahba(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The rotations (..., 3, 3) that best turn vectors a (..., n, 3) into b (..., n, 3), least squares [2]."""
+    u, _, vt = np.linalg.svd(np.swapaxes(b, -1, -2) @ a)
+    u[..., :, 2] *= (np.linalg.det(u) * np.linalg.det(vt))[..., None]
+    return u @ vt

@@ -48,6 +48,11 @@ def heading_axes(llh: np.ndarray, heading: float) -> np.ndarray:
     return ned_matrix(llh).T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def in_heading_axes(ecef: np.ndarray, llh: np.ndarray, heading: float) -> np.ndarray:
+    """Positions (..., 3), ECEF, m, from a point (3,) in its `heading_axes`: ahead, right and down (..., 3), m."""
+    return (ecef - ecef_from_llh(llh)) @ heading_axes(llh, heading)
+
+
 def short_way(angle: Any) -> Any:
     """A longitude, or the short way between two of them, rad: in -pi ... pi."""
     return angle - 2.0 * np.pi * np.floor(angle / (2.0 * np.pi) + 0.5)

@@ -1,1 +1,2 @@
-"""The job of every kind of file (`study.job`), and that of the paper's tables."""
+"""The jobs (`study.job`) of landings, their studies, recorded flights and the paper's tables; those of the companion
+systems are in `study.tracking.jobs`."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort
+from navsim.io.results import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document
@@ -17,8 +15,6 @@ from navsim.study.partial import Store
 
 MOST_RUNS = 1_000_000
 """Where `--until` gives up, unless --runs says otherwise."""
-_MOST = int(np.iinfo(np.int64).max)
-"""Largest number of a run: what a result file holds as an integer."""
 
 
 def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob:
@@ -62,8 +58,8 @@ class MonteCarloJob(_Prepared):
         super().__init__(section, document)
         self.seed, self.until, self.first = options.seed, options.until, options.first_run or 0
         self.runs = options.runs or (1 if self.until is None else MOST_RUNS)
-        if self.first > _MOST - self.runs:
-            text = f"the last of {self.runs} run(s) would have a number beyond {_MOST}"
+        if self.first > MOST_WHOLE - self.runs:
+            text = f"the last of {self.runs} run(s) would have a number beyond {MOST_WHOLE}"
             raise OptionError(f"--first-run {self.first}: {text}")
         try:
             self.enough = landing.stopping_rule(self.until) if self.until is not None else None
@@ -102,7 +98,7 @@ class CovarianceJob(_Prepared):
 
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)
-        if foreign := options.only("method", "require_fix"):
+        if foreign := options.foreign("method", "require_fix"):
             text = "only for method monte-carlo; a covariance analysis has no runs"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.seed = options.seed

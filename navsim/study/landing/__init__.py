@@ -1,4 +1,4 @@
-"""Landing studies: a scenario as models, Monte Carlo and covariance analysis of it, the result tree."""
+"""Landing studies: a scenario as models, Monte Carlo and covariance analysis of it, the result."""
 
 from navsim.study.landing.case import Case, prepare
 from navsim.study.landing.covariance import (

@@ -14,6 +14,7 @@ from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io import files
 from navsim.io.results import ResultError, read
+from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
@@ -39,11 +40,8 @@ from navsim.study.landing.sky import read_satellites
 from navsim.study.statistics import gate_limits
 
 FOOT = 0.3048
-DECISION_HEIGHTS_FT = (0, 50, 100, 200)
 PERCENTILES = (50, 95, 99)
 _ROUGH = 50
-RMS_WINDOW = 20.0
-"""Length of the stretch before touchdown over which RMS errors are taken, s."""
 
 
 @dataclass(frozen=True)
@@ -309,7 +307,7 @@ def crossing_times(case: Case) -> list[float]:
     # the last moment above a height is sought among every 50th, then among those that follow it
     rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
     times = []
-    for feet in DECISION_HEIGHTS_FT:
+    for feet in HEIGHTS.values():
         last = np.flatnonzero(rough >= feet * FOOT)[-1:] * _ROUGH
         near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
         above = near[-path.jet(near)[:, 0, 2] >= feet * FOOT]

@@ -89,7 +89,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     if outputs[NOT_POSITIVE].any():
         return found  # no normalised square is defined
     for name, states_, words in (
-        ("sigma_position_velocity", slice(0, 6), "errors of position and velocity"),
+        ("sigma_position_velocity", slice(0, states.ATT), "errors of position and velocity"),
         ("sigma_all_states", slice(0, n), f"errors of {n} states"),
     ):
         mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
@@ -140,7 +140,7 @@ def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -
 
     accuracy(
         draft,
-        _exact(np.sqrt(late.sum(axis=0)[:9])),
+        _exact(np.sqrt(late.sum(axis=0)[: states.SENSORS])),
         _exact(np.sqrt(late_rpy(square_of_all))),
         _exact(np.sqrt(late[:, :2].sum())),
         _exact(np.sqrt(late[:, 2].sum())),
@@ -170,7 +170,7 @@ def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -
     nis = np.concatenate([[np.nan], analysis.nis / np.maximum(analysis.degrees, 1)])
     for name, values, degrees in (
         ("nees", analysis.expected_square(slice(0, n)), n),
-        ("nees_position_velocity", analysis.expected_square(slice(0, 6)), 6),
+        ("nees_position_velocity", analysis.expected_square(slice(0, states.ATT)), 6),
         ("nis", nis, int(analysis.degrees.max(initial=0))),
     ):
         draft.put(f"/summary/consistency/{name}", values, {"degrees_of_freedom": degrees})
@@ -183,5 +183,5 @@ def _at_heights(case: Case, analysis: Analysis) -> tuple[np.ndarray, np.ndarray]
     """Mean (h, 3) and covariance (h, 3, 3) of lateral, along, vertical errors at the decision heights; both are
     interpolated between the filter's outputs."""
     turn, times = to_runway(case), crossing_times(case)
-    mean = at_times(case, times, analysis.mean[:, :3]) @ turn.T
-    return mean, turn @ at_times(case, times, analysis.covariance[:, :3, :3]) @ turn.T
+    mean = at_times(case, times, analysis.mean[:, : states.VEL]) @ turn.T
+    return mean, turn @ at_times(case, times, analysis.covariance[:, : states.VEL, : states.VEL]) @ turn.T

@@ -174,7 +174,7 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
     if match is None or not 1e-5 <= share <= 10.0:
         form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
         raise ValueError(f"{expression!r}: expected {form}, with 0.001 to 1000 percent")
-    columns = slice(0, 2) if match.group(1) == "rms_horizontal" else slice(2, 3)
+    columns = [0, 1] if match.group(1) == "rms_horizontal" else [2]
 
     def enough(ensemble: Ensemble) -> bool:
         value, low, high = rms_interval(ensemble.per_run("mean_square")[:, columns])
@@ -204,7 +204,7 @@ NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
 """Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
 beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose
 the filter knows them worse than it believes in some runs in a hundred (docs/filter.md)."""
-FOLLOWED = slice(0, 6)
+FOLLOWED = slice(0, states.ATT)
 """States whose errors and sigmas follow the fixes: position and velocity."""
 
 

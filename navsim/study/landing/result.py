@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from navsim.core import states
 from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Result, Stream
@@ -114,7 +115,7 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     at = ensemble.per_run("at_height")
     accuracy(
         draft,
-        np.stack([rms_interval(squares[:, [i]]) for i in range(9)]),
+        np.stack([rms_interval(squares[:, [i]]) for i in range(states.SENSORS)]),
         np.stack([rms_interval(ensemble.per_run("rpy_square")[:, [i]]) for i in range(3)]),
         rms_interval(squares[:, :2]),
         rms_interval(squares[:, 2:3]),

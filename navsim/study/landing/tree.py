@@ -8,17 +8,17 @@ import numpy as np
 
 from navsim.core import states
 from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE
+from navsim.io.schema import COVARIANCE, HEIGHTS
 from navsim.models import timescales
 from navsim.models.systems import CLOCKS
-from navsim.study.landing.case import DECISION_HEIGHTS_FT, FOOT, Case, on_glide
+from navsim.study.landing.case import FOOT, Case, on_glide
 from navsim.study.root import root_attributes
 
 
-def base(case: Case, sort: str) -> Draft:
-    """A draft of a sort of landing's result with the truth, the geometry and their summary."""
+def base(case: Case, layout: str) -> Draft:
+    """A draft of a layout of landing's result with the truth, the geometry and their summary."""
     draft = Draft(
-        sort,
+        layout,
         {"mixed": ", ".join(dict.fromkeys(case.state_units))},
         sensor=[aid.sensor.name for aid in case.world.aids],
         system=[group.constellation.system.name for group in case.environment.satellites],
@@ -121,7 +121,7 @@ def accuracy(
     draft["/summary/rms/attitude_rpy"] = rpy
     draft["/summary/rms/horizontal"] = horizontal
     draft["/summary/rms/vertical"] = vertical
-    draft["/summary/at/height"] = np.array(DECISION_HEIGHTS_FT) * FOOT
+    draft["/summary/at/height"] = np.array(list(HEIGHTS.values())) * FOOT
     for i, name in enumerate(("lateral", "along", "vertical")):
         draft[f"/summary/at/{name}"] = at[i]
 

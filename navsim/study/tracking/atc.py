@@ -130,7 +130,7 @@ def run_count(scenario: Atc, runs: int | None) -> int:
 
 
 def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
-    """The whole study as a result tree; runs: instead of the scenario's."""
+    """The whole study as a result; runs: instead of the scenario's."""
     count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     cases = [(scenario.period_s, scenario.onboard_rates),

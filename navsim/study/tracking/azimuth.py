@@ -35,7 +35,7 @@ _KINDS = {"L1": LITERAL, "L2": TANGENT, "L3": HELD, "L4": FIRST}
 @dataclass(frozen=True)
 class Scans:
     """What all filters of one case see: n scans of `runs` runs. azimuth, ground_range (run, n) measured, rad, m; nodes
-    by source (run, n, 4), as `simulation.azimuth.nodes`; truth (n,)."""
+    by source (run, n, 4), as `tracking.reports.nodes`; truth (n,)."""
 
     period: float
     time: np.ndarray
@@ -142,7 +142,7 @@ def mapped(scenario: Azimuth) -> bool:
 
 
 def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
-    """The whole study as a result tree; runs: instead of the scenario's."""
+    """The whole study as a result; runs: instead of the scenario's."""
     count = run_count(scenario, runs)
     flight = fly(scenario.circuit.circuit())
     periods = [scenario.period_s, *scenario.further_periods_s]

@@ -217,7 +217,7 @@ def audit() -> list[Checked]:
 
 
 def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[int], None] = lambda _: None) -> Result:
-    """The whole study as a result tree. runs: of each experiment, instead of the scenario's."""
+    """The whole study as a result. runs: of each experiment, instead of the scenario's."""
     section = scenario.montecarlo
     count = runs or section.runs
     proof = prove(scenario, seed, count, section.experiments, done)

@@ -33,7 +33,7 @@ class CompanionJob:
         self, section: Any, document: Document, options: Options, unit: str, extent: int, compute: Compute,
         budget: Callable[[Any, int | None], Budget],
     ) -> None:  # fmt: skip
-        if foreign := options.only("runs"):
+        if foreign := options.foreign("runs"):
             text = f"only for `kind: landing`; {document.file} is of kind {section.kind}"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.section, self.options = section, options
