@@ -86,7 +86,7 @@ class Approach:
             self.coarse,
             spare=np.full(len(u), azimuth.size - 4),
             weighted=rows(normals(u, clock, np.ones(u.shape[:2])), 0),
-            ground_weighted=np.full(len(u), weight),
+            pseudolite_weighted=np.full(len(u), weight),
         )
         out = np.empty((len(ROWS), 3))
         for count in (0, 1, 2):

@@ -176,6 +176,7 @@ def run(imu, measurements, events, state, model, passes, history):
     count = node_time.shape[0]
     nodes = np.empty((count, state.navigation.shape[0]))
     filtered, predicted, carried = np.empty((count, n, n)), np.empty((count, n, n)), np.empty((count, n, n))
+    # means of the errors about each node, before and after its measurement
     mean, mean_predicted = np.zeros((count, n)), np.zeros((count, n))
     gains = np.empty((count, n, n))
     transition, factor, prior = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
@@ -270,6 +271,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 rejected[what] = 0
             joseph(p, h, r, m, pht, k, work)
             if first:
+                # the node moves onto its estimate, and its errors are counted from there
                 error_state.inject(nodes[node], x)
                 reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
                 for i in range(n):
@@ -279,7 +281,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 for i in range(n):
                     mean[node, i] += x[i]
             square(p, filtered[node])
-        # backwards: what later measurements say of each node
+        # backwards [2]: what later measurements say of each node
         moved = 0.0
         for node in range(count - 1, -1, -1):
             if node < count - 1:

@@ -168,9 +168,11 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
         comments.append(f"run {run} of an ensemble of {int(result['/summary/count/runs'])}")
     if approximate:
         comments.append(f"NOT EXACT: {', '.join(approximate)} flew by an almanac")
-    ground = [str(name) for name in result["/pseudolites/name"]]
+    pseudolites = [str(name) for name in result["/pseudolites/name"]]
     heard = np.isfinite(ranges).any(axis=0)
-    missing = [name for name, h in zip(names, heard, strict=True) if h and name not in columns and name not in ground]
+    missing = [
+        name for name, h in zip(names, heard, strict=True) if h and name not in columns and name not in pseudolites
+    ]
     if missing:
         comments.append(f"received, but not in here for want of messages to write: {', '.join(missing)}")
     title = str(result.attributes.get("title") or target.stem)
@@ -290,14 +292,14 @@ def _places(names: list[str], wanted: tuple[str, ...]) -> list[int]:
 
 def _pseudolites(result: Result, target: Path, start: float, tag: np.ndarray, names: list[str]) -> dict[Path, str]:
     """One row an epoch and pseudolite: what RINEX has no place for."""
-    ground = [str(name) for name in result["/pseudolites/name"]]
-    if not ground:
+    pseudolites = [str(name) for name in result["/pseudolites/name"]]
+    if not pseudolites:
         return {}
     llh = result["/pseudolites/position_llh"]
     ecef = earth.ecef_from_llh(llh)
     rows: list[list[str]] = []
     for e, when in enumerate(tag):
-        for g, name in enumerate(ground):
+        for g, name in enumerate(pseudolites):
             i = names.index(name)
             values = (result[f"/measurements/{n}"][0, e, i] for n in ("pseudorange", "range_rate", "cn0"))
             rows.append(

@@ -29,7 +29,6 @@ from navsim.io.text import (
 from navsim.models import timescales
 from navsim.models.systems import BY_LETTER, GPS, LETTERS
 
-_SCALES = ("GPS", "GAL", "QZS", "IRN", "GLO", "BDT")
 _MOST_SATELLITES = 999
 _FACTORS = (1, 10, 100, 1000)
 """Scale factors that the format allows: values were multiplied by them when they were written."""
@@ -194,8 +193,9 @@ class _Header:
             self._scaled(index, "", line[:6], line[6:12], line[12:60].split())
         elif label == "TIME OF FIRST OBS":
             scale = line[48:51].strip()
-            if scale and scale not in _SCALES:
-                raise FileError(index, f"time system {scale} is not known; {', '.join(_SCALES)} are", self.path)
+            if scale and scale not in timescales.NAMES:
+                known = ", ".join(timescales.NAMES)
+                raise FileError(index, f"time system {scale} is not known; {known} are", self.path)
             self.scale = scale or BY_LETTER.get(self.system, GPS).time_system
         elif label == "APPROX POSITION XYZ":
             self.position = self._three(index, line, label)

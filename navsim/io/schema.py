@@ -122,6 +122,7 @@ RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
 HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
 """Heights above the runway at which errors are told, ft."""
+_HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
 _RUNWAY = ("lateral", "along", "vertical")
 _BAND = ("band_low", "band_high", "degrees_of_freedom")
 _LATE = f"over {RMS_WINDOW:g} s to touchdown"
@@ -286,7 +287,7 @@ _SUMMARY = Chapter(
         _a("/summary/sigma/{part}", "", "m", f"{{part}} position, {_SIGMA} and {_LATE}", _FLOWN,
            part=("horizontal", "vertical")),
         _a("/summary/percentile", "percentile", "1", "percentiles over runs of the size of an error", _FLOWN, WHOLE),
-        _a("/summary/at/height", "height", "m", f"true height above the runway: {', '.join(HEIGHTS).replace('ft', ' ft')}", _FLOWN),
+        _a("/summary/at/height", "height", "m", f"true height above the runway: {_HEIGHTS}", _FLOWN),
         _a("/summary/at/{axis}", "height interval", "m", "root mean square over runs of the {axis} position error",
            _FLOWN, axis=_RUNWAY),
         _a("/summary/at/{axis}_sigma", "height", "m", f"{{axis}} position, {_SIGMA}", _FLOWN, axis=_RUNWAY),

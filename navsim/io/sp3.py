@@ -14,7 +14,6 @@ from navsim.models import timescales
 from navsim.models.precise import OrbitTable
 from navsim.models.systems import GPS
 
-_SCALES = {"GPS", "GAL", "QZS", "UTC", "GLO", "BDT", "TAI"}
 _NO_SCALE = "ccc"
 _NO_CLOCK = 999999.0
 _PAD = GPS.satellite(0)
@@ -53,8 +52,9 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
             if scales_seen == 1:
                 told = line[9:12].strip()
                 scale = GPS.time_system if told == _NO_SCALE else told
-                if scale not in _SCALES:
-                    raise FileError(index, f"time system {scale} is not known", path)
+                if scale not in timescales.NAMES:
+                    known = ", ".join(timescales.NAMES)
+                    raise FileError(index, f"time system {scale} is not known; {known} are", path)
         elif line.startswith("*"):
             usable = False
             try:

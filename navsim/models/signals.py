@@ -101,6 +101,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     listed, pseudolites, law = environment.listed, environment.pseudolites, environment.law
     c_ne = ned_matrix(motion.llh)
     antenna = antenna_ecef(motion, environment.lever_arm)
+    # the antenna swings around the IMU as the body turns against the Earth
     earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
     swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, environment.lever_arm))
     antenna_velocity = motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
@@ -108,39 +109,42 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
 
     names: list[str] = []
     clocks: list[int] = []
-    position, velocity, true_position, chosen, ground_based = [], [], [], [], []
+    chosen: list[bool] = []
+    # of each source (e, 3): where the receiver believes it to be, how it moves, where it is
+    position: list[np.ndarray] = []
+    velocity: list[np.ndarray] = []
+    true_position: list[np.ndarray] = []
 
-    def add(name, clock, believed, speed, true, use, is_ground):  # type: ignore[no-untyped-def]
+    def add(name: str, clock: int, use: bool, believed: np.ndarray, moving: np.ndarray, there: np.ndarray) -> None:
         names.append(name)
         clocks.append(clock)
-        position.append(believed)
-        velocity.append(speed)
-        true_position.append(true)
         chosen.append(use)
-        ground_based.append(is_ground)
+        position.append(believed)
+        velocity.append(moving)
+        true_position.append(there)
 
     for group in environment.satellites:
         p, v = pseudorange.satellites_at_reception(group.constellation, when, antenna)
         v = pseudorange.apparent_velocity(p, v, antenna, antenna_velocity)
         for i, name in enumerate(group.names):
-            add(name, int(group.clock[i]), p[:, i], v[:, i], p[:, i], group.chosen[i], False)
+            add(name, int(group.clock[i]), bool(group.chosen[i]), p[:, i], v[:, i], p[:, i])
     if listed is not None:
         for i, name in enumerate(listed.names):
             direction = np.einsum("nji,j->ni", c_ue, unit_vector(listed.azimuth[i], listed.elevation[i]))
             p = antenna + _LISTED_RANGE * direction
             # the source keeps its direction: it moves along, without range rate
-            add(name, int(listed.clock[i]), p, antenna_velocity, p, listed.chosen[i], False)
+            add(name, int(listed.clock[i]), bool(listed.chosen[i]), p, antenna_velocity, p)
     for i, name in enumerate(pseudolites.names):
         surveyed = ecef_from_llh(pseudolites.llh[i])
         true = surveyed + ned_matrix(pseudolites.llh[i]).T @ pseudolites.survey_error
         still = np.zeros((e, 3))
-        add(name, pseudolites.clock, still + surveyed, still, still + true, True, True)
+        add(name, pseudolites.clock, True, still + surveyed, still, still + true)
 
     s = len(names)
     believed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
     speed = np.stack(velocity, axis=1) if s else np.empty((e, 0, 3))
     true = np.stack(true_position, axis=1) if s else np.empty((e, 0, 3))
-    on_ground = np.array(ground_based, dtype=bool)
+    is_pseudolite = np.arange(s) >= s - len(pseudolites.names)
 
     offset = true - antenna[:, None]
     distance = np.linalg.norm(offset, axis=2)
@@ -148,7 +152,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     offset = believed - antenna[:, None]
     los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
     azimuth, elevation = azimuth_elevation(los)
-    used = np.array(chosen, dtype=bool) & (on_ground | environment.mask.passes(azimuth, elevation))
+    used = np.array(chosen, dtype=bool) & (is_pseudolite | environment.mask.passes(azimuth, elevation))
     used &= np.isfinite(distance)  # a satellite without a message at the time
     los[~used] = np.nan
     sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)
@@ -162,19 +166,19 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         velocity=speed,
         range=distance,
         range_rate=rate,
-        delay=np.broadcast_to(np.where(on_ground, pseudolites.delay, 0.0), (e, s)).copy(),
-        sigma=np.where(on_ground, pseudolites.sigma, sigma),
-        rate_sigma=np.broadcast_to(np.where(on_ground, pseudolites.rate_sigma, law.rate_sigma), (e, s)).copy(),
+        delay=np.broadcast_to(np.where(is_pseudolite, pseudolites.delay, 0.0), (e, s)).copy(),
+        sigma=np.where(is_pseudolite, pseudolites.sigma, sigma),
+        rate_sigma=np.broadcast_to(np.where(is_pseudolite, pseudolites.rate_sigma, law.rate_sigma), (e, s)).copy(),
         los=los,
         azimuth=azimuth,
         elevation=elevation,
-        cn0=np.where(used, np.where(on_ground, pseudolites.cn0, law.cn0), np.nan),
+        cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
         ionosphere=np.zeros((e, s)),
         space=None,
         fix_sigma=np.empty((e, s)),
         smoothing=None,
     )
-    finished = _affected(built, when, motion.llh, environment, on_ground)
+    finished = _affected(built, when, motion.llh, environment, is_pseudolite)
     unfinished = finished.unfinished()
     if unfinished:
         raise UndefinedSignal("; ".join(f"the {field} of {name}" for name, field in unfinished))
@@ -186,13 +190,13 @@ class UndefinedSignal(Defect):
 
 
 def _affected(
-    signals: pseudorange.Signals, when: np.ndarray, llh: np.ndarray, environment: Environment, on_ground: np.ndarray
+    signals: pseudorange.Signals, when: np.ndarray, llh: np.ndarray, environment: Environment, is_pseudolite: np.ndarray
 ) -> pseudorange.Signals:
-    """The signals with all effects of the environment; when: (e,) GPS s, llh: (e, 3) of the receiver, on_ground: (s,)
-    pseudolites."""
+    """The signals with all effects of the environment; when: (e,) GPS s, llh: (e, 3) of the receiver, is_pseudolite:
+    (s,)."""
     effects, pseudolites = environment.effects, environment.pseudolites
     e, s = signals.range.shape
-    sky = ~on_ground
+    sky = ~is_pseudolite
     used, los = signals.used.copy(), signals.los.copy()
     delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
     chip, ratio2 = _carriers(environment, s)
@@ -239,13 +243,13 @@ def _affected(
     if effects.thermal:
         cn0 += np.where(sky, code_loop.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
     if effects.cn0_reference is not None:
-        cn0 += np.where(on_ground, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
+        cn0 += np.where(is_pseudolite, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
     if effects.thermal:
         thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
     if effects.reflection is not None:
         # the ray by the runway's plane, per pseudolite
-        for i in np.flatnonzero(on_ground):
+        for i in np.flatnonzero(is_pseudolite):
             transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
             above, own = llh[:, 2] - effects.reflection.height, transmitter[2] - effects.reflection.height
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))

@@ -24,6 +24,8 @@ BEHIND_GPS = {"GPS": 0.0, "GAL": 0.0, "QZS": 0.0, "IRN": 0.0, "BDT": 14.0, "TAI"
 """How far time systems of files are behind GPS time, s, by their names in RINEX and SP3."""
 LEAPING = ("UTC", "GLO")
 """Time systems of files that have UTC's leap seconds; GLONASS time in files is UTC."""
+NAMES = (*BEHIND_GPS, *LEAPING)
+"""All time systems that files may have."""
 _LEAP_DATES = (
     "1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01",
     "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01",

@@ -140,11 +140,11 @@ def track(result: Result) -> Figure:
     plan.plot(path[0, 0], path[0, 1], "o", color=_BLUE, ms=3)
     names = result["/pseudolites/name"]
     if names.size:
-        ground = _in_runway_axes(result, result["/pseudolites/position_llh"])
-        plan.plot(ground[:, 0], ground[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
+        places = _in_runway_axes(result, result["/pseudolites/position_llh"])
+        plan.plot(places[:, 0], places[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
     plan.margins(0.06, 0.15)
     if names.size:
-        label_points(plan, names, ground[:, 0], ground[:, 1])
+        label_points(plan, names, places[:, 0], places[:, 1])
     plan.set_ylabel("right of the axis, m")
     legend_above(fig, plan, 3)
 
@@ -168,7 +168,7 @@ def sky(result: Result) -> Figure:
     ax.set_theta_zero_location("N")  # type: ignore[attr-defined]
     ax.set_theta_direction(-1)  # type: ignore[attr-defined]
     los = result["/geometry/line_of_sight"]
-    ground = set(result["/pseudolites/name"])
+    pseudolites = set(result["/pseudolites/name"])
     names, ends = [], []
     lowest = 0.0
     for i, name in enumerate(result["/geometry/source"]):
@@ -178,7 +178,7 @@ def sky(result: Result) -> Figure:
         azimuth = np.arctan2(seen[:, 0], seen[:, 1])
         zenith = 90.0 - np.degrees(np.arcsin(seen[:, 2]))
         lowest = max(lowest, zenith.max())
-        mark = {"color": _ORANGE, "marker": "^"} if name in ground else {"color": _BLUE, "marker": "o"}
+        mark = {"color": _ORANGE, "marker": "^"} if name in pseudolites else {"color": _BLUE, "marker": "o"}
         ax.plot(azimuth, zenith, color=mark["color"], lw=1.0)
         ax.plot(azimuth[-1:], zenith[-1:], ms=4, ls="", **mark)  # type: ignore[arg-type]
         names.append(name)

@@ -59,7 +59,7 @@ def tables(result: Result) -> list[Table | str]:
     return [front, places]
 
 
-def plain(result: Result) -> dict[str, Any]:
+def best_plain(result: Result) -> dict[str, Any]:
     """The optima as plain data."""
     none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
     out: dict[str, Any] = {"objective": str(result.attributes["objective"])}
@@ -166,4 +166,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"plan": plan(result), "front": front(result)}
 
 
-VIEW = View(one_by_one(tables), 140, figures, plain=plain)
+VIEW = View(one_by_one(tables), 140, figures, more=best_plain)

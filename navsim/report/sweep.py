@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report import table
-from navsim.report.table import Table, cell, plain
+from navsim.report.table import Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
 from navsim.report.view import View, one_by_one
 
@@ -90,7 +90,7 @@ def tables(result: Result) -> list[Table | str]:
         ends = at_ends(result, index)
         if ends:
             out.notes = "* the end of its range: the best may lie beyond"
-        places = (cell("{} *" if key in ends else "{}", plain(setting(result, key, index))) for key in names)
+        places = (cell("{} *" if key in ends else "{}", as_text(setting(result, key, index))) for key in names)
         out.add(name, *spread, *places)
     return [out]
 
@@ -193,7 +193,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
                 along, right, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best", clip_on=False,
                 zorder=5,
             )  # fmt: skip
-            text = ", ".join(f"{dims[axis]} = {plain(_axis_value(result, axis, i))}"
+            text = ", ".join(f"{dims[axis]} = {as_text(_axis_value(result, axis, i))}"
                              for axis, i in zip(others, panel, strict=True))  # fmt: skip
             index = [0] * cube.ndim
             for axis, i in (*zip(others, panel, strict=True), *zip(plane, here, strict=True)):
@@ -294,7 +294,7 @@ def _curves(result: Result, name: str, cube: np.ndarray) -> Figure:
     at = x if numeric else np.arange(x.size)
     for row, colour in zip(chosen, COLOURS, strict=False):
         index = np.unravel_index(int(row), shapes) if shapes else ()
-        label = ", ".join(f"{d} = {plain(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
+        label = ", ".join(f"{d} = {as_text(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
         scattered = members and len(members) > 1
         ax.plot(at, rows[row], "." if scattered else ".-", ms=3, lw=0.8, color=colour, label=label or None)
     if not numeric:
@@ -311,4 +311,4 @@ def _texts(result: Result, target: Path) -> dict[Path, str]:
     return {target.with_suffix(".csv"): csv_text(result)}
 
 
-VIEW = View(one_by_one(tables), 150, figures, plain=best_plain, texts=_texts)
+VIEW = View(one_by_one(tables), 150, figures, more=best_plain, texts=_texts)

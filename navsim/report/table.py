@@ -134,11 +134,11 @@ def csv_text(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(heads)
-    writer.writerows([plain(value) for value in row] for row in rows)
+    writer.writerows([as_text(value) for value in row] for row in rows)
     return out.getvalue()
 
 
-def plain(value: object) -> str:
+def as_text(value: object) -> str:
     """A value in a CSV file: ten digits of a number, nothing where it is not known."""
     if isinstance(value, float):  # numpy's are
         return "" if math.isnan(value) else f"{float(value):.10g}"

@@ -25,7 +25,7 @@ class View:
 
     tables: of several results, each with its name, and words between them. width: of the tables where there is no
     terminal to ask for its own, wider by `width_more` for every result after the first. figures: by name. summary: the
-    paths whose variables are the summary as plain data. plain: more of it. texts: files of text beside the result, by
+    paths whose variables are the summary as plain data. more: of it. texts: files of text beside the result, by
     their paths.
     """
 
@@ -33,7 +33,7 @@ class View:
     width: int
     figures: Callable[[Result], dict[str, Figure]]
     summary: tuple[str, ...] = ()
-    plain: Callable[[Result], dict[str, Any]] = lambda _: {}
+    more: Callable[[Result], dict[str, Any]] = lambda _: {}
     texts: Callable[[Result, Path], dict[Path, str]] = lambda _, __: {}
     width_more: int = 0
 
@@ -63,7 +63,7 @@ def plain(result: Result) -> dict[str, Any]:
     here = view(result.attributes["kind"])
     head = {name: result.attributes[name] for name in _HEAD}
     head["seed"] = int(head["seed"])
-    return head | here.plain(result) | plain_tree(result, (*here.summary, FINDINGS))
+    return head | here.more(result) | plain_tree(result, (*here.summary, FINDINGS))
 
 
 def draw(result: Result, folder: Path, stem: str) -> list[Path]:

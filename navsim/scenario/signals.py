@@ -109,7 +109,7 @@ class Ephemeris(Section):
         return effects.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
 
 
-class Tracking(Section):
+class CodeTrackingSection(Section):
     """The code loop; with `range_law: cn0` it makes the noise of satellite ranges, and of multipath the error."""
 
     spacing_chips: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.5
@@ -264,7 +264,7 @@ class SignalsSection(Section):
     range_rate_sigma_m_s: Sigma = 0.1
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
     """carrier to noise density ratio, reported with the measurements; with `range_law: cn0` at the zenith"""
-    tracking: Tracking = Tracking()
+    tracking: CodeTrackingSection = CodeTrackingSection()
     ionosphere: IonosphereSection | None = None
     """left out: none"""
     troposphere: TroposphereSection | None = None

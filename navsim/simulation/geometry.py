@@ -31,8 +31,8 @@ class Geometry:
     """The approach as placements see it.
 
     receiver: (e, 3) antenna, ECEF m. up: (e, 3). spare: (e,) int, satellites less the unknowns without pseudolites.
-    unit, weighted: (e, SAT_N) the satellites' normal matrices with unit weights and with 1/variance. ground_unit,
-    ground_weighted: (e,) the same of a pseudolite's range: 1, and 1/variance, 1/m2; 0 where it is not heard.
+    unit, weighted: (e, SAT_N) the satellites' normal matrices with unit weights and with 1/variance. pseudolite_unit,
+    pseudolite_weighted: (e,) the same of a pseudolite's range: 1, and 1/variance, 1/m2; 0 where it is not heard.
     """
 
     receiver: np.ndarray
@@ -40,8 +40,8 @@ class Geometry:
     spare: np.ndarray
     unit: np.ndarray
     weighted: np.ndarray
-    ground_unit: np.ndarray
-    ground_weighted: np.ndarray
+    pseudolite_unit: np.ndarray
+    pseudolite_weighted: np.ndarray
 
     def at(self, epochs: np.ndarray) -> Geometry:
         """The same at some of the epochs, (n,) int or (e,) bool."""
@@ -52,11 +52,11 @@ class Geometry:
 
         sites: (p, k, 3) ECEF of the pseudolites of each placement, m.
         """
-        return self._statistics(self.unit, self.ground_unit, sites, workers)
+        return self._statistics(self.unit, self.pseudolite_unit, sites, workers)
 
     def fix_sigmas(self, sites: np.ndarray, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """The same of the weighted covariance: 1 sigma in space, horizontal, vertical, m ("SKO")."""
-        return self._statistics(self.weighted, self.ground_weighted, sites, workers)
+        return self._statistics(self.weighted, self.pseudolite_weighted, sites, workers)
 
     def _statistics(
         self, satellites: np.ndarray, weight: np.ndarray, sites: np.ndarray, workers: int
@@ -107,8 +107,8 @@ def glide_geometry(
                 spare=(in_clock.sum(axis=1) - (in_clock > 0.0).sum(axis=1) - 3.0).astype(np.int64),
                 unit=rows(counts, shared),
                 weighted=rows(normals(los, clock, weight[:, :-1]), shared),
-                ground_unit=heard.astype(float),
-                ground_weighted=np.where(heard, weight[:, -1], 0.0),
+                pseudolite_unit=heard.astype(float),
+                pseudolite_weighted=np.where(heard, weight[:, -1], 0.0),
             )
         )
     return Geometry(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Geometry)))

@@ -98,16 +98,19 @@ def track(
     t = period
     x, slope, gain = np.empty(N), np.empty(N), np.empty(N)
     p, phi, q, work = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N)), np.empty((N, N))
+    # a group of the decoupled filter: a level and its rate
     pair, pair_p, pair_phi, pair_q, pair_work = (
         np.empty(2), np.empty((2, 2)), np.zeros((2, 2)), np.zeros((2, 2)), np.empty((2, 2)),
     )  # fmt: skip
     pair_gain = np.empty(2)
-    own, own_p, own_phi, own_q, own_work, own_gain = (
+    predicted = np.empty(N)
+    # D, D', D'', driven by the acceleration that the groups tell, held over the period
+    ranging, ranging_p, ranging_phi, ranging_q, ranging_work, ranging_gain = (
         np.empty(3), np.empty((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.empty((3, 3)), np.empty(3),
     )  # fmt: skip
     hold = np.array([t * t / 6.0, 0.5 * t, 1.0])
-    own_phi[0, 0] = own_phi[1, 1] = 1.0
-    own_phi[0, 1], own_phi[0, 2], own_phi[1, 2] = t, t * t / 3.0, 0.5 * t
+    ranging_phi[0, 0] = ranging_phi[1, 1] = 1.0
+    ranging_phi[0, 1], ranging_phi[0, 2], ranging_phi[1, 2] = t, t * t / 3.0, 0.5 * t
     start(measured[0], x)
     p[0, 0], p[1, 1], p[2, 2] = variance[0], start_sigma[0] ** 2, start_sigma[1] ** 2
     for g in range(5):
@@ -123,20 +126,20 @@ def track(
                 phi[level, level], phi[level, level + 1], phi[level + 1, level + 1] = 1.0, t, decay[g]
             for i in range(3):
                 for j in range(3):
-                    own[i] = x[i]
-                    phi[i, j] = own_phi[i, j]
+                    ranging[i] = x[i]
+                    phi[i, j] = ranging_phi[i, j]
             # the groups first: the acceleration is that of their predicted state
             for i in range(N):
-                work[1, i] = x[i]
+                predicted[i] = x[i]
             for g in range(5):
                 level = V + 2 * g
-                work[1, level] = x[level] + t * x[level + 1]
-                work[1, level + 1] = decay[g] * x[level + 1]
-            later = range_acceleration(work[1], slope)
-            spread = residual * residual
+                predicted[level] = x[level] + t * x[level + 1]
+                predicted[level + 1] = decay[g] * x[level + 1]
+            acceleration = range_acceleration(predicted, slope)
+            acceleration_variance = residual * residual
             for g in range(5):
                 level = V + 2 * g
-                spread += rate_variance[g] * slope[level + 1] ** 2
+                acceleration_variance += rate_variance[g] * slope[level + 1] ** 2
                 q[level + 1, level + 1] = rate_variance[g]
                 for i in range(3):
                     phi[i, level] = hold[i] * slope[level]
@@ -144,12 +147,13 @@ def track(
                     q[i, level + 1] = q[level + 1, i] = hold[i] * slope[level + 1] * rate_variance[g]
             for i in range(3):
                 for j in range(3):
-                    q[i, j] = spread * hold[i] * hold[j]
+                    q[i, j] = acceleration_variance * hold[i] * hold[j]
             predict(x, p, phi, q, work)
+            # the range follows the acceleration itself, of which phi has the slope
             for i in range(3):
-                moved = hold[i] * later
+                moved = hold[i] * acceleration
                 for j in range(3):
-                    moved += own_phi[i, j] * own[j]
+                    moved += ranging_phi[i, j] * ranging[j]
                 x[i] = moved
         if k > 0:
             if kind == FULL:
@@ -162,6 +166,7 @@ def track(
                         level = V + 2 * g + 1
                         update(x, p, level, measured[k, 6 + g] - x[level], variance[6 + g], gain)
             else:
+                # the groups by themselves, then D'' from their estimates, then the range with it
                 for g in range(5):
                     level = V + 2 * g
                     for i in range(2):
@@ -179,27 +184,27 @@ def track(
                         x[level + i] = pair[i]
                         for j in range(2):
                             p[level + i, level + j] = pair_p[i, j]
-                later = range_acceleration(x, slope)
-                spread = residual * residual
+                acceleration = range_acceleration(x, slope)
+                acceleration_variance = residual * residual
                 if kind == ADAPT:
                     for g in range(5):
                         level = V + 2 * g
                         for i in range(2):
                             for j in range(2):
-                                spread += slope[level + i] * p[level + i, level + j] * slope[level + j]
+                                acceleration_variance += slope[level + i] * p[level + i, level + j] * slope[level + j]
                 for i in range(3):
-                    own[i] = x[i]
+                    ranging[i] = x[i]
                     for j in range(3):
-                        own_p[i, j] = p[i, j]
-                        own_q[i, j] = spread * hold[i] * hold[j]
-                predict(own, own_p, own_phi, own_q, own_work)
+                        ranging_p[i, j] = p[i, j]
+                        ranging_q[i, j] = acceleration_variance * hold[i] * hold[j]
+                predict(ranging, ranging_p, ranging_phi, ranging_q, ranging_work)
                 for i in range(3):
-                    own[i] += hold[i] * later
-                update(own, own_p, 0, measured[k, 0] - own[0], variance[0], own_gain)
+                    ranging[i] += hold[i] * acceleration
+                update(ranging, ranging_p, 0, measured[k, 0] - ranging[0], variance[0], ranging_gain)
                 for i in range(3):
-                    x[i] = own[i]
+                    x[i] = ranging[i]
                     for j in range(3):
-                        p[i, j] = own_p[i, j]
+                        p[i, j] = ranging_p[i, j]
         for i in range(N):
             gap = truth[k, i] - x[i]
             error[k, i] = wrap(gap) if i in (PH, EG) else gap
