@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.io.export import true_antenna
-from navsim.io.results import Result, ResultError, Stream, write_bytes, write_text
+from navsim.io.results import Result, ResultError, Stream, write_bytes
 from navsim.report.figure_files import MARK, remove_former
 from navsim.report.tables import runs_of, setting, single
 
@@ -468,13 +468,3 @@ def save_figures(draw: Callable[[], dict[str, Figure]], folder: Path, stem: str)
         raise ResultError(f"{folder}: figures cannot be written there: {error.strerror or error}") from None
     remove_former(folder, stem, written)
     return written
-
-
-def save_text(path: Path, text: str) -> Path:
-    """Write a text file whole or not at all, with its folder. Raises ResultError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{path}: cannot be written: {error.strerror or error}") from None
-    write_text(path, text)
-    return path

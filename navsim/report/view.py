@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from navsim.io.results import Result, ResultError
+from navsim.io.results import Result, ResultError, write_text
 from navsim.kinds import KINDS, named
 from navsim.report.table import Table
 from navsim.report.tables import FINDINGS, plain_tree
@@ -75,7 +75,7 @@ def draw(result: Result, folder: Path, stem: str) -> list[Path]:
 
 def write_texts(result: Result, target: Path) -> list[Path]:
     """Write the files of text that stand beside a result at `target`; returns them. Raises ResultError."""
-    from navsim.report.figures import save_text
-
     texts = view(result.attributes["kind"]).texts(result, target)
-    return [save_text(path, text) for path, text in texts.items()]
+    for path, text in texts.items():
+        write_text(path, text)
+    return list(texts)

@@ -208,6 +208,15 @@ def test_validate_compiles_nothing() -> None:
     assert not {"numba", "scipy", "matplotlib", "h5py"} & modules_after(code)
 
 
+def test_a_run_without_figures_imports_nothing_to_draw_with(tmp_path: Path) -> None:
+    scenario = PACKAGE.parent / "scenarios" / "landing.yaml"
+    words = ["navsim", "run", str(scenario), "--set", "duration_s=2", "-o", str(tmp_path / "r.h5"), "--figures", "none"]
+    code = f"import contextlib, io, sys\nsys.argv = {words!r}\nfrom navsim.__main__ import main\n"
+    code += "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
+    assert not {"matplotlib", "PIL"} & modules_after(code)
+    assert (tmp_path / "r.h5").exists()
+
+
 def test_what_a_handler_catches_is_imported_before_its_try() -> None:
     """A command that leaves early inside `try` must find the names of its handlers: else UnboundLocalError."""
     seen = 0
