@@ -139,7 +139,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     from navsim.core import states, strapdown
     from navsim.estimation import filter_loop
     from navsim.estimation.observations import Measurements
-    from navsim.estimation.records import ImuData, empty_history, start
+    from navsim.estimation.records import ESKF, TFG, ImuData, empty_history, start
     from navsim.scenario.load import read
     from navsim.simulation.landing import exact_start, table_of_fixes
     from navsim.study.landing import prepare
@@ -156,7 +156,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
     history = empty_history(e + 1, flight.events.time.size, declared)
     imu = ImuData(world.imu_time, world.dtheta, world.dv)
 
-    def navsim_filter(kind: int = filter_loop.ESKF) -> None:
+    def navsim_filter(kind: int = ESKF) -> None:
         model = flight.model._replace(kind=kind, gate=np.full(7, np.inf), max_rejected=0)
         filter_loop.run(imu, measurements, flight.events, start(begin, flight.covariance), model, history)
 
@@ -169,7 +169,7 @@ def kernels(rows: list[tuple[str, str, str, bool]]) -> None:
         dense_filter(begin.copy(), declared, world.dtheta, world.dv, dt, np.eye(15), np.eye(15) * 1e-9, 100)
 
     def navsim_tfg() -> None:
-        navsim_filter(filter_loop.TFG)
+        navsim_filter(TFG)
 
     for job in (navsim_filter, navsim_tfg, navsim_strapdown, dense):
         job()

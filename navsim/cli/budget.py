@@ -9,14 +9,17 @@ from navsim.cli.common import leave
 from navsim.cli.ending import BAD_INPUT, say
 
 if TYPE_CHECKING:
+    from navsim.io.results import Sort
     from navsim.study.budget.estimate import Budget
 
 
-def afford(name: object, estimate: Budget, target: Path, over_budget: bool, shown: bool, at_most: bool = False) -> None:
+def afford(
+    name: object, estimate: Budget, sort: Sort, target: Path, *, over_budget: bool, shown: bool, at_most: bool = False
+) -> None:
     """Tell the estimate where it is to be shown; leave where the machine lacks memory or disk, unless `over_budget`.
 
-    name: of the scenario or study. target: the result's path. at_most: the work may end earlier by itself, so the
-    estimate alone refuses nothing.
+    name: of the scenario or study. sort, target: the result's, and its path. at_most: the work may end
+    earlier by itself, so the estimate alone refuses nothing.
     """
     from navsim.core import jit
     from navsim.study.budget.estimate import lacking, said
@@ -25,7 +28,7 @@ def afford(name: object, estimate: Budget, target: Path, over_budget: bool, show
     here = machine(target.parent)
     if shown:
         say(f"{name}: {'at most ' if at_most else ''}{said(estimate, here)}")
-        if not jit.is_warm():
+        if not jit.is_warm(sort.work):
             say("compiling the kernels, once, takes up to a minute more")
     lack = lacking(estimate, here, _kept(target) if estimate.partial_bytes else 0.0)
     wanting = f"{name}: needs {', and '.join(lack)}"

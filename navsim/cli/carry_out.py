@@ -97,10 +97,11 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
     executor = threads(wanted.options.workers)
 
     def allow(budget: Any, final: bool = True, at_most: bool = False) -> None:
-        afford(name, budget, target, wanted.care.over_budget, shown=wanted.dry_run and final, at_most=at_most)
+        shown = wanted.dry_run and final
+        afford(name, budget, job.sort, target, over_budget=wanted.care.over_budget, shown=shown, at_most=at_most)
 
     if not wanted.dry_run:
-        begin(target)
+        begin(target, job.sort)
     with failures(name):
         job.prepare(executor, allow)
     for warning in job.warnings:
@@ -123,7 +124,7 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
             say(f"{store.redone} damaged piece(s) of an earlier attempt were computed again")
         if not outcome.stopped:
             store.remove()
-    jit.mark_warm()
+    jit.mark_warm(job.sort.work)
     print_shown(outcome.result, target, written, wanted.care.quiet, wanted.json)
     for warning in outcome.warnings:
         say(f"warning: {warning}")

@@ -34,6 +34,7 @@ from navsim.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from navsim.io.results import Sort
     from navsim.study.live import Session
 
 
@@ -118,12 +119,13 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     if (given.receiver is None) == (given.imu is None):
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
     target = target_of(given.output, f"{scenario.stem}_live")
-    check_target(target, Sort("live"), care.force)
+    sort = Sort("live")
+    check_target(target, sort, care.force)
     from navsim.core import jit
     from navsim.io.findings import kept
     from navsim.study import live as flying
 
-    session = _session(scenario, given, care, target)
+    session = _session(scenario, given, care, target, sort)
     session.tell = lambda message: None if care.quiet and not message.startswith("warning") else say(message)
     extent = math.ceil(session.case.scenario.duration_s)
     try:
@@ -138,7 +140,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         leave(BAD_INPUT, error)
     except ResultError as error:
         leave(RUN_FAILED, error)
-    jit.mark_warm()
+    jit.mark_warm(sort.work)
     print_shown(result, target, written, care.quiet, given.json_)
     session.tell(f"ended: {why}")
     warn(result)
@@ -151,7 +153,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         leave(RUN_FAILED, f"what was flown is no result; what came is kept in {target}")
 
 
-def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
+def _session(scenario: Path, given: LiveOptions, care: Care, target: Path, sort: Sort) -> Session:
     """The landing ready to be flown with what comes."""
     from navsim.scenario.filter import SMOOTHERS
     from navsim.scenario.load import read
@@ -161,7 +163,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
     from navsim.study.live import Session
 
     def ask(section: Any, sources: Any) -> None:
-        afford(scenario, estimated(section, sources), target, care.over_budget, shown=False)
+        afford(scenario, estimated(section, sources), sort, target, over_budget=care.over_budget, shown=False)
 
     try:
         section, document = read(scenario, given.set_ or [])
@@ -170,7 +172,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
-        begin(target)
+        begin(target, sort)
         case = landing.prepare(section, document, ask)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")

@@ -24,6 +24,7 @@ _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
 _KERNEL_ROOMS = ("core", "models", "estimation", "simulation", "tracking")
 _WARM_MARK = "complete"
+"""Begin of the names of the files that say what has been compiled."""
 
 
 def digest() -> str:
@@ -54,20 +55,21 @@ if _CACHE is not None:
     _CONFIG.CACHE_DIR = str(_CACHE)
 
 
-def is_warm() -> bool:
-    """Whether a run has finished with this very code before, so that nothing is left to compile."""
-    return _CACHE is not None and (_CACHE / _WARM_MARK).exists()
+def is_warm(work: str) -> bool:
+    """Whether work of this name has been done with this very code before, so that little is left to compile."""
+    return _CACHE is not None and (_CACHE / f"{_WARM_MARK}-{work}").exists()
 
 
-def mark_warm() -> None:
-    """Remember that the kernels of a whole run are now in the cache, and drop those unused for a month."""
+def mark_warm(work: str) -> None:
+    """Remember that the kernels for work of this name are in the cache, and drop folders unused for a month."""
     if _CACHE is None:
         return
     try:
-        (_CACHE / _WARM_MARK).touch()
-        for mark in _CACHE.parent.glob(f"kernels-*/{_WARM_MARK}"):
-            if mark.stat().st_mtime < time.time() - 30 * 86400.0:
-                shutil.rmtree(mark.parent, ignore_errors=True)
+        (_CACHE / f"{_WARM_MARK}-{work}").touch()
+        for folder in _CACHE.parent.glob("kernels-*"):
+            used = [mark.stat().st_mtime for mark in folder.glob(f"{_WARM_MARK}*")]
+            if used and max(used) < time.time() - 30 * 86400.0:
+                shutil.rmtree(folder, ignore_errors=True)
     except OSError:  # a full or read-only disk costs the next start some seconds, nothing else
         return
 

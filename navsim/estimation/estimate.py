@@ -6,23 +6,23 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.covariance import STRIDE
-from navsim.estimation import filter_loop, smoother
+from navsim.estimation import filter_loop, records, smoother
 from navsim.estimation.observations import Measurements
 from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, State, empty_history
 
 FILTER_KINDS = {
-    "eskf": filter_loop.ESKF,
-    "left-invariant": filter_loop.LEFT_INVARIANT,
-    "tfg": filter_loop.TFG,
-    "rts": smoother.RTS,
-    "map": smoother.MAP,
+    "eskf": records.ESKF,
+    "left-invariant": records.LEFT_INVARIANT,
+    "tfg": records.TFG,
+    "rts": records.RTS,
+    "map": records.MAP,
 }
-"""Kinds of estimator."""
+"""Kinds of estimator, by their names."""
 
 
 def is_smoother(kind: int) -> bool:
     """Whether a kind answers with measurements that come after the answer."""
-    return kind in smoother.PASSES
+    return kind in records.SMOOTHERS
 
 
 def estimate(imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel) -> History:

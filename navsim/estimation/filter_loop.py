@@ -23,10 +23,16 @@ from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation import error_state, invariant, tfg
 from navsim.estimation.observations import MOST, observe
-from navsim.estimation.records import OUTPUT, PASS, REJECTED, TIME_TOLERANCE, USED
-
-ESKF, LEFT_INVARIANT, TFG = 0, 1, 2
-"""Kinds of filter."""
+from navsim.estimation.records import (
+    ESKF,
+    LEFT_INVARIANT,
+    OUTPUT,
+    PASS,
+    REJECTED,
+    TFG,
+    TIME_TOLERANCE,
+    USED,
+)
 
 
 @kernel
@@ -122,8 +128,10 @@ def correct(kind, nav, p, x, work):
         error_state.correct(nav, p, x, work)
     elif kind == LEFT_INVARIANT:
         invariant.correct(nav, p, x, work)
-    else:
+    elif kind == TFG:
         tfg.correct(nav, p, x, work)
+    else:
+        nav[:] = np.nan
 
 
 @kernel
@@ -133,15 +141,17 @@ def own_error(kind, nav, error, out):
         out[:] = error
     elif kind == LEFT_INVARIANT:
         invariant.own_error(error, out)
-    else:
+    elif kind == TFG:
         tfg.own_error(nav, error, out)
+    else:
+        out[:] = np.nan
 
 
 @kernel
 def run(imu, measurements, events, state, model, history):
     """Fly through the events; arguments are those of `estimation.records`.
 
-    state: overwritten by the final one, at the last event that before not ahead. history: filled in.
+    state: overwritten by the final one, at the last event that was not ahead. history: filled in.
     """
     kind, declared = model.kind, model.declared
     n = history.covariance.shape[1]

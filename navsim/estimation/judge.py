@@ -30,8 +30,8 @@ from navsim.core.states import (
     SENSORS,
     VEL,
 )
-from navsim.estimation.filter_loop import TFG, own_error
-from navsim.estimation.records import History, Judgement, Truth
+from navsim.estimation.filter_loop import own_error
+from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, History, Judgement, Truth
 
 
 @kernel
@@ -67,8 +67,13 @@ def _judge(kind, navigation, covariance, truth, out):
 
 
 def judge(kind: int, history: History, truth: Truth) -> Judgement:
-    """What a history of an estimator of `kind` is worth, at all its outputs."""
+    """What a history of an estimator of `kind` is worth, at all its outputs; a smoother's errors are those of `tfg`.
+
+    Raises ValueError for a kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
+    """
+    if kind not in (*FILTERS, *SMOOTHERS):
+        raise ValueError(f"no kind of estimator: {kind}")
     o, n, _ = history.covariance.shape
     out = Judgement(np.empty((o, n)), np.empty(o), np.empty(o), np.empty((o, n // 3)))
-    _judge(min(kind, TFG), history.navigation, history.covariance, truth, out)
+    _judge(TFG if kind in SMOOTHERS else kind, history.navigation, history.covariance, truth, out)
     return out

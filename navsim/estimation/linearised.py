@@ -36,9 +36,9 @@ from navsim.core.covariance import (
 from navsim.core.jit import kernel
 from navsim.core.states import GYRO, SENSORS, N
 from navsim.core.strapdown import MID_DT, MID_N
-from navsim.estimation.filter_loop import ESKF, advance, set_off
+from navsim.estimation.filter_loop import advance, set_off
 from navsim.estimation.observations import MOST, observe
-from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Events
+from navsim.estimation.records import ESKF, OUTPUT, PASS, TIME_TOLERANCE, Events
 
 NOISES = 4
 """Sensor noises: white gyro, white accelerometer, drive of the Markov gyro and accelerometer bias."""

@@ -22,6 +22,10 @@ TIME_TOLERANCE = 1e-9
 PASS, OUTPUT = 0, 1
 """Kinds of events that are no measurements (`observations`): nothing but a time to get to; an output of the history."""
 
+ESKF, LEFT_INVARIANT, TFG, RTS, MAP = range(5)
+FILTERS, SMOOTHERS = (ESKF, LEFT_INVARIANT, TFG), (RTS, MAP)
+"""Kinds of estimators: those that go forward, and those that know what comes later."""
+
 NOT_USED, USED, REJECTED = 0, 1, 2
 """What became of a measurement: nothing to use, used, rejected by the innovation gate."""
 

@@ -32,15 +32,13 @@ from navsim.core.states import (
 )
 from navsim.core.strapdown import MID_N
 from navsim.estimation import error_state
-from navsim.estimation.filter_loop import ESKF, advance, keep_innovation, set_off, whitened_square
+from navsim.estimation.filter_loop import advance, keep_innovation, set_off, whitened_square
 from navsim.estimation.judge import plain_error
 from navsim.estimation.observations import MOST, observe
-from navsim.estimation.records import NOT_USED, OUTPUT, REJECTED, TIME_TOLERANCE, USED
+from navsim.estimation.records import ESKF, MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
 
-RTS, MAP = 3, 4
-"""Kinds of smoother."""
 PASSES = {RTS: 1, MAP: 30}
-"""Passes over the flight that each kind makes at most."""
+"""Passes over the flight that each kind of smoother makes at most."""
 _CONVERGED = 1e-3
 """Stop once no state of any node moves by more than this many sigmas."""
 

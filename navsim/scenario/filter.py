@@ -38,6 +38,7 @@ class Gate(Section):
     """rejections in a row after which a fix is taken nevertheless"""
 
 
+Kind = Literal["tfg", "eskf", "left-invariant", "rts", "map"]
 SMOOTHERS = ("rts", "map")
 """Kinds whose outputs know the fixes that come after them."""
 
@@ -45,7 +46,7 @@ SMOOTHERS = ("rts", "map")
 class FilterSection(Section):
     """What the filter does and believes; what is left out follows from the truth."""
 
-    kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"
+    kind: Kind = "tfg"
     """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map:
     smoothers, each output from all fixes: one backward pass, or iterated to the maximum a posteriori"""
     velocity: bool = True

@@ -25,7 +25,7 @@ from navsim.scenario.base import (
     pair_of,
     reject,
 )  # fmt: skip
-from navsim.scenario.filter import Gate
+from navsim.scenario.filter import Gate, Kind
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro
 
@@ -186,7 +186,7 @@ class AlignmentSection(Section):
 class ReplayFilterSection(Section):
     """The filter."""
 
-    kind: Literal["tfg", "eskf", "left-invariant", "rts", "map"] = "tfg"
+    kind: Kind = "tfg"
     """as in landings; rts and map are smoothers"""
     gate: Gate = Gate(probability=0.0)
     output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] = 10.0

@@ -24,8 +24,7 @@ import numpy as np
 from navsim.core import states
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS, is_smoother
-from navsim.estimation.filter_loop import TFG
-from navsim.estimation.records import REJECTED
+from navsim.estimation.records import REJECTED, TFG
 from navsim.io import files
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.core import states
-from navsim.estimation import filter_loop, records
+from navsim.estimation import records
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import ALTITUDE, FIX, AltitudeTable, Measurements
 from navsim.io.results import read
@@ -83,7 +83,7 @@ def test_heights_alone_are_a_straight_line_fit() -> None:
         Measurements.of({ALTITUDE: table}),
         records.schedule(time, (ALTITUDE, time, time)),
         records.start(exact_start(world.at_filter), p),
-        records.FilterModel(filter_loop.ESKF, np.zeros((1, 2)), declared, np.full(7, np.inf), 0),
+        records.FilterModel(records.ESKF, np.zeros((1, 2)), declared, np.full(7, np.inf), 0),
     )
     assert history.covariance.shape == (time.size, n, n)
     information = np.diag([1.0 / 100.0, 1.0])

@@ -78,7 +78,7 @@ def test_map_is_the_least_squares_solution(within: Within) -> None:
         Measurements.of({FIX: FixTable(fixes, np.full((EPOCHS, 3), np.nan), cov, np.zeros(3))}),
         records.schedule(np.arange(EPOCHS + 1.0), (FIX, fix_time, fix_time)),
         state,
-        records.FilterModel(smoother.MAP, np.zeros((1, 2)), DECLARED, np.full(7, np.inf), 0),
+        records.FilterModel(records.MAP, np.zeros((1, 2)), DECLARED, np.full(7, np.inf), 0),
     )
     nav, sigma = state.navigation, history.sigma()
     gap = np.empty(15)
@@ -93,7 +93,7 @@ def test_map_is_the_least_squares_solution(within: Within) -> None:
     np.testing.assert_allclose(sigma[0][9:], initial[9:], rtol=within["sigma of biases"])
 
 
-@pytest.mark.parametrize("kind", [smoother.RTS, smoother.MAP])
+@pytest.mark.parametrize("kind", [records.RTS, records.MAP])
 def test_each_output_has_its_row_however_near(kind: int) -> None:
     """Two outputs within what is one time, as an offset of clocks makes them, are both answered, alike."""
     world = case("duration_s=3", "imu.preset=perfect").world

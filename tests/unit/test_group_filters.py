@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from navsim.core import attitude, covariance, states
-from navsim.estimation import error_state, invariant, tfg
+from navsim.estimation import error_state, invariant, judge, records, smoother, tfg
+from navsim.estimation.estimate import FILTER_KINDS
+from navsim.scenario import filter as scenario_filter
 from tests.helpers import cross
 from tests.unit.test_covariance import error, flat, some_covariance, square
 
@@ -149,3 +152,15 @@ def test_bias_axes_are_held_through_quick_turns_only() -> None:
     known = flat(np.diag(np.repeat([1.0, 1.0, 1e-4, 1e-6, 1e-4], 3)))
     tfg.hold_axes(nav, known, turn, 0.01)
     np.testing.assert_array_equal(nav[HELD], [1.0, 0.0, 0.0, 0.0])
+
+
+def test_the_kinds_of_a_scenario_are_those_of_estimators() -> None:
+    assert set(get_args(scenario_filter.Kind)) == set(FILTER_KINDS)
+    assert sorted(FILTER_KINDS.values()) == sorted((*records.FILTERS, *records.SMOOTHERS))
+    assert {name for name, kind in FILTER_KINDS.items() if kind in records.SMOOTHERS} == set(scenario_filter.SMOOTHERS)
+    assert set(smoother.PASSES) == set(records.SMOOTHERS)
+
+
+def test_no_kind_is_judged_or_flown_as_another() -> None:
+    with pytest.raises(ValueError, match="no kind"):
+        judge.judge(max(records.SMOOTHERS) + 1, records.empty_history(1, 0, states.declared(states.biases())), None)  # type: ignore[arg-type]
