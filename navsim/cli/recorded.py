@@ -135,6 +135,10 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
                 why = session.pump(lines, given.silence, done)
         result = session.result()
         result.variables.update(kept(flying.findings(session, result, lines)))
+        wrong = flying.failures(result)
+        if wrong and target.exists() and not care.force:
+            # what is no result does not take the place of one
+            target = target.with_stem(f"{target.stem}_failed")
         written = save(result, target, None)
     except StreamError as error:
         leave(BAD_INPUT, error)
@@ -144,7 +148,6 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     print_shown(result, target, written, care.quiet, given.json_)
     session.tell(f"ended: {why}")
     warn(result)
-    wrong = flying.failures(result)
     for failure in wrong:
         say(f"error: {failure}")
     if came:

@@ -75,7 +75,8 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
             leave(BAD_INPUT, *earlier)
         said = (str(error).splitlines() or [""])[0]
         names = ", ".join(map(str, files))
-        leave(BAD_INPUT, f"{names}: damaged: what it holds does not fit together ({type(error).__name__}: {said})")
+        cause = f"{type(error).__name__}: {said}"
+        leave(BAD_INPUT, f"{names}: what it holds does not fit together, or navsim is wrong about it ({cause})")
 
 
 def plot(

@@ -62,7 +62,7 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
 
     assigned, suffix = method_given(study, given.set_, given.method)
     keys = [*(given.set_ or []), *assigned, *([f"runs={given.runs}"] if given.runs else [])]
-    options = Options(given.seed, workers=given.workers, fresh=given.fresh)
+    options = Options(given.seed, given.runs, workers=given.workers, fresh=given.fresh)
     job = opened("sweep", study, keys, options)
     wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
     carry_out(study, job, target_for(given.output, study, job, suffix), wanted)

@@ -29,11 +29,13 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
     """The history of a flight; arguments are those of `estimation.records`.
 
     state: where to start, overwritten by the final one. Outputs are those that the events name. Where a
-    smoother loses the positive covariance of its flight they are nan, see `lost`. Raises ValueError for more states
-    than there is room for, and for a smoother that is given events ahead.
+    smoother loses the positive covariance of its flight they are nan, see `lost`. Raises ValueError for a kind that is
+    none, for more states than there is room for, and for a smoother that is given events ahead.
     """
     outputs = int(events.row[events.kind == OUTPUT].max(initial=-1)) + 1
     history = empty_history(outputs, events.time.size, model.declared)
+    if model.kind not in (*records.FILTERS, *records.SMOOTHERS):
+        raise ValueError(f"no kind of estimator: {model.kind}")
     if states.SENSORS + model.declared.size > STRIDE:
         raise ValueError(f"a filter has at most {STRIDE} states")
     if not is_smoother(model.kind):

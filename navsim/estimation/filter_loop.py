@@ -128,10 +128,8 @@ def correct(kind, nav, p, x, work):
         error_state.correct(nav, p, x, work)
     elif kind == LEFT_INVARIANT:
         invariant.correct(nav, p, x, work)
-    elif kind == TFG:
-        tfg.correct(nav, p, x, work)
     else:
-        nav[:] = np.nan
+        tfg.correct(nav, p, x, work)
 
 
 @kernel
@@ -141,10 +139,8 @@ def own_error(kind, nav, error, out):
         out[:] = error
     elif kind == LEFT_INVARIANT:
         invariant.own_error(error, out)
-    elif kind == TFG:
-        tfg.own_error(nav, error, out)
     else:
-        out[:] = np.nan
+        tfg.own_error(nav, error, out)
 
 
 @kernel

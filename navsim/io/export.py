@@ -400,7 +400,7 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
     """GGA, RMC and VTG of each fix, with as many digits as the format lets [2]. Heights are given over
     the ellipsoid with a geoid separation of zero, which is what the simulation knows. A leap second is 23:59:60."""
     if "/receiver/position_llh" not in result:
-        raise ResultError("the result has no fixes; fly it with --keep errors or all")
+        raise ResultError("the result has no fixes of runs; fly it with --keep all")
     start = _start(result)
     used = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).sum(axis=1)
     lines = []

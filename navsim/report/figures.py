@@ -336,9 +336,9 @@ def errors(result: Result) -> Figure:
 
 
 _FAMILIES = (("initial", "#CC79A7"), ("gyro", "#56B4E9"), ("accelerometer", _GREEN), ("satellite", _BLUE),
-             ("pseudolite", "#E69F00"), ("systematic", _GREY))  # fmt: skip
-_HATCHES = ("", "//////", "......")
-"""Sources of one kind share a colour and differ by hatch."""
+             ("pseudolite", "#E69F00"), ("systematic", _GREY), ("", "#F0E442"))  # fmt: skip
+_HATCHES = ("", "//////", "......", "xxxxxx", "++++++", "oooo")
+"""Sources of one kind share a colour and differ by hatch; the last kind has all others: sensors beside the receiver."""
 
 
 def _source_style(names: list[str]) -> list[tuple[str, str]]:
@@ -347,7 +347,7 @@ def _source_style(names: list[str]) -> list[tuple[str, str]]:
     out = []
     for name in names:
         family, colour = next(f for f in _FAMILIES if name.startswith(f[0]))
-        out.append((colour, _HATCHES[count[family]]))
+        out.append((colour, _HATCHES[count[family] % len(_HATCHES)]))
         count[family] += 1
     return out
 

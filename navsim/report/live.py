@@ -22,7 +22,9 @@ def tables(result: Result) -> list[Table | str]:
         if path.startswith("/stream/"):
             stream.add(variable.long_name, cell("{}", int(np.asarray(variable.data))))
     rms = "  ".join(f"{x:.2f}" for x in result["/summary/rms_position_ned"])
-    said = f"rms position error N E D over the last {RMS_WINDOW:g} s: {rms} m"
+    time = result["/filter/time"]
+    span = min(RMS_WINDOW, float(time[-1] - time[0])) if time.size else 0.0
+    said = f"rms position error N E D over the last {span:.3g} s: {rms} m"
     said += f"; NIS per degree {result['/summary/nis'][0]:.2f}"
     offset, base = float(result["/clock/offset"]), result.attributes["clock"]
     clock = f"time 0 of the flight by the source's clock: {offset:.3f} s ({base})"

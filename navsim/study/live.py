@@ -439,7 +439,10 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
             f"(sigma {sigma:.3f} s), {abs(shift) / session.period:.1f} periods: lines lost before the first, or a "
             f"clock that is off? --start-time {session.clock.option(-periods)} takes it off"
         )
-    gate = session.case.scenario.filter.gate.probability
+    scenario, came = session.case.scenario, result["/innovations/time"]
+    if came.size and came[-1] < scenario.duration_s - max(1.0, 2.0 * session.period):
+        said.append(f"what came ends at {came[-1]:.1f} s of a flight of {scenario.duration_s:g} s")
+    gate = scenario.filter.gate.probability
     return [*notes(session.case.sky_warnings), *(Finding("stream", text) for text in said), *of_flight(result, gate)]
 
 

@@ -114,15 +114,15 @@ class Watch:
     def look(self) -> None:
         """Tell where the search stands. Raises TimeUp."""
         used = self._clock() - self._started
-        self.tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining()))
+        self.tell(Progress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining(used)))
         if self._limit is not None and used >= self._limit:
             raise TimeUp
 
-    def _remaining(self) -> float | None:
+    def _remaining(self, used: float) -> float | None:
         left = 0.0
         for step in (self._now, *self._to_come):
             for fidelity, most in step.most.items():
                 if most and fidelity not in self._cost:
                     return None
                 left += self._cost.get(fidelity, 0.0) * most
-        return left
+        return left if self._limit is None else min(left, max(self._limit - used, 0.0))

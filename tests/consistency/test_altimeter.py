@@ -107,8 +107,10 @@ def test_result_and_budget_name_it(tmp_path: Path) -> None:
     assert np.std(measured[:, :, 0] - height) == pytest.approx(0.5, rel=0.15)
     assert set(np.unique(result["/aiding/altimeter/status"])) == {1}
     assert 0.7 < float(result["/summary/aiding/altimeter/nis"]) < 1.3
-    method = ("--method", "covariance", "-o", "c.h5")
+    scales = ("--set", "imu.gyro.scale_ppm=500", "--set", "imu.accelerometer.scale_ppm=500")
+    method = (*scales, "--set", "filter.scale_factors=true", "--method", "covariance", "-o", "c.h5", "--figures", ".")
     navsim("run", SCENARIOS / "landing.yaml", *brief, *method, cwd=tmp_path)
+    assert (tmp_path / "c_budget.png").exists(), "every source has its colour and hatch"
     analysed = read(tmp_path / "c.h5")
     assert list(analysed["/budget/source"][-2:]) == ["altimeter", "systematic"]
 

@@ -232,3 +232,8 @@ def test_smoothed_code() -> None:
 def test_what_does_not_go_together(assignments: tuple[str, ...], fragment: str) -> None:
     with pytest.raises(InputError, match=fragment):
         scenario(*BASE, *assignments)
+
+
+def test_files_that_the_source_leaves_out_are_told() -> None:
+    assert case("sky.almanac=no_such.agl").warnings == ["sky.almanac is not used: sky.source is nominal-glonass"]
+    assert not case().warnings

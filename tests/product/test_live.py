@@ -170,6 +170,12 @@ def test_standard_input_and_files(flown, tmp_path: Path) -> None:  # type: ignor
     shown = navsim("show", "b.h5", cwd=tmp_path)
     assert shown.stdout.splitlines() == done.stdout.splitlines()[:-1]
     assert navsim("plot", "b.h5", cwd=tmp_path).returncode == 0
+    before = (tmp_path / "b.h5").read_bytes()
+    (tmp_path / "nothing.nmea").touch()
+    failed = navsim(*SCENARIO, "--receiver", "nothing.nmea", "-o", "b.h5", cwd=tmp_path)
+    assert failed.returncode == 3
+    assert "b_failed.h5" in failed.stderr
+    assert (tmp_path / "b.h5").read_bytes() == before, "what is no result does not take the place of one"
 
 
 def free_port() -> int:

@@ -304,3 +304,8 @@ def test_wrong_kinds_are_sent_where_they_belong(place: Path) -> None:
     assert "nowhere.yaml" in navsim("sweep", file, cwd=place, code=2).stderr
     assert "study of kind sweep" in navsim("validate", SCENARIOS / "placement_sweep.yaml", cwd=place).stdout
     assert json.loads(navsim("schema", "sweep", cwd=place).stdout)["title"] == "Sweep"
+
+
+def test_runs_are_refused_where_none_are_flown(tmp_path: Path) -> None:
+    said = navsim("sweep", SCENARIOS / "placement_sweep.yaml", "--runs", 5, cwd=tmp_path, code=2).stderr
+    assert "--runs: only for method monte-carlo; this sweep is by dop" in said

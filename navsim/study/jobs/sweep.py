@@ -9,7 +9,7 @@ from navsim.scenario.sweep import Sweep
 from navsim.study import sweep
 from navsim.study.budget.studies import sweep as estimated
 from navsim.study.executor import Executor
-from navsim.study.job import Allow, Options, Outcome, Tell
+from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
 
 
@@ -20,6 +20,8 @@ class SweepJob:
     plan: sweep.Plan
 
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:
+        if options.runs and section.method != "monte-carlo":
+            raise OptionError(f"--runs: only for method monte-carlo; this sweep is by {section.method}")
         self.section, self.document, self.seed = section, document, options.seed
         self.base = base_of(section, document)
         self.sort = Sort("sweep", section.method)
