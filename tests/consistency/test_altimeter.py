@@ -58,7 +58,7 @@ def test_its_budget_is_what_it_does_alone() -> None:
     np.testing.assert_array_equal(large[:-1], small[:-1])
 
 
-@pytest.mark.parametrize("kind", ["rts", "map"])
+@pytest.mark.parametrize("kind", [pytest.param("rts", marks=pytest.mark.long), "map"])
 def test_smoothers_use_it_and_stay_true(kind: str) -> None:
     flown = case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}", f"filter.kind={kind}")
     runs = fly_all(flown, 6, 0, 120, threads())

@@ -199,7 +199,7 @@ def test_percentiles_coverage_and_verdicts(undisturbed: Path) -> None:
 
 def test_until_stops_when_the_interval_is_narrow(place: Path, undisturbed: Path) -> None:
     """The first ensemble of whole batches whose interval is narrow enough, for any number of workers."""
-    base = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "--until", "rms_horizontal within 6 %")
+    base = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "--until", "rms_horizontal within 9 %")
     for workers in (1, 2):
         navsim(*base, "--workers", workers, "-o", f"u{workers}.h5", cwd=place)
     assert stored(place / "u1.h5") == stored(place / "u2.h5")
@@ -208,12 +208,12 @@ def test_until_stops_when_the_interval_is_narrow(place: Path, undisturbed: Path)
     assert BATCH < runs < RUNS
     assert runs % BATCH == 0
     value, low, high = r["/summary/rms/horizontal"]
-    assert 0.5 * (high - low) <= 0.06 * value
+    assert 0.5 * (high - low) <= 0.09 * value
     np.testing.assert_array_equal(r["/filter/error"], read(undisturbed)["/filter/error"][:runs])
     shorter = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "--runs", runs - BATCH, "-o", "shorter.h5")
     navsim(*shorter, cwd=place)
     value, low, high = read(place / "shorter.h5")["/summary/rms/horizontal"]
-    assert 0.5 * (high - low) > 0.06 * value
+    assert 0.5 * (high - low) > 0.09 * value
     capped = navsim(*base, "--runs", BATCH, "-o", "capped.h5", cwd=place)
     assert "not reached within 25 runs" in capped.stderr
 
