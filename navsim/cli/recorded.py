@@ -121,6 +121,9 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     target = target_of(given.output, f"{scenario.stem}_live")
     sort = Sort("live")
     check_target(target, sort, care.force)
+    # what is no result does not take the place of one, nor of anything else
+    failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
+    check_target(failed, sort, care.force)
     from navsim.core import jit
     from navsim.io.findings import kept
     from navsim.study import live as flying
@@ -136,9 +139,8 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         result = session.result()
         result.variables.update(kept(flying.findings(session, result, lines)))
         wrong = flying.failures(result)
-        if wrong and target.exists() and not care.force:
-            # what is no result does not take the place of one
-            target = target.with_stem(f"{target.stem}_failed")
+        if wrong:
+            target = failed
         written = save(result, target, None)
     except StreamError as error:
         leave(BAD_INPUT, error)

@@ -23,7 +23,7 @@ from navsim.io.draft import Draft
 from navsim.io.findings import Finding
 from navsim.io.nmea import Assembler, has_sentences
 from navsim.io.results import Result
-from navsim.io.schema import COUNTS, LIVE
+from navsim.io.schema import COUNTS, LIVE, RMS_WINDOW
 from navsim.io.stream import Lines
 from navsim.io.text import plain_number
 from navsim.models import imu
@@ -361,7 +361,7 @@ class Session:
         draft["/clock/offset"] = np.nan if self.clock is None else self.clock.offset
         draft["/clock/shift"] = shift
         draft["/clock/shift_sigma"] = sigma
-        late = left["time"] > left["time"][-1] - 20.0 if left["time"].size else np.zeros(0, dtype=bool)
+        late = left["time"] > left["time"][-1] - RMS_WINDOW if left["time"].size else np.zeros(0, dtype=bool)
         squares = left["error"][late, :3] ** 2
         draft["/summary/rms_position_ned"] = np.sqrt(squares.mean(axis=0)) if late.any() else np.full(3, np.nan)
         degrees = int(left["degrees"].sum())

@@ -176,6 +176,11 @@ def test_standard_input_and_files(flown, tmp_path: Path) -> None:  # type: ignor
     assert failed.returncode == 3
     assert "b_failed.h5" in failed.stderr
     assert (tmp_path / "b.h5").read_bytes() == before, "what is no result does not take the place of one"
+    (tmp_path / "b_failed.h5").write_text("somebody's notes")
+    refused = navsim(*SCENARIO, "--receiver", "nothing.nmea", "-o", "b.h5", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "b_failed.h5" in refused.stderr
+    assert (tmp_path / "b_failed.h5").read_text() == "somebody's notes"
 
 
 def free_port() -> int:
