@@ -6,7 +6,7 @@ import numpy as np
 
 from navsim.core import covariance, strapdown
 from navsim.core.jit import kernel
-from navsim.core.states import N
+from navsim.core.states import SENSORS, N
 
 
 @kernel
@@ -26,17 +26,16 @@ def dense_filter(nav, declared, dtheta, dv, dt, p, q, every):
     c_nb = np.empty((3, 3))
     mid = np.empty(strapdown.MID_N)
     inverse = np.empty((2, 3, 3))
-    flat = np.zeros(covariance.SIZE)
+    flat = np.zeros((SENSORS, N))
     phi, a, b, gain = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
     for k in range(dtheta.shape[0]):
         g, f = dtheta[k], dv[k]
         tx, ty, tz, ux, uy, uz = strapdown.compensated(nav, False, inverse, g[0], g[1], g[2], f[0], f[1], f[2], dt)
         strapdown.step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
-        covariance.transition(mid, previous, declared, flat)
+        covariance.transition(mid, dt, previous, declared, flat)
         for i in range(N):
             for j in range(N):
-                phi[i, j] = flat[covariance.STRIDE * i + j]
-            phi[i, i] += 1.0
+                phi[i, j] = (1.0 if i == j else 0.0) + (flat[i, j] if i < SENSORS else 0.0)
         _multiply(phi, p, a)
         phi_t = phi.T
         _multiply(a, phi_t, b)

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 
+from navsim.core.elementary import atan2, sincos
 from navsim.core.jit import kernel
+from navsim.core.lanes import any_lane, no, select
 
 _SMALL = 1e-2
 """Below this square of an angle (rad2) series replace the closed forms; what they drop is under 1e-17."""
@@ -19,12 +21,15 @@ _SMALL = 1e-2
 @kernel
 def half_sinc(t2):
     """sin(t/2)/t and cos(t/2) of an angle t given by its square: the parts of a rotation quaternion."""
-    if t2 < _SMALL:
-        s = 0.5 + t2 * (-1.0 / 48.0 + t2 * (1.0 / 3840.0 + t2 * (-1.0 / 645120.0 + t2 / 185794560.0)))
-        c = 1.0 + t2 * (-1.0 / 8.0 + t2 * (1.0 / 384.0 + t2 * (-1.0 / 46080.0 + t2 / 10321920.0)))
-        return s, c
-    t = math.sqrt(t2)
-    return math.sin(0.5 * t) / t, math.cos(0.5 * t)
+    small = t2 < _SMALL
+    s = 0.5 + t2 * (-1.0 / 48.0 + t2 * (1.0 / 3840.0 + t2 * (-1.0 / 645120.0 + t2 * (1.0 / 185794560.0))))
+    c = 1.0 + t2 * (-1.0 / 8.0 + t2 * (1.0 / 384.0 + t2 * (-1.0 / 46080.0 + t2 * (1.0 / 10321920.0))))
+    if any_lane(no(small)):
+        t = math.sqrt(t2)
+        sine, cosine = sincos(0.5 * t)
+        s = select(small, s, sine / t)
+        c = select(small, c, cosine)
+    return s, c
 
 
 @kernel
@@ -88,13 +93,26 @@ def difference(p, q, out):
     x = -p[0] * q[1] + p[1] * q[0] - p[2] * q[3] + p[3] * q[2]
     y = -p[0] * q[2] + p[1] * q[3] + p[2] * q[0] - p[3] * q[1]
     z = -p[0] * q[3] - p[1] * q[2] + p[2] * q[1] + p[3] * q[0]
-    if w < 0.0:
-        w, x, y, z = -w, -x, -y, -z
+    sign = select(w < 0.0, -1.0, 1.0)
     s = math.sqrt(x * x + y * y + z * z)
-    k = 2.0 * math.atan2(s, w) / s if s > 1e-12 else 2.0
+    k = sign * select(s > 1e-12, 2.0 * atan2(s, sign * w) / s, 2.0)
     out[0] = k * x
     out[1] = k * y
     out[2] = k * z
+
+
+@kernel
+def _shares(t2):
+    """(1 - cos t)/t^2 and (t - sin t)/t^3 of an angle t given by its square."""
+    small = t2 < _SMALL
+    p = 0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0 + t2 * (1.0 / 3628800.0))))
+    q = 1.0 / 6.0 + t2 * (-1.0 / 120.0 + t2 * (1.0 / 5040.0 + t2 * (-1.0 / 362880.0 + t2 * (1.0 / 39916800.0))))
+    if any_lane(no(small)):
+        t = math.sqrt(t2)
+        s, c = sincos(t)
+        p = select(small, p, (1.0 - c) / t2)
+        q = select(small, q, (t - s) / (t2 * t))
+    return p, q
 
 
 @kernel
@@ -105,19 +123,16 @@ def left_jacobian_derivative(x, y, z, u, out):
     -p [u x] + (theta x u) theta' p'/t + q ((theta.u) I + theta u' - 2 u theta') + theta x (theta x u) theta' q'/t
     """
     t2 = x * x + y * y + z * z
-    if t2 < _SMALL:
-        p = 0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0 + t2 / 3628800.0)))
-        q = 1.0 / 6.0 + t2 * (-1.0 / 120.0 + t2 * (1.0 / 5040.0 + t2 * (-1.0 / 362880.0 + t2 / 39916800.0)))
-        dp = -1.0 / 12.0 + t2 * (1.0 / 180.0 + t2 * (-1.0 / 6720.0 + t2 / 453600.0))
-        dq = -1.0 / 60.0 + t2 * (1.0 / 1260.0 + t2 * (-1.0 / 60480.0 + t2 / 4989600.0))
-    else:
+    small = t2 < _SMALL
+    p, q = _shares(t2)
+    dp = -1.0 / 12.0 + t2 * (1.0 / 180.0 + t2 * (-1.0 / 6720.0 + t2 * (1.0 / 453600.0)))
+    dq = -1.0 / 60.0 + t2 * (1.0 / 1260.0 + t2 * (-1.0 / 60480.0 + t2 * (1.0 / 4989600.0)))
+    if any_lane(no(small)):
         t = math.sqrt(t2)
-        s = math.sin(t)
-        v = 1.0 - math.cos(t)
-        p = v / t2
-        q = (t - s) / (t2 * t)
-        dp = (t * s - 2.0 * v) / (t2 * t2)
-        dq = (t * v - 3.0 * (t - s)) / (t2 * t2 * t)
+        s, c = sincos(t)
+        v = 1.0 - c
+        dp = select(small, dp, (t * s - 2.0 * v) / (t2 * t2))
+        dq = select(small, dq, (t * v - 3.0 * (t - s)) / (t2 * t2 * t))
     u0, u1, u2 = u[0], u[1], u[2]
     c0, c1, c2 = y * u2 - z * u1, z * u0 - x * u2, x * u1 - y * u0
     dot = x * u0 + y * u1 + z * u2
@@ -143,13 +158,7 @@ def left_jacobian(x, y, z, out):
     J = I + (1 - cos t)/t^2 [theta x] + (t - sin t)/t^3 [theta x]^2
     """
     t2 = x * x + y * y + z * z
-    if t2 < _SMALL:
-        p = 0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0 + t2 / 3628800.0)))
-        r = 1.0 / 6.0 + t2 * (-1.0 / 120.0 + t2 * (1.0 / 5040.0 + t2 * (-1.0 / 362880.0 + t2 / 39916800.0)))
-    else:
-        t = math.sqrt(t2)
-        p = (1.0 - math.cos(t)) / t2
-        r = (t - math.sin(t)) / (t2 * t)
+    p, r = _shares(t2)
     out[0, 0] = 1.0 - r * (y * y + z * z)
     out[0, 1] = r * x * y - p * z
     out[0, 2] = r * x * z + p * y

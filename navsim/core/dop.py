@@ -82,6 +82,8 @@ def covariance_of_geometry(los, clock, weight, out, unknowns):
                 add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], column[clock[s]], normal)
         if invert_spd(normal, n, out[e]):
             unknowns[e] = n
+        else:
+            out[e] = np.nan
 
 
 @kernel

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.arrays import earth
 from navsim.core.arrays.earth import E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, A, B, F
+from navsim.core.elementary import atan2, sincos
 from navsim.core.jit import kernel
 
 __all__ = ["RATE", "ecef_to_llh", "gravity", "ned_axes", "radii", "short_way"]
 
-short_way = kernel(earth.short_way)
+
+@kernel
+def short_way(angle):
+    """A longitude, or the short way between two of them, rad: in -pi ... pi."""
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel
@@ -34,18 +38,22 @@ def gravity(sin_lat, height):
 
 @kernel
 def ecef_to_llh(x, y, z, out):
-    """ECEF (m) to geodetic (rad, rad, m), into out[0:3]; below 1e-9 m up to 1000 km (Bowring twice [3])."""
+    """ECEF (m) to geodetic (rad, rad, m), into out[0:3]; below 1e-9 m up to 1000 km (Bowring [3], three times)."""
     p = math.sqrt(x * x + y * y)
-    lat = math.atan2(z, p * (1.0 - E2))
+    # sine and cosine of the latitude, and of the parametric latitude beta, from their tangents: no angle is needed
+    s, c = z, p * (1.0 - E2)
     for _ in range(3):
-        beta = math.atan2((1.0 - F) * math.sin(lat), math.cos(lat))
-        sin_b = math.sin(beta)
-        cos_b = math.cos(beta)
-        lat = math.atan2(z + EP2 * B * sin_b * sin_b * sin_b, p - E2 * A * cos_b * cos_b * cos_b)
-    sin_lat = math.sin(lat)
-    cos_lat = math.cos(lat)
-    out[0] = lat
-    out[1] = math.atan2(y, x)
+        s, c = (1.0 - F) * s, c
+        r = 1.0 / math.sqrt(s * s + c * c)
+        sin_b = s * r
+        cos_b = c * r
+        s = z + EP2 * B * sin_b * sin_b * sin_b
+        c = p - E2 * A * cos_b * cos_b * cos_b
+    r = 1.0 / math.sqrt(s * s + c * c)
+    sin_lat = s * r
+    cos_lat = c * r
+    out[0] = atan2(s, c)
+    out[1] = atan2(y, x)
     # the form without division by cos(lat) or sin(lat) is exact at the poles and on the equator
     out[2] = p * cos_lat + z * sin_lat - A * math.sqrt(1.0 - E2 * sin_lat * sin_lat)
 
@@ -53,10 +61,8 @@ def ecef_to_llh(x, y, z, out):
 @kernel
 def ned_axes(lat, lon, out):
     """Rows of `out` (3, 3) are the north, east and down unit vectors in ECEF: v_ned = out @ v_ecef [2]."""
-    sin_lat = math.sin(lat)
-    cos_lat = math.cos(lat)
-    sin_lon = math.sin(lon)
-    cos_lon = math.cos(lon)
+    sin_lat, cos_lat = sincos(lat)
+    sin_lon, cos_lon = sincos(lon)
     out[0, 0] = -sin_lat * cos_lon
     out[0, 1] = -sin_lat * sin_lon
     out[0, 2] = cos_lat

@@ -17,6 +17,7 @@ from typing import Any
 
 import llvmlite
 import numba
+from numba.extending import register_jitable
 
 from navsim.core.kernel_cache import CheckedCache
 
@@ -91,6 +92,13 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile like `kernel`, and have LLVM put the code into its callers: passing an array costs ten words."""
     return _compiled(function, inline=True)
+
+
+def within(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile for kernels alone, as part of those that call it: what returns arrays of lanes cannot be called from
+    Python."""
+    jitable: Callable[..., Any] = register_jitable(error_model="numpy")(function)
+    return jitable
 
 
 def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:

@@ -9,28 +9,54 @@ from __future__ import annotations
 import math
 
 from navsim.core.jit import kernel
+from navsim.core.lanes import select
+
+
+@kernel
+def copy(source, target):
+    """target <- source (n,)."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@kernel
+def copy_matrix(source, target):
+    """target <- source (n, m)."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@kernel
+def identity(matrix):
+    """matrix (n, n) <- I."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            matrix[i, j] = 1.0 if i == j else 0.0
 
 
 @kernel
 def cholesky(a, n):
     """Lower Cholesky factor of the symmetric a (n, n), read and written in its lower triangle.
 
-    Returns False, with `a` spoiled, where a pivot falls below 1e-14 of its diagonal element: not positive
-    definite, or singular to working precision.
+    Returns whether it is one; a pivot below 1e-14 of its diagonal element, where `a` is not positive definite or
+    singular to working precision, is taken for 1, so that what follows stays finite.
     """
+    good = a[0, 0] > 0.0
     for i in range(n):
         floor = 1e-14 * a[i, i]
-        for j in range(i + 1):
+        for j in range(i):
             t = a[i, j]
             for k in range(j):
                 t -= a[i, k] * a[j, k]
-            if i == j:
-                if not t > floor or not t > 0.0:
-                    return False
-                a[i, i] = math.sqrt(t)
-            else:
-                a[i, j] = t / a[j, j]
-    return True
+            a[i, j] = t / a[j, j]
+        t = a[i, i]
+        for k in range(i):
+            t -= a[i, k] * a[i, k]
+        positive = (t > floor) & (t > 0.0)
+        a[i, i] = math.sqrt(select(positive, t, 1.0))
+        good = good & positive
+    return good
 
 
 @kernel
@@ -56,11 +82,10 @@ def solve_cholesky(l, n, x):
 
 @kernel
 def invert_spd(a, n, out):
-    """out = a^-1 of the symmetric positive definite a (n, n), which is spoiled; False if it is not one."""
-    if not cholesky(a, n):
-        return False
+    """out = a^-1 of the symmetric positive definite a (n, n), which is spoiled; returns whether it is one."""
+    good = cholesky(a, n)
     invert_factored(a, n, out)
-    return True
+    return good
 
 
 @kernel

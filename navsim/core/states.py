@@ -23,6 +23,8 @@ GYRO, ACCEL = 9, 12
 """First index of the gyro and accelerometer biases, which every filter follows."""
 N = 15
 """States of a filter that follows nothing but the biases."""
+MOST = 6
+"""Most numbers that one measurement has."""
 
 # --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n (scalar first); the
 # turn that the `tfg` filter's bias axes have been held back by (quaternion, see `estimation.tfg`; zeros at the start of

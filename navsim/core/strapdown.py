@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
 from navsim.core.earth import RATE, gravity, radii, short_way
+from navsim.core.elementary import sincos
 from navsim.core.jit import inlined, kernel
-from navsim.core.linear import invert3
+from navsim.core.lanes import any_lane, registers, room, select, small_matrix, small_vector
+from navsim.core.linear import copy, identity, invert3
 from navsim.core.states import (
     NAV_ACCEL,
     NAV_GYRO,
@@ -31,21 +31,21 @@ from navsim.core.states import (
 )
 
 # What a step leaves behind for the error model, one flat array (`mid`): everything at mid-interval.
-MID_DCM, MID_FORCE, MID_RATE_IN, MID_DT, MID_SIN = 0, 9, 12, 15, 16
-"""Offsets: C_nb by rows (9), specific force NED m/s2 (3), omega_in NED rad/s (3), interval s, sin(latitude),"""
-MID_COS, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 17, 18, 19, 22, 23
+MID_DCM, MID_FORCE, MID_RATE_IN, MID_SIN = 0, 9, 12, 15
+"""Offsets: C_nb by rows (9), specific force NED m/s2 (3), omega_in NED rad/s (3), sin(latitude),"""
+MID_COS, MID_HEIGHT, MID_VEL, MID_MERIDIAN, MID_TRANSVERSE = 16, 17, 18, 21, 22
 """cos(latitude), height m, velocity NED m/s (3), radii of curvature plus height m."""
-MID_GRAVITY = 24
-MID_N = 25
+MID_GRAVITY = 23
+MID_N = 24
 
 
 @kernel
 def unmixing(nav, declared, out):
     """What takes the estimated scale factors off increments: out (2, 3, 3), (I + M)^-1 of each triad, where measured =
     (I + M) felt + bias."""
-    m = np.empty((3, 3))
+    m = small_matrix(nav, 3, 3)
     for triad in range(2):
-        m[:] = np.eye(3)
+        identity(m)
         for c in range(N - SENSORS, declared.shape[0]):
             if declared[c].triad == triad:
                 m[declared[c].axis, declared[c].signal] += nav[NAV_SENSORS + c]
@@ -91,7 +91,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
 
     nav: navigation state, see `navsim.core.states`. tx ... uz: `compensated` increments of angle (rad) and velocity
     (m/s) over dt (s). previous: (6,) those of the interval before, scaled to dt; overwritten by the present ones.
-    c_nb: (3, 3) work space. mid: (25,) quantities at mid-interval for the error model.
+    c_nb: (3, 3) work space. mid: (MID_N,) quantities at mid-interval for the error model.
     """
     px, py, pz = previous[0], previous[1], previous[2]
     sx, sy, sz = previous[3], previous[4], previous[5]
@@ -124,8 +124,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     # velocity, latitude and height at mid-interval, predicted: their error is of third order in dt
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
     vn, ve, vd = nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2]
-    sin_lat = math.sin(lat)
-    cos_lat = math.cos(lat)
+    sin_lat, cos_lat = sincos(lat)
     meridian, transverse = radii(sin_lat)
     half = 0.5 * dt
     g = gravity(sin_lat, height)
@@ -167,9 +166,10 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     nav[NAV_LLH + 2] = height - 0.5 * (vd + vd1) * dt
     nav[NAV_LLH] = lat + 0.5 * (vn + vn1) * dt / rm
     lon = nav[NAV_LLH + 1] + 0.5 * (ve + ve1) * dt / (rt * cos_m)
-    nav[NAV_LLH + 1] = (
-        short_way(lon) if abs(lon) > math.pi else lon
-    )  # a floor at every step is dearer than the question
+    beyond = abs(lon) > math.pi
+    if any_lane(beyond):
+        lon = select(beyond, short_way(lon), lon)
+    nav[NAV_LLH + 1] = lon
     nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2] = vn1, ve1, vd1
 
     rotate_right(q, ax, ay, az)
@@ -188,7 +188,6 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     mid[MID_RATE_IN] = en + wn
     mid[MID_RATE_IN + 1] = we
     mid[MID_RATE_IN + 2] = ed + wd
-    mid[MID_DT] = dt
     mid[MID_SIN] = sin_m
     mid[MID_COS] = cos_m
     mid[MID_HEIGHT] = h
@@ -201,7 +200,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
 @kernel
 def first_increments(nav, declared, dtheta, dv, dt, previous):
     """What stands for the interval before the first one: its own compensated increments. previous: (6,) out."""
-    inverse = np.empty((2, 3, 3))
+    inverse = room(nav, (2, 3, 3))
     unmixing(nav, declared, inverse)
     increments = compensated(nav, is_mixed(declared), inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt)
     for i in range(6):
@@ -210,15 +209,15 @@ def first_increments(nav, declared, dtheta, dv, dt, previous):
 
 @inlined
 def _all(nav, mixed, inverse, dtheta, dv, dt, previous, every, out):
-    c_nb = np.empty((3, 3))
-    mid = np.empty(MID_N)
+    c_nb = small_matrix(nav, 3, 3)
+    mid = small_vector(nav, MID_N)
     for k in range(dtheta.shape[0]):
         tx, ty, tz, ux, uy, uz = compensated(
             nav, mixed, inverse, dtheta[k, 0], dtheta[k, 1], dtheta[k, 2], dv[k, 0], dv[k, 1], dv[k, 2], dt
         )
         step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid)
         if (k + 1) % every == 0:
-            out[(k + 1) // every] = nav
+            copy(nav, out[(k + 1) // every])
 
 
 @kernel
@@ -228,9 +227,10 @@ def navigate(nav, declared, dtheta, dv, dt, every, out):
     nav: initial navigation state, overwritten by the final one, with estimates of the declared sensor states. dtheta,
     dv: (n, 3) rad, m/s. dt: s. out: (n // every + 1, NAV_N).
     """
-    previous, inverse = np.zeros(6), np.empty((2, 3, 3))
+    nav, dtheta, dv, out = registers(nav), registers(dtheta), registers(dv), registers(out)
+    previous, inverse = small_vector(nav, 6), room(nav, (2, 3, 3))
     first_increments(nav, declared, dtheta[0], dv[0], dt, previous)
-    out[0] = nav
+    copy(nav, out[0])
     unmixing(nav, declared, inverse)
     # what the compiler knows it need not ask at every step
     if is_mixed(declared):

@@ -6,12 +6,12 @@ filtering with an attitude, JGCD 40 (2017).
 
 from __future__ import annotations
 
-import math
-
 from navsim.core.attitude import rotate_left
 from navsim.core.covariance import reset
 from navsim.core.earth import radii, short_way
+from navsim.core.elementary import sincos
 from navsim.core.jit import kernel
+from navsim.core.lanes import small_matrix
 from navsim.core.states import (
     A_D,
     A_E,
@@ -32,9 +32,10 @@ from navsim.core.states import (
 @kernel
 def move(nav, north, east, down):
     """Move the position of a navigation state by metres, in place."""
-    meridian, transverse = radii(math.sin(nav[NAV_LLH]))
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
-    nav[NAV_LLH + 1] = short_way(nav[NAV_LLH + 1] + east / ((transverse + height) * math.cos(lat)))
+    sin_lat, cos_lat = sincos(lat)
+    meridian, transverse = radii(sin_lat)
+    nav[NAV_LLH + 1] = short_way(nav[NAV_LLH + 1] + east / ((transverse + height) * cos_lat))
     nav[NAV_LLH] = lat + north / (meridian + height)
     nav[NAV_LLH + 2] = height - down
 
@@ -51,8 +52,7 @@ def inject(nav, x):
 
 
 @kernel
-def correct(nav, p, x, work):
-    """Feed the estimated errors x (n,) back and carry P (SIZE,) to the new estimate. work: (3 * SIZE,) space."""
-    n = x.shape[0]
+def correct(nav, p, x, space):
+    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
     inject(nav, x)
-    reset(p, x[A_N], x[A_E], x[A_D], work[:9].reshape(3, 3), work[9 : 9 + 3 * n].reshape(n, 3))
+    reset(p, x[A_N], x[A_E], x[A_D], small_matrix(nav, 3, 3), space.columns)

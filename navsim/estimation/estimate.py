@@ -1,14 +1,30 @@
-"""One function that estimates, whatever the kind: filters go forward, smoothers know what comes later."""
+"""Estimators, whatever their kind: filters go forward, smoothers know what comes later.
+
+A filter flies W runs at once, one to a lane (`core.lanes`); one run alone is a batch of one whose other lanes fly the
+same. Its histories are made in pieces that stay in the processor's cache.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from navsim.core import states
-from navsim.core.covariance import STRIDE
+from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation import filter_loop, records, smoother
 from navsim.estimation.observations import Measurements
-from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, State, empty_history
+from navsim.estimation.records import (
+    OUTPUT,
+    TIME_TOLERANCE,
+    Events,
+    FilterModel,
+    History,
+    ImuData,
+    State,
+    Way,
+    empty_history,
+    lanes_of,
+)
 
 FILTER_KINDS = {
     "eskf": records.ESKF,
@@ -19,32 +35,129 @@ FILTER_KINDS = {
 }
 """Kinds of estimator, by their names."""
 
+_PIECE = 32
+"""Outputs of a piece of a history: covariances of 15 states in 8 lanes are 0.5 MB of it."""
+
 
 def is_smoother(kind: int) -> bool:
     """Whether a kind answers with measurements that come after the answer."""
     return kind in records.SMOOTHERS
 
 
+def _pieces(events: Events) -> Iterator[slice]:
+    """Slices of the events, each with some outputs; a copy of the filter that runs ahead stays within one."""
+    ends = np.flatnonzero(events.kind == OUTPUT)[_PIECE - 1 :: _PIECE] + 1
+    first = 0
+    for last in [*ends.tolist(), events.time.size]:
+        while last < events.time.size and events.ahead[last]:
+            last += 1
+        if last > first:
+            yield slice(first, last)
+            first = last
+
+
+def fly(
+    imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel
+) -> Iterator[tuple[slice, slice, History]]:
+    """An estimator through the events of a flight, W runs at once: pieces of its history, as they come.
+
+    measurements, state: of lanes (`estimation.records`); imu: of lanes, or of one run, the same for all; events and
+    model of them all. Each piece: which events it is of, which outputs, and what it leaves of them, overwritten by the
+    next. state: overwritten by the final one. A smoother leaves one piece. Raises ValueError for a kind that is none,
+    and for a smoother that is given events ahead.
+    """
+    lanes = state.navigation.shape[-1]
+    if is_smoother(model.kind):
+        outputs = _check_smoother(events)
+        history = empty_history(outputs, events.time.size, model.declared, lanes)
+        whole = (m if m.ndim == 3 else in_all_lanes(m, lanes) for m in (imu.dtheta, imu.dv))
+        smoother.run(
+            ImuData(imu.time, *(in_lanes(m) for m in whole)), measurements.each(in_lanes), events, lanes_of(state),
+            model, smoother.PASSES[model.kind], lanes_of(history),
+        )  # fmt: skip
+        yield slice(0, events.time.size), slice(0, outputs), history
+        return
+    if model.kind not in records.FILTERS:
+        raise ValueError(f"no kind of estimator: {model.kind}")
+    way = Way(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
+    kernels_way = Way(way.cursor, in_lanes(way.increments))
+    tables, kernels_state = measurements.each(in_lanes), lanes_of(state)
+    parts = list(_pieces(events))
+    is_output = events.kind == OUTPUT
+    history = empty_history(
+        max((int(is_output[part].sum()) for part in parts), default=0),
+        max((part.stop - part.start for part in parts), default=0), model.declared, lanes,
+    )  # fmt: skip
+    kernels_history = lanes_of(history)
+    output = 0
+    for part in parts:
+        # the intervals of the IMU that the piece may touch
+        first = max(0, int(way.cursor[0]))
+        last = int(np.searchsorted(imu.time, events.time[part].max() + TIME_TOLERANCE)) + 1
+        sensed = (m[first:last] if m.ndim == 3 else in_all_lanes(m[first:last], lanes) for m in (imu.dtheta, imu.dv))
+        noise = model.noise if model.noise.shape[0] == 1 else model.noise[first:last]
+        row = events.row[part] - is_output[part] * output
+        way.cursor[0] -= first
+        filter_loop.run(
+            ImuData(imu.time[first : last + 1], *(in_lanes(m) for m in sensed)),
+            tables,
+            Events(events.time[part], events.kind[part], row, events.ahead[part]),
+            kernels_state,
+            kernels_way,
+            model._replace(noise=noise),
+            kernels_history,
+        )
+        way.cursor[0] += first
+        outputs, count = int(is_output[part].sum()), part.stop - part.start
+        yield (
+            part,
+            slice(output, output + outputs),
+            History(*(m[:outputs] for m in history[:2]), *(m[:count] for m in history[2:])),
+        )
+        output += outputs
+
+
+def in_all_lanes(array: np.ndarray, lanes: int = WIDTH) -> np.ndarray:
+    """An array of one run in every lane (..., W)."""
+    return np.repeat(array[..., None], lanes, axis=-1)
+
+
 def estimate(imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel) -> History:
-    """The history of a flight; arguments are those of `estimation.records`.
+    """The history of one run's flight; arguments are those of `estimation.records`.
 
     state: where to start, overwritten by the final one. Outputs are those that the events name. Where a
     smoother loses the positive covariance of its flight they are nan, see `lost`. Raises ValueError for a kind that is
-    none, for more states than there is room for, and for a smoother that is given events ahead.
+    none, and for a smoother that is given events ahead.
     """
     outputs = int(events.row[events.kind == OUTPUT].max(initial=-1)) + 1
     history = empty_history(outputs, events.time.size, model.declared)
-    if model.kind not in (*records.FILTERS, *records.SMOOTHERS):
-        raise ValueError(f"no kind of estimator: {model.kind}")
-    if states.SENSORS + model.declared.size > STRIDE:
-        raise ValueError(f"a filter has at most {STRIDE} states")
-    if not is_smoother(model.kind):
-        filter_loop.run(imu, measurements, events, state, model, history)
-        return history
+    if is_smoother(model.kind):
+        # a smoother keeps its whole flight: eight times the memory for one answer would be too much
+        _check_smoother(events)
+        smoother.run(imu, measurements, events, state, model, smoother.PASSES[model.kind], history)
+        return _counted(history)
+    flown = State(*(in_all_lanes(part) for part in state))
+    for which, rows, piece in fly(imu, measurements.each(in_all_lanes), events, flown, model):
+        for name in ("navigation", "covariance"):
+            getattr(history, name)[rows] = getattr(piece, name)[..., 0]
+        for name in ("innovation", "innovation_sigma", "innovation_squared", "degrees", "status"):
+            getattr(history, name)[which] = getattr(piece, name)[..., 0]
+    for mine, final in zip(state, flown, strict=True):
+        mine[...] = final[..., 0]
+    return _counted(history)
+
+
+def _counted(history: History) -> History:
+    """A history whose whole numbers are such."""
+    whole = {name: getattr(history, name).astype(np.int64) for name in ("degrees", "status")}
+    return history._replace(**whole)
+
+
+def _check_smoother(events: Events) -> int:
+    """Number of outputs of events that a smoother can take. Raises ValueError for others."""
     if events.ahead.any():
         raise ValueError("a smoother has nothing to run ahead of")
-    smoother.run(imu, measurements, events, state, model, smoother.PASSES[model.kind], history)
-    return history
+    return int(events.row[events.kind == OUTPUT].max(initial=-1)) + 1
 
 
 def lost(history: History) -> bool:

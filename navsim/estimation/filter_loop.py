@@ -4,6 +4,9 @@ The filter lives at the time of its newest measurement. One that arrives late is
 interpolated inside the IMU interval, and the answer for the present is that state mechanised forward, with what has
 arrived in the meantime: the optimal use of late measurements, with nothing approximated (`records.schedule`).
 
+A flight may be flown in pieces: what a filter is between two of them is its `State` and its `Way`. All arrays may be
+lanes: what differs between runs is a mask.
+
 All kinds predict and weigh with the same plain errors d = (dr, dv, theta, sensor states) and their covariance; they
 differ in how the estimate is fed back and the covariance carried to the new estimate, `correct`, and in the coordinates
 in which the error is judged, `own_error`: see `error_state`, `invariant`, `tfg`.
@@ -14,18 +17,22 @@ Source: `docs/theory/filter.md`, sections 3 to 7.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.covariance import SIZE, gain, is_varying, joseph, kept, predict, square, vary
-from navsim.core.jit import kernel
-from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_SENSORS
+from navsim.core.covariance import gain, is_varying, joseph, kept, predict, vary
+from navsim.core.jit import kernel, within
+from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.core.linear import copy, copy_matrix
+from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation import error_state, invariant, tfg
-from navsim.estimation.observations import MOST, observe
+from navsim.estimation.observations import observe
 from navsim.estimation.records import (
     ESKF,
     LEFT_INVARIANT,
+    NOT_USED,
     OUTPUT,
     PASS,
     REJECTED,
@@ -35,32 +42,56 @@ from navsim.estimation.records import (
 )
 
 
+class Workshop(NamedTuple):
+    """Work space: mid (MID_N,), phi (9, n), a (n, 9), c_nb (3, 3), inverse (2, 3, 3) of `advance`; diagonal, column
+    (n / 3, 3, 3), square (n, n), columns (n, 3) of `correct`."""
+
+    mid: np.ndarray
+    phi: np.ndarray
+    a: np.ndarray
+    c_nb: np.ndarray
+    inverse: np.ndarray
+    diagonal: np.ndarray
+    column: np.ndarray
+    square: np.ndarray
+    columns: np.ndarray
+
+
+@within
+def workshop(nav, n):
+    """Work space for a filter of n states, of what `nav` holds."""
+    phi = room(nav, (SENSORS, n))
+    for i in range(SENSORS):
+        for j in range(n):
+            phi[i, j] = 0.0
+    return Workshop(
+        room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
+        room(nav, (n // 3, 3, 3)), room(nav, (n // 3, 3, 3)), room(nav, (n, n)), room(nav, (n, 3)),
+    )  # fmt: skip
+
+
 @kernel
 def set_off(imu, nav, declared, cursor, increments):
-    """The start of a flight: cursor (3,) as of `advance`, increments (6,) for the interval before the first."""
+    """The start of a flight: cursor (3,) as of `Way`, increments (6,) for the interval before the first."""
     cursor[0] = 0.0
     cursor[1] = imu.time[0]
     cursor[2] = imu.time[1] - imu.time[0]
-    first_increments(nav, declared, imu.dtheta[0], imu.dv[0], cursor[2], increments)
+    dtheta, dv = registers(imu.dtheta), registers(imu.dv)
+    first_increments(nav, declared, dtheta[0], dv[0], cursor[2], increments)
 
 
 @kernel
-def advance(kind, until, imu, model, nav, p, cursor, increments, scratch, c_nb, inverse):
+def advance(kind, until, imu, model, nav, p, cursor, increments, space):
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
-    imu, model: `records`. nav (NAV,), p (SIZE,): overwritten. cursor: (3,) index of the current IMU interval, present
-    time s, length of the interval last used s. increments: (6,) its compensated increments.
-    scratch: work space (MID_N + 3 * SIZE,), zero at first; c_nb: (3, 3), inverse: (2, 3, 3).
+    imu, model: `records`. nav (NAV,), p (n, n), cursor (3,), increments (6,), as of `Way`: overwritten. space: from
+    `workshop`; its mid and phi are those of the last interval.
     """
-    mid = scratch[:MID_N]
-    phi = scratch[MID_N : MID_N + SIZE]
-    a = scratch[MID_N + SIZE : MID_N + 2 * SIZE]
-    b = scratch[MID_N + 2 * SIZE : MID_N + 3 * SIZE]
-    time, dtheta, dv = imu.time, imu.dtheta, imu.dv
+    time, dtheta, dv = imu.time, registers(imu.dtheta), registers(imu.dv)
     declared, noise = model.declared, model.noise
     varying, mixed = is_varying(declared), is_mixed(declared)
     if mixed:
-        unmixing(nav, declared, inverse)
+        unmixing(nav, declared, space.inverse)
     k = int(cursor[0])
     now = cursor[1]
     last = time.shape[0] - 1
@@ -76,11 +107,11 @@ def advance(kind, until, imu, model, nav, p, cursor, increments, scratch, c_nb, 
                 increments[i] *= scale
         share = 1.0 if whole_left and to_end else dt / whole
         tx, ty, tz, ux, uy, uz = compensated(
-            nav, mixed, inverse, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
+            nav, mixed, space.inverse, share * dtheta[k, 0], share * dtheta[k, 1], share * dtheta[k, 2],
             share * dv[k, 0], share * dv[k, 1], share * dv[k, 2], dt,
         )  # fmt: skip
-        step(nav, tx, ty, tz, ux, uy, uz, increments, dt, c_nb, mid)
-        predict(p, mid, increments, noise[min(k, noise.shape[0] - 1)], declared, phi, a, b)
+        step(nav, tx, ty, tz, ux, uy, uz, increments, dt, space.c_nb, space.mid)
+        predict(p, space.mid, dt, increments, noise[min(k, noise.shape[0] - 1)], declared, space.phi, space.a)
         if varying:
             vary(declared, dt, p)
             for c in range(declared.shape[0]):
@@ -98,14 +129,15 @@ def advance(kind, until, imu, model, nav, p, cursor, increments, scratch, c_nb, 
 
 
 @kernel
-def keep_innovation(place, m, z, s, innovation, innovation_sigma):
-    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, into the places (MOST,) they are of."""
+def keep_innovation(have, weighed, m, z, s, innovation, innovation_sigma):
+    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, into (MOST,); nan where there is none."""
     for a in range(m):
-        innovation[place[a]] = z[a]
-        t = 0.0
-        for b in range(a + 1):
+        t = s[a, 0] * s[a, 0]
+        for b in range(1, a + 1):
             t += s[a, b] * s[a, b]
-        innovation_sigma[place[a]] = math.sqrt(t)
+        there = weighed & (have[a] > 0.0)
+        innovation[a] = select(there, z[a], math.nan)
+        innovation_sigma[a] = select(there, math.sqrt(t), math.nan)
 
 
 @kernel
@@ -122,21 +154,30 @@ def whitened_square(s, z, m):
 
 
 @kernel
-def correct(kind, nav, p, x, work):
-    """Feed the estimated errors x (n,) back and carry P to the new estimate, as the kind does it. work: (3 * SIZE,)."""
+def limit_of(gate, degrees):
+    """The limit (MOST + 1,) for so many numbers."""
+    limit = degrees * 0.0 + gate[0]
+    for m in range(1, gate.shape[0]):
+        limit = select(degrees == m, gate[m], limit)
+    return limit
+
+
+@kernel
+def correct(kind, nav, p, x, space):
+    """Feed the estimated errors x (n,) back and carry P to the new estimate, as the kind does it."""
     if kind == ESKF:
-        error_state.correct(nav, p, x, work)
+        error_state.correct(nav, p, x, space)
     elif kind == LEFT_INVARIANT:
-        invariant.correct(nav, p, x, work)
+        invariant.correct(nav, p, x, space)
     else:
-        tfg.correct(nav, p, x, work)
+        tfg.correct(nav, p, x, space)
 
 
 @kernel
 def own_error(kind, nav, error, out):
     """The plain error (n,) in the coordinates in which the kind is Gaussian, out (n,)."""
     if kind == ESKF:
-        out[:] = error
+        copy(error, out)
     elif kind == LEFT_INVARIANT:
         invariant.own_error(error, out)
     else:
@@ -144,48 +185,61 @@ def own_error(kind, nav, error, out):
 
 
 @kernel
-def run(imu, measurements, events, state, model, history):
-    """Fly through the events; arguments are those of `estimation.records`.
+def _held(source, there, target):
+    """target (n,) <- source where `there` is not."""
+    for i in range(source.shape[0]):
+        target[i] = select(there, target[i], source[i])
 
-    state: overwritten by the final one, at the last event that was not ahead. history: filled in.
+
+@kernel
+def run(imu, measurements, events, state, way, model, history):
+    """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
+
+    state, way: overwritten by those after the last event that was not ahead. history: filled in.
     """
     kind, declared = model.kind, model.declared
-    n = history.covariance.shape[1]
-    x = np.empty(n)
-    h = np.empty((MOST, n))
-    z = np.empty(MOST)
-    r = np.empty((MOST, MOST))
-    s = np.empty((MOST, MOST))
-    place = np.empty(MOST, np.int64)
-    k = np.empty((n, MOST))
-    pht = np.empty((n, MOST))
-    work = np.empty((n, MOST))
-    c_nb, inverse = np.empty((3, 3)), np.empty((2, 3, 3))
-    scratch = np.zeros(MID_N + 3 * SIZE)
-    space = np.zeros(3 * SIZE)
+    n = SENSORS + declared.shape[0]
+    state_nav, state_p, state_rejected = (
+        registers(state.navigation),
+        registers(state.covariance),
+        registers(state.rejected),
+    )
+    way_increments = registers(way.increments)
+    navigation, covariance = registers(history.navigation), registers(history.covariance)
+    innovation, innovation_sigma = registers(history.innovation), registers(history.innovation_sigma)
+    innovation_squared, degrees_of = registers(history.innovation_squared), registers(history.degrees)
+    status = registers(history.status)
+    x, z, have = room(state_nav, (n,)), small_vector(state_nav, MOST), small_vector(state_nav, MOST)
+    h, r, s = room(state_nav, (MOST, n)), small_matrix(state_nav, MOST, MOST), small_matrix(state_nav, MOST, MOST)
+    k, pht, work = room(state_nav, (n, MOST)), room(state_nav, (n, MOST)), room(state_nav, (n, MOST))
+    held_nav, held_p = room(state_nav, (state_nav.shape[0],)), room(state_nav, (n, n))
+    space = workshop(state_nav, n)
     # the filter itself, and its copy that runs ahead
-    navs = np.empty((2, state.navigation.shape[0]))
-    ps = np.zeros((2, SIZE))
-    increments_pair = np.empty((2, 6))
-    cursors = np.zeros((2, 3))
-    rejections = np.zeros((2, state.rejected.shape[0]), np.int64)
+    navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))
+    increments_pair, cursors = room(state_nav, (2, 6)), np.empty((2, 3))
+    rejections = room(state_nav, (2, state_rejected.shape[0]))
 
-    navs[0] = state.navigation
-    ps[0] = state.covariance
-    rejections[0] = state.rejected
-    # a flight that goes on from an earlier piece keeps the bias axes of its covariance
-    if not navs[0, NAV_HELD:NAV_GYRO].any():
-        navs[0, NAV_HELD] = 1.0
-    set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
+    copy(state_nav, navs[0])
+    copy_matrix(state_p, ps[0])
+    copy(state_rejected, rejections[0])
+    copy(way_increments, increments_pair[0])
+    copy(way.cursor, cursors[0])
+    if way.cursor[0] < 0.0:
+        # a flight that goes on from an earlier one keeps the bias axes of its covariance
+        nothing = 0.0 * navs[0, NAV_HELD]
+        for i in range(NAV_HELD, NAV_GYRO):
+            nothing += abs(navs[0, i])
+        navs[0, NAV_HELD] = select(nothing == 0.0, 1.0, navs[0, NAV_HELD])
+        set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
     before = 0
     for i in range(events.time.shape[0]):
         ahead = 1 if events.ahead[i] else 0
         if ahead > before:
-            navs[1] = navs[0]
-            ps[1] = ps[0]
-            increments_pair[1] = increments_pair[0]
-            cursors[1] = cursors[0]
-            rejections[1] = rejections[0]
+            copy(navs[0], navs[1])
+            copy_matrix(ps[0], ps[1])
+            copy(increments_pair[0], increments_pair[1])
+            copy(cursors[0], cursors[1])
+            copy(rejections[0], rejections[1])
         before = ahead
         nav, p, increments, cursor, rejected = (
             navs[ahead],
@@ -195,36 +249,56 @@ def run(imu, measurements, events, state, model, history):
             rejections[ahead],
         )
         what, row = events.kind[i], events.row[i]
-        advance(kind, events.time[i], imu, model, nav, p, cursor, increments, scratch, c_nb, inverse)
+        innovation_squared[i] = math.nan
+        degrees_of[i] = 0.0
+        status[i] = NOT_USED
+        for a in range(MOST):
+            innovation[i, a] = math.nan
+            innovation_sigma[i, a] = math.nan
+        advance(kind, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
-            history.navigation[row] = nav
-            square(p, history.covariance[row])
+            copy(nav, navigation[row])
+            copy_matrix(p, covariance[row])
         elif what != PASS:
-            m = observe(what, row, measurements, nav, increments, cursor[2], declared, c_nb, place, z, h, r)
-            if m == 0 or not gain(p, h, r, m, pht, s, k):
+            m = observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, have, z, h, r)
+            degrees = have[0]
+            for a in range(1, m):
+                degrees += have[a]
+            weighed = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
+            if not any_lane(weighed):
                 continue
-            if ahead == 0:
-                keep_innovation(place, m, z, s, history.innovation[i], history.innovation_sigma[i])
             for j in range(n):
-                x[j] = 0.0
-                for a in range(m):
-                    x[j] += k[j, a] * z[a]
-            q = whitened_square(s, z, m)
-            used = q <= model.gate[m] or rejected[what] >= model.max_rejected
+                t = k[j, 0] * z[0]
+                for a in range(1, m):
+                    t += k[j, a] * z[a]
+                x[j] = t
             if ahead == 0:
-                history.innovation_squared[i] = q
-                history.degrees[i] = m
-                history.status[i] = USED if used else REJECTED
-            if used:
-                rejected[what] = 0
+                keep_innovation(have, weighed, m, z, s, innovation[i], innovation_sigma[i])
+            q = whitened_square(s, z, m)
+            used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+            if ahead == 0:
+                innovation_squared[i] = select(weighed, q, math.nan)
+                degrees_of[i] = select(weighed, degrees, 0.0)
+                status[i] = select(weighed, select(used, USED, REJECTED), status[i])
+            rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+            if any_lane(used):
+                # a lane that does not use it stays as it is
+                spared = any_lane(no(used))
+                if spared:
+                    copy(nav, held_nav)
+                    copy_matrix(p, held_p)
                 # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
                 # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
                 correct(kind, nav, p, x, space)
-                observe(what, row, measurements, nav, increments, cursor[2], declared, c_nb, place, z, h, r)
+                observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, have, z, h, r)
                 gain(p, h, r, m, pht, s, k)
                 joseph(p, h, r, m, pht, k, work)
-            else:
-                rejected[what] += 1
-    state.navigation[:] = navs[0]
-    state.covariance[:] = ps[0]
-    state.rejected[:] = rejections[0]
+                if spared:
+                    _held(held_nav, used, nav)
+                    for j in range(n):
+                        _held(held_p[j], used, p[j])
+    copy(navs[0], state_nav)
+    copy_matrix(ps[0], state_p)
+    copy(rejections[0], state_rejected)
+    copy(increments_pair[0], way_increments)
+    copy(cursors[0], way.cursor)

@@ -8,12 +8,11 @@ Sources: [1] Barrau & Bonnabel, The invariant extended Kalman filter as a stable
 
 from __future__ import annotations
 
-import numpy as np
-
 from navsim.core.attitude import left_jacobian, left_jacobian_derivative, rotate_left
-from navsim.core.covariance import SIZE, transport
+from navsim.core.covariance import transport
 from navsim.core.jit import kernel
-from navsim.core.linear import invert3
+from navsim.core.lanes import small_matrix, small_vector
+from navsim.core.linear import copy_matrix, identity, invert3
 from navsim.core.states import A_D, A_E, A_N, ATT, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS, SENSORS, VEL
 from navsim.estimation.error_state import move
 
@@ -33,13 +32,14 @@ def blocks_of_motion(x, diagonal, column):
     are.
     """
     a, b, c = x[A_N], x[A_E], x[A_D]
-    column[:] = 0.0
-    diagonal[:] = 0.0
-    for block in range(3):
-        left_jacobian(a, b, c, diagonal[block])
-    for block in range(3, diagonal.shape[0]):
+    for block in range(diagonal.shape[0]):
+        identity(diagonal[block])
         for i in range(3):
-            diagonal[block, i, i] = 1.0
+            for j in range(3):
+                column[block, i, j] = 0.0
+    left_jacobian(a, b, c, diagonal[0])
+    copy_matrix(diagonal[0], diagonal[1])
+    copy_matrix(diagonal[0], diagonal[2])
     left_jacobian_derivative(a, b, c, x[POS:VEL], column[0])
     left_jacobian_derivative(a, b, c, x[VEL:ATT], column[1])
 
@@ -47,7 +47,7 @@ def blocks_of_motion(x, diagonal, column):
 @kernel
 def move_rigidly(nav, x, jac):
     """Move position and velocity by J_l(theta) y and turn the attitude by theta, in place."""
-    u = np.empty(3)
+    u = small_vector(nav, 3)
     turned(jac, x[POS:VEL], u)
     move(nav, u[0], u[1], u[2])
     turned(jac, x[VEL:ATT], u)
@@ -57,30 +57,21 @@ def move_rigidly(nav, x, jac):
 
 
 @kernel
-def blocks_in(work, n):
-    """The diagonal and the attitude column (n / 3, 3, 3) of a reset matrix in work space (3 * SIZE,), behind what
-    `transport` needs of it."""
-    blocks = n // 3
-    diagonal = work[2 * SIZE : 2 * SIZE + 3 * n].reshape(blocks, 3, 3)
-    return diagonal, work[2 * SIZE + 3 * n : 2 * SIZE + 6 * n].reshape(blocks, 3, 3)
-
-
-@kernel
-def correct(nav, p, x, work):
-    """Feed the estimated errors x (n,) back and carry P (SIZE,) to the new estimate. work: (3 * SIZE,) space."""
-    diagonal, column = blocks_in(work, x.shape[0])
+def correct(nav, p, x, space):
+    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
+    n = x.shape[0]
+    diagonal, column = space.diagonal, space.column
     blocks_of_motion(x, diagonal, column)
     move_rigidly(nav, x, diagonal[0])
-    for c in range(x.shape[0] - SENSORS):
+    for c in range(n - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
-    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE])
+    transport(p, diagonal, column, space.square)
 
 
 @kernel
 def own_error(error, out):
     """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,)."""
-    jac = np.empty((3, 3))
-    inverse = np.empty((3, 3))
+    jac, inverse = small_matrix(error, 3, 3), small_matrix(error, 3, 3)
     left_jacobian(error[A_N], error[A_E], error[A_D], jac)
     invert3(jac, inverse)
     turned(inverse, error[POS:VEL], out[POS:VEL])

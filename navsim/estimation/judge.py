@@ -7,14 +7,14 @@ Source: Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking a
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from navsim.core.attitude import difference
 from navsim.core.covariance import normalised_square
 from navsim.core.earth import radii, short_way
+from navsim.core.elementary import sincos
 from navsim.core.jit import kernel
+from navsim.core.lanes import in_lanes, registers, room
 from navsim.core.states import (
     A_N,
     ATT,
@@ -31,7 +31,7 @@ from navsim.core.states import (
     VEL,
 )
 from navsim.estimation.filter_loop import own_error
-from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, History, Judgement, Truth
+from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, History, Judgement, Truth, lanes_of
 
 
 @kernel
@@ -39,9 +39,10 @@ def plain_error(llh, vel, quat, sensors, nav, error):
     """The plain error (n,) of a navigation state: the given position, velocity, attitude, sensor states less its
     own."""
     height = nav[NAV_LLH + 2]
-    meridian, transverse = radii(math.sin(nav[NAV_LLH]))
+    sin_lat, cos_lat = sincos(nav[NAV_LLH])
+    meridian, transverse = radii(sin_lat)
     error[R_N] = (llh[0] - nav[NAV_LLH]) * (meridian + height)
-    error[R_E] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * math.cos(nav[NAV_LLH])
+    error[R_E] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat
     error[R_D] = height - llh[2]
     for i in range(3):
         error[VEL + i] = vel[i] - nav[NAV_VEL + i]
@@ -52,28 +53,41 @@ def plain_error(llh, vel, quat, sensors, nav, error):
 
 @kernel
 def _judge(kind, navigation, covariance, truth, out):
+    navigation, covariance, sensors = registers(navigation), registers(covariance), registers(truth.sensors)
+    errors, nees, nees_group = registers(out.error), registers(out.nees), registers(out.nees_group)
+    nees_position_velocity = registers(out.nees_position_velocity)
     n = covariance.shape[1]
-    factor, own, x = np.empty((n, n)), np.empty(n), np.empty(n)
+    factor, own, x = room(navigation, (n, n)), room(navigation, (n,)), room(navigation, (n,))
     for o in range(navigation.shape[0]):
-        nav, p, error = navigation[o], covariance[o], out.error[o]
-        plain_error(truth.llh[o], truth.velocity[o], truth.quaternion[o], truth.sensors[o], nav, error)
+        nav, p, error = navigation[o], covariance[o], errors[o]
+        plain_error(truth.llh[o], truth.velocity[o], truth.quaternion[o], sensors[o], nav, error)
         own_error(kind, nav, error, own)
-        out.nees[o] = normalised_square(p, own, 0, n, factor, x)
+        nees[o] = normalised_square(p, own, 0, n, factor, x)
         for group in range(n // 3):
             # position and velocity in plain coordinates, the rest in the filter's own
-            judged = error if 3 * group < ATT else own
-            out.nees_group[o, group] = normalised_square(p, judged, 3 * group, 3, factor, x)
-        out.nees_position_velocity[o] = normalised_square(p, error, POS, ATT, factor, x)
+            if 3 * group < ATT:
+                nees_group[o, group] = normalised_square(p, error, 3 * group, 3, factor, x)
+            else:
+                nees_group[o, group] = normalised_square(p, own, 3 * group, 3, factor, x)
+        nees_position_velocity[o] = normalised_square(p, error, POS, ATT, factor, x)
 
 
 def judge(kind: int, history: History, truth: Truth) -> Judgement:
     """What a history of an estimator of `kind` is worth, at all its outputs; a smoother's errors are those of `tfg`.
 
-    Raises ValueError for a kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
+    history: of one run, or of lanes; truth: of them all, but for its sensors (o, k, W). Raises ValueError for a kind
+    that is none of `records.FILTERS` or `records.SMOOTHERS`.
     """
     if kind not in (*FILTERS, *SMOOTHERS):
         raise ValueError(f"no kind of estimator: {kind}")
-    o, n, _ = history.covariance.shape
-    out = Judgement(np.empty((o, n)), np.empty(o), np.empty(o), np.empty((o, n // 3)))
-    _judge(TFG if kind in SMOOTHERS else kind, history.navigation, history.covariance, truth, out)
+    o, n, _, *lanes = history.covariance.shape
+    out = Judgement(
+        np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, n // 3, *lanes))
+    )
+    own = TFG if kind in SMOOTHERS else kind
+    if lanes:
+        sensors = truth._replace(sensors=in_lanes(truth.sensors))
+        _judge(own, in_lanes(history.navigation), in_lanes(history.covariance), sensors, lanes_of(out))
+    else:
+        _judge(own, history.navigation, history.covariance, truth, out)
     return out

@@ -10,20 +10,23 @@ Source: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from navsim.core.attitude import dcm
 from navsim.core.earth import RATE, radii, short_way
+from navsim.core.elementary import sincos
 from navsim.core.jit import kernel
+from navsim.core.lanes import no, registers, select, small_vector
 from navsim.core.states import (
     A_D,
     A_E,
     A_N,
     CONSTANT,
     GYROS,
+    MOST,
     NAV_HELD,
     NAV_LLH,
     NAV_QUAT,
@@ -38,18 +41,21 @@ FIX, ALTITUDE = 2, 3
 """Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them)."""
 KIND_COUNT = 1 + max(FIX, ALTITUDE)
 """Room for them and those before."""
-MOST = 6
-"""Most numbers that one measurement has."""
 
 
 class FixTable(NamedTuple):
     """Fixes of a receiver's antenna, m of them: llh (m, 3) rad, rad, m, nan without a fix; velocity (m, 3) NED m/s, its
-    components that are nan are not used; covariance (m, 6, 6) of both, NED; lever_arm (3,) IMU -> antenna, body, m."""
+    components that are nan are not used; covariance (m, 6, 6) of both, NED; lever_arm (3,) IMU -> antenna, body, m,
+    in all lanes."""
 
     llh: np.ndarray
     velocity: np.ndarray
     covariance: np.ndarray
     lever_arm: np.ndarray
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> FixTable:
+        """The table with every array changed that differs between runs."""
+        return FixTable(change(self.llh), change(self.velocity), change(self.covariance), self.lever_arm)
 
 
 class AltitudeTable(NamedTuple):
@@ -57,6 +63,10 @@ class AltitudeTable(NamedTuple):
 
     height: np.ndarray
     variance: np.ndarray
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> AltitudeTable:
+        """The table with every array changed that differs between runs."""
+        return AltitudeTable(change(self.height), change(self.variance))
 
 
 class Measurements(NamedTuple):
@@ -66,15 +76,24 @@ class Measurements(NamedTuple):
     altitudes: AltitudeTable
 
     @classmethod
-    def of(cls, tables: Mapping[int, Any]) -> Measurements:
-        """These tables by their kinds; of others there are no measurements. Raises KeyError for a kind that is none."""
+    def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
+        """These tables, of one run or of so many lanes, by their kinds; of others there are no measurements. Raises
+        KeyError for a kind that is none."""
         unknown = tables.keys() - {FIX, ALTITUDE}
         if unknown:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
+
+        def none(*shape: int) -> np.ndarray:
+            return np.empty((0, *shape, *lanes))
+
         return cls(
-            tables.get(FIX, FixTable(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.zeros(3))),
-            tables.get(ALTITUDE, AltitudeTable(np.empty(0), np.empty(0))),
+            tables.get(FIX, FixTable(none(3), none(3), none(6, 6), np.zeros(3))),
+            tables.get(ALTITUDE, AltitudeTable(none(), none())),
         )
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Measurements:
+        """The tables with every array changed that differs between runs."""
+        return Measurements(self.fixes.each(change), self.altitudes.each(change))
 
 
 @kernel
@@ -87,14 +106,12 @@ def _across(arm, h, first):
 
 @kernel
 def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
-    """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n)."""
+    """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n) zero at first."""
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
-    sin_lat = math.sin(lat)
-    cos_lat = math.cos(lat)
+    sin_lat, cos_lat = sincos(lat)
     meridian, transverse = radii(sin_lat)
-    h[:] = 0.0
-    arm = np.empty(3)
+    arm, rate = small_vector(nav, 3), small_vector(nav, 3)
     for i in range(3):
         arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
         h[i, POS + i] = 1.0
@@ -104,7 +121,6 @@ def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
     # r_antenna = r + C l: d = -[C l x] theta
     _across(arm, h, 0)
     # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
-    rate = np.empty(3)
     for i in range(3):
         rate[i] = increments[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
     bx = rate[1] * lever[2] - rate[2] * lever[1]
@@ -119,43 +135,48 @@ def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
     for c in range(declared.shape[0]):
         if declared[c].triad == GYROS:
             b, d = (declared[c].axis + 1) % 3, (declared[c].axis + 2) % 3
-            size = 1.0 if declared[c].signal == CONSTANT else increments[declared[c].signal] / dt
             for i in range(3):
-                h[3 + i, SENSORS + c] = size * (c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b])
+                turning = c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b]
+                if declared[c].signal != CONSTANT:
+                    turning *= increments[declared[c].signal] / dt
+                h[3 + i, SENSORS + c] = turning
 
 
 @kernel
-def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, place, z, h, r):
-    """What a measurement says: returns the number m of its numbers in use, 0 where there is nothing to use.
+def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, z, h, r):
+    """What a measurement says: returns how many numbers its kind has.
 
     kind, row: as of `records.Events`. nav: navigation state; increments (6,): the compensated ones of the last
-    interval, of dt s. declared: the filter's sensor states. c_nb (3, 3): work space. Out: place (MOST,) which of the
-    kind's numbers are in use, z (MOST,) innovation, h (MOST, n), r (MOST, MOST) noise, in the first m rows.
+    interval, of dt s. declared: the filter's sensor states. c_nb (3, 3): work space. Out: have (MOST,) 1 for the
+    numbers that are there, else 0; z (MOST,) innovation, h (MOST, n), r (MOST, MOST) noise. One that is not there has
+    the innovation 0 and the row 0, and nothing is weighed by it.
     """
-    kept = 0
+    for a in range(MOST):
+        have[a] = 0.0
+        for c in range(h.shape[1]):
+            h[a, c] = 0.0
     if kind == FIX:
         fixes = measurements.fixes
-        if math.isnan(fixes.llh[row, 0]):
-            return 0
-        _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, fixes.llh[row], fixes.velocity[row], z, h)
+        llh, velocity, covariance = registers(fixes.llh), registers(fixes.velocity), registers(fixes.covariance)
+        _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
+        fixed = no(math.isnan(llh[row, 0]))
         for a in range(MOST):
-            if not math.isnan(z[a]):
-                place[kept] = a
-                kept += 1
-        for a in range(kept):
-            if place[a] != a:
-                z[a] = z[place[a]]
-                h[a] = h[place[a]]
-            for b in range(kept):
-                r[a, b] = fixes.covariance[row, place[a], place[b]]
-    elif kind == ALTITUDE:
-        altitudes = measurements.altitudes
-        if math.isnan(altitudes.height[row]):
-            return 0
-        h[:] = 0.0
-        z[0] = nav[NAV_LLH + 2] - altitudes.height[row]  # down, as the error of position
-        h[0, R_D] = 1.0
-        r[0, 0] = altitudes.variance[row]
-        place[0] = 0
-        kept = 1
-    return kept
+            there = fixed & no(math.isnan(z[a]))
+            have[a] = select(there, 1.0, 0.0)
+            z[a] = select(there, z[a], 0.0)
+            for c in range(h.shape[1]):
+                h[a, c] *= have[a]
+            for b in range(a):
+                both = have[a] * have[b] > 0.0
+                r[a, b] = select(both, covariance[row, a, b], 0.0)
+                r[b, a] = r[a, b]
+            r[a, a] = select(there, covariance[row, a, a], 1.0)
+        return MOST
+    altitudes = measurements.altitudes
+    measured, variance = registers(altitudes.height), registers(altitudes.variance)
+    there = no(math.isnan(measured[row]))
+    have[0] = select(there, 1.0, 0.0)
+    z[0] = select(there, nav[NAV_LLH + 2] - measured[row], 0.0)  # down, as the error of position
+    h[0, R_D] = have[0]
+    r[0, 0] = select(there, variance[row], 1.0)
+    return 1

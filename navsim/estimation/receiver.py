@@ -12,6 +12,7 @@ import numpy as np
 from navsim.core.dop import MAX_CLOCKS, MAX_UNKNOWNS
 from navsim.core.earth import ecef_to_llh, ned_axes
 from navsim.core.jit import kernel
+from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.least_squares import solve_position, solve_velocity
 
 
@@ -29,64 +30,76 @@ def _to_ned(c_ne, cofactor, out):
 
 @kernel
 def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, range_rate, llh, v_ned, clocks, cov):
-    """Fixes of one run.
+    """Fixes of one run, or of lanes.
 
     start: (3,) ECEF point to begin the iteration at. position, velocity: (e, s, 3) of the sources, ECEF.
-    sigma, rate_sigma, pseudorange, range_rate: (e, s); a nan measurement is not used. clock: (s,) int.
-    Out: llh (e, 3) rad, rad, m; v_ned (e, 3) m/s; clocks (e, MAX_CLOCKS) m by clock number; cov (e, 6, 6)
+    sigma, rate_sigma: (e, s) of all runs. clock: (s,) int. pseudorange, range_rate: (e, s); a nan measurement is not
+    used. Out: llh (e, 3) rad, rad, m; v_ned (e, 3) m/s; clocks (e, MAX_CLOCKS) m by clock number; cov (e, 6, 6)
     covariance of position and velocity, NED, with what errors of position do to velocity. All nan where there are too
     few sources or the geometry is singular; velocity alone where that is so of the range rates.
     """
+    pseudorange, range_rate, cov = registers(pseudorange), registers(range_rate), registers(cov)
+    llh, v_ned, clocks = registers(llh), registers(v_ned), registers(clocks)
     epochs, sources = pseudorange.shape
-    used = np.empty(sources, np.bool_)
     column = np.empty(MAX_CLOCKS, np.int64)
-    normal = np.empty((MAX_UNKNOWNS, MAX_UNKNOWNS))
-    cofactor = np.empty((MAX_UNKNOWNS, MAX_UNKNOWNS))
-    rhs = np.empty(MAX_UNKNOWNS)
-    x = np.zeros(MAX_UNKNOWNS)
-    v = np.empty(4)
-    los = np.empty((sources, 3))
-    c_ne, p_r, p_v, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    slope = np.empty((3, 4))
-    x[0:3] = start
+    used, present = room(llh, (sources,)), small_vector(llh, MAX_CLOCKS)
+    normal, inverse = small_matrix(llh, MAX_UNKNOWNS, MAX_UNKNOWNS), small_matrix(llh, MAX_UNKNOWNS, MAX_UNKNOWNS)
+    cofactor = small_matrix(llh, MAX_UNKNOWNS, MAX_UNKNOWNS)
+    rhs, x, v, los = (
+        small_vector(llh, MAX_UNKNOWNS),
+        small_vector(llh, MAX_UNKNOWNS),
+        small_vector(llh, 4),
+        room(llh, (sources, 3)),
+    )
+    c_ne, p_r, p_v, turned = (
+        small_matrix(llh, 3, 3),
+        small_matrix(llh, 3, 3),
+        small_matrix(llh, 3, 3),
+        small_matrix(llh, 3, 3),
+    )
+    slope = small_matrix(llh, 3, 4)
+    for i in range(MAX_UNKNOWNS):
+        x[i] = start[min(i, 2)]
+        for j in range(MAX_UNKNOWNS):
+            cofactor[i, j] = 0.0
     for e in range(epochs):
-        llh[e] = np.nan
-        v_ned[e] = np.nan
-        clocks[e] = np.nan
-        cov[e] = np.nan
         for s in range(sources):
-            used[s] = not math.isnan(pseudorange[e, s])
-        n = solve_position(position[e], pseudorange[e], sigma[e], used, clock, x, column, normal, cofactor, rhs, los)
-        if n == 0:
-            x[0:3] = start
-            continue
+            used[s] = select(math.isnan(pseudorange[e, s]), 0.0, 1.0)
+        fixed = solve_position(
+            position[e], pseudorange[e], sigma[e], used, clock, x, column, present, normal, inverse, cofactor, rhs, los
+        )
         ecef_to_llh(x[0], x[1], x[2], llh[e])
         ned_axes(llh[e, 0], llh[e, 1], c_ne)
         _to_ned(c_ne, cofactor, p_r)
         for i in range(3):
+            llh[e, i] = select(fixed, llh[e, i], math.nan)
             for j in range(3):
-                cov[e, i, j] = p_r[i, j]
+                cov[e, i, j] = select(fixed, p_r[i, j], math.nan)
         for c in range(MAX_CLOCKS):
+            clocks[e, c] = math.nan
             if column[c] >= 0:
-                clocks[e, c] = x[column[c]]
+                clocks[e, c] = select(fixed & (present[c] > 0.0), x[column[c]], math.nan)
         for s in range(sources):
-            used[s] = used[s] and not math.isnan(range_rate[e, s])
-        if solve_velocity(
-            position[e], los, velocity[e], range_rate[e], rate_sigma[e], used, x, v, normal, cofactor, slope
-        ):
-            _to_ned(c_ne, cofactor, p_v)
-            _to_ned(c_ne, slope[:, :3], turned)  # transposed: turned' = G, velocity error = G position error
+            used[s] = select(math.isnan(range_rate[e, s]), 0.0, used[s])
+        solved = fixed & solve_velocity(
+            position[e], los, velocity[e], range_rate[e], rate_sigma[e], used, x, v, normal, inverse, slope
+        )
+        _to_ned(c_ne, inverse, p_v)
+        _to_ned(c_ne, slope, turned)  # transposed: turned' = G, velocity error = G position error
+        for i in range(3):
+            t = c_ne[i, 0] * v[0] + c_ne[i, 1] * v[1] + c_ne[i, 2] * v[2]
+            v_ned[e, i] = select(solved, t, math.nan)
+            for j in range(3):
+                t = turned[0, i] * p_r[0, j] + turned[1, i] * p_r[1, j] + turned[2, i] * p_r[2, j]
+                cov[e, 3 + i, j] = select(solved, t, math.nan)
+                cov[e, j, 3 + i] = cov[e, 3 + i, j]
+        for i in range(3):
+            for j in range(3):
+                t = p_v[i, j]
+                for a in range(3):
+                    t += cov[e, 3 + i, a] * turned[a, j]
+                cov[e, 3 + i, 3 + j] = select(solved, t, math.nan)
+        if any_lane(no(fixed)):
+            # the next epoch begins anew
             for i in range(3):
-                v_ned[e, i] = c_ne[i, 0] * v[0] + c_ne[i, 1] * v[1] + c_ne[i, 2] * v[2]
-                for j in range(3):
-                    t = 0.0
-                    for a in range(3):
-                        t += turned[a, i] * p_r[a, j]
-                    cov[e, 3 + i, j] = t
-                    cov[e, j, 3 + i] = t
-            for i in range(3):
-                for j in range(3):
-                    t = p_v[i, j]
-                    for a in range(3):
-                        t += cov[e, 3 + i, a] * turned[a, j]
-                    cov[e, 3 + i, 3 + j] = t
+                x[i] = select(fixed, x[i], start[i])

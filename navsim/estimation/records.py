@@ -4,17 +4,21 @@
 
 The truth is in none of them: `estimation.judge` compares a history with one. An `Events` list says in what order things
 happen; a measurement is a row of the table of its kind (`estimation.observations`).
+
+Numbers are those of one run, or of W runs in the lanes of a register: then every array of float64 but those of time has
+a last axis more, of length W (`core.lanes`), and kernels take it without that axis (`lanes_of`).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from navsim.core import states
-from navsim.core.covariance import SIZE, STRIDE
-from navsim.estimation.observations import KIND_COUNT, MOST
+from navsim.core.lanes import in_lanes
+from navsim.core.states import MOST
+from navsim.estimation.observations import KIND_COUNT
 
 TIME_TOLERANCE = 1e-9
 """Times closer than this are one, s: well under any sample interval, well over rounding."""
@@ -54,12 +58,20 @@ class Events(NamedTuple):
 
 
 class State(NamedTuple):
-    """A filter at a moment: navigation (NAV,), covariance flat (SIZE,), rejected (kinds,) measurements of each kind
-    that the gate rejected in a row."""
+    """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (kinds,) measurements of each kind that the
+    gate rejected in a row."""
 
     navigation: np.ndarray
     covariance: np.ndarray
     rejected: np.ndarray
+
+
+class Way(NamedTuple):
+    """Where a filter is on its way: cursor (3,) index of the interval of the IMU that it is in, -1 before it set off,
+    present time s, length of the interval last used s; increments (6,), the compensated ones of that interval."""
+
+    cursor: np.ndarray
+    increments: np.ndarray
 
 
 class FilterModel(NamedTuple):
@@ -91,7 +103,8 @@ class History(NamedTuple):
 
     def sigma(self) -> np.ndarray:
         """1 sigma of the errors (o, n)."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        each = np.arange(self.covariance.shape[1])
+        return np.sqrt(self.covariance[:, each, each])
 
 
 class Truth(NamedTuple):
@@ -114,31 +127,33 @@ class Judgement(NamedTuple):
     nees_group: np.ndarray
 
 
-def empty_history(outputs: int, events: int, declared: np.ndarray) -> History:
-    """Room for what an estimator leaves."""
+def empty_history(outputs: int, events: int, declared: np.ndarray, *lanes: int) -> History:
+    """Room for what an estimator leaves, of one run or of so many lanes."""
     k = declared.size
     n = states.SENSORS + k
     return History(
-        np.empty((outputs, states.NAV_SENSORS + k)), np.empty((outputs, n, n)), np.full((events, MOST), np.nan),
-        np.full((events, MOST), np.nan), np.full(events, np.nan), np.zeros(events, np.int64),
-        np.full(events, NOT_USED),
+        np.empty((outputs, states.NAV_SENSORS + k, *lanes)), np.empty((outputs, n, n, *lanes)),
+        np.full((events, MOST, *lanes), np.nan), np.full((events, MOST, *lanes), np.nan),
+        np.full((events, *lanes), np.nan), np.zeros((events, *lanes)), np.full((events, *lanes), float(NOT_USED)),
     )  # fmt: skip
 
 
-def flat(covariance: np.ndarray) -> np.ndarray:
-    """A covariance (n, n) as kernels keep it, (SIZE,)."""
-    n = covariance.shape[0]
-    out = np.zeros((STRIDE, STRIDE))
-    out[:n, :n] = covariance
-    return out.reshape(SIZE)
-
-
 def start(navigation: np.ndarray, covariance: np.ndarray) -> State:
-    """The state of a filter before anything happened, from copies of navigation and covariance (n, n); sensor states
-    that the navigation state is too short for start from zero."""
-    whole = np.zeros(states.NAV_SENSORS + covariance.shape[0] - states.SENSORS)
-    whole[: navigation.size] = navigation
-    return State(whole, flat(covariance), np.zeros(KIND_COUNT, np.int64))
+    """The state of a filter before anything happened, from copies of navigation (NAV,) and covariance (n, n); sensor
+    states that the navigation state is too short for start from zero."""
+    n = covariance.shape[0]
+    whole = np.zeros((states.NAV_SENSORS + n - states.SENSORS, *navigation.shape[1:]))
+    whole[: navigation.shape[0]] = navigation
+    return State(whole, covariance.copy(), np.zeros((KIND_COUNT, *navigation.shape[1:])))
+
+
+def lanes_of(record: Any) -> Any:
+    """A record of arrays with lanes as kernels take it; records in it too, other members as they are."""
+    members = (
+        lanes_of(m) if isinstance(m, tuple) else in_lanes(m) if isinstance(m, np.ndarray) and m.dtype == float else m
+        for m in record
+    )
+    return type(record)(*members)
 
 
 def schedule(outputs: np.ndarray, *tables: tuple[int, np.ndarray, np.ndarray]) -> Events:

@@ -17,24 +17,26 @@ import math
 
 import numpy as np
 
-from navsim.core.covariance import SIZE, STRIDE, carry_errors, gain, joseph, reset, square
+from navsim.core.covariance import carry_errors, gain, joseph, reset
 from navsim.core.jit import kernel
-from navsim.core.linear import cholesky, solve_cholesky
+from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.core.linear import cholesky, copy, copy_matrix, identity, solve_cholesky
 from navsim.core.states import (
     A_D,
     A_E,
     A_N,
+    MOST,
     NAV_HELD,
     NAV_LLH,
     NAV_QUAT,
     NAV_SENSORS,
     NAV_VEL,
+    SENSORS,
 )
-from navsim.core.strapdown import MID_N
 from navsim.estimation import error_state
-from navsim.estimation.filter_loop import advance, keep_innovation, set_off, whitened_square
+from navsim.estimation.filter_loop import advance, keep_innovation, limit_of, set_off, whitened_square, workshop
 from navsim.estimation.judge import plain_error
-from navsim.estimation.observations import MOST, observe
+from navsim.estimation.observations import observe
 from navsim.estimation.records import ESKF, MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
 
 PASSES = {RTS: 1, MAP: 30}
@@ -50,40 +52,38 @@ def difference(a, b, out):
 
 
 @kernel
-def _fly(until, imu, model, nav, cursor, increments, scratch, c_nb, inverse, phi_total, added, work, transition):
-    """Mechanise to `until`; transition (n, n) of the plain errors, added (SIZE,): covariance gathered.
+def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
+    """Mechanise to `until`; transition (n, n) of the plain errors, added (n, n): covariance gathered.
 
-    phi_total, work: (SIZE,) space.
+    space: from `filter_loop.workshop`.
     """
     n = transition.shape[0]
-    phi_total[:] = 0.0
-    added[:] = 0.0
+    identity(transition)
     for i in range(n):
-        phi_total[(STRIDE + 1) * i] = 1.0
-    phi = scratch[MID_N : MID_N + SIZE]
+        for j in range(n):
+            added[i, j] = 0.0
     last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(ESKF, end, imu, model, nav, added, cursor, increments, scratch, c_nb, inverse)
-        carry_errors(phi, model.declared, cursor[2], phi_total, n, work)
-    square(phi_total, transition)
+        advance(ESKF, end, imu, model, nav, added, cursor, increments, space)
+        carry_errors(space.phi, model.declared, cursor[2], transition, space.a)
 
 
 @kernel
 def _predict(transition, added, p, carried, out):
-    """out = transition p transition' + added; carried = transition p. All (n, n) but for added, (SIZE,)."""
+    """out = transition p transition' + added; carried = transition p. All (n, n)."""
     n = p.shape[0]
     for i in range(n):
         for j in range(n):
             carried[i, j] = 0.0
         for c in range(n):
             f = transition[i, c]
-            if f != 0.0:
+            if any_lane(f != 0.0):
                 for j in range(n):
                     carried[i, j] += f * p[c, j]
     for i in range(n):
         for j in range(i + 1):
-            t = added[STRIDE * i + j]
+            t = added[i, j]
             for c in range(n):
                 t += carried[i, c] * transition[j, c]
             out[i, j] = t
@@ -92,30 +92,28 @@ def _predict(transition, added, p, carried, out):
 
 @kernel
 def _smoothing_gain(carried, predicted, factor, out):
-    """out = P transition' predicted^-1 (n, n) from carried = transition P; False where `predicted` is not positive
+    """out = P transition' predicted^-1 (n, n) from carried = transition P; returns whether `predicted` is positive
     definite."""
     n = out.shape[0]
     for i in range(n):
         for j in range(i + 1):
             factor[i, j] = predicted[i, j]
-    if not cholesky(factor, n):
-        return False
+    good = cholesky(factor, n)
     for i in range(n):
         for j in range(n):
             out[i, j] = carried[j, i]
         solve_cholesky(factor, n, out[i])
-    return True
+    return good
 
 
 @kernel
-def _smooth_covariance(gains, predicted, later, p):
-    """P <- P + G (P later - predicted) G', in place; all (n, n)."""
+def _smooth_covariance(gains, predicted, later, p, d):
+    """P <- P + G (P later - predicted) G', in place; all (n, n). d: (n, n) work space."""
     n = p.shape[0]
-    d = np.empty((n, n))
     for i in range(n):
         for j in range(n):
-            t = 0.0
-            for c in range(n):
+            t = gains[i, 0] * (later[0, j] - predicted[0, j])
+            for c in range(1, n):
                 t += gains[i, c] * (later[c, j] - predicted[c, j])
             d[i, j] = t
     for i in range(n):
@@ -125,14 +123,6 @@ def _smooth_covariance(gains, predicted, later, p):
                 t += d[i, c] * gains[j, c]
             p[i, j] = t
             p[j, i] = t
-
-
-@kernel
-def _to_flat(matrix, out):
-    """A matrix (n, n) as kernels keep a covariance, out (SIZE,)."""
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[0]):
-            out[STRIDE * i + j] = matrix[i, j]
 
 
 @kernel
@@ -161,74 +151,73 @@ def _nodes(begin, events):
 
 @kernel
 def run(imu, measurements, events, state, model, passes, history):
-    """Smooth one flight; arguments are those of `estimation.records`, events without any ahead.
+    """Smooth one flight; arguments are those of `estimation.records`, or those of lanes, events without any ahead.
 
     passes: most passes over the flight; 1 is the fixed-interval smoother of [2] on the filter's own estimates,
     more iterate it towards the maximum a posteriori [1]. Measurements rejected by the gate of the first pass stay
     rejected. Innovations and their squares are those of the first pass. The answers are nan where a
     covariance is not positive definite.
     """
-    n = history.covariance.shape[1]
     declared = model.declared
+    n = SENSORS + declared.shape[0]
+    navigation, rejected, final = registers(state.navigation), registers(state.rejected), registers(state.covariance)
+    answers, covariance = registers(history.navigation), registers(history.covariance)
+    innovation, innovation_sigma = registers(history.innovation), registers(history.innovation_sigma)
+    innovation_squared, degrees_of = registers(history.innovation_squared), registers(history.degrees)
+    status = registers(history.status)
+    size = navigation.shape[0]
     node_time, node_event, node_output = _nodes(imu.time[0], events)
     count = node_time.shape[0]
-    nodes = np.empty((count, state.navigation.shape[0]))
-    filtered, predicted, carried = np.empty((count, n, n)), np.empty((count, n, n)), np.empty((count, n, n))
+    nodes, filtered = room(navigation, (count, size)), room(navigation, (count, n, n))
+    predicted, carried, gains = (
+        room(navigation, (count, n, n)), room(navigation, (count, n, n)), room(navigation, (count, n, n)),
+    )  # fmt: skip
     # means of the errors about each node, before and after its measurement
-    mean, mean_predicted = np.zeros((count, n)), np.zeros((count, n))
-    gains = np.empty((count, n, n))
-    transition, factor, prior = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    phi_total, added, p = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
-    flat_work = np.zeros(SIZE)
-    h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
-    place = np.empty(MOST, np.int64)
-    k, pht, work = np.empty((n, MOST)), np.empty((n, MOST)), np.empty((n, MOST))
-    c_nb, jac, columns, inverse = np.empty((3, 3)), np.empty((3, 3)), np.empty((n, 3)), np.empty((2, 3, 3))
-    scratch = np.zeros(MID_N + 3 * SIZE)
-    increments, cursor = np.empty(6), np.zeros(3)
-    here, x = np.empty(state.navigation.shape[0]), np.empty(n)
+    mean, mean_predicted = room(navigation, (count, n)), room(navigation, (count, n))
+    transition, factor, later = room(navigation, (n, n)), room(navigation, (n, n)), room(navigation, (n, n))
+    added, p, prior = room(navigation, (n, n)), room(navigation, (n, n)), room(navigation, (n, n))
+    h, z, r, s = (
+        room(navigation, (MOST, n)), small_vector(navigation, MOST), small_matrix(navigation, MOST, MOST),
+        small_matrix(navigation, MOST, MOST),
+    )  # fmt: skip
+    have, k, pht, work = (
+        small_vector(navigation, MOST), room(navigation, (n, MOST)), room(navigation, (n, MOST)),
+        room(navigation, (n, MOST)),
+    )  # fmt: skip
+    jac, columns = small_matrix(navigation, 3, 3), room(navigation, (n, 3))
+    space = workshop(navigation, n)
+    increments, cursor = small_vector(navigation, 6), np.zeros(3)
+    here, x, start = room(navigation, (size,)), room(navigation, (n,)), room(navigation, (size,))
 
-    start = state.navigation.copy()
-    start[NAV_HELD:NAV_SENSORS] = 0.0
-    start[NAV_HELD] = 1.0
-    status = history.status
-    status[:] = NOT_USED
-    rejected = state.rejected
-    rejected[:] = 0
+    copy(navigation, start)
+    copy_matrix(final, prior)
+    for i in range(NAV_HELD, NAV_SENSORS):
+        start[i] = 1.0 if i == NAV_HELD else 0.0
+    for e in range(status.shape[0]):
+        status[e] = NOT_USED
+    for i in range(rejected.shape[0]):
+        rejected[i] = 0.0
+    # runs that are still being smoothed; those that are done keep the answers of the pass in which they were
+    running = start[NAV_HELD] == 1.0
     for iteration in range(passes):
         # the first pass has no trajectory yet: it follows its own estimate
         first = iteration == 0
         if first:
-            nodes[0] = start
+            copy(start, nodes[0])
         set_off(imu, nodes[0], declared, cursor, increments)
         # prior: exp(d) exp(moved) = exp(theta), theta ~ N(0, P)
         difference(nodes[0], start, x)
         # forwards: a filter of the errors along this trajectory
-        p[:] = state.covariance
-        reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
-        square(p, filtered[0])
+        copy_matrix(prior, filtered[0])
+        reset(filtered[0], x[A_N], x[A_E], x[A_D], jac, columns)
         for i in range(n):
             mean[0, i] = -x[i]
         for node in range(1, count):
-            here[:] = nodes[node - 1]
-            _fly(
-                node_time[node],
-                imu,
-                model,
-                here,
-                cursor,
-                increments,
-                scratch,
-                c_nb,
-                inverse,
-                phi_total,
-                added,
-                flat_work,
-                transition,
-            )
+            copy(nodes[node - 1], here)
+            _fly(node_time[node], imu, model, here, cursor, increments, space, added, transition)
             _predict(transition, added, filtered[node - 1], carried[node], predicted[node])
             if first:
-                nodes[node] = here
+                copy(here, nodes[node])
             # the trajectory jumps where the pass before has moved its nodes: the jump carries the mean on
             difference(here, nodes[node], x)
             for i in range(n):
@@ -237,78 +226,107 @@ def run(imu, measurements, events, state, model, passes, history):
                     t += transition[i, c] * mean[node - 1, c]
                 mean_predicted[node, i] = t
                 mean[node, i] = t
-            filtered[node] = predicted[node]
+            copy_matrix(predicted[node], filtered[node])
             e = node_event[node]
-            if e < 0 or (not first and status[e] != USED):
+            if e < 0:
                 continue
             what = events.kind[e]
             m = observe(
-                what, events.row[e], measurements, nodes[node], increments, cursor[2], declared, c_nb, place, z, h, r
-            )
+                what, events.row[e], measurements, nodes[node], increments, cursor[2], declared, space.c_nb, have, z, h,
+                r,
+            )  # fmt: skip
+            degrees = have[0]
+            for a in range(1, m):
+                degrees += have[a]
             for a in range(m):
                 for c in range(n):
                     z[a] -= h[a, c] * mean[node, c]
-            _to_flat(filtered[node], p)
-            if m == 0 or not gain(p, h, r, m, pht, s, k):
-                continue
-            if first:
-                keep_innovation(place, m, z, s, history.innovation[e], history.innovation_sigma[e])
+            copy_matrix(filtered[node], p)
+            used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
             for i in range(n):
-                x[i] = 0.0
-                for a in range(m):
-                    x[i] += k[i, a] * z[a]
-            q = whitened_square(s, z, m)
+                t = k[i, 0] * z[0]
+                for a in range(1, m):
+                    t += k[i, a] * z[a]
+                x[i] = t
             if first:
-                history.innovation_squared[e] = q
-                history.degrees[e] = m
-                if q > model.gate[m] and rejected[what] < model.max_rejected:
-                    status[e] = REJECTED
-                    rejected[what] += 1
-                    continue
-                status[e] = USED
-                rejected[what] = 0
+                weighed = used
+                keep_innovation(have, weighed, m, z, s, innovation[e], innovation_sigma[e])
+                q = whitened_square(s, z, m)
+                used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+                innovation_squared[e] = select(weighed, q, math.nan)
+                degrees_of[e] = select(weighed, degrees, 0.0)
+                status[e] = select(weighed, select(used, USED, REJECTED), status[e])
+                rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+            used = used & (status[e] == USED)
+            if not any_lane(used):
+                continue
             joseph(p, h, r, m, pht, k, work)
             if first:
                 # the node moves onto its estimate, and its errors are counted from there
-                error_state.inject(nodes[node], x)
+                copy(nodes[node], here)
+                error_state.inject(here, x)
                 reset(p, x[A_N], x[A_E], x[A_D], jac, columns)
+                for i in range(size):
+                    nodes[node, i] = select(used, here[i], nodes[node, i])
                 for i in range(n):
-                    mean_predicted[node, i] = -x[i]
-                    mean[node, i] = 0.0
+                    mean_predicted[node, i] = select(used, -x[i], mean_predicted[node, i])
+                    mean[node, i] = select(used, 0.0, mean[node, i])
             else:
                 for i in range(n):
-                    mean[node, i] += x[i]
-            square(p, filtered[node])
+                    mean[node, i] = select(used, mean[node, i] + x[i], mean[node, i])
+            for i in range(n):
+                for j in range(n):
+                    filtered[node, i, j] = select(used, p[i, j], filtered[node, i, j])
         # backwards [2]: what later measurements say of each node
-        moved = 0.0
+        moved = 0.0 * start[0]
         for node in range(count - 1, -1, -1):
             if node < count - 1:
-                if not _smoothing_gain(carried[node + 1], predicted[node + 1], factor, gains[node]):
-                    # no covariance, no answer: nothing of what the arrays held before is left in them
-                    history.navigation[:] = np.nan
-                    history.covariance[:] = np.nan
-                    return
+                good = _smoothing_gain(carried[node + 1], predicted[node + 1], factor, gains[node])
+                # no covariance, no answer
+                moved = select(good, moved, math.nan)
                 for i in range(n):
-                    t = 0.0
+                    t = mean[node, i]
                     for c in range(n):
                         t += gains[node, i, c] * (mean[node + 1, c] - mean_predicted[node + 1, c])
-                    mean[node, i] += t
+                    mean[node, i] = t
             for i in range(n):
-                moved = max(moved, abs(mean[node, i]) / math.sqrt(filtered[node, i, i]))
+                step = abs(mean[node, i]) / math.sqrt(filtered[node, i, i])
+                moved = select(step <= moved, moved, select(math.isnan(moved), moved, step))
+        lost = running & math.isnan(moved)
         # the next trajectory
         for node in range(count):
             error_state.inject(nodes[node], mean[node])
-        if not first and moved < _CONVERGED:
+        done = running & no(lost)
+        if iteration < passes - 1:
+            done = done & (moved < _CONVERGED)
+            if first:
+                done = done & no(done)
+        if any_lane(lost):
+            for o in range(answers.shape[0]):
+                for i in range(size):
+                    answers[o, i] = select(lost, math.nan, answers[o, i])
+                for i in range(n):
+                    for j in range(n):
+                        covariance[o, i, j] = select(lost, math.nan, covariance[o, i, j])
+        if any_lane(done):
+            # covariances are smoothed once, along the last trajectory; none of them moves it
+            for i in range(size):
+                navigation[i] = select(done, nodes[count - 1, i], navigation[i])
+            copy_matrix(filtered[count - 1], later)
+            for i in range(n):
+                for j in range(n):
+                    final[i, j] = select(done, later[i, j], final[i, j])
+            for node in range(count - 1, -1, -1):
+                if node < count - 1:
+                    _smooth_covariance(gains[node], predicted[node + 1], later, filtered[node], factor)
+                    copy_matrix(filtered[node], later)
+                o = node_output[node]
+                if o >= 0:
+                    for i in range(size):
+                        answers[o, i] = select(done, nodes[node, i], answers[o, i])
+                    for i in range(n):
+                        for j in range(n):
+                            covariance[o, i, j] = select(done, later[i, j], covariance[o, i, j])
+        running = running & no(done) & no(lost)
+        if not any_lane(running):
             break
-    # covariances are smoothed once, along the last trajectory; none of them moves it
-    _to_flat(filtered[count - 1], state.covariance)
-    prior[:] = filtered[count - 1]
-    for node in range(count - 1, -1, -1):
-        if node < count - 1:
-            _smooth_covariance(gains[node], predicted[node + 1], prior, filtered[node])
-            prior[:] = filtered[node]
-        o = node_output[node]
-        if o >= 0:
-            history.navigation[o] = nodes[node]
-            history.covariance[o] = filtered[node]
-    state.navigation[:] = nodes[count - 1]

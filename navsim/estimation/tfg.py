@@ -18,11 +18,10 @@ Sources: [1] Barrau & Bonnabel, The geometry of navigation problems, IEEE TAC 68
 
 from __future__ import annotations
 
-import numpy as np
-
 from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative, rotate_right
-from navsim.core.covariance import SIZE, STRIDE, transport
+from navsim.core.covariance import transport
 from navsim.core.jit import kernel
+from navsim.core.lanes import any_lane, no, select, small_matrix, small_vector
 from navsim.core.linear import invert3
 from navsim.core.states import (
     A_D,
@@ -39,7 +38,7 @@ from navsim.core.states import (
     VEL,
     N,
 )
-from navsim.estimation.invariant import blocks_in, blocks_of_motion, move_rigidly, turned
+from navsim.estimation.invariant import blocks_of_motion, move_rigidly, turned
 
 HELD_RATE = 0.035
 """Body rates above this (2 deg/s) turn the vehicle but not the bias axes, while heading is uncertain."""
@@ -56,13 +55,15 @@ def hold_axes(nav, p, increments, dt):
     direction is not known.
     """
     held = nav[NAV_HELD:NAV_SENSORS]
-    if p[(STRIDE + 1) * A_D] < HELD_SIGMA * HELD_SIGMA:
-        held[0] = 1.0
-        held[1:4] = 0.0
-        return
-    size = increments[0] ** 2 + increments[1] ** 2 + increments[2] ** 2
-    if size > (HELD_RATE * dt) ** 2:
-        rotate_right(held, increments[0], increments[1], increments[2])
+    known = p[A_D, A_D] < HELD_SIGMA * HELD_SIGMA
+    size = increments[0] * increments[0] + increments[1] * increments[1] + increments[2] * increments[2]
+    turning = no(known) & (size > (HELD_RATE * dt) * (HELD_RATE * dt))
+    if any_lane(turning):
+        # a turn by nothing leaves what it is as it was
+        share = select(turning, 1.0, 0.0)
+        rotate_right(held, share * increments[0], share * increments[1], share * increments[2])
+    for i in range(4):
+        held[i] = select(known, 1.0 if i == 0 else 0.0, held[i])
 
 
 @kernel
@@ -70,7 +71,7 @@ def bias_axes(nav, out):
     """C (3, 3): the attitude less the turn held back, which takes biases into the frame they are kept in."""
     q = nav[NAV_QUAT:NAV_HELD]
     m = nav[NAV_HELD:NAV_SENSORS]
-    back = np.empty(4)
+    back = small_vector(nav, 4)
     back[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2] + q[3] * m[3]
     back[1] = -q[0] * m[1] + q[1] * m[0] - q[2] * m[3] + q[3] * m[2]
     back[2] = -q[0] * m[2] + q[1] * m[3] + q[2] * m[0] - q[3] * m[1]
@@ -79,21 +80,22 @@ def bias_axes(nav, out):
 
 
 @kernel
-def turned_back(matrix, u, out):
-    """out = matrix' u for 3-vectors; out may not be u."""
+def turned_back(matrix, u0, u1, u2, out):
+    """out = matrix' u for the 3-vector u."""
     for i in range(3):
-        out[i] = matrix[0, i] * u[0] + matrix[1, i] * u[1] + matrix[2, i] * u[2]
+        out[i] = matrix[0, i] * u0 + matrix[1, i] * u1 + matrix[2, i] * u2
 
 
 @kernel
-def correct(nav, p, x, work):
-    """Feed the estimated plain errors x (n,) back and carry P (SIZE,) to the new estimate.
+def correct(nav, p, x, space):
+    """Feed the estimated plain errors x (n,) back and carry P (n, n) to the new estimate. space: as of `filter_loop`.
 
-    work: (3 * SIZE,) space. Sensor states beside the biases stay as they are.
+    Sensor states beside the biases stay as they are.
     """
-    diagonal, column = blocks_in(work, x.shape[0])
-    before, after, slope = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    y, big, moved = np.empty(3), np.empty(3), np.empty(3)
+    n = x.shape[0]
+    diagonal, column = space.diagonal, space.column
+    before, after, slope = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    y, big, moved = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
     bias_axes(nav, before)
     blocks_of_motion(x, diagonal, column)
     jac = diagonal[2]
@@ -112,9 +114,7 @@ def correct(nav, p, x, work):
         y[2] -= big[0] * t1 - big[1] * t0
         left_jacobian_derivative(t0, t1, t2, y, slope)
         turned(jac, y, moved)
-        for i in range(3):
-            moved[i] += big[i]
-        turned_back(after, moved, b)
+        turned_back(after, moved[0] + big[0], moved[1] + big[1], moved[2] + big[2], b)
         # theta column: C+' (D - J [B x]) + [b+ x] C+' J;  own block: C+' J C
         for i in range(3):
             j0, j1, j2 = jac[i, 0], jac[i, 1], jac[i, 2]
@@ -123,21 +123,20 @@ def correct(nav, p, x, work):
             slope[i, 2] -= j0 * big[1] - j1 * big[0]
         for j in range(3):
             # column j of C+' J, then of C+' slope
-            turned_back(after, jac[:, j], y)
-            turned_back(after, slope[:, j], big)
-            column[block, 0, j] = big[0] + b[1] * y[2] - b[2] * y[1]
-            column[block, 1, j] = big[1] + b[2] * y[0] - b[0] * y[2]
-            column[block, 2, j] = big[2] + b[0] * y[1] - b[1] * y[0]
-        for i in range(3):
-            for j in range(3):
-                t = 0.0
-                for a in range(3):
-                    for c in range(3):
-                        t += after[a, i] * jac[a, c] * before[c, j]
-                diagonal[block, i, j] = t
-    for c in range(N - SENSORS, x.shape[0] - SENSORS):
+            turned_back(after, jac[0, j], jac[1, j], jac[2, j], y)
+            turned_back(after, slope[0, j], slope[1, j], slope[2, j], moved)
+            column[block, 0, j] = moved[0] + b[1] * y[2] - b[2] * y[1]
+            column[block, 1, j] = moved[1] + b[2] * y[0] - b[0] * y[2]
+            column[block, 2, j] = moved[2] + b[0] * y[1] - b[1] * y[0]
+            # column j of C, then of J C, of C+' J C
+            y[0], y[1], y[2] = before[0, j], before[1, j], before[2, j]
+            turned(jac, y, moved)
+            turned_back(after, moved[0], moved[1], moved[2], y)
+            for i in range(3):
+                diagonal[block, i, j] = y[i]
+    for c in range(N - SENSORS, n - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
-    transport(p, diagonal, column, work[:SIZE], work[SIZE : 2 * SIZE])
+    transport(p, diagonal, column, space.square)
 
 
 @kernel
@@ -146,12 +145,13 @@ def own_error(nav, error, out):
 
     y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors weighs it.
     """
-    c_nb = np.empty((3, 3))
-    jac = np.empty((3, 3))
-    inverse = np.empty((3, 3))
-    truth = np.empty((3, 3))
-    big = np.empty(3)
-    y = np.empty(3)
+    c_nb, jac, inverse, truth = (
+        small_matrix(nav, 3, 3),
+        small_matrix(nav, 3, 3),
+        small_matrix(nav, 3, 3),
+        small_matrix(nav, 3, 3),
+    )
+    big, y = small_vector(nav, 3), small_vector(nav, 3)
     bias_axes(nav, c_nb)
     t0, t1, t2 = error[A_N], error[A_E], error[A_D]
     left_jacobian(t0, t1, t2, jac)

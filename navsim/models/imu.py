@@ -68,6 +68,24 @@ def simulate(
     rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
     """Measured increments dtheta, dv (n, 3) and the errors behind them, for one run."""
+    out = np.empty((2, *dtheta.shape, 1))
+    errors = simulate_lane(rng, dtheta, dv, dt, gyro, accel, out[0], out[1], 0)
+    return out[0, ..., 0], out[1, ..., 0], errors
+
+
+def simulate_lane(
+    rng: np.random.Generator,
+    dtheta: np.ndarray,
+    dv: np.ndarray,
+    dt: float,
+    gyro: Triad,
+    accel: Triad,
+    out_dtheta: np.ndarray,
+    out_dv: np.ndarray,
+    lane: int,
+) -> SensorErrors:
+    """Measured increments of one run, from exact ones dtheta, dv (n, 3), into a lane of out_dtheta, out_dv (n, 3, W);
+    returns the errors behind them."""
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
 
     constant = np.zeros(6)
@@ -77,15 +95,13 @@ def simulate(
     white = math.sqrt(dt) * np.array([gyro.noise_density, accel.noise_density])
     markov = np.array([gyro.markov, accel.markov])
     decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
-    out_dtheta, out_dv = np.empty_like(dtheta), np.empty_like(dv)
     bias = np.empty((dtheta.shape[0] + 1, 6))
     scale = np.zeros(6)
     for first, triad in ((0, gyro), (3, accel)):
         if triad.scale > 0.0:
             scale[first : first + 3] = triad.scale * rng.standard_normal(3)
-    dtheta, dv = (1.0 + scale[:3]) * dtheta, (1.0 + scale[3:]) * dv
-    corrupt(rng, dtheta, dv, dt, constant, white, markov, decay, out_dtheta, out_dv, bias)
-    return out_dtheta, out_dv, SensorErrors(bias, scale)
+    corrupt(rng, dtheta, dv, dt, constant, 1.0 + scale, white, markov, decay, out_dtheta, out_dv, lane, bias)
+    return SensorErrors(bias, scale)
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ _SENSORS: Mapping[type, Sensor] = {
         ("height",),
         "m",
         lambda model, motion: motion.llh[:, 2:] + model.offset,
-        lambda measured, believed: AltitudeTable(measured[:, 0].copy(), np.full(measured.shape[0], believed[0] ** 2)),
+        lambda measured, believed: AltitudeTable(measured[:, 0].copy(), np.full_like(measured[:, 0], believed[0] ** 2)),
     ),
 }
 """The sensor of each model."""

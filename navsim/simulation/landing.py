@@ -17,14 +17,17 @@ import numpy as np
 
 from navsim.core import noise, states
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
+from navsim.core.lanes import WIDTH, in_lanes
+from navsim.core.states import MOST
 from navsim.core.streams import generator
 from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
-from navsim.estimation.estimate import estimate, is_smoother
+from navsim.estimation.estimate import fly as fly_filter
+from navsim.estimation.estimate import in_all_lanes, is_smoother
 from navsim.estimation.judge import judge
-from navsim.estimation.observations import FIX, MOST, FixTable, Measurements
+from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.receiver import fixes
-from navsim.estimation.records import Events, FilterModel, History, ImuData, Truth, schedule, start
+from navsim.estimation.records import Events, FilterModel, ImuData, Truth, schedule, start
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver
@@ -165,21 +168,26 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
+    out = np.empty((2, *world.signals.range.shape, 1))
+    _measure_lane(world, seed, run, out[0], out[1], 0)
+    return out[0, ..., 0], out[1, ..., 0]
+
+
+def _measure_lane(world: World, seed: int, run: int, ranges: np.ndarray, rates: np.ndarray, lane: int) -> None:
+    """Pseudoranges (m) and range rates (m/s) of a run into a lane of arrays (e, s, W), nan where there are none."""
     signals = world.signals
     e, s = signals.range.shape
-    ranges, rates = np.empty((e, s)), np.empty((e, s))
     delay = signals.delay
     if signals.space is not None:
         delay = delay + np.einsum("esk,sk->es", signals.space, generator(seed, run, "space").standard_normal((s, 4)))
     noise.measure(
         generator(seed, run, "measurements"),
         signals.range, delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
-        ranges, rates,
+        ranges, rates, lane,
     )  # fmt: skip
-    if signals.smoothing is None:
-        return ranges, rates
-    phase = carrier(world, delay) + CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
-    return code_loop.smooth(ranges, phase, signals.smoothing), rates
+    if signals.smoothing is not None:
+        phase = carrier(world, delay) + CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
+        ranges[..., lane] = code_loop.smooth(ranges[..., lane], phase, signals.smoothing)
 
 
 def carrier(world: World, delay: np.ndarray) -> np.ndarray:
@@ -201,16 +209,16 @@ def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
 def receiver_fixes(
     world: World, ranges: np.ndarray, rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The receiver's fixes from measurements (e, s): llh, velocity NED (e, 3), clocks (e, MAX_CLOCKS), covariance of
-    position and velocity (e, 6, 6); see `estimation.receiver`."""
+    """The receiver's fixes from measurements (e, s), or of lanes (e, s, W): llh, velocity NED (e, 3), clocks (e,
+    MAX_CLOCKS), covariance of position and velocity (e, 6, 6); see `estimation.receiver`."""
     signals = world.signals
-    e = ranges.shape[0]
-    llh, velocity, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
-    cov = np.empty((e, 6, 6))
+    out = [np.empty((ranges.shape[0], *shape, WIDTH)) for shape in ((3,), (3,), (MAX_CLOCKS,), (6, 6))]
+    of_lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
     fixes(
         world.start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
-        ranges, rates, llh, velocity, clocks, cov,
+        *(in_lanes(m) for m in (*of_lanes, *out)),
     )  # fmt: skip
+    llh, velocity, clocks, cov = out if ranges.ndim == 3 else (m[..., 0].copy() for m in out)
     return llh, velocity, clocks, cov
 
 
@@ -265,52 +273,102 @@ def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, cova
 
 
 def measurements(flight: Flight, fixes: FixTable, aided: Sequence[np.ndarray]) -> Measurements:
-    """All that the filter is given: fixes, and what each sensor beside the receiver measured (m, k)."""
+    """All that the filter is given: fixes, and what each sensor beside the receiver measured (m, k); of one run, or of
+    lanes."""
     of_aids = zip(flight.world.aids, aided, strict=True)
-    return Measurements.of({FIX: fixes, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}})
+    tables = {FIX: fixes, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}}
+    return Measurements.of(tables, *fixes.llh.shape[2:])
 
 
-def fly(flight: Flight, seed: int, run: int) -> Run:
-    """One landing, numbered `run`, of the ensemble of `seed`."""
+def fly(flight: Flight, seed: int, runs: Sequence[int]) -> list[Run]:
+    """Landings, numbered `runs`, of the ensemble of `seed`: as many at once as there are lanes."""
+    out: list[Run] = []
+    for first in range(0, len(runs), WIDTH):
+        out += _fly_at_once(flight, seed, runs[first : first + WIDTH])
+    return out
+
+
+def _fly_at_once(flight: Flight, seed: int, runs: Sequence[int]) -> list[Run]:
+    """At most WIDTH landings; lanes that are left over fly the last one."""
     world, beliefs = flight.world, flight.beliefs
-    nav = initial_estimate(generator(seed, run, "initial"), world.at_filter, flight.initial)
-
+    n, o, samples = flight.covariance.shape[0], world.filter_time.size, world.dtheta.shape[0]
+    nav = np.empty((states.NAV_N, WIDTH))
+    dtheta, dv = np.empty((samples, 3, WIDTH)), np.empty((samples, 3, WIDTH))
+    sensors = np.empty((o, n - states.SENSORS, WIDTH))
+    ranges, rates = np.empty((*world.signals.range.shape, WIDTH)), np.empty((*world.signals.range.shape, WIDTH))
+    aided = [np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids]
     dt = world.imu_time[1] - world.imu_time[0]
-    dtheta, dv, errors = imu.simulate(
-        generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel
-    )
-
-    ranges, rates = measured(world, seed, run)
+    for lane in range(WIDTH):
+        if lane >= len(runs):
+            for lanes in (nav, dtheta, dv, sensors, ranges, rates, *aided):
+                lanes[..., lane] = lanes[..., len(runs) - 1]
+            continue
+        run = runs[lane]
+        nav[:, lane] = initial_estimate(generator(seed, run, "initial"), world.at_filter, flight.initial)
+        errors = imu.simulate_lane(
+            generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel, dtheta, dv, lane
+        )
+        sensors[..., lane] = true_values(beliefs.sensors.blocks, errors, world.filter_index)
+        _measure_lane(world, seed, run, ranges, rates, lane)
+        for k, aid in enumerate(world.aids):
+            aided[k][..., lane] = aid.measured(seed, run)
     llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
-    aided = [aid.measured(seed, run) for aid in world.aids]
-    history = estimate(
-        ImuData(world.imu_time, dtheta, dv),
-        measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), aided),
-        flight.events,
-        start(nav, flight.covariance),
-        flight.model,
-    )
+    tables = measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), aided)
+
+    error, sigma, cross = np.empty((o, n, WIDTH)), np.empty((o, n, WIDTH)), np.empty((o, 6, WIDTH))
+    nees, nees_position_velocity = np.empty((o, WIDTH)), np.empty((o, WIDTH))
+    nees_group = np.empty((o, n // 3, WIDTH))
+    squared, degrees, status = (np.empty((flight.events.time.size, WIDTH)) for _ in range(3))
     truth = world.at_filter
-    sensors = true_values(beliefs.sensors.blocks, errors, world.filter_index)
-    judged = judge(beliefs.kind, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, sensors))
-    at = flight.weighed
-    p = history.covariance
-    cross = np.concatenate([p[:, [f, f, f + 1], [f + 1, f + 2, f + 2]] for f in (states.POS, states.ATT)], axis=1)
-    return Run(
-        ranges, rates, llh, velocity, clocks, judged.error, history.sigma(), cross, judged.nees,
-        judged.nees_position_velocity, judged.nees_group, history.innovation_squared[at], history.degrees[at],
-        history.status[at], *_of_aids(flight, history, aided),
-    )  # fmt: skip
+    start_ = start(nav, in_all_lanes(flight.covariance))
+    for which, rows, history in fly_filter(
+        ImuData(world.imu_time, dtheta, dv), tables, flight.events, start_, flight.model
+    ):
+        judged = judge(
+            beliefs.kind,
+            history,
+            Truth(truth.llh[rows], truth.velocity_ned[rows], truth.quaternion[rows], sensors[rows]),
+        )
+        error[rows], sigma[rows] = judged.error, history.sigma()
+        nees[rows], nees_position_velocity[rows] = judged.nees, judged.nees_position_velocity
+        nees_group[rows] = judged.nees_group
+        for k, first in enumerate((states.POS, states.ATT)):
+            cross[rows, 3 * k : 3 * k + 3] = history.covariance[
+                :, [first, first, first + 1], [first + 1, first + 2, first + 2]
+            ]
+        squared[which], degrees[which] = history.innovation_squared, history.degrees
+        status[which] = history.status
+    whole = {
+        "pseudorange": ranges, "range_rate": rates, "fix_llh": llh, "fix_velocity": velocity, "fix_clock": clocks,
+        "error": error, "sigma": sigma, "cross": cross, "nees": nees,
+        "nees_position_velocity": nees_position_velocity, "nees_group": nees_group,
+    }  # fmt: skip
+    out = []
+    for lane in range(len(runs)):
+        events = {"squared": squared[:, lane], "degrees": degrees[:, lane].astype(np.int64),
+                  "status": status[:, lane].astype(np.int64)}  # fmt: skip
+        out.append(
+            Run(
+                **{name: m[..., lane].copy() for name, m in whole.items()},
+                **_of_events(flight, [m[..., lane] for m in aided], **events),
+            )
+        )
+    return out
 
 
-def _of_aids(
-    flight: Flight, history: History, aided: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """What a run keeps of the sensors beside the receiver."""
-    at = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
-    measured = np.full((at.size, MOST), np.nan)
+def _of_events(
+    flight: Flight, aided: Sequence[np.ndarray], squared: np.ndarray, degrees: np.ndarray, status: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What a run keeps of its fixes and of the sensors beside the receiver; squared, degrees, status (k,): of all
+    events."""
+    fixes = flight.weighed
+    aids = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
+    measured = np.full((aids.size, MOST), np.nan)
     first = 0
     for numbers in aided:
         measured[first : first + numbers.shape[0], : numbers.shape[1]] = numbers
         first += numbers.shape[0]
-    return measured, history.innovation_squared[at], history.degrees[at], history.status[at]
+    return {
+        "innovation_squared": squared[fixes], "degrees": degrees[fixes], "status": status[fixes], "aided": measured,
+        "aided_squared": squared[aids], "aided_degrees": degrees[aids], "aided_status": status[aids],
+    }  # fmt: skip

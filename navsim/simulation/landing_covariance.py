@@ -25,10 +25,10 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays.earth import E2, A, short_way
 from navsim.core.defect import Defect
-from navsim.core.states import Block
+from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
-from navsim.estimation.observations import FIX, MOST
+from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, ImuData, start
 from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import (
@@ -190,10 +190,10 @@ class _Smoothed:
             phase = np.where(chosen & self.used[i], CARRIER_SIGMA, 0.0)
             cov[at, at] += (code**2 + phase**2) / self.n[i] ** 2
 
-    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, m: int) -> np.ndarray:
-        """Weigh the fix of epoch i, whose first m numbers are in use, by `gain` (S, m), `here` (m, S); returns what it
-        adds to E[z z'] (m, m)."""
-        slope = self.slope[i, :m]
+    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, there: np.ndarray) -> np.ndarray:
+        """Weigh the fix of epoch i, of which the numbers `there` (m,) are in use, by `gain` (S, m), `here` (m, S);
+        returns what it adds to E[z z'] (m, m)."""
+        m, slope = there.size, self.slope[i, there]
         turn = np.eye(self.cov.shape[1])
         turn[: self.size, : self.size] -= gain @ here
         turn[: self.size, self.size :] = -gain @ slope
@@ -361,20 +361,21 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
         if kind == FIX and ranges_here is not None:
             ranges_here.measure(row)
         if kind == FIX and not ahead:
-            degrees[row] = lin.degrees[w]
-        if w >= 0 and lin.degrees[w]:
-            m = int(lin.degrees[w])
-            here = lin.h[w, :m] @ carried.to_error
+            degrees[row] = int(lin.have[w].sum())
+        if w >= 0 and lin.have[w].any():
+            there = np.flatnonzero(lin.have[w])
+            m = there.size
+            here = lin.h[w, there] @ carried.to_error
             feedback = np.zeros((carried.size, m))
-            feedback[:n] = lin.gain[w, :, :m]
+            feedback[:n] = lin.gain[w][:, there]
             keep = np.eye(carried.size) - feedback @ here
-            z, expected = lin.z[w, :m], lin.expected[w, :m, :m]
+            z, expected = lin.z[w, there], lin.expected[w][np.ix_(there, there)]
             if kind == FIX:
-                r, message = noise[:, row, :m, :m], ephemeris[row, :m]
+                r, message = noise[:, row][:, there[:, None], there], ephemeris[row, there]
             else:
                 source, aid = of_kind[kind]
                 r, message = np.zeros((len(sources), m, m)), np.zeros((m, response.shape[1]))
-                r[source] = np.diag(aid.sigma[lin.place[w, :m]] ** 2)
+                r[source] = np.diag(aid.sigma[there] ** 2)
             fixed_off, messages_off = z + here @ mean, here @ response + message
             correlated = kind == FIX and ranges_here is not None
             others = (np.delete(total, _RANGES, axis=0) if correlated else total).sum(axis=0)
@@ -382,7 +383,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
             total = keep @ total @ keep.T + feedback @ r @ feedback.T
             if ranges_here is not None:
                 if correlated:
-                    second += ranges_here.fixed(row, here, feedback, m)
+                    second += ranges_here.fixed(row, here, feedback, there)
                 else:
                     ranges_here.carry(keep)
                 total[list(_RANGES)] = ranges_here.state()

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from navsim.core.states import MOST
 from navsim.estimation.estimate import estimate, is_smoother
 from navsim.estimation.judge import judge
-from navsim.estimation.observations import FIX, MOST, Measurements
+from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
 from navsim.models.kinematics import Moving
 from navsim.simulation.landing import Flight, table_of_fixes

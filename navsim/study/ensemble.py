@@ -19,7 +19,7 @@ import numpy as np
 from navsim.study.executor import Executor
 from navsim.study.partial import Arrays, Store, array_of
 
-BATCH = 25
+BATCH = 32
 """Runs a batch: some tenths of a second of work, a few megabytes of histories."""
 
 

@@ -37,15 +37,16 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
     def held(a: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(np.broadcast_to(a[epoch], (FIXES, *a.shape[1:])))
 
-    ranges, rates = np.empty((2, FIXES, len(s.names)))
+    ranges, rates = np.empty((2, FIXES, len(s.names), 1))
     measure(
         generator(1, 0, "measurements"), held(s.range), held(s.delay), held(s.sigma), held(s.range_rate),
-        held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
+        held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates, 0,
     )  # fmt: skip
     llh, v, clocks = np.empty((FIXES, 3)), np.empty((FIXES, 3)), np.empty((FIXES, MAX_CLOCKS))
     cov = np.empty((FIXES, 6, 6))
     fixes(
-        world.start, held(s.position), held(s.velocity), held(s.sigma), held(s.rate_sigma), s.clock, ranges, rates,
+        world.start, held(s.position), held(s.velocity), held(s.sigma), held(s.rate_sigma), s.clock,
+        ranges[..., 0], rates[..., 0],
         llh, v, clocks, cov,
     )  # fmt: skip
     truth = world.at_filter
@@ -120,14 +121,17 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     total, count = np.zeros(2), 0
     for run in range(400):
         s = world.signals
-        ranges, rates = np.empty((2, *s.range.shape))
+        ranges, rates = np.empty((2, *s.range.shape, 1))
         measure(
             generator(1, run, "measurements"), s.range, s.delay, s.sigma, s.range_rate, s.rate_sigma, s.used,
-            world.clock, ranges, rates,
+            world.clock, ranges, rates, 0,
         )  # fmt: skip
         e = s.time.size
         llh, v, clocks, cov = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS)), np.empty((e, 6, 6))
-        fixes(world.start, s.position, s.velocity, s.sigma, s.rate_sigma, s.clock, ranges, rates, llh, v, clocks, cov)
+        fixes(
+            world.start, s.position, s.velocity, s.sigma, s.rate_sigma, s.clock, ranges[..., 0], rates[..., 0], llh, v,
+            clocks, cov,
+        )  # fmt: skip
         antenna = at.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
         position = np.einsum("nij,nj->ni", c_ne, earth.ecef_from_llh(llh) - antenna)
         error = np.concatenate([position, v - at.velocity_ned], axis=1)[near]

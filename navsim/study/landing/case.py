@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays.attitude import dcm_from_rpy
+from navsim.core.lanes import WIDTH
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io import files
@@ -102,7 +103,12 @@ class Case:
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
-        return fly(self.flight, seed, run)
+        return fly(self.flight, seed, [run])[0]
+
+    def fly_runs(self, seed: int, first: int, count: int) -> Iterator[Run]:
+        """Runs first ... first + count - 1, in order; as many at once as there are lanes."""
+        for begin in range(first, first + count, WIDTH):
+            yield from fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)))
 
 
 def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:

@@ -14,7 +14,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays.attitude import rpy_error, rpy_jacobian
 from navsim.core.dop import MAX_CLOCKS
-from navsim.estimation.observations import MOST
+from navsim.core.states import MOST
 from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
@@ -105,9 +105,7 @@ class LandingStudy:
         n = len(self.case.states)
         sums["nees_group"] = np.zeros((self.case.world.filter_time.size, n // 3))
         kept: Arrays = {}
-        for i in range(count):
-            # one run at a time: holding all of a batch costs more in memory traffic than flying them
-            run = self.case.fly(self.seed, first + i)
+        for i, run in enumerate(self.case.fly_runs(self.seed, first, count)):
             fixes, outputs = fix_flaws(run, self.solvable, self.case.beliefs.velocity), output_flaws(run)
             rows.append(
                 {

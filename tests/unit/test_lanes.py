@@ -1,0 +1,249 @@
+"""Lanes: W runs in a register give each run the bits that it has alone, whatever its neighbours do."""
+
+from __future__ import annotations
+
+import math
+import platform
+import re
+from collections.abc import Callable
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+
+from navsim.core import lanes, states
+from navsim.core.attitude import difference, half_sinc, left_jacobian
+from navsim.core.covariance import _carried
+from navsim.core.earth import ecef_to_llh
+from navsim.core.elementary import atan2, sincos
+from navsim.core.jit import kernel
+from navsim.core.lanes import any_lane, fma, in_lanes, no, registers, room, select, small_matrix, small_vector
+from navsim.core.linear import cholesky
+from navsim.estimation import estimate, judge
+from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.estimation.records import Events, FilterModel, History, ImuData, State, Truth, schedule, start
+from navsim.simulation.landing import exact_start
+from tests.helpers import case
+
+WIDTHS = lanes.WIDTHS
+
+
+@kernel
+def everything(a, b, out):
+    """Every operation that lanes know, in one expression after another."""
+    a, b, out = registers(a), registers(b), registers(out)
+    heap, matrix, vector = room(a, (2, 3)), small_matrix(a, 2, 2), small_vector(a, 2)
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i] - 2
+        total /= 1.5
+    heap[1, 2] = -total
+    matrix[0, 1] = fma(total, 2.0, heap[1, 2])
+    vector[1] = math.floor(matrix[0, 1]) + math.sqrt(abs(total))
+    out[0] = vector[1]
+    out[1] = select((a[0] < b[0]) & no(a[0] >= 0.5) | (a[1] == a[1]), a[0], b[0])
+    out[2] = select(math.isnan(a[2] / 0.0 * 0.0), 1, total)
+    out[3] = select(a[0] > b[0], a[0], select(a[0] <= b[0], b[0], math.nan))
+    out[4] = 1.0 if any_lane(a[1] != a[1]) else 2.0
+    sine, cosine = sincos(a[0])
+    out[5] = sine
+    out[6] = cosine
+    out[7] = atan2(a[0], b[0])
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_operations_give_each_lane_what_a_number_gets(width: int) -> None:
+    rng = np.random.default_rng(width)
+    a, b, out = rng.standard_normal((4, width)), rng.standard_normal((4, width)), np.empty((8, width))
+    everything(in_lanes(a), in_lanes(b), in_lanes(out))
+    for lane in range(width):
+        one = np.empty(8)
+        everything(a[:, lane].copy(), b[:, lane].copy(), one)
+        np.testing.assert_array_equal(out[:, lane], one)
+    assert np.all(np.isfinite(out))
+
+
+@kernel
+def _sincos_of(x, sine, cosine):
+    for i in range(x.shape[0]):
+        sine[i], cosine[i] = sincos(x[i])
+
+
+@kernel
+def _atan2_of(y, x, out):
+    for i in range(x.shape[0]):
+        out[i] = atan2(y[i], x[i])
+
+
+def test_sine_and_cosine() -> None:
+    rng = np.random.default_rng(1)
+    x = np.concatenate([rng.uniform(-7, 7, 100_000), rng.uniform(-1e5, 1e5, 100_000), np.arange(-8, 9) * np.pi / 4])
+    sine, cosine = np.empty_like(x), np.empty_like(x)
+    _sincos_of(x, sine, cosine)
+    assert np.abs(sine - np.sin(x)).max() <= 1.2e-16
+    assert np.abs(cosine - np.cos(x)).max() <= 1.2e-16
+
+
+def test_arctangent() -> None:
+    rng = np.random.default_rng(2)
+    y, x = rng.standard_normal((2, 200_000)) * 10.0 ** rng.uniform(-6, 6, (2, 200_000))
+    y[:5], x[:5] = [0.0, 0.0, 1.0, -1.0, 0.0], [1.0, -1.0, 0.0, 0.0, 0.0]
+    out, expected = np.empty_like(x), np.arctan2(y, x)
+    _atan2_of(y, x, out)
+    assert np.abs(out - expected)[expected == 0.0].max() == 0.0
+    assert np.abs(out / np.where(expected == 0.0, 1.0, expected) - 1.0)[expected != 0.0].max() < 4e-16
+
+
+@kernel
+def _mixed(theta, out):
+    """Functions whose closed forms and series meet within a register."""
+    theta, out = registers(theta), registers(out)
+    jacobian, p, q, turned = small_matrix(theta, 3, 3), small_vector(theta, 4), small_vector(theta, 4), out[0:3]
+    left_jacobian(theta[0], theta[1], theta[2], jacobian)
+    for i in range(4):
+        p[i] = 0.0
+        q[i] = 1.0 if i == 0 else 0.0
+    s, c = half_sinc(theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2])
+    p[0] = c
+    for i in range(3):
+        p[1 + i] = s * theta[i]
+    difference(p, q, turned)
+    out[3] = jacobian[0, 1] + jacobian[2, 2]
+    ecef_to_llh(6.4e6 * theta[0], 6.4e6 * theta[1], 6.4e6 + theta[2], out[4:7])
+
+
+def test_small_and_large_angles_side_by_side() -> None:
+    theta = np.random.default_rng(3).standard_normal((3, 8)) * [1e-6, 0.5, 0.05, 1e-3, 0.3, 0.0, 0.9, 1e-9]
+    theta[:, 5] = 0.0
+    theta[2, 5] = 1e-20
+    out = np.empty((7, 8))
+    _mixed(in_lanes(theta), in_lanes(out))
+    for lane in range(8):
+        alone = np.empty((7, 8))
+        _mixed(in_lanes(np.repeat(theta[:, lane : lane + 1], 8, axis=1)), in_lanes(alone))
+        np.testing.assert_array_equal(out[:, lane], alone[:, 0])
+    np.testing.assert_allclose(out[:3], theta, rtol=1e-14, atol=1e-22)
+
+
+@kernel
+def _factor(a, good):
+    a, good = registers(a), registers(good)
+    good[0] = select(cholesky(a, a.shape[0]), 1.0, 0.0)
+
+
+def test_a_lane_that_is_not_positive_definite_says_so_alone() -> None:
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((4, 4))
+    a, good = np.repeat((root @ root.T)[..., None], 4, axis=2), np.empty((1, 4))
+    a[2, 2, 1] = -1.0
+    a[0, 0, 3] = np.nan
+    _factor(in_lanes(a), in_lanes(good))
+    np.testing.assert_array_equal(good[0], [1.0, 0.0, 1.0, 0.0])
+    np.testing.assert_allclose(np.tril(a[..., 0]), np.linalg.cholesky(root @ root.T), rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(np.tril(a[..., 0]), np.tril(a[..., 2]))
+
+
+def _tiled(array: np.ndarray, width: int) -> np.ndarray:
+    return np.repeat(array[..., None], width, axis=-1)
+
+
+@cache
+def _flight() -> tuple[ImuData, FixTable, Events, np.ndarray, np.ndarray, FilterModel, Truth]:
+    """Twenty seconds of a landing with fixes that come late, as one run has them."""
+    c = case("duration_s=20", "receiver.latency_s=0.15", "filter.gate.probability=1e-3")
+    world, run = c.world, c.fly(1, 0)
+    rng = np.random.default_rng(5)
+    imu = ImuData(world.imu_time, world.dtheta + 1e-5, world.dv + 1e-4)
+    count = run.fix_llh.shape[0]
+    covariance = np.tile(np.diag([9.0, 9.0, 25.0, 0.04, 0.04, 0.04]), (count, 1, 1))
+    covariance[:, 0, 1] = covariance[:, 1, 0] = 2.0
+    fixes = FixTable(run.fix_llh + 1e-7 * rng.standard_normal((count, 3)), run.fix_velocity, covariance, np.ones(3))
+    at = world.at_filter
+    truth = Truth(at.llh, at.velocity_ned, at.quaternion, np.zeros((at.time.size, 6)))
+    nav = exact_start(at)
+    return imu, fixes, c.flight.events, nav, c.flight.covariance, c.flight.model, truth
+
+
+def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]], None]) -> dict[str, np.ndarray]:
+    """Histories and judgements of lanes that fly the same, but for what `spoil` makes of them."""
+    imu, fixes, events, nav, covariance, model, truth = _flight()
+    tables = {name: _tiled(getattr(fixes, name), width) for name in ("llh", "velocity", "covariance")}
+    state = start(_tiled(nav, width), _tiled(covariance, width))
+    spoil(state, tables)
+    measurements = Measurements.of({FIX: FixTable(**tables, lever_arm=fixes.lever_arm)}, width)
+    if kind not in estimate.records.FILTERS:  # a smoother has nothing to run ahead of
+        valid = events.time[events.rows(FIX)]
+        events = schedule(np.unique(events.time[events.kind == 1]), (FIX, valid, valid))
+    out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, "nees", "nees_group", "error")}
+    for _, rows, piece in estimate.fly(imu, measurements, events, state, model._replace(kind=kind)):
+        mine = Truth(*(m[rows] for m in truth[:3]), np.repeat(truth.sensors[rows, :, None], width, axis=2))
+        judged = judge.judge(kind, piece, mine)
+        for name, kept in out.items():
+            kept.append((getattr(piece, name) if name in piece._fields else getattr(judged, name)).copy())
+    return {
+        **{name: np.concatenate(kept) for name, kept in out.items()},
+        "state": state.navigation, "p": state.covariance, "rejected": state.rejected,
+    }  # fmt: skip
+
+
+def _bad_company(lane: int) -> Callable[[State, dict[str, np.ndarray]], None]:
+    """Neighbours of `lane` that are nan, lose fixes or velocities, have wild ones, start far off or with a covariance
+    that is none."""
+
+    def spoil(state: State, tables: dict[str, np.ndarray]) -> None:
+        width = state.navigation.shape[-1]
+        others = [(lane + k) % width for k in range(1, width)]
+        state.navigation[:, others[0]] = np.nan
+        tables["llh"][20:90, :, others[1]] = np.nan
+        tables["velocity"][::3, 1, others[1]] = np.nan
+        tables["llh"][30:60, :, others[2]] += 1e-3
+        if width > 4:
+            state.navigation[states.NAV_QUAT : states.NAV_HELD, others[3]] = [0.0, 0.0, 0.0, 1.0]
+            state.covariance[3, 3, others[4]] = -5.0
+            state.covariance[..., others[5]] = np.inf
+            tables["covariance"][50:, :, :, others[6]] = 0.0
+
+    return spoil
+
+
+@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg", "map"])
+def test_bits_do_not_depend_on_the_neighbours(kind: str) -> None:
+    """Any place in the register, any neighbours, either width: the same bits."""
+    number = estimate.FILTER_KINDS[kind]
+    alone = _flown(lanes.WIDTH, number, lambda state, tables: None)
+    assert np.isfinite(alone["covariance"]).all()
+    widths = WIDTHS if kind == "tfg" else (lanes.WIDTH,)
+    for width in widths:
+        for lane in (0, 2, width - 1):
+            among = _flown(width, number, _bad_company(lane))
+            for name, values in among.items():
+                np.testing.assert_array_equal(
+                    values[..., lane], alone[name][..., 0], err_msg=f"{name}, {width}, {lane}"
+                )
+
+
+def test_neighbours_really_are_rejected_and_lost() -> None:
+    """What the test above flies among is what it says."""
+    among = _flown(8, estimate.FILTER_KINDS["tfg"], _bad_company(0))
+    status = among["status"]
+    assert np.isnan(among["error"][..., 1]).all()
+    assert np.sum(status[..., 2] == 1) < np.sum(status[..., 0] == 1) - 50
+    assert np.any(status[..., 3] == 2)
+    assert not np.any(status[..., 0] == 2)
+    assert set(np.unique(among["degrees"][..., 2])) == {0.0, 5.0, 6.0}
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the names of registers are those of x86-64")
+def test_the_hot_loop_is_vector_code() -> None:
+    """The prediction works on whole registers, with fused multiplications and no calls."""
+    matrix = lanes.array_type(lanes.WIDTH, 2)
+    again = numba.njit(nogil=True, error_model="numpy")(_carried.py_func)  # type: ignore[attr-defined]
+    signature = (matrix, matrix, numba.int64, matrix)
+    again.compile(signature)
+    code = again.inspect_asm(signature)
+    register = "%zmm" if lanes.WIDTH == 8 else "%ymm"
+    fused = [line for line in code.splitlines() if "vfmadd" in line]
+    assert len(fused) > 60
+    assert all(register in line and "pd" in line for line in fused)
+    assert not re.search(r"vfmadd\w+sd", code)
