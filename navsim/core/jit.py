@@ -17,7 +17,7 @@ from typing import Any
 
 import llvmlite
 import numba
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 from navsim.core.kernel_cache import CheckedCache
 
@@ -99,6 +99,13 @@ def within(function: Callable[..., Any]) -> Callable[..., Any]:
     Python."""
     jitable: Callable[..., Any] = register_jitable(error_model="numpy")(function)
     return jitable
+
+
+def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Say what `function` is in a kernel: the decorated function is given the types of the arguments and returns the
+    function to compile for them. What no kernel asks for is not compiled."""
+    decorator: Callable[[Callable[..., Any]], Callable[..., Any]] = overload(function, strict=False)
+    return decorator
 
 
 def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:

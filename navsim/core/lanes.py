@@ -23,6 +23,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.arraydecl import GetItemBuffer, SetItemBuffer
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import models, register_model
 from numba.np.arrayobj import populate_array
@@ -137,6 +138,25 @@ def _splat_truth(context: Any, builder: Any, fromty: Any, toty: LaneMask, value:
     return builder.select(value, ir.Constant(vector, [1] * toty.width), ir.Constant(vector, [0] * toty.width))
 
 
+_FIRST = {"target": "cpu"}
+"""Has numba ask a template before its own, which are for any target: most of the time of typing went into asking them
+all."""
+
+
+@infer_global(operator.getitem)
+class _ElementTemplate(GetItemBuffer):
+    """numba's own rule for arrays, asked first."""
+
+    metadata = _FIRST
+
+
+@infer_global(operator.setitem)
+class _AssignmentTemplate(SetItemBuffer):
+    """numba's own rule for arrays, asked first."""
+
+    metadata = _FIRST
+
+
 def _lanes_among(args: tuple[types.Type, ...]) -> Lanes | None:
     """The type of the lanes among arguments, None where there are none or anything but numbers beside them."""
     found = [a for a in args if isinstance(a, Lanes)]
@@ -150,6 +170,8 @@ def _define(symbol: Any, count: int, build: Callable[..., Any], to_mask: bool = 
 
     @infer_global(symbol)
     class _LanesTemplate(AbstractTemplate):
+        metadata = _FIRST
+
         def generic(self, args: tuple[types.Type, ...], kws: Any) -> Any:
             lanes = _lanes_among(args)
             if lanes is None or len(args) != count or kws:
@@ -202,6 +224,8 @@ def _define_logic(symbol: Any, count: int, build: Callable[..., Any]) -> None:
 
     @infer_global(symbol)
     class _MaskTemplate(AbstractTemplate):
+        metadata = _FIRST
+
         def generic(self, args: tuple[types.Type, ...], kws: Any) -> Any:
             if len(args) == count and isinstance(args[0], LaneMask) and all(a == args[0] for a in args):
                 return signature(args[0], *args)

@@ -11,7 +11,7 @@ from navsim.core.covariance import reset
 from navsim.core.earth import radii, short_way
 from navsim.core.elementary import sincos
 from navsim.core.jit import kernel
-from navsim.core.lanes import small_matrix
+from navsim.core.lanes import registers, small_matrix
 from navsim.core.states import (
     A_D,
     A_E,
@@ -49,6 +49,12 @@ def inject(nav, x):
     for c in range(x.shape[0] - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
     rotate_left(nav[NAV_QUAT:NAV_HELD], x[A_N], x[A_E], x[A_D])
+
+
+@kernel
+def displace(nav, x):
+    """`inject` for those who are outside of kernels: lanes of navigation states (NAV,) and errors (n,), in place."""
+    inject(registers(nav), registers(x))
 
 
 @kernel

@@ -99,6 +99,7 @@ def fly(
         row = events.row[part] - is_output[part] * output
         way.cursor[0] -= first
         filter_loop.run(
+            filter_loop.CHARTS[model.kind],
             ImuData(imu.time[first : last + 1], *(in_lanes(m) for m in sensed)),
             tables,
             Events(events.time[part], events.kind[part], row, events.ahead[part]),

@@ -8,8 +8,9 @@ A flight may be flown in pieces: what a filter is between two of them is its `St
 lanes: what differs between runs is a mask.
 
 All kinds predict and weigh with the same plain errors d = (dr, dv, theta, sensor states) and their covariance; they
-differ in how the estimate is fed back and the covariance carried to the new estimate, `correct`, and in the coordinates
-in which the error is judged, `own_error`: see `error_state`, `invariant`, `tfg`.
+differ in their chart, the coordinates in which they take the error for Gaussian: how the estimate is fed back and the
+covariance carried to the new estimate, `correct`, and how the error is judged, `own_error`: see `error_state`,
+`invariant`, `tfg`. A chart is a class to kernels, so that only the one in use is compiled.
 
 Source: `docs/theory/filter.md`, sections 3 to 7.
 """
@@ -22,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core.covariance import gain, is_varying, joseph, kept, predict, vary
-from navsim.core.jit import kernel, within
+from navsim.core.jit import in_kernels, kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
@@ -40,6 +41,30 @@ from navsim.estimation.records import (
     TIME_TOLERANCE,
     USED,
 )
+
+
+class Eskf(NamedTuple):
+    """The chart of `kind: eskf`."""
+
+    kind: int = ESKF
+
+
+class LeftInvariant(NamedTuple):
+    """The chart of `kind: left-invariant`."""
+
+    kind: int = LEFT_INVARIANT
+
+
+class Tfg(NamedTuple):
+    """The chart of `kind: tfg`."""
+
+    kind: int = TFG
+
+
+CHARTS: dict[int, Eskf | LeftInvariant | Tfg] = {chart.kind: chart for chart in (Eskf(), LeftInvariant(), Tfg())}
+"""The charts of `records.FILTERS`."""
+PLAIN = CHARTS[ESKF]
+"""The chart of plain errors, in which all kinds predict."""
 
 
 class Workshop(NamedTuple):
@@ -81,7 +106,7 @@ def set_off(imu, nav, declared, cursor, increments):
 
 
 @kernel
-def advance(kind, until, imu, model, nav, p, cursor, increments, space):
+def advance(chart, until, imu, model, nav, p, cursor, increments, space):
     """Mechanise and predict from the present time to `until` (s), cutting an IMU interval where it must.
 
     imu, model: `records`. nav (NAV,), p (n, n), cursor (3,), increments (6,), as of `Way`: overwritten. space: from
@@ -116,8 +141,7 @@ def advance(kind, until, imu, model, nav, p, cursor, increments, space):
             vary(declared, dt, p)
             for c in range(declared.shape[0]):
                 nav[NAV_SENSORS + c] *= kept(declared[c].decay, dt)
-        if kind == TFG:
-            tfg.hold_axes(nav, p, increments, dt)
+        turn_axes(chart, nav, p, increments, dt)
         cursor[2] = dt
         if to_end:
             k += 1
@@ -162,26 +186,41 @@ def limit_of(gate, degrees):
     return limit
 
 
-@kernel
-def correct(kind, nav, p, x, space):
-    """Feed the estimated errors x (n,) back and carry P to the new estimate, as the kind does it."""
-    if kind == ESKF:
-        error_state.correct(nav, p, x, space)
-    elif kind == LEFT_INVARIANT:
-        invariant.correct(nav, p, x, space)
-    else:
-        tfg.correct(nav, p, x, space)
+def turn_axes(chart, nav, p, increments, dt):
+    """What a turn does to the axes of a chart, if it keeps any: see `tfg.hold_axes`."""
 
 
-@kernel
-def own_error(kind, nav, error, out):
-    """The plain error (n,) in the coordinates in which the kind is Gaussian, out (n,)."""
-    if kind == ESKF:
-        copy(error, out)
-    elif kind == LEFT_INVARIANT:
-        invariant.own_error(error, out)
-    else:
-        tfg.own_error(nav, error, out)
+@in_kernels(turn_axes)
+def _turn_axes(chart, nav, p, increments, dt):
+    if chart.instance_class is Tfg:
+        return lambda chart, nav, p, increments, dt: tfg.hold_axes(nav, p, increments, dt)
+    return lambda chart, nav, p, increments, dt: None
+
+
+def correct(chart, nav, p, x, space):
+    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate, in the chart. space: `workshop`."""
+
+
+@in_kernels(correct)
+def _correct(chart, nav, p, x, space):
+    if chart.instance_class is Eskf:
+        return lambda chart, nav, p, x, space: error_state.correct(nav, p, x, space)
+    if chart.instance_class is LeftInvariant:
+        return lambda chart, nav, p, x, space: invariant.correct(nav, p, x, space)
+    return lambda chart, nav, p, x, space: tfg.correct(nav, p, x, space)
+
+
+def own_error(chart, nav, error, out):
+    """The plain error (n,) in the coordinates of the chart, out (n,)."""
+
+
+@in_kernels(own_error)
+def _own_error(chart, nav, error, out):
+    if chart.instance_class is Eskf:
+        return lambda chart, nav, error, out: copy(error, out)
+    if chart.instance_class is LeftInvariant:
+        return lambda chart, nav, error, out: invariant.own_error(error, out)
+    return lambda chart, nav, error, out: tfg.own_error(nav, error, out)
 
 
 @kernel
@@ -192,12 +231,12 @@ def _held(source, there, target):
 
 
 @kernel
-def run(imu, measurements, events, state, way, model, history):
+def run(chart, imu, measurements, events, state, way, model, history):
     """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
 
-    state, way: overwritten by those after the last event that was not ahead. history: filled in.
+    chart: of `CHARTS`. state, way: overwritten by those after the last event that was not ahead. history: filled in.
     """
-    kind, declared = model.kind, model.declared
+    declared = model.declared
     n = SENSORS + declared.shape[0]
     state_nav, state_p, state_rejected = (
         registers(state.navigation),
@@ -255,7 +294,7 @@ def run(imu, measurements, events, state, way, model, history):
         for a in range(MOST):
             innovation[i, a] = math.nan
             innovation_sigma[i, a] = math.nan
-        advance(kind, events.time[i], imu, model, nav, p, cursor, increments, space)
+        advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
             copy(nav, navigation[row])
             copy_matrix(p, covariance[row])
@@ -289,7 +328,7 @@ def run(imu, measurements, events, state, way, model, history):
                     copy_matrix(p, held_p)
                 # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
                 # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
-                correct(kind, nav, p, x, space)
+                correct(chart, nav, p, x, space)
                 observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, have, z, h, r)
                 gain(p, h, r, m, pht, s, k)
                 joseph(p, h, r, m, pht, k, work)

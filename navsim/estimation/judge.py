@@ -30,7 +30,7 @@ from navsim.core.states import (
     SENSORS,
     VEL,
 )
-from navsim.estimation.filter_loop import own_error
+from navsim.estimation.filter_loop import CHARTS, own_error
 from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, History, Judgement, Truth, lanes_of
 
 
@@ -52,7 +52,7 @@ def plain_error(llh, vel, quat, sensors, nav, error):
 
 
 @kernel
-def _judge(kind, navigation, covariance, truth, out):
+def _judge(chart, navigation, covariance, truth, out):
     navigation, covariance, sensors = registers(navigation), registers(covariance), registers(truth.sensors)
     errors, nees, nees_group = registers(out.error), registers(out.nees), registers(out.nees_group)
     nees_position_velocity = registers(out.nees_position_velocity)
@@ -61,7 +61,7 @@ def _judge(kind, navigation, covariance, truth, out):
     for o in range(navigation.shape[0]):
         nav, p, error = navigation[o], covariance[o], errors[o]
         plain_error(truth.llh[o], truth.velocity[o], truth.quaternion[o], sensors[o], nav, error)
-        own_error(kind, nav, error, own)
+        own_error(chart, nav, error, own)
         nees[o] = normalised_square(p, own, 0, n, factor, x)
         for group in range(n // 3):
             # position and velocity in plain coordinates, the rest in the filter's own
@@ -84,7 +84,7 @@ def judge(kind: int, history: History, truth: Truth) -> Judgement:
     out = Judgement(
         np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, n // 3, *lanes))
     )
-    own = TFG if kind in SMOOTHERS else kind
+    own = CHARTS[TFG if kind in SMOOTHERS else kind]
     if lanes:
         sensors = truth._replace(sensors=in_lanes(truth.sensors))
         _judge(own, in_lanes(history.navigation), in_lanes(history.covariance), sensors, lanes_of(out))

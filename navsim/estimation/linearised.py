@@ -33,9 +33,9 @@ from navsim.core.covariance import (
 from navsim.core.jit import kernel
 from navsim.core.linear import copy, copy_matrix, identity
 from navsim.core.states import GYRO, MOST, SENSORS, N
-from navsim.estimation.filter_loop import advance, set_off, workshop
+from navsim.estimation.filter_loop import PLAIN, advance, set_off, workshop
 from navsim.estimation.observations import observe
-from navsim.estimation.records import ESKF, OUTPUT, PASS, TIME_TOLERANCE, Events
+from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Events
 
 NOISES = 4
 """Sensor noises: white gyro, white accelerometer, drive of the Markov gyro and accelerometer bias."""
@@ -123,7 +123,7 @@ def _interval(until, imu, model, truth, markov, unit_noise, nav, p, cursor, incr
     last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         step_end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(ESKF, step_end, imu, model, nav, p, cursor, increments, space)
+        advance(PLAIN, step_end, imu, model, nav, p, cursor, increments, space)
         dt = cursor[2]
         carry_errors(space.phi, model.declared, dt, phi_total, space.a)
         transition(space.mid, dt, increments, truth, phi_truth)

@@ -34,10 +34,10 @@ from navsim.core.states import (
     SENSORS,
 )
 from navsim.estimation import error_state
-from navsim.estimation.filter_loop import advance, keep_innovation, limit_of, set_off, whitened_square, workshop
+from navsim.estimation.filter_loop import PLAIN, advance, keep_innovation, limit_of, set_off, whitened_square, workshop
 from navsim.estimation.judge import plain_error
 from navsim.estimation.observations import observe
-from navsim.estimation.records import ESKF, MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
+from navsim.estimation.records import MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
 
 PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind of smoother makes at most."""
@@ -65,7 +65,7 @@ def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
     last = imu.time.shape[0] - 1
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         end = min(imu.time[int(cursor[0]) + 1], until)
-        advance(ESKF, end, imu, model, nav, added, cursor, increments, space)
+        advance(PLAIN, end, imu, model, nav, added, cursor, increments, space)
         carry_errors(space.phi, model.declared, cursor[2], transition, space.a)
 
 

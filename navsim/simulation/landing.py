@@ -123,10 +123,10 @@ def build_world(
 
 @dataclass(frozen=True)
 class Run:
-    """What one run leaves behind; shapes and units as in the result file, without the run axis; cross (e + 1, 6): what
-    else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude;
-    aided (a, MOST): what sensors beside the receiver measured, one after the other in the order of `World.aids`, nan
-    behind their numbers; aided_squared, aided_degrees, aided_status (a,): as those of the fixes."""
+    """What one run leaves behind, or several along a first axis; shapes and units as in the result file, without the
+    run axis; cross (e + 1, 6): what else a turn of axes needs of the covariance, its elements NE, ND, ED of position,
+    then of attitude; aided (a, MOST): what sensors beside the receiver measured, one after the other in the order of
+    `World.aids`, nan behind their numbers; aided_squared, aided_degrees, aided_status (a,): as those of the fixes."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -147,13 +147,23 @@ class Run:
     aided_degrees: np.ndarray
     aided_status: np.ndarray
 
+    def one(self, which: int) -> Run:
+        """One of several runs."""
+        return Run(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
 
-def initial_estimate(rng: np.random.Generator, truth: Motion, errors: InitialErrors) -> np.ndarray:
-    """The navigation state at time 0 (NAV_N,): the truth minus drawn or fixed errors."""
-    drawn = rng.standard_normal(9) * np.repeat([errors.position, errors.velocity, errors.attitude], 3)
-    x = drawn if errors.fixed is None else errors.fixed
-    nav = exact_start(truth)
-    error_state.inject(nav, -x)
+
+def initial_estimate(flight: Flight, seed: int, runs: Sequence[int]) -> np.ndarray:
+    """The navigation states at time 0 (NAV_N, WIDTH) of at most WIDTH runs: the truth minus drawn or fixed errors;
+    lanes that are left over have those of the last one."""
+    errors = flight.initial
+    sigma = np.repeat([errors.position, errors.velocity, errors.attitude], 3)
+    x = np.empty((states.SENSORS, WIDTH))
+    for lane in range(WIDTH):
+        run = runs[min(lane, len(runs) - 1)]
+        drawn = generator(seed, run, "initial").standard_normal(9) * sigma
+        x[:, lane] = drawn if errors.fixed is None else errors.fixed
+    nav = in_all_lanes(exact_start(flight.world.at_filter))
+    error_state.displace(in_lanes(nav), in_lanes(-x))
     return nav
 
 
@@ -280,19 +290,14 @@ def measurements(flight: Flight, fixes: FixTable, aided: Sequence[np.ndarray]) -
     return Measurements.of(tables, *fixes.llh.shape[2:])
 
 
-def fly(flight: Flight, seed: int, runs: Sequence[int]) -> list[Run]:
-    """Landings, numbered `runs`, of the ensemble of `seed`: as many at once as there are lanes."""
-    out: list[Run] = []
-    for first in range(0, len(runs), WIDTH):
-        out += _fly_at_once(flight, seed, runs[first : first + WIDTH])
-    return out
-
-
-def _fly_at_once(flight: Flight, seed: int, runs: Sequence[int]) -> list[Run]:
-    """At most WIDTH landings; lanes that are left over fly the last one."""
+def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
+    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; lanes that are left over fly the last
+    one. Raises ValueError for more."""
+    if not 0 < len(runs) <= WIDTH:
+        raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     world, beliefs = flight.world, flight.beliefs
     n, o, samples = flight.covariance.shape[0], world.filter_time.size, world.dtheta.shape[0]
-    nav = np.empty((states.NAV_N, WIDTH))
+    nav = initial_estimate(flight, seed, runs)
     dtheta, dv = np.empty((samples, 3, WIDTH)), np.empty((samples, 3, WIDTH))
     sensors = np.empty((o, n - states.SENSORS, WIDTH))
     ranges, rates = np.empty((*world.signals.range.shape, WIDTH)), np.empty((*world.signals.range.shape, WIDTH))
@@ -300,11 +305,10 @@ def _fly_at_once(flight: Flight, seed: int, runs: Sequence[int]) -> list[Run]:
     dt = world.imu_time[1] - world.imu_time[0]
     for lane in range(WIDTH):
         if lane >= len(runs):
-            for lanes in (nav, dtheta, dv, sensors, ranges, rates, *aided):
+            for lanes in (dtheta, dv, sensors, ranges, rates, *aided):
                 lanes[..., lane] = lanes[..., len(runs) - 1]
             continue
         run = runs[lane]
-        nav[:, lane] = initial_estimate(generator(seed, run, "initial"), world.at_filter, flight.initial)
         errors = imu.simulate_lane(
             generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel, dtheta, dv, lane
         )
@@ -338,37 +342,34 @@ def _fly_at_once(flight: Flight, seed: int, runs: Sequence[int]) -> list[Run]:
             ]
         squared[which], degrees[which] = history.innovation_squared, history.degrees
         status[which] = history.status
-    whole = {
-        "pseudorange": ranges, "range_rate": rates, "fix_llh": llh, "fix_velocity": velocity, "fix_clock": clocks,
-        "error": error, "sigma": sigma, "cross": cross, "nees": nees,
-        "nees_position_velocity": nees_position_velocity, "nees_group": nees_group,
-    }  # fmt: skip
-    out = []
-    for lane in range(len(runs)):
-        events = {"squared": squared[:, lane], "degrees": degrees[:, lane].astype(np.int64),
-                  "status": status[:, lane].astype(np.int64)}  # fmt: skip
-        out.append(
-            Run(
-                **{name: m[..., lane].copy() for name, m in whole.items()},
-                **_of_events(flight, [m[..., lane] for m in aided], **events),
-            )
-        )
-    return out
+
+    def of_runs(lanes: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(np.moveaxis(lanes, -1, 0)[: len(runs)])
+
+    return Run(
+        of_runs(ranges), of_runs(rates), of_runs(llh), of_runs(velocity), of_runs(clocks), of_runs(error),
+        of_runs(sigma), of_runs(cross), of_runs(nees), of_runs(nees_position_velocity), of_runs(nees_group),
+        **_of_events(
+            flight, [of_runs(m) for m in aided], of_runs(squared), of_runs(degrees).astype(np.int64),
+            of_runs(status).astype(np.int64),
+        ),
+    )  # fmt: skip
 
 
 def _of_events(
     flight: Flight, aided: Sequence[np.ndarray], squared: np.ndarray, degrees: np.ndarray, status: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What a run keeps of its fixes and of the sensors beside the receiver; squared, degrees, status (k,): of all
-    events."""
+    """What runs keep of their fixes and of the sensors beside the receiver; aided: (r, m, k) of each; squared, degrees,
+    status (r, k): of all events."""
     fixes = flight.weighed
     aids = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
-    measured = np.full((aids.size, MOST), np.nan)
+    measured = np.full((squared.shape[0], aids.size, MOST), np.nan)
     first = 0
     for numbers in aided:
-        measured[first : first + numbers.shape[0], : numbers.shape[1]] = numbers
-        first += numbers.shape[0]
+        measured[:, first : first + numbers.shape[1], : numbers.shape[2]] = numbers
+        first += numbers.shape[1]
     return {
-        "innovation_squared": squared[fixes], "degrees": degrees[fixes], "status": status[fixes], "aided": measured,
-        "aided_squared": squared[aids], "aided_degrees": degrees[aids], "aided_status": status[aids],
+        "innovation_squared": squared[:, fixes], "degrees": degrees[:, fixes], "status": status[:, fixes],
+        "aided": measured, "aided_squared": squared[:, aids], "aided_degrees": degrees[:, aids],
+        "aided_status": status[:, aids],
     }  # fmt: skip

@@ -25,8 +25,10 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays.earth import E2, A, short_way
 from navsim.core.defect import Defect
+from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs
+from navsim.estimation.estimate import in_all_lanes
 from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
 from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, ImuData, start
@@ -108,7 +110,7 @@ class Analysis:
 
 
 def _solve(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fixes (e, 3) llh and (e, 3) velocity, and their covariance (e, 6, 6)."""
+    """Fixes (e, 3) llh and (e, 3) velocity, and their covariance (e, 6, 6); of measurements of lanes, those of each."""
     llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
     return llh, velocity, cov
 
@@ -121,20 +123,24 @@ def _slopes(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.nda
     """
     s = world.signals
     e, n = ranges.shape
-    out = np.zeros((e, 6, n)), np.zeros((e, 6, n))
+    out = np.zeros((2, e, 6, n))
     fix = np.isfinite(_solve(world, ranges, rates)[0][:, 0])
-    for i in range(n):
-        here = s.used[:, i] & fix
-        for part in (0, 1):
-            sides = []
-            for sign in (1.0, -1.0):
-                measured = [ranges.copy(), rates.copy()]
-                measured[part][:, i] += sign * _DIFFERENCE
-                sides.append(_solve(world, *measured)[:2])
-            (llh1, v1), (llh0, v0) = sides
-            slope = np.concatenate([_metres(llh1 - llh0, llh0), v1 - v0], axis=1) / (2.0 * _DIFFERENCE)
-            out[part][here, :, i] = slope[here]
-    return out
+    # a measurement a pair of lanes: up in one, down in the other
+    pairs = [(part, i) for part in (0, 1) for i in range(n)]
+    for first in range(0, len(pairs), WIDTH // 2):
+        some = pairs[first : first + WIDTH // 2]
+        moved = in_all_lanes(ranges), in_all_lanes(rates)
+        for lane, (part, i) in enumerate(some):
+            moved[part][:, i, 2 * lane] += _DIFFERENCE
+            moved[part][:, i, 2 * lane + 1] -= _DIFFERENCE
+        llh, velocity, _ = _solve(world, *moved)
+        for lane, (part, i) in enumerate(some):
+            up, down = 2 * lane, 2 * lane + 1
+            north_east_down = _metres(llh[..., up] - llh[..., down], llh[..., down])
+            slope = np.concatenate([north_east_down, velocity[..., up] - velocity[..., down]], axis=1)
+            here = s.used[:, i] & fix
+            out[part][here, :, i] = slope[here] / (2.0 * _DIFFERENCE)
+    return out[0], out[1]
 
 
 def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray) -> np.ndarray:

@@ -196,14 +196,14 @@ class Flaws:
 
 
 def tally(masks: np.ndarray) -> Flaws:
-    """`Flaws` of masks (flaw, index) bool."""
-    found = masks.any(axis=1)
+    """`Flaws` of masks (..., flaw, index) bool."""
+    found = masks.any(axis=-1)
     if not found.any():
-        none = np.full(found.size, -1, np.int32)
-        return Flaws(np.zeros(found.size, np.int32), none, none)
-    first = np.where(found, masks.argmax(axis=1), -1)
-    last = np.where(found, masks.shape[1] - 1 - masks[:, ::-1].argmax(axis=1), -1)
-    return Flaws(masks.sum(axis=1).astype(np.int32), first.astype(np.int32), last.astype(np.int32))
+        none = np.full(found.shape, -1, np.int32)
+        return Flaws(np.zeros(found.shape, np.int32), none, none)
+    first = np.where(found, masks.argmax(axis=-1), -1)
+    last = np.where(found, masks.shape[-1] - 1 - masks[..., ::-1].argmax(axis=-1), -1)
+    return Flaws(masks.sum(axis=-1).astype(np.int32), first.astype(np.int32), last.astype(np.int32))
 
 
 @dataclass(frozen=True)

@@ -99,11 +99,10 @@ class Session:
 
     def __post_init__(self) -> None:
         world, case = self.case.world, self.case
-        initial = generator(self.seed, 0, "initial")
         self.filter = LiveFilter(
             case.flight,
             case.trajectory,
-            initial_estimate(initial, world.at_filter, case.flight.initial),
+            initial_estimate(case.flight, self.seed, [0])[:, 0].copy(),
             Increments([0.0]),
         )
         self.assembler = Assembler()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,19 +87,17 @@ def test_shorter_than_a_fix_interval() -> None:
 def test_each_flaw_of_a_run() -> None:
     """Flaws no scenario is known to cause, put into a run by hand."""
     c = case("duration_s=5")
-    run = c.fly(1, 0)
-    for name in ("error", "sigma", "nees", "nees_position_velocity", "fix_velocity", "status"):
-        run = replace(run, **{name: getattr(run, name).copy()})
-    run.error[10] = np.inf
-    run.nees[20:23] = np.nan
-    run.sigma[30, 4] = abs(run.error[30, 4]) / 11.0
-    run.nees_position_velocity[30] = 121.0
-    run.fix_velocity[40] = np.nan
-    run.status[45:47] = NOT_USED
+    (runs,) = c.fly_runs(1, 0, 1)
+    runs.error[0, 10] = np.inf
+    runs.nees[0, 20:23] = np.nan
+    runs.sigma[0, 30, 4] = abs(runs.error[0, 30, 4]) / 11.0
+    runs.nees_position_velocity[0, 30] = 121.0
+    runs.fix_velocity[0, 40] = np.nan
+    runs.status[0, 45:47] = NOT_USED
 
     class Flown(landing.Case):
-        def fly(self, seed: int, number: int):  # type: ignore[no-untyped-def]
-            return run
+        def fly_runs(self, seed: int, first: int, count: int):  # type: ignore[no-untyped-def]
+            yield runs
 
     broken = Flown(**vars(c))
     batch = Batch(*LandingStudy(broken, 1, "none").batch(0, 1))

@@ -81,14 +81,15 @@ def rpy_jacobian(rpy: np.ndarray) -> np.ndarray:
 
 
 def rpy_error(rpy: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Errors of roll, pitch, yaw (n, 3), true minus estimated, in (-pi, pi].
+    """Errors of roll, pitch, yaw (..., 3), true minus estimated, in (-pi, pi].
 
-    rpy: (n, 3) true angles. theta: (n, 3) attitude error, the rotation vector in NED with
+    rpy: (..., 3) true angles. theta: (..., 3) attitude error, the rotation vector in NED with
     C_nb(true) = exp(theta x) C_nb(estimate). All rad; exact for errors of any size.
     """
     from scipy.spatial.transform import Rotation
 
-    estimate = roll_pitch_yaw(Rotation.from_rotvec(-theta).as_matrix() @ dcm_from_rpy(rpy))
+    back = Rotation.from_rotvec(-theta.reshape(-1, 3)).as_matrix().reshape(*theta.shape, 3)
+    estimate = roll_pitch_yaw(back @ dcm_from_rpy(rpy))
     return np.pi - (np.pi - (rpy - estimate)) % (2.0 * np.pi)
 
 

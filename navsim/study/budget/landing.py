@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from navsim.core.lanes import WIDTH
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
@@ -33,10 +34,12 @@ STATISTICS = 544
 SUMS = 8 * NUMBER
 """Sums over the runs of a batch at every output of the filter, bytes."""
 
-SAMPLE_TIME, FIX_TIME = 0.55e-6, 8e-6
-"""Seconds a sample, and a fix, of one run of a filter."""
-SMOOTHING = {"rts": 3.0, "map": 8.0}
+SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
+"""Seconds a sample, and a fix, of a run of a filter among as many as fly at once."""
+SMOOTHING = {"rts": 4.0, "map": 10.0}
 """Times as long a run of a smoother takes."""
+FLOWN = 60
+"""Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
 SIGHT_TIME = 3e-6
 """Seconds a source of signals at an epoch, from orbits to what is seen of it."""
 _PREPARED_TIME = 16e-6
@@ -95,14 +98,14 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     stored = _stored(here, keep)
     batches = -(-runs // BATCH)
     sums = batches * SUMS * (here.epochs + 1)
-    held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1))
+    held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, here)
     streamed = runs * stored
     result = _common_bytes(scenario, here) + streamed + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
     variables = {"none": 99, "errors": 108, "all": 117}[keep] + (27 if runs > 1 else 0)
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
-        BASE_TIME + prepared(here) + runs * run_time(scenario, here) / workers + 2e-9 * streamed,
+        BASE_TIME + prepared(here) + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers + 2e-9 * streamed,
         shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
         result,
         runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
@@ -121,6 +124,15 @@ def run_time(scenario: Landing, here: Extent) -> float:
     flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
     once = SAMPLE_TIME * flown + FIX_TIME * weighed
     return SMOOTHING.get(scenario.filter.kind, 1.0) * once
+
+
+def flying_memory(scenario: Landing, here: Extent) -> float:
+    """What a worker holds of the runs that it flies at once, bytes."""
+    kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
+    of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
+    if scenario.filter.kind in SMOOTHING:  # its whole flight: five covariances at every instant
+        of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
+    return WIDTH * of_one
 
 
 def prepared(here: Extent) -> float:

@@ -103,12 +103,12 @@ class Case:
 
     def fly(self, seed: int, run: int) -> Run:
         """Run number `run` of the ensemble of `seed`."""
-        return fly(self.flight, seed, [run])[0]
+        return fly(self.flight, seed, [run]).one(0)
 
     def fly_runs(self, seed: int, first: int, count: int) -> Iterator[Run]:
-        """Runs first ... first + count - 1, in order; as many at once as there are lanes."""
+        """Runs first ... first + count - 1, in order; as many at a time as there are lanes."""
         for begin in range(first, first + count, WIDTH):
-            yield from fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)))
+            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)))
 
 
 def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:

@@ -184,4 +184,5 @@ def _at_heights(case: Case, analysis: Analysis) -> tuple[np.ndarray, np.ndarray]
     interpolated between the filter's outputs."""
     turn, times = to_runway(case), crossing_times(case)
     mean = at_times(case, times, analysis.mean[:, : states.VEL]) @ turn.T
-    return mean, turn @ at_times(case, times, analysis.covariance[:, : states.VEL, : states.VEL]) @ turn.T
+    position = analysis.covariance[:, : states.VEL, : states.VEL]
+    return mean, turn @ at_times(case, times, position.reshape(-1, 9)).reshape(-1, 3, 3) @ turn.T

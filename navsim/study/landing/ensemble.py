@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +33,6 @@ from navsim.study.statistics import rms_interval
 
 LEVELS = np.array([1.0, 2.0, 3.0])
 """Sigma levels of the position ellipsoids whose coverage is counted."""
-_NO_LEVEL = np.full(LEVELS.size, np.nan)
 
 
 HISTORIES = {
@@ -99,44 +100,49 @@ class LandingStudy:
         """Fly runs first ... first + count - 1 and reduce them, in order."""
         window, crossings = self.window, self.crossings
         rpy, to_rpy = self.attitude
-        rows: list[dict[str, np.ndarray | np.generic]] = []
+        rows: list[Arrays] = []
         sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
         sums["nis"][0] = np.nan
         n = len(self.case.states)
         sums["nees_group"] = np.zeros((self.case.world.filter_time.size, n // 3))
         kept: Arrays = {}
-        for i, run in enumerate(self.case.fly_runs(self.seed, first, count)):
-            fixes, outputs = fix_flaws(run, self.solvable, self.case.beliefs.velocity), output_flaws(run)
+        flown = 0
+        for runs in self.case.fly_runs(self.seed, first, count):
+            fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs.velocity), output_flaws(runs)
+            error = runs.error[:, window]
             rows.append(
                 {
-                    "mean_square": _mean_square(run.error[window]),
-                    "rpy_square": _mean_square(rpy_error(rpy, run.error[window, states.SLICES["attitude"]])),
-                    "variance": _mean_square(run.sigma[window]),
-                    "rpy_variance": _mean(turned_variances(to_rpy, covariances(run, "attitude")[window])),
-                    "at_height": at_heights(self.case, crossings, run.error),
-                    "at_variance": variances_at_heights(self.case, crossings, covariances(run, "position")),
-                    "fixes": np.sum(~np.isnan(run.fix_llh[:, 0])),
+                    "mean_square": _mean_square(error),
+                    "rpy_square": _mean_square(rpy_error(rpy, error[..., states.SLICES["attitude"]])),
+                    "variance": _mean_square(runs.sigma[:, window]),
+                    "rpy_variance": _mean(turned_variances(to_rpy, covariances(runs, "attitude", window))),
+                    "at_height": at_heights(self.case, crossings, runs.error),
+                    "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
+                    "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in _PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in _PARTS},
-                    "nees_mean": np.float64(_finite_mean(run.nees[1:]) / n),
-                    "nees_position_velocity_mean": np.float64(_finite_mean(run.nees_position_velocity[1:]) / 6),
-                    "innovations": np.nansum(run.innovation_squared),
-                    "weighed": run.degrees.sum(),
-                    **of_aids(self.case, run),
-                    "degrees": run.degrees.max(initial=0),
-                    "inside": np.mean(run.nees_group[1:, :1] <= LEVELS**2, axis=0) if len(run.degrees) else _NO_LEVEL,
+                    "nees_mean": _finite_means(runs.nees[:, 1:]) / n,
+                    "nees_position_velocity_mean": _finite_means(runs.nees_position_velocity[:, 1:]) / 6,
+                    "innovations": np.nansum(runs.innovation_squared, axis=1),
+                    "weighed": runs.degrees.sum(axis=1),
+                    **of_aids(self.case, runs),
+                    "degrees": runs.degrees.max(axis=1, initial=0),
+                    "inside": _inside(runs),
                 }
             )
-            sums["nees"] += run.nees / n
-            sums["nees_position_velocity"] += run.nees_position_velocity / 6
-            sums["nees_group"] += run.nees_group / 3
-            sums["nis"][1:] += run.innovation_squared / np.maximum(run.degrees, 1)
+            # one run after the other, so that the sums do not depend on how many fly at once
+            for i in range(runs.nees.shape[0]):
+                sums["nees"] += runs.nees[i] / n
+                sums["nees_position_velocity"] += runs.nees_position_velocity[i] / 6
+                sums["nees_group"] += runs.nees_group[i] / 3
+                sums["nis"][1:] += runs.innovation_squared[i] / np.maximum(runs.degrees[i], 1)
             for name in HISTORIES[self.keep]:
-                history = getattr(run, name)
+                history = getattr(runs, name)
                 if name not in kept:
-                    kept[name] = np.empty((count, *history.shape), history.dtype)
-                kept[name][i] = history
-        per_run = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+                    kept[name] = np.empty((count, *history.shape[1:]), history.dtype)
+                kept[name][flown : flown + history.shape[0]] = history
+            flown += runs.nees.shape[0]
+        per_run = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
         return per_run, sums, kept
 
 
@@ -206,39 +212,45 @@ FOLLOWED = slice(0, states.ATT)
 """States whose errors and sigmas follow the fixes: position and velocity."""
 
 
-def of_aids(case: Case, run: Run) -> dict[str, np.ndarray]:
-    """Of each sensor beside the receiver (aid,): sums of innovations squared and of their degrees, and how many the
+def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
+    """Of each sensor beside the receiver (run, aid): sums of innovations squared and of their degrees, and how many the
     gate rejected."""
-    parts = np.split(np.arange(run.aided_status.size), np.cumsum([aid.time.size for aid in case.world.aids])[:-1])
-    parts = parts[: len(case.world.aids)]
+    ends = np.cumsum([0, *(aid.time.size for aid in case.world.aids)])
+    parts = [slice(first, last) for first, last in itertools.pairwise(ends)]
+
+    def each(values: np.ndarray) -> np.ndarray:
+        """Sums (run, aid) of the numbers (run, a) of each sensor."""
+        total = [np.nansum(values[:, part], axis=1) for part in parts]
+        return np.stack(total, axis=1) if total else np.zeros((values.shape[0], 0), values.dtype)
+
     return {
-        "aided_innovations": np.array([np.nansum(run.aided_squared[part]) for part in parts]),
-        "aided_weighed": np.array([run.aided_degrees[part].sum() for part in parts], dtype=np.int64),
-        "aided_rejected": np.array([np.sum(run.aided_status[part] == REJECTED) for part in parts], dtype=np.int64),
+        "aided_innovations": each(runs.aided_squared),
+        "aided_weighed": each(runs.aided_degrees),
+        "aided_rejected": each((runs.aided_status == REJECTED).astype(np.int64)),
     }
 
 
-def fix_flaws(run: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
-    """Flaws of the fix epochs of a run. solvable: (e,) where the geometry has a solution."""
-    none = np.isnan(run.fix_llh[:, 0])
-    masks = np.empty((5, none.size), bool)
-    masks[UNHEARD], masks[UNSOLVED] = none & ~solvable, none & solvable
-    masks[NO_VELOCITY] = with_velocity & ~none & np.isnan(run.fix_velocity[:, 0])
-    masks[UNWEIGHED] = ~none & (run.status == NOT_USED)
-    masks[GATED] = run.status == REJECTED
+def fix_flaws(runs: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
+    """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution."""
+    none = np.isnan(runs.fix_llh[..., 0])
+    masks = np.empty((none.shape[0], 5, none.shape[1]), bool)
+    masks[:, UNHEARD], masks[:, UNSOLVED] = none & ~solvable, none & solvable
+    masks[:, NO_VELOCITY] = with_velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
+    masks[:, UNWEIGHED] = ~none & (runs.status == NOT_USED)
+    masks[:, GATED] = runs.status == REJECTED
     return judging.tally(masks)
 
 
-def output_flaws(run: Run) -> Flaws:
-    """Flaws of the filter's outputs of a run."""
-    masks = np.zeros((3, run.nees.size), bool)
+def output_flaws(runs: Run) -> Flaws:
+    """Flaws (run, flaw) of the filter's outputs of several runs."""
+    masks = np.zeros((runs.nees.shape[0], 3, runs.nees.shape[1]), bool)
     # no error is more sigmas off than the root of a normalised square it is in, and one is finite only with the rest
-    if np.isfinite(run.nees).all() and run.nees_position_velocity.max() <= judging.BEYOND**2:
+    if np.isfinite(runs.nees).all() and runs.nees_position_velocity.max() <= judging.BEYOND**2:
         return judging.tally(masks)
-    finite = np.isfinite(run.error).all(axis=1)
-    masks[NOT_FINITE] = ~finite
-    masks[NOT_POSITIVE] = finite & ~np.isfinite(run.nees)
-    masks[FAR_OFF] = (np.abs(run.error[:, FOLLOWED]) > judging.BEYOND * run.sigma[:, FOLLOWED]).any(axis=1)
+    finite = np.isfinite(runs.error).all(axis=2)
+    masks[:, NOT_FINITE] = ~finite
+    masks[:, NOT_POSITIVE] = finite & ~np.isfinite(runs.nees)
+    masks[:, FAR_OFF] = (np.abs(runs.error[..., FOLLOWED]) > judging.BEYOND * runs.sigma[..., FOLLOWED]).any(axis=2)
     return judging.tally(masks)
 
 
@@ -308,22 +320,40 @@ def _finite_mean(values: np.ndarray) -> float:
     return float(finite.mean()) if finite.size else math.nan
 
 
+def _finite_means(values: np.ndarray) -> np.ndarray:
+    """`_finite_mean` of each row (run, t)."""
+    if np.isfinite(values).all() and values.shape[1]:
+        return np.asarray(values.mean(axis=1))
+    return np.array([_finite_mean(row) for row in values])
+
+
+def _inside(runs: Run) -> np.ndarray:
+    """The share (run, level) of the outputs whose position is within each of `LEVELS`; nan without fixes."""
+    if not runs.degrees.shape[1]:
+        return np.full((runs.nees.shape[0], LEVELS.size), np.nan)
+    return np.mean(runs.nees_group[:, 1:, :1] <= LEVELS**2, axis=1)
+
+
 def _mean(values: np.ndarray) -> np.ndarray:
-    """Mean over time (t, m) -> (m,); nan for no time at all."""
-    return np.mean(values, axis=0) if values.shape[0] else np.full(values.shape[1], np.nan)
+    """Mean over time (run, t, m) -> (run, m); nan for no time at all."""
+    if not values.shape[1]:
+        return np.full((values.shape[0], values.shape[2]), np.nan)
+    return np.mean(values, axis=1)
 
 
 def _mean_square(error: np.ndarray) -> np.ndarray:
-    """Mean square over time (t, m) -> (m,); nan for no time at all."""
+    """Mean square over time (run, t, m) -> (run, m); nan for no time at all."""
     return _mean(error**2)
 
 
-def covariances(run: Run, group: str) -> np.ndarray:
-    """The filter's covariance (t, 3, 3) of the position or attitude errors of a run."""
-    out = np.zeros((run.sigma.shape[0], 3, 3))
-    out[:, [0, 0, 1], [1, 2, 2]] = run.cross[:, :3] if group == "position" else run.cross[:, 3:]
-    out += out.swapaxes(1, 2)
-    out[:, range(3), range(3)] = run.sigma[:, states.SLICES[group]] ** 2
+def covariances(runs: Run, group: str, window: Any = slice(None)) -> np.ndarray:
+    """The filter's covariance (run, t, 3, 3) of the position or attitude errors of several runs, at the outputs of a
+    window, or all."""
+    cross = (runs.cross[..., :3] if group == "position" else runs.cross[..., 3:])[:, window]
+    out = np.zeros((*cross.shape[:2], 3, 3))
+    out[..., [0, 0, 1], [1, 2, 2]] = cross
+    out += out.swapaxes(2, 3)
+    out[..., range(3), range(3)] = runs.sigma[:, window, states.SLICES[group]] ** 2
     return out
 
 
@@ -339,18 +369,27 @@ def to_runway(case: Case) -> np.ndarray:
 
 
 def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
-    """A history of the filter's outputs (t, ...) at some times, between outputs in a straight line; nan for nan."""
-    t, flat = case.world.filter_time, history.reshape(history.shape[0], -1)
-    out = np.stack([np.interp(times, t, column) for column in flat.T], axis=1)
-    out[~np.isfinite(times)] = np.nan
-    return out.reshape(len(times), *history.shape[1:])
+    """Histories of the filter's outputs (..., t, m) at some times (..., h, m), between outputs in a straight line; nan
+    for nan."""
+    t = case.world.filter_time
+    unknown = ~np.isfinite(times)
+    known = np.where(unknown, t[0], times)
+    before = np.clip(np.searchsorted(t, known) - 1, 0, max(t.size - 2, 0))
+    after = np.minimum(before + 1, t.size - 1)
+    length = t[after] - t[before]
+    share = np.clip((known - t[before]) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)[:, None]
+    out = history[..., before, :] + share * (history[..., after, :] - history[..., before, :])
+    out[..., unknown, :] = np.nan
+    return np.asarray(out)
 
 
 def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndarray) -> np.ndarray:
-    """Variances (h, 3) of lateral, along-track and vertical errors at the crossings, of covariances (t, 3, 3), m2."""
-    return turned_variances(to_runway(case), at_times(case, crossings, covariance))
+    """Variances (..., h, 3) of lateral, along-track and vertical errors at the crossings, of covariances (..., t, 3,
+    3), m2."""
+    flat = at_times(case, crossings, covariance.reshape(*covariance.shape[:-2], 9))
+    return turned_variances(to_runway(case), flat.reshape(*flat.shape[:-1], 3, 3))
 
 
 def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
-    """Lateral, along-track and vertical position error (h, 3) of one run at the crossings, m."""
-    return at_times(case, crossings, error[:, states.SLICES["position"]]) @ to_runway(case).T
+    """Lateral, along-track and vertical position errors (..., h, 3) at the crossings, m, of errors (..., t, n)."""
+    return at_times(case, crossings, error[..., states.SLICES["position"]]) @ to_runway(case).T
