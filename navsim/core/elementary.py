@@ -31,18 +31,23 @@ _Q1, _Q0 = 4.853903996359136964868e2, 1.945506571482613964425e2
 
 
 @kernel
-def sincos(x):
-    """Sine and cosine of x, rad, within 1e-16 up to |x| = 1e5."""
-    turns = math.floor(x * (1.0 / _HALF_PI) + 0.5)
-    r = fma(-turns, _HALF_PI, x)
-    r = fma(-turns, _HALF_PI_REST, r)
+def _sincos_of_eighth(r):
+    """Sine and cosine of |r| <= pi/4 [2]."""
     z = r * r
     s = fma(z, fma(z, fma(z, fma(z, fma(z, _S6, _S5), _S4), _S3), _S2), _S1)
     s = fma(z * r, s, r)
     c = fma(z, fma(z, fma(z, fma(z, fma(z, _C6, _C5), _C4), _C3), _C2), _C1) * z * z
     half = 0.5 * z
     w = 1.0 - half
-    c = w + (((1.0 - w) - half) + c)
+    return s, w + (((1.0 - w) - half) + c)
+
+
+@kernel
+def sincos(x):
+    """Sine and cosine of x, rad, within 1e-16 up to |x| = 1e5."""
+    turns = math.floor(x * (1.0 / _HALF_PI) + 0.5)
+    r = fma(-turns, _HALF_PI, x)
+    s, c = _sincos_of_eighth(fma(-turns, _HALF_PI_REST, r))
     # the quarter of the circle: 0, 1, 2, 3
     quarter = turns - 4.0 * math.floor(0.25 * turns)
     odd = (quarter == 1.0) | (quarter == 3.0)
@@ -51,6 +56,13 @@ def sincos(x):
         select(quarter >= 2.0, -sine, sine),
         select((quarter == 1.0) | (quarter == 2.0), -cosine, cosine),
     )
+
+
+@kernel
+def sincos_of_latitude(x):
+    """Sine and cosine of |x| <= pi/2, rad, within 3e-16: by those of its half, without finding its quarter."""
+    s, c = _sincos_of_eighth(0.5 * x)
+    return 2.0 * s * c, (c - s) * (c + s)
 
 
 @kernel

@@ -14,7 +14,7 @@ import math
 
 from navsim.core.attitude import dcm, normalise, rotate_left, rotate_right
 from navsim.core.earth import RATE, gravity, radii, short_way
-from navsim.core.elementary import sincos
+from navsim.core.elementary import sincos_of_latitude
 from navsim.core.jit import inlined, kernel
 from navsim.core.lanes import any_lane, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import copy, identity, invert3
@@ -124,7 +124,7 @@ def step(nav, tx, ty, tz, ux, uy, uz, previous, dt, c_nb, mid):
     # velocity, latitude and height at mid-interval, predicted: their error is of third order in dt
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
     vn, ve, vd = nav[NAV_VEL], nav[NAV_VEL + 1], nav[NAV_VEL + 2]
-    sin_lat, cos_lat = sincos(lat)
+    sin_lat, cos_lat = sincos_of_latitude(lat)
     meridian, transverse = radii(sin_lat)
     half = 0.5 * dt
     g = gravity(sin_lat, height)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from navsim.core.attitude import rotate_left
 from navsim.core.covariance import reset
 from navsim.core.earth import radii, short_way
-from navsim.core.elementary import sincos
+from navsim.core.elementary import sincos_of_latitude
 from navsim.core.jit import kernel
 from navsim.core.lanes import registers, small_matrix
 from navsim.core.states import (
@@ -33,7 +33,7 @@ from navsim.core.states import (
 def move(nav, north, east, down):
     """Move the position of a navigation state by metres, in place."""
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
-    sin_lat, cos_lat = sincos(lat)
+    sin_lat, cos_lat = sincos_of_latitude(lat)
     meridian, transverse = radii(sin_lat)
     nav[NAV_LLH + 1] = short_way(nav[NAV_LLH + 1] + east / ((transverse + height) * cos_lat))
     nav[NAV_LLH] = lat + north / (meridian + height)

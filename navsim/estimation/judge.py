@@ -12,7 +12,7 @@ import numpy as np
 from navsim.core.attitude import difference
 from navsim.core.covariance import normalised_square
 from navsim.core.earth import radii, short_way
-from navsim.core.elementary import sincos
+from navsim.core.elementary import sincos_of_latitude
 from navsim.core.jit import kernel
 from navsim.core.lanes import in_lanes, registers, room
 from navsim.core.states import (
@@ -39,7 +39,7 @@ def plain_error(llh, vel, quat, sensors, nav, error):
     """The plain error (n,) of a navigation state: the given position, velocity, attitude, sensor states less its
     own."""
     height = nav[NAV_LLH + 2]
-    sin_lat, cos_lat = sincos(nav[NAV_LLH])
+    sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
     meridian, transverse = radii(sin_lat)
     error[R_N] = (llh[0] - nav[NAV_LLH]) * (meridian + height)
     error[R_E] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat

@@ -17,7 +17,7 @@ import numpy as np
 
 from navsim.core.attitude import dcm
 from navsim.core.earth import RATE, radii, short_way
-from navsim.core.elementary import sincos
+from navsim.core.elementary import sincos_of_latitude
 from navsim.core.jit import kernel
 from navsim.core.lanes import no, registers, select, small_vector
 from navsim.core.states import (
@@ -109,7 +109,7 @@ def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
     """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n) zero at first."""
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
     lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
-    sin_lat, cos_lat = sincos(lat)
+    sin_lat, cos_lat = sincos_of_latitude(lat)
     meridian, transverse = radii(sin_lat)
     arm, rate = small_vector(nav, 3), small_vector(nav, 3)
     for i in range(3):

@@ -16,7 +16,7 @@ from navsim.core import lanes, states
 from navsim.core.attitude import difference, half_sinc, left_jacobian
 from navsim.core.covariance import _carried
 from navsim.core.earth import ecef_to_llh
-from navsim.core.elementary import atan2, sincos
+from navsim.core.elementary import atan2, sincos, sincos_of_latitude
 from navsim.core.jit import kernel
 from navsim.core.lanes import any_lane, fma, in_lanes, no, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import cholesky
@@ -83,6 +83,20 @@ def test_sine_and_cosine() -> None:
     _sincos_of(x, sine, cosine)
     assert np.abs(sine - np.sin(x)).max() <= 1.2e-16
     assert np.abs(cosine - np.cos(x)).max() <= 1.2e-16
+
+
+@kernel
+def _latitudes(x, sine, cosine):
+    for i in range(x.shape[0]):
+        sine[i], cosine[i] = sincos_of_latitude(x[i])
+
+
+def test_sine_and_cosine_of_latitudes() -> None:
+    x = np.concatenate([np.random.default_rng(1).uniform(-np.pi / 2, np.pi / 2, 100_000), [0.0, np.pi / 2, -np.pi / 2]])
+    sine, cosine = np.empty_like(x), np.empty_like(x)
+    _latitudes(x, sine, cosine)
+    assert np.abs(sine - np.sin(x)).max() <= 3e-16
+    assert np.abs(cosine - np.cos(x)).max() <= 3e-16
 
 
 def test_arctangent() -> None:
