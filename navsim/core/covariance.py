@@ -229,19 +229,19 @@ def transition(mid, dt, increments, declared, phi):
 
 
 @kernel
-def _carried(phi, p, first, out):
-    """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m): for all of them, or, with
-    `first` 1, for those from i up to 9 alone.
+def _carried(phi, p, half, out):
+    """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m): for all of them (`half`
+    0), or for those from i up to 9 alone (1).
 
     A row's couplings stay in registers while the columns go by; blocks of Phi that are zero are left out.
     """
-    columns = SENSORS if first else p.shape[1]
+    columns = SENSORS if half else p.shape[1]
     for i in range(POS, VEL):
         c0, c1, c2 = phi[i, R_N], phi[i, R_E], phi[i, R_D]
         c3, c4, c5 = phi[i, V_N], phi[i, V_E], phi[i, V_D]
         c6, c7, c8 = phi[i, A_N], phi[i, A_E], phi[i, A_D]
         d0, d1, d2 = phi[i, ACCEL], phi[i, ACCEL + 1], phi[i, ACCEL + 2]
-        for j in range(first * i, columns):
+        for j in range(half * i, columns):
             s = fma(c2, p[R_D, j], fma(c1, p[R_E, j], fma(c0, p[R_N, j], p[i, j])))
             t = fma(c5, p[V_D, j], fma(c4, p[V_E, j], c3 * p[V_N, j]))
             s = fma(c8, p[A_D, j], fma(c7, p[A_E, j], fma(c6, p[A_N, j], s)))
@@ -253,7 +253,7 @@ def _carried(phi, p, first, out):
         c6, c7, c8 = phi[i, A_N], phi[i, A_E], phi[i, A_D]
         b0, b1, b2 = phi[i, GYRO], phi[i, GYRO + 1], phi[i, GYRO + 2]
         d0, d1, d2 = phi[i, ACCEL], phi[i, ACCEL + 1], phi[i, ACCEL + 2]
-        for j in range(first * i, columns):
+        for j in range(half * i, columns):
             s = fma(c3, p[V_N, j], fma(c2, p[R_D, j], fma(c0, p[R_N, j], p[i, j])))
             t = fma(c6, p[A_N, j], fma(c5, p[V_D, j], c4 * p[V_E, j]))
             s = fma(b1, p[GYRO + 1, j], fma(b0, p[GYRO, j], fma(c8, p[A_D, j], fma(c7, p[A_E, j], s))))
@@ -264,7 +264,7 @@ def _carried(phi, p, first, out):
         c3, c4 = phi[i, V_N], phi[i, V_E]
         c6, c7, c8 = phi[i, A_N], phi[i, A_E], phi[i, A_D]
         b0, b1, b2 = phi[i, GYRO], phi[i, GYRO + 1], phi[i, GYRO + 2]
-        for j in range(first * i, columns):
+        for j in range(half * i, columns):
             s = fma(c3, p[V_N, j], fma(c2, p[R_D, j], fma(c0, p[R_N, j], p[i, j])))
             t = fma(c7, p[A_E, j], fma(c6, p[A_N, j], c4 * p[V_E, j]))
             s = fma(b1, p[GYRO + 1, j], fma(b0, p[GYRO, j], s))
@@ -275,7 +275,7 @@ def _carried(phi, p, first, out):
         for i in range(SENSORS):
             d = phi[i, c]
             if any_lane(d != 0.0):
-                for j in range(first * i, columns):
+                for j in range(half * i, columns):
                     out[j, i] = fma(d, p[c, j], out[j, i])
 
 
@@ -357,7 +357,7 @@ def predict(p, mid, dt, increments, noise, declared, phi, a):
 
 @kernel
 def carry_errors(phi, declared, dt, matrix, work):
-    """matrix <- Phi matrix, in place: errors and sensor states (n, m) over dt, s; m >= 9.
+    """matrix <- Phi matrix, in place: errors and sensor states (n, m) over dt, s.
 
     phi: (9, n) as `transition` writes it for the declared states. work: (m, 9).
     """
@@ -415,7 +415,8 @@ def gain(p, h, r, m, pht, s, k):
 
 @kernel
 def _add_products(p, sign, a, b, m):
-    """p <- p + sign a b' (n, n) for a, b (n, m), where that is symmetric: one half is computed."""
+    """p <- p + sign a b' (n, n) for a, b (n, m), where that is symmetric but for rounding: its lower half stands for
+    both."""
     for i in range(p.shape[0]):
         if m == MOST:
             # a row of a stays in registers
@@ -496,15 +497,15 @@ def transport(p, diagonal, column, work):
 
 
 @kernel
-def _apply_blocks(diagonal, column, p, first, out):
-    """out (n, n) <- (G p)': out[j, i] for all columns j, or, with `first` 1, those with j >= i; see `transport`."""
+def _apply_blocks(diagonal, column, p, half, out):
+    """out (n, n) <- (G p)': out[j, i] for all columns j (`half` 0), or for those with j >= i (1); see `transport`."""
     n = p.shape[0]
     for block in range(diagonal.shape[0]):
         o = 3 * block
         for i in range(3):
             a0, a1, a2 = diagonal[block, i, 0], diagonal[block, i, 1], diagonal[block, i, 2]
             c0, c1, c2 = column[block, i, 0], column[block, i, 1], column[block, i, 2]
-            for j in range(first * (o + i), n):
+            for j in range(half * (o + i), n):
                 s = fma(a2, p[o + 2, j], fma(a1, p[o + 1, j], a0 * p[o, j]))
                 out[j, o + i] = fma(c2, p[A_D, j], fma(c1, p[A_E, j], fma(c0, p[A_N, j], s)))
 

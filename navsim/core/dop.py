@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from navsim.core.jit import inlined, kernel
+from navsim.core.lanes import any_lane, select
 from navsim.core.linear import invert_spd
 
 MAX_CLOCKS = 3
@@ -19,20 +20,22 @@ MAX_UNKNOWNS = 3 + MAX_CLOCKS
 
 
 @kernel
-def clock_columns(used, clock, column):
-    """Give each clock that a used source belongs to a column; returns the number of unknowns.
+def clock_columns(used, clock, column, present):
+    """Give each clock that a source used in any lane belongs to a column; returns the number of unknowns.
 
-    used: (s,) bool. clock: (s,) clock of each source, 0 .. MAX_CLOCKS - 1. column: (MAX_CLOCKS,) out: column
-    of H, -1 for a clock without source. Columns go by clock number.
+    used: (s,) 1 where a source is used, else 0. clock: (s,) clock of each source, 0 .. MAX_CLOCKS - 1. Out: column
+    (MAX_CLOCKS,) of H, -1 for a clock without source; columns go by clock number. present: (MAX_CLOCKS,) 1 where the
+    clock has a source, else 0.
     """
     for c in range(MAX_CLOCKS):
         column[c] = -1
+        present[c] = 0.0
     for s in range(used.shape[0]):
-        if used[s]:
-            column[clock[s]] = 0
+        c = clock[s]
+        present[c] = select(used[s] > 0.0, 1.0, present[c])
     n = 3
     for c in range(MAX_CLOCKS):
-        if column[c] == 0:
+        if any_lane(present[c] > 0.0):
             column[c] = n
             n += 1
     return n
@@ -63,22 +66,22 @@ def covariance_of_geometry(los, clock, weight, out, unknowns):
     is singular.
     """
     epochs, sources = los.shape[0], los.shape[1]
-    used = np.empty(sources, np.bool_)
+    used, present = np.empty(sources), np.empty(MAX_CLOCKS)
     column = np.empty(MAX_CLOCKS, np.int64)
     normal = np.empty((MAX_UNKNOWNS, MAX_UNKNOWNS))
     for e in range(epochs):
         out[e] = np.nan
         count = 0
         for s in range(sources):
-            used[s] = not math.isnan(los[e, s, 0])
-            count += used[s]
-        n = clock_columns(used, clock, column)
+            used[s] = 0.0 if math.isnan(los[e, s, 0]) else 1.0
+            count += int(used[s])
+        n = clock_columns(used, clock, column, present)
         unknowns[e] = 0
         if count < n or count == 0:
             continue
         normal[:] = 0.0
         for s in range(sources):
-            if used[s]:
+            if used[s] > 0.0:
                 add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], column[clock[s]], normal)
         if invert_spd(normal, n, out[e]):
             unknowns[e] = n

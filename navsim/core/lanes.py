@@ -3,7 +3,8 @@
 A kernel that is given arrays of lanes reads like one for a single run, and flies W of them. Every operation works lane
 by lane, in the order in which it is written, so the bits of a run depend neither on W nor on what its neighbours do:
 what differs between runs is a mask (`select`), never a branch. A branch may only leave out work whose result no lane
-takes (`any_lane`). The same source, given arrays of float64, is the kernel of one run with the same bits.
+takes (`any_lane`), or that adds nothing to what is finite. The same source, given arrays of float64, is the kernel of
+one run with the same bits.
 
 Outside kernels lanes are float64 arrays whose last axis, of length W, is the lane: (..., W); `in_lanes` hands them
 over, `registers` takes them in a kernel, `room` is work space there.
@@ -69,7 +70,10 @@ WIDTH = _width_of_processor()
 
 
 def in_lanes(array: np.ndarray) -> np.ndarray:
-    """A C-contiguous float64 array (..., W) as kernels take it, (...); the memory is shared."""
+    """A C-contiguous float64 array (..., W) as kernels take it, (...); the memory is shared. Raises ValueError for one
+    that is not, and for a W that is none of `WIDTHS`."""
+    if not array.flags.c_contiguous or array.dtype != np.float64 or array.shape[-1] not in WIDTHS:
+        raise ValueError(f"no lanes: {array.dtype} {array.shape}, strides {array.strides}")
     dtype = np.dtype([("lane", np.float64, (array.shape[-1],))])
     return array.view(dtype)[..., 0]
 
@@ -145,24 +149,24 @@ all."""
 
 @infer_global(operator.getitem)
 class _ElementTemplate(GetItemBuffer):
-    """numba's own rule for arrays, asked first."""
+    """numba's own rule for arrays, asked first, by whatever this process compiles."""
 
     metadata = _FIRST
 
 
 @infer_global(operator.setitem)
 class _AssignmentTemplate(SetItemBuffer):
-    """numba's own rule for arrays, asked first."""
+    """numba's own rule for arrays, asked first, by whatever this process compiles."""
 
     metadata = _FIRST
 
 
 def _lanes_among(args: tuple[types.Type, ...]) -> Lanes | None:
     """The type of the lanes among arguments, None where there are none or anything but numbers beside them."""
-    found = [a for a in args if isinstance(a, Lanes)]
-    if not found or any(not isinstance(a, (Lanes, types.Float, types.Integer)) or a not in (found[0], a) for a in args):
+    found = {a for a in args if isinstance(a, Lanes)}
+    if len(found) != 1 or not all(isinstance(a, (Lanes, types.Float, types.Integer)) for a in args):
         return None
-    return found[0]
+    return found.pop()
 
 
 def _define(symbol: Any, count: int, build: Callable[..., Any], to_mask: bool = False) -> None:

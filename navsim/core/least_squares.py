@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.dop import MAX_CLOCKS, add_source
+from navsim.core.dop import MAX_CLOCKS, add_source, clock_columns
 from navsim.core.jit import kernel
 from navsim.core.lanes import any_lane, no, select
 from navsim.core.linear import cholesky, invert_factored, solve_cholesky
@@ -16,28 +16,6 @@ _MAX_ITERATIONS = 20
 _CONVERGED = 1e-2
 """Stop after a step below this, m: convergence is quadratic, the next step would be some step^2 / (2 range),
 under 1e-6 m for sources beyond 100 m."""
-
-
-@kernel
-def columns_of(used, clock, column, present):
-    """Give each clock that a source used in any lane belongs to a column; returns the number of unknowns.
-
-    used: (s,) 1 where a source is used, else 0. clock: (s,) clock of each source, 0 .. MAX_CLOCKS - 1. Out: column
-    (MAX_CLOCKS,) of H, -1 for a clock without source; columns go by clock number. present: (MAX_CLOCKS,) 1 where the
-    clock has a source, else 0.
-    """
-    for c in range(MAX_CLOCKS):
-        column[c] = -1
-        present[c] = 0.0
-    for s in range(used.shape[0]):
-        c = clock[s]
-        present[c] = select(used[s] > 0.0, 1.0, present[c])
-    n = 3
-    for c in range(MAX_CLOCKS):
-        if any_lane(present[c] > 0.0):
-            column[c] = n
-            n += 1
-    return n
 
 
 @kernel
@@ -63,8 +41,8 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
     present, normal, inverse, rhs: work space. Returns where there is a fix.
     """
     sources = source.shape[0]
-    n = columns_of(used, clock, column, present)
-    count = used[0] * 0.0
+    n = clock_columns(used, clock, column, present)
+    count = 0.0 * x[0]
     for s in range(sources):
         count += used[s]
     unknowns = present[0] + 3.0

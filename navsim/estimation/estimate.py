@@ -1,7 +1,8 @@
 """Estimators, whatever their kind: filters go forward, smoothers know what comes later.
 
-A filter flies W runs at once, one to a lane (`core.lanes`); one run alone is a batch of one whose other lanes fly the
-same. Its histories are made in pieces that stay in the processor's cache.
+They fly W runs at once, one to a lane (`core.lanes`). One run alone through a filter is a batch of one whose others
+fly the same; a smoother, which keeps its whole flight, takes it as plain numbers: the same kernels, the same bits.
+Histories of filters are made in pieces that stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -61,10 +62,10 @@ def fly(
 ) -> Iterator[tuple[slice, slice, History]]:
     """An estimator through the events of a flight, W runs at once: pieces of its history, as they come.
 
-    measurements, state: of lanes (`estimation.records`); imu: of lanes, or of one run, the same for all; events and
-    model of them all. Each piece: which events it is of, which outputs, and what it leaves of them, overwritten by the
-    next. state: overwritten by the final one. A smoother leaves one piece. Raises ValueError for a kind that is none,
-    and for a smoother that is given events ahead.
+    measurements, state: of lanes (`estimation.records`); imu: of lanes, or of one run, the same for all; events, whose
+    outputs come in the order of their rows, and model of them all. Each piece: which events it is of, which outputs,
+    and what it leaves of them, overwritten by the next. state: overwritten by the final one. A smoother leaves one
+    piece. Raises ValueError for a kind that is none, and for a smoother that is given events ahead.
     """
     lanes = state.navigation.shape[-1]
     if is_smoother(model.kind):

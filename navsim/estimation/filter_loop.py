@@ -178,6 +178,25 @@ def whitened_square(s, z, m):
 
 
 @kernel
+def numbers_in(have, m):
+    """How many of the first m numbers are there."""
+    count = have[0]
+    for a in range(1, m):
+        count += have[a]
+    return count
+
+
+@kernel
+def errors_from(k, z, m, x):
+    """The estimated errors x (n,) = K z of m innovations."""
+    for j in range(x.shape[0]):
+        t = k[j, 0] * z[0]
+        for a in range(1, m):
+            t += k[j, a] * z[a]
+        x[j] = t
+
+
+@kernel
 def limit_of(gate, degrees):
     """The limit (MOST + 1,) for so many numbers."""
     limit = degrees * 0.0 + gate[0]
@@ -188,6 +207,7 @@ def limit_of(gate, degrees):
 
 def turn_axes(chart, nav, p, increments, dt):
     """What a turn does to the axes of a chart, if it keeps any: see `tfg.hold_axes`."""
+    raise NotImplementedError("turn_axes is for kernels")
 
 
 @in_kernels(turn_axes)
@@ -199,6 +219,7 @@ def _turn_axes(chart, nav, p, increments, dt):
 
 def correct(chart, nav, p, x, space):
     """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate, in the chart. space: `workshop`."""
+    raise NotImplementedError("correct is for kernels")
 
 
 @in_kernels(correct)
@@ -212,6 +233,7 @@ def _correct(chart, nav, p, x, space):
 
 def own_error(chart, nav, error, out):
     """The plain error (n,) in the coordinates of the chart, out (n,)."""
+    raise NotImplementedError("own_error is for kernels")
 
 
 @in_kernels(own_error)
@@ -300,17 +322,11 @@ def run(chart, imu, measurements, events, state, way, model, history):
             copy_matrix(p, covariance[row])
         elif what != PASS:
             m = observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, have, z, h, r)
-            degrees = have[0]
-            for a in range(1, m):
-                degrees += have[a]
+            degrees = numbers_in(have, m)
             weighed = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
             if not any_lane(weighed):
                 continue
-            for j in range(n):
-                t = k[j, 0] * z[0]
-                for a in range(1, m):
-                    t += k[j, a] * z[a]
-                x[j] = t
+            errors_from(k, z, m, x)
             if ahead == 0:
                 keep_innovation(have, weighed, m, z, s, innovation[i], innovation_sigma[i])
             q = whitened_square(s, z, m)

@@ -59,7 +59,7 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
     )
     slope = small_matrix(llh, 3, 4)
     for i in range(MAX_UNKNOWNS):
-        x[i] = start[min(i, 2)]
+        x[i] = start[i] if i < 3 else 0.0
         for j in range(MAX_UNKNOWNS):
             cofactor[i, j] = 0.0
     for e in range(epochs):

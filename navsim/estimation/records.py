@@ -5,8 +5,9 @@
 The truth is in none of them: `estimation.judge` compares a history with one. An `Events` list says in what order things
 happen; a measurement is a row of the table of its kind (`estimation.observations`).
 
-Numbers are those of one run, or of W runs in the lanes of a register: then every array of float64 but those of time has
-a last axis more, of length W (`core.lanes`), and kernels take it without that axis (`lanes_of`).
+Numbers are those of one run, or of W runs in the lanes of a register (`core.lanes`): then what differs between runs has
+a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model, lever arms
+and the route of the truth are the same for all.
 """
 
 from __future__ import annotations

@@ -34,7 +34,17 @@ from navsim.core.states import (
     SENSORS,
 )
 from navsim.estimation import error_state
-from navsim.estimation.filter_loop import PLAIN, advance, keep_innovation, limit_of, set_off, whitened_square, workshop
+from navsim.estimation.filter_loop import (
+    PLAIN,
+    advance,
+    errors_from,
+    keep_innovation,
+    limit_of,
+    numbers_in,
+    set_off,
+    whitened_square,
+    workshop,
+)
 from navsim.estimation.judge import plain_error
 from navsim.estimation.observations import observe
 from navsim.estimation.records import MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
@@ -235,24 +245,18 @@ def run(imu, measurements, events, state, model, passes, history):
                 what, events.row[e], measurements, nodes[node], increments, cursor[2], declared, space.c_nb, have, z, h,
                 r,
             )  # fmt: skip
-            degrees = have[0]
-            for a in range(1, m):
-                degrees += have[a]
+            degrees = numbers_in(have, m)
             for a in range(m):
                 for c in range(n):
                     z[a] -= h[a, c] * mean[node, c]
             copy_matrix(filtered[node], p)
             used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
-            for i in range(n):
-                t = k[i, 0] * z[0]
-                for a in range(1, m):
-                    t += k[i, a] * z[a]
-                x[i] = t
+            errors_from(k, z, m, x)
             if first:
                 weighed = used
                 keep_innovation(have, weighed, m, z, s, innovation[e], innovation_sigma[e])
                 q = whitened_square(s, z, m)
-                used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+                used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
                 innovation_squared[e] = select(weighed, q, math.nan)
                 degrees_of[e] = select(weighed, degrees, 0.0)
                 status[e] = select(weighed, select(used, USED, REJECTED), status[e])
@@ -291,7 +295,7 @@ def run(imu, measurements, events, state, model, passes, history):
                     mean[node, i] = t
             for i in range(n):
                 step = abs(mean[node, i]) / math.sqrt(filtered[node, i, i])
-                moved = select(step <= moved, moved, select(math.isnan(moved), moved, step))
+                moved = select(step > moved, step, moved)
         lost = running & math.isnan(moved)
         # the next trajectory
         for node in range(count):

@@ -368,8 +368,11 @@ def _of_events(
     for numbers in aided:
         measured[:, first : first + numbers.shape[1], : numbers.shape[2]] = numbers
         first += numbers.shape[1]
+    of_events = {"squared": squared, "degrees": degrees, "status": status}
+    # a run's numbers lie side by side, as they do when it flies alone: sums over them have one order
+    of_fixes = {name: np.ascontiguousarray(values[:, fixes]) for name, values in of_events.items()}
+    of_aids = {f"aided_{name}": np.ascontiguousarray(values[:, aids]) for name, values in of_events.items()}
     return {
-        "innovation_squared": squared[:, fixes], "degrees": degrees[:, fixes], "status": status[:, fixes],
-        "aided": measured, "aided_squared": squared[:, aids], "aided_degrees": degrees[:, aids],
-        "aided_status": status[:, aids],
+        "innovation_squared": of_fixes["squared"], "degrees": of_fixes["degrees"], "status": of_fixes["status"],
+        "aided": measured, **of_aids,
     }  # fmt: skip

@@ -24,6 +24,7 @@ from navsim.estimation import estimate, judge
 from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.records import Events, FilterModel, History, ImuData, State, Truth, schedule, start
 from navsim.simulation.landing import exact_start
+from navsim.study.landing.ensemble import LandingStudy
 from tests.helpers import case
 
 WIDTHS = lanes.WIDTHS
@@ -62,6 +63,14 @@ def test_operations_give_each_lane_what_a_number_gets(width: int) -> None:
         everything(a[:, lane].copy(), b[:, lane].copy(), one)
         np.testing.assert_array_equal(out[:, lane], one)
     assert np.all(np.isfinite(out))
+
+
+@pytest.mark.parametrize(
+    "array", [np.zeros((6, 8))[::2], np.zeros((3, 9))[:, 1:], np.zeros((3, 6)), np.zeros((2, 4), int)]
+)
+def test_what_is_no_lanes_is_refused(array: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="no lanes"):
+        in_lanes(array)
 
 
 @kernel
@@ -261,3 +270,16 @@ def test_the_hot_loop_is_vector_code() -> None:
     assert len(fused) > 60
     assert all(register in line and "pd" in line for line in fused)
     assert not re.search(r"vfmadd\w+sd", code)
+
+
+def test_statistics_of_a_run_are_those_it_has_alone() -> None:
+    """Nothing that is kept of a run, or said of it, depends on how many fly with it."""
+    c = case("duration_s=20", "altimeter={}", "filter.gate.probability=0.05")
+    study = LandingStudy(c, 3, "all")
+    together, _, kept = study.batch(0, lanes.WIDTH + 1)
+    for run in (0, 2, lanes.WIDTH):
+        alone, _, histories = study.batch(run, 1)
+        for name, values in alone.items():
+            np.testing.assert_array_equal(together[name][run], values[0], err_msg=name)
+        for name, values in histories.items():
+            np.testing.assert_array_equal(kept[name][run], values[0], err_msg=name)

@@ -245,12 +245,15 @@ def output_flaws(runs: Run) -> Flaws:
     """Flaws (run, flaw) of the filter's outputs of several runs."""
     masks = np.zeros((runs.nees.shape[0], 3, runs.nees.shape[1]), bool)
     # no error is more sigmas off than the root of a normalised square it is in, and one is finite only with the rest
-    if np.isfinite(runs.nees).all() and runs.nees_position_velocity.max() <= judging.BEYOND**2:
+    squares = runs.nees_position_velocity
+    clean = np.isfinite(runs.nees).all(axis=1) & (squares <= judging.BEYOND**2).all(axis=1)
+    if clean.all():
         return judging.tally(masks)
     finite = np.isfinite(runs.error).all(axis=2)
     masks[:, NOT_FINITE] = ~finite
     masks[:, NOT_POSITIVE] = finite & ~np.isfinite(runs.nees)
     masks[:, FAR_OFF] = (np.abs(runs.error[..., FOLLOWED]) > judging.BEYOND * runs.sigma[..., FOLLOWED]).any(axis=2)
+    masks[clean] = False
     return judging.tally(masks)
 
 
@@ -374,11 +377,12 @@ def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     t = case.world.filter_time
     unknown = ~np.isfinite(times)
     known = np.where(unknown, t[0], times)
-    before = np.clip(np.searchsorted(t, known) - 1, 0, max(t.size - 2, 0))
+    before = np.clip(np.searchsorted(t, known, side="right") - 1, 0, t.size - 1)
     after = np.minimum(before + 1, t.size - 1)
     length = t[after] - t[before]
     share = np.clip((known - t[before]) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)[:, None]
-    out = history[..., before, :] + share * (history[..., after, :] - history[..., before, :])
+    first, second = history[..., before, :], history[..., after, :]
+    out = np.where(share > 0.0, first + share * (second - first), first)
     out[..., unknown, :] = np.nan
     return np.asarray(out)
 
