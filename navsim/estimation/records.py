@@ -103,9 +103,10 @@ class History(NamedTuple):
     status: np.ndarray
 
     def sigma(self) -> np.ndarray:
-        """1 sigma of the errors (o, n)."""
+        """1 sigma of the errors (o, n); nan where a variance is negative."""
         each = np.arange(self.covariance.shape[1])
-        return np.sqrt(self.covariance[:, each, each])
+        with np.errstate(invalid="ignore"):  # what is no covariance is found and said (`study.findings`)
+            return np.sqrt(self.covariance[:, each, each])
 
 
 class Truth(NamedTuple):

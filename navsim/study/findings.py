@@ -26,7 +26,7 @@ BEYOND = 10.0
 
 LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "no_fix": ((FIX,), "no fix epoch in the flight, or in the glide where placements are judged by it"),
-    "epochs_without_fix": ((FIX,), "epochs without a fix: too few usable sources"),
+    "epochs_without_fix": ((FIX,), "epochs without a fix: too few usable sources, or all of them on one cone"),
     "lost_fixes": ((FIX,), "epochs without a fix: sources enough, but the least squares found no solution"),
     "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter wants"),
     "unweighed_fixes": ((FIX,), "fixes could not be weighed: the innovations' covariance is not positive"),
@@ -37,6 +37,14 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "sigma_position_velocity": ((CONSISTENT,), "errors of position and velocity are larger than the filter believes"),
     "sigma_all_states": ((CONSISTENT,), "errors of all states are larger than the filter believes"),
     "innovations": ((CONSISTENT,), "innovations are larger than the filter believes"),
+    "aided_innovations": (
+        (CONSISTENT,),
+        "innovations of a sensor beside the receiver are larger than the filter believes",
+    ),
+    "aided_rejections": (
+        (CONSISTENT,),
+        "measurements of a sensor beside the receiver were rejected by the innovation gate",
+    ),
 }
 """What can be found in flown landings: what it speaks against, and its words."""
 
@@ -111,7 +119,8 @@ def rejected_of(name: str, count: int, of: int, probability: float) -> list[Find
     """The finding of a sensor's measurements rejected by a gate of this probability, more than chance makes them."""
     if not too_many(count, of * probability):
         return []
-    return [Finding(f"{name}_rejected", f"{count} of {of} measurements of the {name} were rejected by the gate")]
+    text = f"{count} of {of} measurements of the {name} were rejected by the innovation gate"
+    return [Finding("aided_rejections", text, LANDING["aided_rejections"][0], count, of)]
 
 
 def notes(texts: Iterable[str]) -> list[Finding]:

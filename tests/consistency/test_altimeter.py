@@ -11,6 +11,7 @@ from navsim.core import states
 from navsim.estimation import records
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import ALTITUDE, FIX, AltitudeTable, Measurements
+from navsim.io.findings import of
 from navsim.io.results import read
 from navsim.scenario.source import InputError
 from navsim.simulation.aiding import aids_of
@@ -120,6 +121,17 @@ def test_live_says_that_it_cannot_take_it(tmp_path: Path) -> None:
         "live", SCENARIOS / "landing.yaml", "--set", "altimeter={}", "--receiver", "-", cwd=tmp_path, code=2
     ).stderr
     assert "altimeter" in said
+
+
+def test_wrong_heights_are_found_and_said(tmp_path: Path) -> None:
+    """Heights 100 m off, and heights far noisier than believed: what they are, by runs and by analysis, refused."""
+    command = ("run", SCENARIOS / "landing.yaml", "--figures", "none", "-q", "--set", "duration_s=10")
+    off = ("--set", "altimeter={sigma_m: 10, believed_sigma_m: 1}")
+    for more in (off, (*off, "--runs", 3), (*off, "--method", "covariance"), ("--set", "altimeter.offset_m=100")):
+        name = tmp_path / "r.h5"
+        said = navsim(*command, *more, "--require-consistent", "--force", "-o", name, cwd=tmp_path, code=3).stderr
+        assert "of the altimeter" in said
+        assert {"aided_innovations", "aided_rejections"} & {finding.name for finding in of(read(name))}
 
 
 def test_wrong_heights_are_rejected_and_fixes_are_not() -> None:

@@ -96,7 +96,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
         found += doubted(name, words, mean, math.inf)
     for sensor, (squares, count) in analysis.aided.items():
         if count:
-            found += doubted(f"{sensor}_innovations", f"innovations of the {sensor}", float(squares / count), math.inf)
+            found += doubted("aided_innovations", f"innovations of the {sensor}", float(squares / count), math.inf)
     degrees = analysis.degrees.sum()
     if degrees:
         found += doubted("innovations", "innovations", float(np.nansum(analysis.nis)) / degrees, math.inf)

@@ -202,8 +202,9 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
 
 _PARTS = tuple(Flaws.__dataclass_fields__)
 UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED = range(5)
-"""Flaws of a fix epoch: too few usable sources; sources enough but no solution of the least squares; a position without
-the velocity the filter wants; a fix that could not be weighed; one that the gate rejected."""
+"""Flaws of a fix epoch: too few usable sources, or no solution in their geometry; sources enough but no solution of
+the least squares; a position without the velocity the filter wants; a fix that could not be weighed; one that the gate
+rejected."""
 NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
 """Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
 beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose
@@ -281,7 +282,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         out += judging.rejected_of(name, rejected, runs * aid.time.size, probability)
         if weighed:
             mean = float(ensemble.per_run("aided_innovations")[:, k].sum()) / weighed
-            out += judging.doubted(f"{name}_innovations", f"innovations of the {name}", mean, weighed, runs)
+            out += judging.doubted("aided_innovations", f"innovations of the {name}", mean, weighed, runs)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
         mean = float(ensemble.per_run("innovations").sum()) / weighed
