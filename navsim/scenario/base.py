@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import datetime
 import difflib
+import inspect
+import itertools
 import math
 import re
+import textwrap
 import types
 import typing
 from typing import Annotated, Any, Literal
@@ -110,11 +114,32 @@ whole = BeforeValidator(_whole)
 Version = Annotated[Literal[1], whole]
 
 
+def _docstrings(model: type[BaseModel]) -> dict[str, str]:
+    """What stands below the fields in a class's own source."""
+    (written,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
+    out = {}
+    for field, below in itertools.pairwise(getattr(written, "body", [])):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                out[name] = inspect.cleandoc(text)
+    return out
+
+
+def _describe(schema: dict[str, Any], model: type[BaseModel]) -> None:
+    """Add the docstrings of the fields to a schema. pydantic's `use_attribute_docstrings` would read every class's
+    source at every start, a fifteenth of the time of `navsim validate`, though nobody but `navsim schema` asks."""
+    for part in model.__mro__:
+        if issubclass(part, Section) and part is not Section:
+            for name, text in _docstrings(part).items():
+                key = model.model_fields[name].alias or name
+                schema["properties"][key].setdefault("description", text)
+
+
 class Section(BaseModel):
     """A part of a scenario: immutable, no unknown keys, no silent conversions, finite numbers."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, json_schema_extra=_describe
     )
 
 
