@@ -137,7 +137,7 @@ def plan(result: Result) -> Figure:
         ax.grid(visible=False)
         ax.margins(0.03)
         label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
-    legend_above(fig, axes[0], 2, "colours: PL1 moved, the others kept")
+    legend_above(fig, axes[0], 2, "colours: PL1 moved" + (", the others kept" if counts.max() > 1 else ""))
     axes[-1].set_xlabel("along the runway from the threshold, m; grey: not allowed")
     return fig
 

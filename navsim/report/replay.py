@@ -60,7 +60,7 @@ def _track(result: Result) -> Figure:
     llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
     dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
     for positions, style in ((fixes, dots),
-                             (llh, {"color": COLOURS[0], "label": "filter (IMU)"})):  # fmt: skip
+                             (llh, {"color": COLOURS[0], "label": "estimate (IMU)"})):  # fmt: skip
         plan.plot(*_local(llh[0], positions).T, **style)
     plan.set_aspect("equal", adjustable="datalim")
     plan.set_xlabel("east, m")
