@@ -127,7 +127,7 @@ def _docstrings(model: type[BaseModel]) -> dict[str, str]:
 
 def _describe(schema: dict[str, Any], model: type[BaseModel]) -> None:
     """Add the docstrings of the fields to a schema. pydantic's `use_attribute_docstrings` would read every class's
-    source at every start, a fifteenth of the time of `navsim validate`, though nobody but `navsim schema` asks."""
+    source at every start, though nobody but `navsim schema` asks."""
     for part in model.__mro__:
         if issubclass(part, Section) and part is not Section:
             for name, text in _docstrings(part).items():

@@ -22,7 +22,7 @@ from navsim.core.lanes import any_lane, fma, in_lanes, no, registers, room, sele
 from navsim.core.linear import cholesky
 from navsim.estimation import estimate, judge
 from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import Events, FilterModel, History, ImuData, State, Truth, schedule, start
+from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, State, Truth, schedule, start
 from navsim.simulation.landing import exact_start
 from navsim.study.landing.ensemble import LandingStudy
 from tests.helpers import case
@@ -188,6 +188,12 @@ def _flight() -> tuple[ImuData, FixTable, Events, np.ndarray, np.ndarray, Filter
     return imu, fixes, c.flight.events, nav, c.flight.covariance, c.flight.model, truth
 
 
+def _without_ahead(events: Events) -> Events:
+    """The same for a smoother, which has nothing to run ahead of."""
+    valid = events.time[events.rows(FIX)]
+    return schedule(np.unique(events.time[events.kind == OUTPUT]), (FIX, valid, valid))
+
+
 def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]], None]) -> dict[str, np.ndarray]:
     """Histories and judgements of lanes that fly the same, but for what `spoil` makes of them."""
     imu, fixes, events, nav, covariance, model, truth = _flight()
@@ -195,9 +201,8 @@ def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]]
     state = start(_tiled(nav, width), _tiled(covariance, width))
     spoil(state, tables)
     measurements = Measurements.of({FIX: FixTable(**tables, lever_arm=fixes.lever_arm)}, width)
-    if kind not in estimate.records.FILTERS:  # a smoother has nothing to run ahead of
-        valid = events.time[events.rows(FIX)]
-        events = schedule(np.unique(events.time[events.kind == 1]), (FIX, valid, valid))
+    if kind in estimate.records.SMOOTHERS:
+        events = _without_ahead(events)
     out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, "nees", "nees_group", "error")}
     for _, rows, piece in estimate.fly(imu, measurements, events, state, model._replace(kind=kind)):
         mine = Truth(*(m[rows] for m in truth[:3]), np.repeat(truth.sensors[rows, :, None], width, axis=2))
@@ -244,6 +249,22 @@ def test_bits_do_not_depend_on_the_neighbours(kind: str) -> None:
                 np.testing.assert_array_equal(
                     values[..., lane], alone[name][..., 0], err_msg=f"{name}, {width}, {lane}"
                 )
+
+
+@pytest.mark.parametrize("kind", ["eskf", "rts", "map"])
+def test_one_run_alone_has_the_bits_of_a_lane(kind: str) -> None:
+    """`estimate` of a single flight, with plain numbers where it is a smoother, against `fly` of lanes."""
+    number = estimate.FILTER_KINDS[kind]
+    imu, fixes, events, nav, covariance, model, _ = _flight()
+    if number in estimate.records.SMOOTHERS:
+        events = _without_ahead(events)
+    state = start(nav, covariance)
+    alone = estimate.estimate(imu, Measurements.of({FIX: fixes}), events, state, model._replace(kind=number))
+    together = _flown(lanes.WIDTH, number, lambda state, tables: None)
+    for name in History._fields:
+        np.testing.assert_array_equal(getattr(alone, name), together[name][..., 1], err_msg=name)
+    for final, name in ((state.navigation, "state"), (state.covariance, "p"), (state.rejected, "rejected")):
+        np.testing.assert_array_equal(final, together[name][..., 1], err_msg=name)
 
 
 def test_neighbours_really_are_rejected_and_lost() -> None:
