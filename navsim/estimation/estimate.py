@@ -69,7 +69,8 @@ def fly(
     """
     lanes = state.navigation.shape[-1]
     if is_smoother(model.kind):
-        outputs = _check_smoother(events)
+        _check_smoother(events)
+        outputs = _outputs(events)
         history = empty_history(outputs, events.time.size, model.declared, lanes)
         whole = (m if m.ndim == 3 else in_all_lanes(m, lanes) for m in (imu.dtheta, imu.dv))
         smoother.run(
@@ -85,13 +86,12 @@ def fly(
     tables, kernels_state = measurements.each(in_lanes), lanes_of(state)
     parts = list(_pieces(events))
     is_output = events.kind == OUTPUT
-    history = empty_history(
-        max((int(is_output[part].sum()) for part in parts), default=0),
-        max((part.stop - part.start for part in parts), default=0), model.declared, lanes,
-    )  # fmt: skip
+    answers = [int(is_output[part].sum()) for part in parts]
+    longest = max((part.stop - part.start for part in parts), default=0)
+    history = empty_history(max(answers, default=0), longest, model.declared, lanes)
     kernels_history = lanes_of(history)
     output = 0
-    for part in parts:
+    for part, outputs in zip(parts, answers, strict=True):
         # the intervals of the IMU that the piece may touch
         first = max(0, int(way.cursor[0]))
         last = int(np.searchsorted(imu.time, events.time[part].max() + TIME_TOLERANCE)) + 1
@@ -110,7 +110,7 @@ def fly(
             kernels_history,
         )
         way.cursor[0] += first
-        outputs, count = int(is_output[part].sum()), part.stop - part.start
+        count = part.stop - part.start
         yield (
             part,
             slice(output, output + outputs),
@@ -131,8 +131,7 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
     smoother loses the positive covariance of its flight they are nan, see `lost`. Raises ValueError for a kind that is
     none, and for a smoother that is given events ahead.
     """
-    outputs = int(events.row[events.kind == OUTPUT].max(initial=-1)) + 1
-    history = empty_history(outputs, events.time.size, model.declared)
+    history = empty_history(_outputs(events), events.time.size, model.declared)
     if is_smoother(model.kind):
         # a smoother keeps its whole flight: eight times the memory for one answer would be too much
         _check_smoother(events)
@@ -155,11 +154,15 @@ def _counted(history: History) -> History:
     return history._replace(**whole)
 
 
-def _check_smoother(events: Events) -> int:
-    """Number of outputs of events that a smoother can take. Raises ValueError for others."""
+def _outputs(events: Events) -> int:
+    """Number of outputs that events name."""
+    return int(events.row[events.kind == OUTPUT].max(initial=-1)) + 1
+
+
+def _check_smoother(events: Events) -> None:
+    """Raises ValueError for events that a smoother cannot take."""
     if events.ahead.any():
         raise ValueError("a smoother has nothing to run ahead of")
-    return int(events.row[events.kind == OUTPUT].max(initial=-1)) + 1
 
 
 def lost(history: History) -> bool:
