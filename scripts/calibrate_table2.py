@@ -251,6 +251,8 @@ def text(c: Calibration, rate_sigma: float) -> str:
         f"  range_rate_sigma_m_s: {rate_sigma:.4g}",
         "",
         f"receiver: {{rate_hz: {RATE}}}",
+        "",
+        "filter: {kind: tfg}             # one Gaussian, as the paper has",
     ]
     return "\n".join([*lines, ""])
 

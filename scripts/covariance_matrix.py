@@ -72,7 +72,7 @@ FACTORS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "fixes": {"position and velocity": (), "position": ("filter.velocity=false",)},
-    "filter": {"eskf": ("filter.kind=eskf",), "left-invariant": ("filter.kind=left-invariant",), "tfg": ()},
+    "filter": {kind: (f"filter.kind={kind}",) for kind in ("eskf", "left-invariant", "tfg")},
 }  # fmt: skip
 
 Cell = tuple[str, ...]

@@ -18,7 +18,7 @@ import math
 from navsim.core.arrays.earth import E2, RATE, SOMIGLIANA, A
 from navsim.core.attitude import left_jacobian
 from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import any_lane, fma, select, small_vector
+from navsim.core.lanes import any_lane, fma, select, small_matrix, small_vector
 from navsim.core.linear import cholesky, solve_lower
 from navsim.core.states import (
     A_D,
@@ -231,51 +231,215 @@ def transition(mid, dt, increments, declared, phi):
 @kernel
 def _carried(phi, p, half, out):
     """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m): for all of them (`half`
-    0), or for those from i up to 9 alone (1).
+    0), or for those up to i alone, and some that no one needs (1).
 
-    A row's couplings stay in registers while the columns go by; blocks of Phi that are zero are left out.
+    Rows go side by side as many as have their couplings in registers while the columns go by: each number of p is
+    loaded for several of them. Couplings that are zero (`transition`) are left out.
     """
-    columns = SENSORS if half else p.shape[1]
-    for i in range(POS, VEL):
-        c0, c1, c2 = phi[i, R_N], phi[i, R_E], phi[i, R_D]
-        c3, c4, c5 = phi[i, V_N], phi[i, V_E], phi[i, V_D]
-        c6, c7, c8 = phi[i, A_N], phi[i, A_E], phi[i, A_D]
-        d0, d1, d2 = phi[i, ACCEL], phi[i, ACCEL + 1], phi[i, ACCEL + 2]
-        for j in range(half * i, columns):
-            s = fma(c2, p[R_D, j], fma(c1, p[R_E, j], fma(c0, p[R_N, j], p[i, j])))
-            t = fma(c5, p[V_D, j], fma(c4, p[V_E, j], c3 * p[V_N, j]))
-            s = fma(c8, p[A_D, j], fma(c7, p[A_E, j], fma(c6, p[A_N, j], s)))
-            t = fma(d2, p[ACCEL + 2, j], fma(d1, p[ACCEL + 1, j], fma(d0, p[ACCEL, j], t)))
-            out[j, i] = s + t
-    for i in range(VEL, ATT):
-        c0, c2 = phi[i, R_N], phi[i, R_D]
-        c3, c4, c5 = phi[i, V_N], phi[i, V_E], phi[i, V_D]
-        c6, c7, c8 = phi[i, A_N], phi[i, A_E], phi[i, A_D]
-        b0, b1, b2 = phi[i, GYRO], phi[i, GYRO + 1], phi[i, GYRO + 2]
-        d0, d1, d2 = phi[i, ACCEL], phi[i, ACCEL + 1], phi[i, ACCEL + 2]
-        for j in range(half * i, columns):
-            s = fma(c3, p[V_N, j], fma(c2, p[R_D, j], fma(c0, p[R_N, j], p[i, j])))
-            t = fma(c6, p[A_N, j], fma(c5, p[V_D, j], c4 * p[V_E, j]))
-            s = fma(b1, p[GYRO + 1, j], fma(b0, p[GYRO, j], fma(c8, p[A_D, j], fma(c7, p[A_E, j], s))))
-            t = fma(d2, p[ACCEL + 2, j], fma(d1, p[ACCEL + 1, j], fma(d0, p[ACCEL, j], fma(b2, p[GYRO + 2, j], t))))
-            out[j, i] = s + t
-    for i in range(ATT, SENSORS):
-        c0, c2 = phi[i, R_N], phi[i, R_D]
-        c3, c4 = phi[i, V_N], phi[i, V_E]
-        c6, c7, c8 = phi[i, A_N], phi[i, A_E], phi[i, A_D]
-        b0, b1, b2 = phi[i, GYRO], phi[i, GYRO + 1], phi[i, GYRO + 2]
-        for j in range(half * i, columns):
-            s = fma(c3, p[V_N, j], fma(c2, p[R_D, j], fma(c0, p[R_N, j], p[i, j])))
-            t = fma(c7, p[A_E, j], fma(c6, p[A_N, j], c4 * p[V_E, j]))
-            s = fma(b1, p[GYRO + 1, j], fma(b0, p[GYRO, j], s))
-            t = fma(b2, p[GYRO + 2, j], fma(c8, p[A_D, j], t))
-            out[j, i] = s + t
+    whole = p.shape[1]
+    rn_0, rn_2, rn_3, rn_4, rn_5 = phi[R_N, R_N], phi[R_N, R_D], phi[R_N, V_N], phi[R_N, V_E], phi[R_N, V_D]
+    rn_7, rn_8, rn_12, rn_13, rn_14 = (
+        phi[R_N, A_E],
+        phi[R_N, A_D],
+        phi[R_N, ACCEL],
+        phi[R_N, ACCEL + 1],
+        phi[R_N, ACCEL + 2],
+    )
+    re_0, re_1, re_2, re_3, re_4 = phi[R_E, R_N], phi[R_E, R_E], phi[R_E, R_D], phi[R_E, V_N], phi[R_E, V_E]
+    re_5, re_6, re_8, re_12, re_13 = phi[R_E, V_D], phi[R_E, A_N], phi[R_E, A_D], phi[R_E, ACCEL], phi[R_E, ACCEL + 1]
+    re_14 = phi[R_E, ACCEL + 2]
+    for j in range(R_E + 1 if half else whole):
+        rn = p[R_N, j]
+        re = p[R_E, j]
+        x = p[R_N, j]
+        rn = fma(rn_0, x, rn)
+        re = fma(re_0, x, re)
+        x = p[R_E, j]
+        re = fma(re_1, x, re)
+        x = p[R_D, j]
+        rn = fma(rn_2, x, rn)
+        re = fma(re_2, x, re)
+        x = p[V_N, j]
+        rn = fma(rn_3, x, rn)
+        re = fma(re_3, x, re)
+        x = p[V_E, j]
+        rn = fma(rn_4, x, rn)
+        re = fma(re_4, x, re)
+        x = p[V_D, j]
+        rn = fma(rn_5, x, rn)
+        re = fma(re_5, x, re)
+        x = p[A_N, j]
+        re = fma(re_6, x, re)
+        x = p[A_E, j]
+        rn = fma(rn_7, x, rn)
+        x = p[A_D, j]
+        rn = fma(rn_8, x, rn)
+        re = fma(re_8, x, re)
+        x = p[ACCEL, j]
+        rn = fma(rn_12, x, rn)
+        re = fma(re_12, x, re)
+        x = p[ACCEL + 1, j]
+        rn = fma(rn_13, x, rn)
+        re = fma(re_13, x, re)
+        x = p[ACCEL + 2, j]
+        rn = fma(rn_14, x, rn)
+        re = fma(re_14, x, re)
+        out[j, R_N], out[j, R_E] = rn, re
+    vn_0, vn_2, vn_3, vn_4, vn_5 = phi[V_N, R_N], phi[V_N, R_D], phi[V_N, V_N], phi[V_N, V_E], phi[V_N, V_D]
+    vn_6, vn_7, vn_8, vn_9, vn_10 = phi[V_N, A_N], phi[V_N, A_E], phi[V_N, A_D], phi[V_N, GYRO], phi[V_N, GYRO + 1]
+    vn_11, vn_12, vn_13, vn_14 = phi[V_N, GYRO + 2], phi[V_N, ACCEL], phi[V_N, ACCEL + 1], phi[V_N, ACCEL + 2]
+    ve_0, ve_2, ve_3, ve_4, ve_5 = phi[V_E, R_N], phi[V_E, R_D], phi[V_E, V_N], phi[V_E, V_E], phi[V_E, V_D]
+    ve_6, ve_7, ve_8, ve_9, ve_10 = phi[V_E, A_N], phi[V_E, A_E], phi[V_E, A_D], phi[V_E, GYRO], phi[V_E, GYRO + 1]
+    ve_11, ve_12, ve_13, ve_14 = phi[V_E, GYRO + 2], phi[V_E, ACCEL], phi[V_E, ACCEL + 1], phi[V_E, ACCEL + 2]
+    for j in range(V_E + 1 if half else whole):
+        vn = p[V_N, j]
+        ve = p[V_E, j]
+        x = p[R_N, j]
+        vn = fma(vn_0, x, vn)
+        ve = fma(ve_0, x, ve)
+        x = p[R_D, j]
+        vn = fma(vn_2, x, vn)
+        ve = fma(ve_2, x, ve)
+        x = p[V_N, j]
+        vn = fma(vn_3, x, vn)
+        ve = fma(ve_3, x, ve)
+        x = p[V_E, j]
+        vn = fma(vn_4, x, vn)
+        ve = fma(ve_4, x, ve)
+        x = p[V_D, j]
+        vn = fma(vn_5, x, vn)
+        ve = fma(ve_5, x, ve)
+        x = p[A_N, j]
+        vn = fma(vn_6, x, vn)
+        ve = fma(ve_6, x, ve)
+        x = p[A_E, j]
+        vn = fma(vn_7, x, vn)
+        ve = fma(ve_7, x, ve)
+        x = p[A_D, j]
+        vn = fma(vn_8, x, vn)
+        ve = fma(ve_8, x, ve)
+        x = p[GYRO, j]
+        vn = fma(vn_9, x, vn)
+        ve = fma(ve_9, x, ve)
+        x = p[GYRO + 1, j]
+        vn = fma(vn_10, x, vn)
+        ve = fma(ve_10, x, ve)
+        x = p[GYRO + 2, j]
+        vn = fma(vn_11, x, vn)
+        ve = fma(ve_11, x, ve)
+        x = p[ACCEL, j]
+        vn = fma(vn_12, x, vn)
+        ve = fma(ve_12, x, ve)
+        x = p[ACCEL + 1, j]
+        vn = fma(vn_13, x, vn)
+        ve = fma(ve_13, x, ve)
+        x = p[ACCEL + 2, j]
+        vn = fma(vn_14, x, vn)
+        ve = fma(ve_14, x, ve)
+        out[j, V_N], out[j, V_E] = vn, ve
+    rd_3, rd_4, rd_5, rd_6, rd_7 = phi[R_D, V_N], phi[R_D, V_E], phi[R_D, V_D], phi[R_D, A_N], phi[R_D, A_E]
+    rd_12, rd_13, rd_14 = phi[R_D, ACCEL], phi[R_D, ACCEL + 1], phi[R_D, ACCEL + 2]
+    vd_0, vd_2, vd_3, vd_4, vd_6 = phi[V_D, R_N], phi[V_D, R_D], phi[V_D, V_N], phi[V_D, V_E], phi[V_D, A_N]
+    vd_7, vd_8, vd_9, vd_10, vd_11 = (
+        phi[V_D, A_E],
+        phi[V_D, A_D],
+        phi[V_D, GYRO],
+        phi[V_D, GYRO + 1],
+        phi[V_D, GYRO + 2],
+    )
+    vd_12, vd_13, vd_14 = phi[V_D, ACCEL], phi[V_D, ACCEL + 1], phi[V_D, ACCEL + 2]
+    for j in range(V_D + 1 if half else whole):
+        rd = p[R_D, j]
+        vd = p[V_D, j]
+        x = p[R_N, j]
+        vd = fma(vd_0, x, vd)
+        x = p[R_D, j]
+        vd = fma(vd_2, x, vd)
+        x = p[V_N, j]
+        rd = fma(rd_3, x, rd)
+        vd = fma(vd_3, x, vd)
+        x = p[V_E, j]
+        rd = fma(rd_4, x, rd)
+        vd = fma(vd_4, x, vd)
+        x = p[V_D, j]
+        rd = fma(rd_5, x, rd)
+        x = p[A_N, j]
+        rd = fma(rd_6, x, rd)
+        vd = fma(vd_6, x, vd)
+        x = p[A_E, j]
+        rd = fma(rd_7, x, rd)
+        vd = fma(vd_7, x, vd)
+        x = p[A_D, j]
+        vd = fma(vd_8, x, vd)
+        x = p[GYRO, j]
+        vd = fma(vd_9, x, vd)
+        x = p[GYRO + 1, j]
+        vd = fma(vd_10, x, vd)
+        x = p[GYRO + 2, j]
+        vd = fma(vd_11, x, vd)
+        x = p[ACCEL, j]
+        rd = fma(rd_12, x, rd)
+        vd = fma(vd_12, x, vd)
+        x = p[ACCEL + 1, j]
+        rd = fma(rd_13, x, rd)
+        vd = fma(vd_13, x, vd)
+        x = p[ACCEL + 2, j]
+        rd = fma(rd_14, x, rd)
+        vd = fma(vd_14, x, vd)
+        out[j, R_D], out[j, V_D] = rd, vd
+    an_0, an_2, an_4, an_6, an_7 = phi[A_N, R_N], phi[A_N, R_D], phi[A_N, V_E], phi[A_N, A_N], phi[A_N, A_E]
+    an_8, an_9, an_10, an_11 = phi[A_N, A_D], phi[A_N, GYRO], phi[A_N, GYRO + 1], phi[A_N, GYRO + 2]
+    ae_2, ae_3, ae_6, ae_7, ae_8 = phi[A_E, R_D], phi[A_E, V_N], phi[A_E, A_N], phi[A_E, A_E], phi[A_E, A_D]
+    ae_9, ae_10, ae_11 = phi[A_E, GYRO], phi[A_E, GYRO + 1], phi[A_E, GYRO + 2]
+    ad_0, ad_2, ad_4, ad_6, ad_7 = phi[A_D, R_N], phi[A_D, R_D], phi[A_D, V_E], phi[A_D, A_N], phi[A_D, A_E]
+    ad_8, ad_9, ad_10, ad_11 = phi[A_D, A_D], phi[A_D, GYRO], phi[A_D, GYRO + 1], phi[A_D, GYRO + 2]
+    for j in range(A_D + 1 if half else whole):
+        an = p[A_N, j]
+        ae = p[A_E, j]
+        ad = p[A_D, j]
+        x = p[R_N, j]
+        an = fma(an_0, x, an)
+        ad = fma(ad_0, x, ad)
+        x = p[R_D, j]
+        an = fma(an_2, x, an)
+        ae = fma(ae_2, x, ae)
+        ad = fma(ad_2, x, ad)
+        x = p[V_N, j]
+        ae = fma(ae_3, x, ae)
+        x = p[V_E, j]
+        an = fma(an_4, x, an)
+        ad = fma(ad_4, x, ad)
+        x = p[A_N, j]
+        an = fma(an_6, x, an)
+        ae = fma(ae_6, x, ae)
+        ad = fma(ad_6, x, ad)
+        x = p[A_E, j]
+        an = fma(an_7, x, an)
+        ae = fma(ae_7, x, ae)
+        ad = fma(ad_7, x, ad)
+        x = p[A_D, j]
+        an = fma(an_8, x, an)
+        ae = fma(ae_8, x, ae)
+        ad = fma(ad_8, x, ad)
+        x = p[GYRO, j]
+        an = fma(an_9, x, an)
+        ae = fma(ae_9, x, ae)
+        ad = fma(ad_9, x, ad)
+        x = p[GYRO + 1, j]
+        an = fma(an_10, x, an)
+        ae = fma(ae_10, x, ae)
+        ad = fma(ad_10, x, ad)
+        x = p[GYRO + 2, j]
+        an = fma(an_11, x, an)
+        ae = fma(ae_11, x, ae)
+        ad = fma(ad_11, x, ad)
+        out[j, A_N], out[j, A_E], out[j, A_D] = an, ae, ad
     # sensor states beside the biases
     for c in range(N, phi.shape[1]):
         for i in range(SENSORS):
             d = phi[i, c]
             if any_lane(d != 0.0):
-                for j in range(half * i, columns):
+                for j in range(i + 1 if half else whole):
                     out[j, i] = fma(d, p[c, j], out[j, i])
 
 
@@ -318,8 +482,8 @@ def carry_covariance(p, phi, a):
     n = p.shape[0]
     _carried(phi, p, 0, a)
     _carried(phi, a, 1, p)
-    for j in range(SENSORS):
-        for i in range(j):
+    for i in range(SENSORS):
+        for j in range(i):
             p[i, j] = p[j, i]
     # sensor states among each other stay as they are
     for j in range(SENSORS, n):
@@ -414,48 +578,62 @@ def gain(p, h, r, m, pht, s, k):
 
 
 @kernel
-def _add_products(p, sign, a, b, m):
-    """p <- p + sign a b' (n, n) for a, b (n, m), where that is symmetric but for rounding: its lower half stands for
-    both."""
-    for i in range(p.shape[0]):
-        if m == MOST:
-            # a row of a stays in registers
-            a0, a1, a2 = sign * a[i, 0], sign * a[i, 1], sign * a[i, 2]
-            a3, a4, a5 = sign * a[i, 3], sign * a[i, 4], sign * a[i, 5]
-            for j in range(i + 1):
-                s = fma(a2, b[j, 2], fma(a1, b[j, 1], fma(a0, b[j, 0], p[i, j])))
-                t = fma(a5, b[j, 5], fma(a4, b[j, 4], a3 * b[j, 3]))
-                p[i, j] = s + t
-        else:
-            for c in range(m):
-                d = sign * a[i, c]
-                for j in range(i + 1):
-                    p[i, j] = fma(d, b[j, c], p[i, j])
-        for j in range(i):
-            p[j, i] = p[i, j]
-
-
-@kernel
 def joseph(p, h, r, m, pht, k, work):
     """P <- (I - K H) P (I - K H)' + K R K', in place and exactly symmetric [2].
 
     Arguments as left by `gain`; work: (n, m') space.
     """
     n = h.shape[1]
-    # with A = P - K (P H')': the Joseph form is A + (K R - A H') K'
-    _add_products(p, -1.0, k, pht, m)
+    s = small_matrix(p, MOST, MOST)
     for a in range(m):
-        for i in range(n):
-            t = k[i, 0] * r[0, a]
-            for b in range(1, m):
-                t = fma(k[i, b], r[b, a], t)
-            work[i, a] = t
+        for b in range(m):
+            s[b, a] = r[b, a]
         for j in range(n):
             c = h[a, j]
             if any_lane(c != 0.0):
-                for i in range(n):
-                    work[i, a] = fma(-c, p[i, j], work[i, a])
-    _add_products(p, 1.0, work, k, m)
+                for b in range(m):
+                    s[b, a] = fma(c, pht[j, b], s[b, a])
+    # with A = P - K (P H')' the Joseph form is A + (K R - A H') K', and A H' = P H' - K (S - R)
+    for i in range(n):
+        for a in range(m):
+            t = -pht[i, a]
+            for b in range(m):
+                t = fma(k[i, b], s[b, a], t)
+            work[i, a] = t
+    if m == MOST:
+        _add_products(p, pht, k, work)
+    else:
+        for i in range(n):
+            for j in range(i + 1):
+                t = p[i, j]
+                for a in range(m):
+                    t = fma(work[i, a], k[j, a], fma(-k[i, a], pht[j, a], t))
+                p[i, j] = t
+    for i in range(n):
+        for j in range(i):
+            p[j, i] = p[i, j]
+
+
+@kernel
+def _add_products(p, pht, k, work):
+    """The lower half of p (n, n) <- that of p - k pht' + work k', for matrices of MOST columns."""
+    n = p.shape[0]
+    # what belongs to two rows stays in registers; of an odd number of rows the first is taken with itself
+    for i in range(-(n % 2), n, 2):
+        one, two = max(i, 0), i + 1
+        a0, a1, a2, a3, a4, a5 = -k[one, 0], -k[one, 1], -k[one, 2], -k[one, 3], -k[one, 4], -k[one, 5]
+        b0, b1, b2, b3, b4, b5 = -k[two, 0], -k[two, 1], -k[two, 2], -k[two, 3], -k[two, 4], -k[two, 5]
+        c0, c1, c2, c3, c4, c5 = work[one, 0], work[one, 1], work[one, 2], work[one, 3], work[one, 4], work[one, 5]
+        d0, d1, d2, d3, d4, d5 = work[two, 0], work[two, 1], work[two, 2], work[two, 3], work[two, 4], work[two, 5]
+        for j in range(two + 1):
+            x0, x1, x2, x3, x4, x5 = pht[j, 0], pht[j, 1], pht[j, 2], pht[j, 3], pht[j, 4], pht[j, 5]
+            s = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, fma(a0, x0, p[one, j]))))))
+            t = fma(b5, x5, fma(b4, x4, fma(b3, x3, fma(b2, x2, fma(b1, x1, fma(b0, x0, p[two, j]))))))
+            x0, x1, x2, x3, x4, x5 = k[j, 0], k[j, 1], k[j, 2], k[j, 3], k[j, 4], k[j, 5]
+            s = fma(c5, x5, fma(c4, x4, fma(c3, x3, fma(c2, x2, fma(c1, x1, fma(c0, x0, s))))))
+            t = fma(d5, x5, fma(d4, x4, fma(d3, x3, fma(d2, x2, fma(d1, x1, fma(d0, x0, t))))))
+            p[one, j] = s
+            p[two, j] = t
 
 
 @kernel
@@ -498,16 +676,20 @@ def transport(p, diagonal, column, work):
 
 @kernel
 def _apply_blocks(diagonal, column, p, half, out):
-    """out (n, n) <- (G p)': out[j, i] for all columns j (`half` 0), or for those with j >= i (1); see `transport`."""
+    """out (n, n) <- (G p)': out[j, i] for all columns j (`half` 0), or for those with j >= i, and some that no one
+    needs (1); see `transport`."""
     n = p.shape[0]
     for block in range(diagonal.shape[0]):
         o = 3 * block
-        for i in range(3):
-            a0, a1, a2 = diagonal[block, i, 0], diagonal[block, i, 1], diagonal[block, i, 2]
-            c0, c1, c2 = column[block, i, 0], column[block, i, 1], column[block, i, 2]
-            for j in range(half * (o + i), n):
-                s = fma(a2, p[o + 2, j], fma(a1, p[o + 1, j], a0 * p[o, j]))
-                out[j, o + i] = fma(c2, p[A_D, j], fma(c1, p[A_E, j], fma(c0, p[A_N, j], s)))
+        own, across = diagonal[block], column[block]
+        a0, a1, a2, a3, a4, a5 = own[0, 0], own[0, 1], own[0, 2], across[0, 0], across[0, 1], across[0, 2]
+        b0, b1, b2, b3, b4, b5 = own[1, 0], own[1, 1], own[1, 2], across[1, 0], across[1, 1], across[1, 2]
+        c0, c1, c2, c3, c4, c5 = own[2, 0], own[2, 1], own[2, 2], across[2, 0], across[2, 1], across[2, 2]
+        for j in range(half * o, n):
+            x0, x1, x2, x3, x4, x5 = p[o, j], p[o + 1, j], p[o + 2, j], p[A_N, j], p[A_E, j], p[A_D, j]
+            out[j, o] = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, a0 * x0)))))
+            out[j, o + 1] = fma(b5, x5, fma(b4, x4, fma(b3, x3, fma(b2, x2, fma(b1, x1, b0 * x0)))))
+            out[j, o + 2] = fma(c5, x5, fma(c4, x4, fma(c3, x3, fma(c2, x2, fma(c1, x1, c0 * x0)))))
 
 
 @kernel

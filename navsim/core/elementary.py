@@ -1,4 +1,4 @@
-"""Sine, cosine and arctangent inside kernels, for lanes and numbers alike: the same bits on every processor.
+"""Elementary functions inside kernels, for lanes and numbers alike: the same bits on every processor.
 
 Sources: [1] Cody & Waite, Software Manual for the Elementary Functions (1980) (reduction of arguments).
 [2] Sun Microsystems, fdlibm, k_sin.c and k_cos.c (1993) (minimax polynomials up to pi/4).
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from navsim.core.jit import kernel
-from navsim.core.lanes import fma, select
+from navsim.core.lanes import fma, power_of_two, select
 
 _HALF_PI, _HALF_PI_REST = 1.5707963267948966, 6.123233995736766e-17
 """pi/2 and what it lacks."""
@@ -28,6 +28,10 @@ _P1, _P0 = -1.228866684490136173410e2, -6.485021904942025371773e1
 _Q4, _Q3, _Q2 = 2.485846490142306297962e1, 1.650270098316988542046e2, 4.328810604912902668951e2
 _Q1, _Q0 = 4.853903996359136964868e2, 1.945506571482613964425e2
 """Of [3]."""
+_LN2, _LN2_REST = 0.6931471805599453, 2.3190468138462996e-17
+"""ln 2 and what it lacks."""
+_SMALLEST = -708.0
+"""Of what is below, the exponential is no normal number."""
 
 
 @kernel
@@ -82,3 +86,16 @@ def atan2(y, x):
     t = select(steep, _HALF_PI - (t - _HALF_PI_REST), t)
     t = select(x < 0.0, 2.0 * _HALF_PI - (t - 2.0 * _HALF_PI_REST), t)
     return select(y < 0.0, -t, t)
+
+
+@kernel
+def exp_of_negative(x):
+    """The exponential of x <= 0 within 2e-16 of itself; 0 below -708."""
+    bounded = select(x > _SMALLEST, x, _SMALLEST)
+    halvings = math.floor(bounded * (1.0 / _LN2) + 0.5)
+    r = fma(-halvings, _LN2_REST, fma(-halvings, _LN2, bounded))
+    # the series up to r^13 / 13!, of the highest power first; |r| <= ln 2 / 2
+    t = 1.0 + r * 0.0
+    for n in range(13, 0, -1):
+        t = fma(r * (1.0 / n), t, 1.0)
+    return select(x > _SMALLEST, t * power_of_two(halvings), select(math.isnan(x), x, 0.0))

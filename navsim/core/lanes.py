@@ -292,6 +292,25 @@ def fma(typing: Any, a: Any, b: Any, c: Any) -> Any:
     return kind(kind, kind, kind), gen
 
 
+@_intrinsic
+def power_of_two(typing: Any, exponent: Any) -> Any:
+    """2 to a whole number between -1022 and 1023, which is given as float64 or lanes."""
+    kind = exponent if isinstance(exponent, Lanes) else types.float64
+
+    def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        whole: Any = ir.IntType(64)
+        bias: Any = ir.Constant(whole, 1023)
+        shift: Any = ir.Constant(whole, 52)
+        if isinstance(sig.return_type, Lanes):
+            width = sig.return_type.width
+            whole = ir.VectorType(whole, width)
+            bias, shift = ir.Constant(whole, [1023] * width), ir.Constant(whole, [52] * width)
+        bits = builder.shl(builder.add(builder.fptosi(args[0], whole), bias), shift)
+        return builder.bitcast(bits, args[0].type)
+
+    return kind(kind), gen
+
+
 def array_type(width: int, dimensions: int) -> Any:
     """What numba calls an array of lanes."""
     # what numpy gives is aligned to a number, not to a register

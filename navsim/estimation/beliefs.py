@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.states import Block
-from navsim.estimation.records import FilterModel
+from navsim.estimation.records import GAUSSIAN_SUM, FilterModel
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
 """Smallest initial sigma a filter is given, by the unit of the state: with zeros P would be singular, and a perfect
@@ -36,7 +36,7 @@ class Beliefs:
 
     kind: `estimate.FILTER_KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they
     come, s. lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its
-    fixes. gate: limits by the number of measurements, see `FilterModel`.
+    fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; see `FilterModel`.
     """
 
     kind: int
@@ -47,11 +47,16 @@ class Beliefs:
     sigma_scale: float
     gate: np.ndarray
     max_rejected: int
+    components: int
+    widest: float
 
     def model(self, noise: np.ndarray | None = None) -> FilterModel:
         """What the kernels take; noise: densities of each interval of the IMU (n, 2) instead of the sensors' own."""
         densities = self.sensors.noise[None] if noise is None else noise
-        return FilterModel(self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected)
+        return FilterModel(
+            self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,
+            self.components if self.kind == GAUSSIAN_SUM else 0, self.widest,
+        )  # fmt: skip
 
     def covariance(self, position: float, velocity: float, attitude: float) -> np.ndarray:
         """P (n, n) of a start with these 1 sigmas per axis, m, m/s, rad."""

@@ -6,7 +6,7 @@ filtering with an attitude, JGCD 40 (2017).
 
 from __future__ import annotations
 
-from navsim.core.attitude import rotate_left
+from navsim.core.attitude import difference, rotate_left
 from navsim.core.covariance import reset
 from navsim.core.earth import radii, short_way
 from navsim.core.elementary import sincos_of_latitude
@@ -38,6 +38,29 @@ def move(nav, north, east, down):
     nav[NAV_LLH + 1] = short_way(nav[NAV_LLH + 1] + east / ((transverse + height) * cos_lat))
     nav[NAV_LLH] = lat + north / (meridian + height)
     nav[NAV_LLH + 2] = height - down
+
+
+@kernel
+def plain_error(llh, vel, quat, sensors, nav, error):
+    """The plain error (n,) of a navigation state: the given position, velocity, attitude, sensor states less its
+    own."""
+    height = nav[NAV_LLH + 2]
+    sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
+    meridian, transverse = radii(sin_lat)
+    error[R_N] = (llh[0] - nav[NAV_LLH]) * (meridian + height)
+    error[R_E] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat
+    error[R_D] = height - llh[2]
+    for i in range(3):
+        error[VEL + i] = vel[i] - nav[NAV_VEL + i]
+    for c in range(sensors.shape[0]):
+        error[SENSORS + c] = sensors[c] - nav[NAV_SENSORS + c]
+    difference(quat, nav[NAV_QUAT:NAV_HELD], error[A_N:SENSORS])
+
+
+@kernel
+def between(a, b, error):
+    """The plain error (n,) that carries navigation state b to a."""
+    plain_error(a[NAV_LLH:NAV_VEL], a[NAV_VEL:NAV_QUAT], a[NAV_QUAT:NAV_HELD], a[NAV_SENSORS:], b, error)
 
 
 @kernel

@@ -7,12 +7,13 @@ Histories of filters are made in pieces that stay in the processor's cache.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from navsim.core.lanes import WIDTH, in_lanes
-from navsim.estimation import filter_loop, records, smoother
+from navsim.estimation import filter_loop, gaussian_sum, records, smoother
 from navsim.estimation.observations import Measurements
 from navsim.estimation.records import (
     OUTPUT,
@@ -31,6 +32,7 @@ FILTER_KINDS = {
     "eskf": records.ESKF,
     "left-invariant": records.LEFT_INVARIANT,
     "tfg": records.TFG,
+    "gaussian-sum": records.GAUSSIAN_SUM,
     "rts": records.RTS,
     "map": records.MAP,
 }
@@ -84,6 +86,7 @@ def fly(
     way = Way(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
     kernels_way = Way(way.cursor, in_lanes(way.increments))
     tables, kernels_state = measurements.each(in_lanes), lanes_of(state)
+    engine = gaussian_sum if model.kind == records.GAUSSIAN_SUM else filter_loop
     parts = list(_pieces(events))
     is_output = events.kind == OUTPUT
     answers = [int(is_output[part].sum()) for part in parts]
@@ -99,7 +102,7 @@ def fly(
         noise = model.noise if model.noise.shape[0] == 1 else model.noise[first:last]
         row = events.row[part] - is_output[part] * output
         way.cursor[0] -= first
-        filter_loop.run(
+        engine.run(
             filter_loop.CHARTS[model.kind],
             ImuData(imu.time[first : last + 1], *(in_lanes(m) for m in sensed)),
             tables,
@@ -117,6 +120,17 @@ def fly(
             History(*(m[:outputs] for m in history[:2]), *(m[:count] for m in history[2:])),
         )
         output += outputs
+
+
+def _each(record: Any, change: Callable[[np.ndarray], np.ndarray]) -> Any:
+    """A record of arrays, and of such records, with every array changed."""
+    return type(record)(*(_each(m, change) if isinstance(m, tuple) else change(m) for m in record))
+
+
+def _arrays(record: Any) -> Iterator[np.ndarray]:
+    """The arrays of a record, and of those in it."""
+    for member in record:
+        yield from _arrays(member) if isinstance(member, tuple) else (member,)
 
 
 def in_all_lanes(array: np.ndarray, lanes: int = WIDTH) -> np.ndarray:
@@ -137,13 +151,13 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
         _check_smoother(events)
         smoother.run(imu, measurements, events, state, model, smoother.PASSES[model.kind], history)
         return _counted(history)
-    flown = State(*(in_all_lanes(part) for part in state))
+    flown = _each(state, in_all_lanes)
     for which, rows, piece in fly(imu, measurements.each(in_all_lanes), events, flown, model):
         for name in ("navigation", "covariance"):
             getattr(history, name)[rows] = getattr(piece, name)[..., 0]
         for name in ("innovation", "innovation_sigma", "innovation_squared", "degrees", "status"):
             getattr(history, name)[which] = getattr(piece, name)[..., 0]
-    for mine, final in zip(state, flown, strict=True):
+    for mine, final in zip(_arrays(state), _arrays(flown), strict=True):
         mine[...] = final[..., 0]
     return _counted(history)
 

@@ -32,6 +32,7 @@ from navsim.estimation import error_state, invariant, tfg
 from navsim.estimation.observations import observe
 from navsim.estimation.records import (
     ESKF,
+    GAUSSIAN_SUM,
     LEFT_INVARIANT,
     NOT_USED,
     OUTPUT,
@@ -61,7 +62,15 @@ class Tfg(NamedTuple):
     kind: int = TFG
 
 
-CHARTS: dict[int, Eskf | LeftInvariant | Tfg] = {chart.kind: chart for chart in (Eskf(), LeftInvariant(), Tfg())}
+class GaussianSum(NamedTuple):
+    """The chart of the components of `kind: gaussian-sum`, and of their sum: that of `tfg`, whose axes are not held."""
+
+    kind: int = GAUSSIAN_SUM
+
+
+CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
+    chart.kind: chart for chart in (Eskf(), LeftInvariant(), Tfg(), GaussianSum())
+}
 """The charts of `records.FILTERS`."""
 PLAIN = CHARTS[ESKF]
 """The chart of plain errors, in which all kinds predict."""
@@ -93,6 +102,15 @@ def workshop(nav, n):
         room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
         room(nav, (n // 3, 3, 3)), room(nav, (n // 3, 3, 3)), room(nav, (n, n)), room(nav, (n, 3)),
     )  # fmt: skip
+
+
+@kernel
+def start_axes(nav):
+    """Bias axes at the start of a flight: nothing is held back, unless it goes on from an earlier one that did."""
+    nothing = 0.0 * nav[NAV_HELD]
+    for i in range(NAV_HELD, NAV_GYRO):
+        nothing += abs(nav[i])
+    nav[NAV_HELD] = select(nothing == 0.0, 1.0, nav[NAV_HELD])
 
 
 @kernel
@@ -246,7 +264,7 @@ def _own_error(chart, nav, error, out):
 
 
 @kernel
-def _held(source, there, target):
+def held(source, there, target):
     """target (n,) <- source where `there` is not."""
     for i in range(source.shape[0]):
         target[i] = select(there, target[i], source[i])
@@ -286,11 +304,7 @@ def run(chart, imu, measurements, events, state, way, model, history):
     copy(way_increments, increments_pair[0])
     copy(way.cursor, cursors[0])
     if way.cursor[0] < 0.0:
-        # a flight that goes on from an earlier one keeps the bias axes of its covariance
-        nothing = 0.0 * navs[0, NAV_HELD]
-        for i in range(NAV_HELD, NAV_GYRO):
-            nothing += abs(navs[0, i])
-        navs[0, NAV_HELD] = select(nothing == 0.0, 1.0, navs[0, NAV_HELD])
+        start_axes(navs[0])
         set_off(imu, navs[0], declared, cursors[0], increments_pair[0])
     before = 0
     for i in range(events.time.shape[0]):
@@ -349,9 +363,9 @@ def run(chart, imu, measurements, events, state, way, model, history):
                 gain(p, h, r, m, pht, s, k)
                 joseph(p, h, r, m, pht, k, work)
                 if spared:
-                    _held(held_nav, used, nav)
+                    held(held_nav, used, nav)
                     for j in range(n):
-                        _held(held_p[j], used, p[j])
+                        held(held_p[j], used, p[j])
     copy(navs[0], state_nav)
     copy_matrix(ps[0], state_p)
     copy(rejections[0], state_rejected)

@@ -9,46 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.attitude import difference
 from navsim.core.covariance import normalised_square
-from navsim.core.earth import radii, short_way
-from navsim.core.elementary import sincos_of_latitude
 from navsim.core.jit import kernel
 from navsim.core.lanes import in_lanes, registers, room
-from navsim.core.states import (
-    A_N,
-    ATT,
-    NAV_HELD,
-    NAV_LLH,
-    NAV_QUAT,
-    NAV_SENSORS,
-    NAV_VEL,
-    POS,
-    R_D,
-    R_E,
-    R_N,
-    SENSORS,
-    VEL,
-)
+from navsim.core.states import ATT, POS
+from navsim.estimation.error_state import plain_error
 from navsim.estimation.filter_loop import CHARTS, own_error
 from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, History, Judgement, Truth, lanes_of
-
-
-@kernel
-def plain_error(llh, vel, quat, sensors, nav, error):
-    """The plain error (n,) of a navigation state: the given position, velocity, attitude, sensor states less its
-    own."""
-    height = nav[NAV_LLH + 2]
-    sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
-    meridian, transverse = radii(sin_lat)
-    error[R_N] = (llh[0] - nav[NAV_LLH]) * (meridian + height)
-    error[R_E] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat
-    error[R_D] = height - llh[2]
-    for i in range(3):
-        error[VEL + i] = vel[i] - nav[NAV_VEL + i]
-    for c in range(sensors.shape[0]):
-        error[SENSORS + c] = sensors[c] - nav[NAV_SENSORS + c]
-    difference(quat, nav[NAV_QUAT:NAV_HELD], error[A_N:SENSORS])
 
 
 @kernel

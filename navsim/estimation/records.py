@@ -12,6 +12,7 @@ and the route of the truth are the same for all.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,8 +28,8 @@ TIME_TOLERANCE = 1e-9
 PASS, OUTPUT = 0, 1
 """Kinds of events that are no measurements (`observations`): nothing but a time to get to; an output of the history."""
 
-ESKF, LEFT_INVARIANT, TFG, RTS, MAP = range(5)
-FILTERS, SMOOTHERS = (ESKF, LEFT_INVARIANT, TFG), (RTS, MAP)
+ESKF, LEFT_INVARIANT, TFG, GAUSSIAN_SUM, RTS, MAP = range(6)
+FILTERS, SMOOTHERS = (ESKF, LEFT_INVARIANT, TFG, GAUSSIAN_SUM), (RTS, MAP)
 """Kinds of estimators: those that go forward, and those that know what comes later."""
 
 NOT_USED, USED, REJECTED = 0, 1, 2
@@ -58,13 +59,24 @@ class Events(NamedTuple):
         return own[np.argsort(self.row[own], kind="stable")]
 
 
+class Mixture(NamedTuple):
+    """The components of a Gaussian sum (`estimation.gaussian_sum`), with room for M: navigation (M, NAV), covariance
+    (M, n, n), increments (M, 6) as of `Way`, weight (M,): those of a sum add up to 1, and what is there comes first."""
+
+    navigation: np.ndarray
+    covariance: np.ndarray
+    increments: np.ndarray
+    weight: np.ndarray
+
+
 class State(NamedTuple):
     """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (kinds,) measurements of each kind that the
-    gate rejected in a row."""
+    gate rejected in a row; components whose moments these are, without room where a filter is no sum."""
 
     navigation: np.ndarray
     covariance: np.ndarray
     rejected: np.ndarray
+    components: Mixture
 
 
 class Way(NamedTuple):
@@ -79,7 +91,8 @@ class FilterModel(NamedTuple):
     """What a filter does and believes: kind (`estimation.estimate.FILTER_KINDS`); noise (1, 2) or (n, 2) white
     densities of the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate
     (MOST + 1,) largest normalised innovation squared by the number of measurements; rejections in a row after which one
-    is taken nevertheless.
+    is taken nevertheless; of a Gaussian sum the number of its components at most, and 1 sigma of heading (rad) of the
+    widest.
     """
 
     kind: int
@@ -87,6 +100,8 @@ class FilterModel(NamedTuple):
     declared: np.ndarray
     gate: np.ndarray
     max_rejected: int
+    components: int = 0
+    widest: float = math.inf
 
 
 class History(NamedTuple):
@@ -140,13 +155,16 @@ def empty_history(outputs: int, events: int, declared: np.ndarray, *lanes: int) 
     )  # fmt: skip
 
 
-def start(navigation: np.ndarray, covariance: np.ndarray) -> State:
-    """The state of a filter before anything happened, from copies of navigation (NAV,) and covariance (n, n); sensor
-    states that the navigation state is too short for start from zero."""
+def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0) -> State:
+    """The state of a filter before anything happened, from copies of navigation (NAV,) and covariance (n, n), with room
+    for so many components; sensor states that the navigation state is too short for start from zero."""
     n = covariance.shape[0]
-    whole = np.zeros((states.NAV_SENSORS + n - states.SENSORS, *navigation.shape[1:]))
+    lanes = navigation.shape[1:]
+    whole = np.zeros((states.NAV_SENSORS + n - states.SENSORS, *lanes))
     whole[: navigation.shape[0]] = navigation
-    return State(whole, covariance.copy(), np.zeros((KIND_COUNT, *navigation.shape[1:])))
+    mixture = Mixture(*(np.zeros((components, *shape, *lanes)) for shape in (whole.shape[:1], (n, n), (6,), ())))
+    mixture.navigation[:1], mixture.covariance[:1], mixture.weight[:1] = whole, covariance, 1.0
+    return State(whole, covariance.copy(), np.zeros((KIND_COUNT, *lanes)), mixture)
 
 
 def lanes_of(record: Any) -> Any:

@@ -27,10 +27,7 @@ from navsim.core.states import (
     A_N,
     MOST,
     NAV_HELD,
-    NAV_LLH,
-    NAV_QUAT,
     NAV_SENSORS,
-    NAV_VEL,
     SENSORS,
 )
 from navsim.estimation import error_state
@@ -45,7 +42,6 @@ from navsim.estimation.filter_loop import (
     whitened_square,
     workshop,
 )
-from navsim.estimation.judge import plain_error
 from navsim.estimation.observations import observe
 from navsim.estimation.records import MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
 
@@ -53,12 +49,6 @@ PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind of smoother makes at most."""
 _CONVERGED = 1e-3
 """Stop once no state of any node moves by more than this many sigmas."""
-
-
-@kernel
-def difference(a, b, out):
-    """The plain error (n,) that carries navigation state b to a."""
-    plain_error(a[NAV_LLH:NAV_VEL], a[NAV_VEL:NAV_QUAT], a[NAV_QUAT:NAV_HELD], a[NAV_SENSORS:], b, out)
 
 
 @kernel
@@ -216,7 +206,7 @@ def run(imu, measurements, events, state, model, passes, history):
             copy(start, nodes[0])
         set_off(imu, nodes[0], declared, cursor, increments)
         # prior: exp(d) exp(moved) = exp(theta), theta ~ N(0, P)
-        difference(nodes[0], start, x)
+        error_state.between(nodes[0], start, x)
         # forwards: a filter of the errors along this trajectory
         copy_matrix(prior, filtered[0])
         reset(filtered[0], x[A_N], x[A_E], x[A_D], jac, columns)
@@ -229,7 +219,7 @@ def run(imu, measurements, events, state, model, passes, history):
             if first:
                 copy(here, nodes[node])
             # the trajectory jumps where the pass before has moved its nodes: the jump carries the mean on
-            difference(here, nodes[node], x)
+            error_state.between(here, nodes[node], x)
             for i in range(n):
                 t = x[i]
                 for c in range(n):

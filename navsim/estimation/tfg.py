@@ -88,7 +88,16 @@ def turned_back(matrix, u0, u1, u2, out):
 
 @kernel
 def correct(nav, p, x, space):
-    """Feed the estimated plain errors x (n,) back and carry P (n, n) to the new estimate. space: as of `filter_loop`.
+    """Feed the estimated plain errors x (n,) back and carry P (n, n) to the new estimate. space: as of
+    `filter_loop`."""
+    feed_back(nav, x, space)
+    transport(p, space.diagonal, space.column, space.square)
+
+
+@kernel
+def feed_back(nav, x, space):
+    """Feed the estimated plain errors x (n,) back, in place; diagonal, column (n / 3, 3, 3) of `space`: the reset
+    matrix, as `core.covariance.transport` takes it.
 
     Sensor states beside the biases stay as they are.
     """
@@ -136,7 +145,6 @@ def correct(nav, p, x, space):
                 diagonal[block, i, j] = y[i]
     for c in range(N - SENSORS, n - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
-    transport(p, diagonal, column, space.square)
 
 
 @kernel

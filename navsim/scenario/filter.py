@@ -38,7 +38,18 @@ class Gate(Section):
     """rejections in a row after which a fix is taken nevertheless"""
 
 
-Kind = Literal["tfg", "eskf", "left-invariant", "rts", "map"]
+class Components(Section):
+    """Components of `kind: gaussian-sum`."""
+
+    components: Annotated[int, Field(ge=3, le=99)] = 11
+    """most components at once; a run's time grows with those it has"""
+    heading_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 4.5
+    """1 sigma of heading above which a component is divided; half of it in turns"""
+
+
+Kind = Literal["gaussian-sum", "tfg", "eskf", "left-invariant", "rts", "map"]
+SUM = "gaussian-sum"
+"""The kind that is a sum of components."""
 SMOOTHERS = ("rts", "map")
 """Kinds whose outputs know the fixes that come after them."""
 
@@ -46,9 +57,10 @@ SMOOTHERS = ("rts", "map")
 class FilterSection(Section):
     """What the filter does and believes; what is left out follows from the truth."""
 
-    kind: Kind = "tfg"
-    """tfg: two-frames group; eskf: error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map:
-    smoothers, each output from all fixes: one backward pass, or iterated to the maximum a posteriori"""
+    kind: Kind = "gaussian-sum"
+    """gaussian-sum: several tfg filters side by side while heading is uncertain; tfg: two-frames group; eskf:
+    error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map: smoothers, each output from all
+    fixes: one backward pass, or iterated to the maximum a posteriori"""
     velocity: bool = True
     """use the velocity of the fixes beside their position"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
@@ -63,6 +75,7 @@ class FilterSection(Section):
     """follow the scale factors of gyros and accelerometers as six more states; their 1 sigma at the start is that of
     imu"""
     gate: Gate = Gate()
+    gaussian_sum: Components = Components()
 
     def states(self) -> tuple[str, ...]:
         """Names of the errors that it follows."""

@@ -25,7 +25,7 @@ from navsim.scenario.base import (
     pair_of,
     reject,
 )  # fmt: skip
-from navsim.scenario.filter import Gate, Kind
+from navsim.scenario.filter import Components, Gate, Kind
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro
 
@@ -189,6 +189,7 @@ class ReplayFilterSection(Section):
     kind: Kind = "tfg"
     """as in landings; rts and map are smoothers"""
     gate: Gate = Gate(probability=0.0)
+    gaussian_sum: Components = Components()
     output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] = 10.0
 
 

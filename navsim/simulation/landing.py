@@ -324,7 +324,7 @@ def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
     nees_group = np.empty((o, n // 3, WIDTH))
     squared, degrees, status = (np.empty((flight.events.time.size, WIDTH)) for _ in range(3))
     truth = world.at_filter
-    start_ = start(nav, in_all_lanes(flight.covariance))
+    start_ = start(nav, in_all_lanes(flight.covariance), flight.model.components)
     for which, rows, history in fly_filter(
         ImuData(world.imu_time, dtheta, dv), tables, flight.events, start_, flight.model
     ):

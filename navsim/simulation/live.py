@@ -70,7 +70,7 @@ class LiveFilter:
             raise ValueError("a smoother cannot run live")
         if self.flight.world.aids:
             raise ValueError("sensors beside the receiver cannot run live")
-        self.state = start(self.navigation, self.flight.covariance)
+        self.state = start(self.navigation, self.flight.covariance, self.flight.model.components)
 
     @property
     def time(self) -> float:

@@ -171,12 +171,13 @@ def fly(
     kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and flight.gaps else beliefs.kind
     noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
     events = schedule(outputs, (FIX, valid, valid if is_smoother(kind) else arrival))
+    model = replace(beliefs, kind=kind).model(_noise(flight, beliefs))
     history = estimate(
         ImuData(flight.imu_time, flight.dtheta, flight.dv),
         Measurements.of({FIX: FixTable(llh, velocity, noise, beliefs.lever_arm)}),
         events,
-        start(*_start(flight, beliefs, fix_sigma)),
-        replace(beliefs, kind=kind).model(_noise(flight, beliefs)),
+        start(*_start(flight, beliefs, fix_sigma), model.components),
+        model,
     )
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")

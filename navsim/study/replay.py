@@ -89,7 +89,8 @@ class Recording:
     def beliefs(self, settings: np.ndarray, kind: int, judged: bool = True) -> Beliefs:
         """What a filter of `kind` believes for values of `_TUNED` (5,); judged: with the gate."""
         _, _, gyro, accel, latency = settings
-        gate = self.scenario.filter.gate
+        section = self.scenario.filter
+        gate = section.gate
         sensors = followed(replace(self.gyro, noise_density=gyro), replace(self.accel, noise_density=accel))
         return Beliefs(
             kind=kind,
@@ -100,6 +101,8 @@ class Recording:
             sigma_scale=1.0,
             gate=gate_limits(gate.probability if judged else 0.0),
             max_rejected=gate.max_rejected,
+            components=section.gaussian_sum.components,
+            widest=section.gaussian_sum.heading_deg * DEG,
         )
 
     def fix_sigma(self, settings: np.ndarray) -> np.ndarray:

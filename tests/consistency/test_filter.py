@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
+from navsim.core.states import A_D
 from navsim.study.executor import threads
 from navsim.study.landing import Case, fly_all
 from tests.conftest import LANDINGS
@@ -82,11 +83,36 @@ def test_tfg_beyond_the_papers_errors(settings: tuple[str, ...], name: str) -> N
     assert part.max() < 1.4, part
 
 
-def test_main_scenario_is_consistent() -> None:
-    """`landing.yaml` as shipped, where the nose follows the path: within 0.9-1.2 for the default filter."""
-    full, part = at_tens(case(), 500)
-    assert np.all((full > 0.9) & (full < 1.2)), full
-    assert np.all((part > 0.9) & (part < 1.15)), part
+TRUE = [
+    ("A", FIXES["A"], "landing_gnss_only"),
+    ("landing", (), "landing"),
+    ("landing_smooth", (), "landing_smooth"),
+    ("s_turn", (), "s_turn"),
+]
+TRUE_TOO = [
+    ("B", FIXES["B"], "landing_gnss_only"),
+    ("C", FIXES["C"], "landing_gnss_only"),
+    ("landing_gnss_only", (), "landing_gnss_only"),
+    ("1400 deg/h", (*FIXES["A"], "imu.gyro.drift_deg_h=1400"), "landing_gnss_only"),
+    ("10 deg", (*FIXES["A"], "initial_errors.attitude_deg=10"), "landing_gnss_only"),
+]
+
+
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [*(pytest.param(s, n, id=i) for i, s, n in TRUE),
+     *(pytest.param(s, n, id=i, marks=pytest.mark.long) for i, s, n in TRUE_TOO)],
+)  # fmt: skip
+def test_the_default_is_true_at_the_papers_errors(settings: tuple[str, ...], name: str) -> None:
+    """The nose follows the path: NEES/15 and NEES/6 within 0.9-1.15 at every 10 s, and no heading error beyond 6 sigma,
+    500 runs."""
+    flown = case(*settings, name=name)
+    assert flown.scenario.filter.kind == "gaussian-sum"
+    ensemble = fly_all(flown, 1, 0, 500, threads())
+    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    for mean in (ensemble["nees"].mean(axis=0)[at] / 15, ensemble["nees_position_velocity"].mean(axis=0)[at] / 6):
+        assert np.all((mean > 0.9) & (mean < 1.15)), mean
+    assert np.abs(ensemble["error"][..., A_D] / ensemble["sigma"][..., A_D]).max() < 6.0
 
 
 def test_late_fixes_with_a_lever_arm_are_used_as_well() -> None:

@@ -87,7 +87,7 @@ def test_a_file_may_be_right_only_under_the_method_given(tmp_path: Path) -> None
     """A smoother has no covariance analysis; the file asks for one, the command line for a run."""
     own = tmp_path / "mine.yaml"
     own.write_text(LANDING.read_text() + "method: covariance\n")
-    own.write_text(own.read_text().replace("kind: tfg ", "kind: rts "))
+    own.write_text(own.read_text().replace("kind: gaussian-sum", "kind: rts"))
     assert "smoother" in navsim("run", own, *BRIEF, "-q", cwd=tmp_path, code=2).stderr
     navsim("run", own, *BRIEF, "-q", "--method", "monte-carlo", cwd=tmp_path)
     foreign = navsim("run", SCENARIOS / "mls_elevation.yaml", "--method", "covariance", cwd=tmp_path, code=2)

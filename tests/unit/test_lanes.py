@@ -22,7 +22,18 @@ from navsim.core.lanes import any_lane, fma, in_lanes, no, registers, room, sele
 from navsim.core.linear import cholesky
 from navsim.estimation import estimate, judge
 from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import OUTPUT, Events, FilterModel, History, ImuData, State, Truth, schedule, start
+from navsim.estimation.records import (
+    GAUSSIAN_SUM,
+    OUTPUT,
+    Events,
+    FilterModel,
+    History,
+    ImuData,
+    State,
+    Truth,
+    schedule,
+    start,
+)
 from navsim.simulation.landing import exact_start
 from navsim.study.landing.ensemble import LandingStudy
 from tests.helpers import case
@@ -194,17 +205,23 @@ def _without_ahead(events: Events) -> Events:
     return schedule(np.unique(events.time[events.kind == OUTPUT]), (FIX, valid, valid))
 
 
+def _model(kind: int, model: FilterModel) -> FilterModel:
+    """The model of another kind; a Gaussian sum has little room, and divides and merges all the time."""
+    return model._replace(kind=kind, components=7 if kind == GAUSSIAN_SUM else 0, widest=0.03)
+
+
 def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]], None]) -> dict[str, np.ndarray]:
     """Histories and judgements of lanes that fly the same, but for what `spoil` makes of them."""
     imu, fixes, events, nav, covariance, model, truth = _flight()
     tables = {name: _tiled(getattr(fixes, name), width) for name in ("llh", "velocity", "covariance")}
-    state = start(_tiled(nav, width), _tiled(covariance, width))
+    model = _model(kind, model)
+    state = start(_tiled(nav, width), _tiled(covariance, width), model.components)
     spoil(state, tables)
     measurements = Measurements.of({FIX: FixTable(**tables, lever_arm=fixes.lever_arm)}, width)
     if kind in estimate.records.SMOOTHERS:
         events = _without_ahead(events)
     out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, "nees", "nees_group", "error")}
-    for _, rows, piece in estimate.fly(imu, measurements, events, state, model._replace(kind=kind)):
+    for _, rows, piece in estimate.fly(imu, measurements, events, state, model):
         mine = Truth(*(m[rows] for m in truth[:3]), np.repeat(truth.sensors[rows, :, None], width, axis=2))
         judged = judge.judge(kind, piece, mine)
         for name, kept in out.items():
@@ -212,6 +229,7 @@ def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]]
     return {
         **{name: np.concatenate(kept) for name, kept in out.items()},
         "state": state.navigation, "p": state.covariance, "rejected": state.rejected,
+        "weight": state.components.weight,
     }  # fmt: skip
 
 
@@ -222,26 +240,30 @@ def _bad_company(lane: int) -> Callable[[State, dict[str, np.ndarray]], None]:
     def spoil(state: State, tables: dict[str, np.ndarray]) -> None:
         width = state.navigation.shape[-1]
         others = [(lane + k) % width for k in range(1, width)]
-        state.navigation[:, others[0]] = np.nan
+        of_sum = state.components
+        navigation, covariance = state.navigation, state.covariance
+        if of_sum.weight.size:
+            navigation, covariance = of_sum.navigation[0], of_sum.covariance[0]
+        navigation[:, others[0]] = np.nan
         tables["llh"][20:90, :, others[1]] = np.nan
         tables["velocity"][::3, 1, others[1]] = np.nan
         tables["llh"][30:60, :, others[2]] += 1e-3
         if width > 4:
-            state.navigation[states.NAV_QUAT : states.NAV_HELD, others[3]] = [0.0, 0.0, 0.0, 1.0]
-            state.covariance[3, 3, others[4]] = -5.0
-            state.covariance[..., others[5]] = np.inf
+            navigation[states.NAV_QUAT : states.NAV_HELD, others[3]] = [0.0, 0.0, 0.0, 1.0]
+            covariance[3, 3, others[4]] = -5.0
+            covariance[..., others[5]] = np.inf
             tables["covariance"][50:, :, :, others[6]] = 0.0
 
     return spoil
 
 
-@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg", "map"])
+@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg", "gaussian-sum", "map"])
 def test_bits_do_not_depend_on_the_neighbours(kind: str) -> None:
     """Any place in the register, any neighbours, either width: the same bits."""
     number = estimate.FILTER_KINDS[kind]
     alone = _flown(lanes.WIDTH, number, lambda state, tables: None)
     assert np.isfinite(alone["covariance"]).all()
-    widths = WIDTHS if kind == "tfg" else (lanes.WIDTH,)
+    widths = WIDTHS if kind in ("tfg", "gaussian-sum") else (lanes.WIDTH,)
     for width in widths:
         for lane in (0, 2, width - 1):
             among = _flown(width, number, _bad_company(lane))
@@ -251,15 +273,16 @@ def test_bits_do_not_depend_on_the_neighbours(kind: str) -> None:
                 )
 
 
-@pytest.mark.parametrize("kind", ["eskf", "rts", "map"])
+@pytest.mark.parametrize("kind", ["eskf", "gaussian-sum", "rts", "map"])
 def test_one_run_alone_has_the_bits_of_a_lane(kind: str) -> None:
     """`estimate` of a single flight, with plain numbers where it is a smoother, against `fly` of lanes."""
     number = estimate.FILTER_KINDS[kind]
     imu, fixes, events, nav, covariance, model, _ = _flight()
     if number in estimate.records.SMOOTHERS:
         events = _without_ahead(events)
-    state = start(nav, covariance)
-    alone = estimate.estimate(imu, Measurements.of({FIX: fixes}), events, state, model._replace(kind=number))
+    model = _model(number, model)
+    state = start(nav, covariance, model.components)
+    alone = estimate.estimate(imu, Measurements.of({FIX: fixes}), events, state, model)
     together = _flown(lanes.WIDTH, number, lambda state, tables: None)
     for name in History._fields:
         np.testing.assert_array_equal(getattr(alone, name), together[name][..., 1], err_msg=name)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from navsim.core.lanes import WIDTH
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
+from navsim.scenario.filter import SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import times_of
 from navsim.simulation.landing_covariance import SOURCES
@@ -38,6 +39,8 @@ SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
 """Seconds a sample, and a fix, of a run of a filter among as many as fly at once."""
 SMOOTHING = {"rts": 4.0, "map": 10.0}
 """Times as long a run of a smoother takes."""
+COMPONENTS = 0.45
+"""Part of the components that a Gaussian sum may have that it has on average: 4 to 9 of 11 in the shipped scenarios."""
 FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
 SIGHT_TIME = 3e-6
@@ -123,7 +126,12 @@ def run_time(scenario: Landing, here: Extent) -> float:
     weighed = here.epochs + here.aided + here.ahead
     flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
     once = SAMPLE_TIME * flown + FIX_TIME * weighed
-    return SMOOTHING.get(scenario.filter.kind, 1.0) * once
+    return times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
+
+
+def times_as_long(kind: str, components: int) -> float:
+    """How many times as long as with one Gaussian a run takes with a kind of estimator."""
+    return max(1.0, COMPONENTS * components) if kind == SUM else SMOOTHING.get(kind, 1.0)
 
 
 def flying_memory(scenario: Landing, here: Extent) -> float:
@@ -132,6 +140,8 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
     of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
     if scenario.filter.kind in SMOOTHING:  # its whole flight: five covariances at every instant
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
+    if scenario.filter.kind == SUM:
+        of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
     return WIDTH * of_one
 
 

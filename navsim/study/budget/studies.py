@@ -31,7 +31,6 @@ from navsim.study.budget.landing import (
     SAMPLE_TIME,
     SIGHT_TIME,
     SIGNAL_MEMORY,
-    SMOOTHING,
     STATISTICS,
     SUMS,
     Extent,
@@ -41,6 +40,7 @@ from navsim.study.budget.landing import (
     prepared,
     run_time,
     shared_memory,
+    times_as_long,
 )  # fmt: skip
 from navsim.study.ensemble import BATCH
 from navsim.study.landing.case import environment, glide_epochs
@@ -196,7 +196,8 @@ def recorded(recording: replay.Recording) -> Budget:
     outputs = lasts * rate
     outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
     once = SAMPLE_TIME * samples + FIX_TIME * fixes
-    final = SMOOTHING.get(recording.scenario.filter.kind, 1.0) * (once + SAMPLE_TIME * outputs)
+    section = recording.scenario.filter
+    final = times_as_long(section.kind, section.gaussian_sum.components) * (once + SAMPLE_TIME * outputs)
     time = once * (replay.extent(recording) + outages) + final
     smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
     result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE

@@ -280,6 +280,8 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
         sigma_scale=section.fix_sigma_scale,
         gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
+        components=section.gaussian_sum.components,
+        widest=section.gaussian_sum.heading_deg * DEG,
     )
     return beliefs, initial
 

@@ -1,0 +1,569 @@
+"""`kind: gaussian-sum`: several Gaussians side by side, each narrow enough in heading to stay one.
+
+No single Gaussian holds what is known after a turn made while heading is uncertain: the biases B = C b, known along
+level axes and not along the vertical, turn with the body about an axis whose direction is not known, and the product of
+both errors is quadratic. Within a component that is narrow in heading it is linear again. So a component that is too
+wide for the turn to come is divided along heading, and what its other states owe to heading goes with it; measurements
+weigh the components by their likelihoods; those next to impossible go, and two that are narrow enough as one become
+one. With heading known a single one is left. Each is a `tfg` filter whose axes are not held (`tfg.hold_axes`).
+
+The answer is the mean and the covariance of the sum in the chart of `tfg`.
+
+The first components of W runs fly side by side in lanes, then the second ones; where a run has fewer than another, the
+rest have the weight 0.
+
+Sources: [1] Alspach & Sorenson, Nonlinear Bayesian estimation using Gaussian sum approximations, IEEE TAC 17 (1972).
+[2] Runnalls, Kullback-Leibler approach to Gaussian mixture reduction, IEEE TAES 43 (2007). [3]
+`docs/theory/filter.md`, section 9.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.attitude import dcm
+from navsim.core.covariance import gain, joseph, transport
+from navsim.core.elementary import exp_of_negative
+from navsim.core.jit import kernel, within
+from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.core.linear import cholesky, copy, copy_matrix, invert3
+from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, SENSORS
+from navsim.estimation import tfg
+from navsim.estimation.error_state import between
+from navsim.estimation.filter_loop import (
+    advance,
+    errors_from,
+    held,
+    keep_innovation,
+    limit_of,
+    numbers_in,
+    own_error,
+    set_off,
+    start_axes,
+    whitened_square,
+    workshop,
+)
+from navsim.estimation.observations import observe
+from navsim.estimation.records import NOT_USED, OUTPUT, PASS, REJECTED, TIME_TOLERANCE, USED, Mixture
+
+_NARROWED = 0.65
+"""1 sigma of heading of each of the three that a component is divided into, in its own."""
+_OFFSET = math.sqrt(3.0 * (1.0 - _NARROWED * _NARROWED))
+"""Where the outer two lie, in 1 sigma: with the weights 1/6, 4/6, 1/6 all moments up to the fifth are the divided
+one's."""
+_TURN = 0.02
+"""A turn that must always be expected, rad."""
+_AHEAD = 2.0
+"""How long a turn is expected to go on as it is, s."""
+_CROSSED = 0.5
+"""The largest quadratic error of a level bias that a turn may make, in what is known of that bias."""
+_LEVEL_KNOWN = 0.01
+"""What will come to be known of level biases at least, in 1 sigma of the vertical one: at first nothing is, and a
+quadratic error made then shows later."""
+_NARROWEST = 0.5
+"""1 sigma of heading that no turn asks to divide, in that of the widest component."""
+_AS_ONE = 0.4
+"""1 sigma of heading of two as one, in that of the widest, below which they become one."""
+_NEGLIGIBLE = 1e-5
+"""Components of less weight go."""
+_SLIGHT = 0.005
+"""Those of less weight are not divided."""
+_GAIN = 0.3
+"""Where there is no more room, two become one for another to be divided if that takes away less than this part of what
+it gives: their own weights, as far as they differ, against its weight."""
+
+
+class Bench(NamedTuple):
+    """Work space: x, error, mean (n,), nav, other (NAV,), p, square (n, n), increments (6,), pair: two components."""
+
+    x: np.ndarray
+    error: np.ndarray
+    mean: np.ndarray
+    nav: np.ndarray
+    other: np.ndarray
+    p: np.ndarray
+    square: np.ndarray
+    increments: np.ndarray
+    pair: Mixture
+
+
+@within
+def _components(like, most, nav_size, n):
+    """Room for so many components, all without weight."""
+    mixture = Mixture(
+        room(like, (most, nav_size)), room(like, (most, n, n)), room(like, (most, 6)), room(like, (most,))
+    )  # fmt: skip
+    for j in range(most):
+        mixture.weight[j] = 0.0
+    return mixture
+
+
+@within
+def _bench(nav, n):
+    """Work space for components of n states."""
+    size = nav.shape[0]
+    return Bench(
+        room(nav, (n,)), room(nav, (n,)), room(nav, (n,)), room(nav, (size,)), room(nav, (size,)), room(nav, (n, n)),
+        room(nav, (n, n)), room(nav, (6,)), _components(nav, 2, size, n),
+    )  # fmt: skip
+
+
+@kernel
+def _copy_mixture(source, count, target):
+    """The first components."""
+    for j in range(count):
+        copy(source.navigation[j], target.navigation[j])
+        copy_matrix(source.covariance[j], target.covariance[j])
+        copy(source.increments[j], target.increments[j])
+    copy(source.weight, target.weight)
+
+
+@kernel
+def _count(weight):
+    """How many components the run has that has most."""
+    count = 1
+    for j in range(1, weight.shape[0]):
+        if any_lane(weight[j] > 0.0):
+            count = j + 1
+    return count
+
+
+@kernel
+def _take(which, mixture, j, nav, p, increments):
+    """nav, p, increments <- component j where `which` is true."""
+    held(mixture.navigation[j], no(which), nav)
+    held(mixture.increments[j], no(which), increments)
+    for i in range(p.shape[0]):
+        held(mixture.covariance[j, i], no(which), p[i])
+
+
+@kernel
+def _put(which, nav, p, increments, weight, mixture, j):
+    """Component j <- nav, p, increments, weight where `which` is true."""
+    held(nav, no(which), mixture.navigation[j])
+    held(increments, no(which), mixture.increments[j])
+    for i in range(p.shape[0]):
+        held(p[i], no(which), mixture.covariance[j, i])
+    mixture.weight[j] = select(which, weight, mixture.weight[j])
+
+
+@kernel
+def _share(which, weight):
+    """Weights (M,) <- what they are of their sum where `which` is true."""
+    total = weight[0]
+    for j in range(1, weight.shape[0]):
+        total += weight[j]
+    for j in range(weight.shape[0]):
+        weight[j] = select(which, weight[j] / total, weight[j])
+
+
+@kernel
+def _close_ranks(mixture):
+    """Components that are there <- first."""
+    weight = mixture.weight
+    count = _count(weight)
+    for empty in range(count):
+        for j in range(count - 1, empty, -1):
+            moves = (weight[empty] == 0.0) & (weight[j] > 0.0)
+            if any_lane(moves):
+                nav, p, increments = mixture.navigation[j], mixture.covariance[j], mixture.increments[j]
+                _put(moves, nav, p, increments, weight[j], mixture, empty)
+                weight[j] = select(moves, 0.0, weight[j])
+
+
+@kernel
+def _invert_blocks(diagonal, column):
+    """The inverse of a matrix of such blocks (n / 3, 3, 3), see `core.covariance.transport`, in place."""
+    attitude = ATT // 3
+    inverse, theta, work = small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3)
+    invert3(diagonal[attitude], theta)
+    for block in range(diagonal.shape[0]):
+        own, across = diagonal[block], column[block]
+        invert3(own, inverse)
+        copy_matrix(inverse, own)
+        if block != attitude:
+            for i in range(3):
+                for j in range(3):
+                    work[i, j] = across[i, 0] * theta[0, j] + across[i, 1] * theta[1, j] + across[i, 2] * theta[2, j]
+            for i in range(3):
+                for j in range(3):
+                    t = inverse[i, 0] * work[0, j] + inverse[i, 1] * work[1, j] + inverse[i, 2] * work[2, j]
+                    across[i, j] = -t
+
+
+@kernel
+def moments(chart, mixture, nav, p, space, bench):
+    """Mean nav (NAV,) and covariance p (n, n) of a sum, in the chart at its mean. space: `filter_loop.workshop`."""
+    weight, x, error, other, square = mixture.weight, bench.x, bench.error, bench.other, bench.square
+    n = p.shape[0]
+    count = _count(weight)
+    copy(mixture.navigation[0], nav)
+    copy_matrix(mixture.covariance[0], p)
+    if count == 1:
+        return
+    several = weight[1] > 0.0
+    heaviest = weight[0]
+    for j in range(1, count):
+        heavier = weight[j] > heaviest
+        heaviest = select(heavier, weight[j], heaviest)
+        held(mixture.navigation[j], no(heavier), nav)
+    # to the mean, from the heaviest
+    for _ in range(2):
+        for i in range(n):
+            bench.mean[i] = 0.0
+        for j in range(count):
+            between(mixture.navigation[j], nav, error)
+            own_error(chart, nav, error, x)
+            for i in range(n):
+                bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
+        copy(nav, other)
+        tfg.feed_back(other, bench.mean, space)
+        held(other, no(several), nav)
+    for a in range(n):
+        for b in range(n):
+            p[a, b] = select(several, 0.0, p[a, b])
+    for j in range(count):
+        there = several & (weight[j] > 0.0)
+        between(mixture.navigation[j], nav, error)
+        own_error(chart, nav, error, x)
+        # the reset that leads from the mean to the component, backwards
+        copy(nav, other)
+        tfg.feed_back(other, x, space)
+        _invert_blocks(space.diagonal, space.column)
+        copy_matrix(mixture.covariance[j], square)
+        transport(square, space.diagonal, space.column, space.square)
+        for a in range(n):
+            for b in range(a + 1):
+                p[a, b] = select(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])
+                p[b, a] = p[a, b]
+
+
+@kernel
+def turn_ahead(imu, cursor, until, nav):
+    """The angle (rad) that the body must be expected to turn by, from what it turns by until then; 0 if that is now."""
+    time, dtheta = imu.time, registers(imu.dtheta)
+    first = int(cursor[0])
+    last = first
+    body = small_vector(nav, 3)
+    for i in range(3):
+        body[i] = 0.0
+    while last < time.shape[0] - 1 and time[last] < until - TIME_TOLERANCE:
+        for i in range(3):
+            body[i] += dtheta[last, i]
+        last += 1
+    span = time[last] - time[first]
+    for i in range(3):
+        body[i] -= nav[NAV_GYRO + i] * span
+    size = math.sqrt(body[0] * body[0] + body[1] * body[1] + body[2] * body[2])
+    return _TURN + size * max(1.0, _AHEAD / span) if span > 0.0 else 0.0 * size
+
+
+@kernel
+def _width(nav, p, turn, widest, c_nb):
+    """1 sigma of heading of a component, in what it may be before a turn.
+
+    A turn takes a part of the vertical bias into a level one, in a direction that is known as well as heading is: sigma
+    of heading x the turn x sigma of the vertical bias is the quadratic error of the level one.
+    """
+    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    variance, big, row = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 6)
+    for i in range(3):
+        big[i] = c_nb[i, 0] * nav[NAV_GYRO] + c_nb[i, 1] * nav[NAV_GYRO + 1] + c_nb[i, 2] * nav[NAV_GYRO + 2]
+    for i in range(3):
+        # dB = C db - [B x] theta; attitude and gyro biases follow each other among the states
+        for j in range(3):
+            row[j] = 0.0
+            row[3 + j] = c_nb[i, j]
+        row[(i + 2) % 3] = -big[(i + 1) % 3]
+        row[(i + 1) % 3] = big[(i + 2) % 3]
+        t = 0.0 * turn
+        for j in range(6):
+            for k in range(6):
+                t += row[j] * p[ATT + j, ATT + k] * row[k]
+        variance[i] = t
+    level = select(variance[0] < variance[1], variance[0], variance[1])
+    known = math.sqrt(level / variance[2])
+    known = select(known > _LEVEL_KNOWN, _LEVEL_KNOWN, known)
+    allowed = _CROSSED * known / turn
+    allowed = select(allowed < _NARROWEST * widest, _NARROWEST * widest, allowed)
+    allowed = select(allowed > widest, widest, allowed)
+    return math.sqrt(p[A_D, A_D]) / allowed
+
+
+@kernel
+def divide(chart, mixture, which, index, space, bench):
+    """Divide component `index` into three along heading, where `which` is true and two are free."""
+    nav, p, other, square, x, along = bench.nav, bench.p, bench.other, bench.square, bench.x, bench.error
+    weight, increments = mixture.weight, bench.increments
+    n, most = p.shape[0], weight.shape[0]
+    divided = 0.0 * weight[0]
+    for j in range(most):
+        own = which & (index == j)
+        if any_lane(own):
+            _take(own, mixture, j, nav, p, increments)
+            divided = select(own, weight[j], divided)
+    variance = p[A_D, A_D]
+    for i in range(n):
+        along[i] = p[i, A_D] / variance
+    for a in range(n):
+        for b in range(n):
+            p[a, b] -= along[a] * along[b] * variance * (1.0 - _NARROWED * _NARROWED)
+    for j in range(most):
+        own = which & (index == j)
+        if any_lane(own):
+            _put(own, nav, p, increments, divided * (4.0 / 6.0), mixture, j)
+    for side in range(2):
+        for i in range(n):
+            x[i] = along[i] * math.sqrt(variance) * (_OFFSET if side == 0 else -_OFFSET)
+        copy(nav, other)
+        copy_matrix(p, square)
+        tfg.correct(other, square, x, space)
+        free = which
+        for j in range(1, most):
+            own = free & (weight[j] == 0.0)
+            if any_lane(own):
+                _put(own, other, square, increments, divided * (1.0 / 6.0), mixture, j)
+                free = free & no(own)
+
+
+@kernel
+def merge(chart, mixture, which, first, second, space, bench):
+    """Components `first` and `second` <- one of the same moments, in the place of the first, where `which` is true."""
+    pair, weight, increments = bench.pair, mixture.weight, bench.increments
+    most = weight.shape[0]
+    for side in range(2):
+        # something of weight in lanes that have no pair
+        pair.weight[side] = 0.5
+        index = first if side == 0 else second
+        for j in range(most):
+            own = which & (index == j)
+            if any_lane(own):
+                _take(own, mixture, j, pair.navigation[side], pair.covariance[side], pair.increments[side])
+                pair.weight[side] = select(own, weight[j], pair.weight[side])
+    total = pair.weight[0] + pair.weight[1]
+    _share(total > 0.0, pair.weight)
+    moments(chart, pair, bench.nav, bench.p, space, bench)
+    for i in range(6):
+        increments[i] = pair.weight[0] * pair.increments[0, i] + pair.weight[1] * pair.increments[1, i]
+    for j in range(most):
+        own = which & (first == j)
+        if any_lane(own):
+            _put(own, bench.nav, bench.p, increments, total, mixture, j)
+        weight[j] = select(which & (second == j), 0.0, weight[j])
+    _close_ranks(mixture)
+
+
+@kernel
+def arrange(chart, mixture, turn, widest, space, bench):
+    """Merge and divide components until each is as narrow as a turn (rad) asks for, or there is no room."""
+    weight = mixture.weight
+    most = weight.shape[0]
+    for _ in range(4 * most):
+        count = _count(weight)
+        taken, needs, which, size = 0.0 * turn, 0.0 * turn, 0.0 * turn, 0.0 * turn
+        for j in range(count):
+            taken += select(weight[j] > 0.0, 1.0, 0.0)
+            width = _width(mixture.navigation[j], mixture.covariance[j], turn, widest, space.c_nb)
+            need = weight[j] * width
+            first = (width > 1.0) & (weight[j] > _SLIGHT) & (need > needs)
+            needs, size = select(first, need, needs), select(first, weight[j], size)
+            which = select(first, 1.0 * j, which)
+        # the two that differ least in heading, as much as they weigh, and the heading of both as one
+        least, one, two, joint = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn, 0.0 * turn + math.inf
+        for i in range(count):
+            q = mixture.navigation[i, NAV_QUAT:NAV_HELD]
+            for j in range(i + 1, count):
+                r = mixture.navigation[j, NAV_QUAT:NAV_HELD]
+                half = q[0] * r[3] + q[1] * r[2] - q[2] * r[1] - q[3] * r[0]
+                apart = 4.0 * half * half
+                total = weight[i] + weight[j]
+                within_i, within_j = mixture.covariance[i, A_D, A_D], mixture.covariance[j, A_D, A_D]
+                lost = weight[i] * weight[j] * apart / (total * 0.5 * (within_i + within_j))
+                nearer = (weight[j] > 0.0) & (lost < least)
+                least = select(nearer, lost, least)
+                one, two = select(nearer, 1.0 * i, one), select(nearer, 1.0 * j, two)
+                mean = (weight[i] * within_i + weight[j] * within_j) / total
+                joint = select(nearer, mean + weight[i] * weight[j] * apart / (total * total), joint)
+        merges = joint < (_AS_ONE * widest) * (_AS_ONE * widest)
+        divides = no(merges) & (needs > 0.0)
+        full = taken > most - 2.0
+        merges = merges | (divides & full & (least < _GAIN * size))
+        divides = divides & no(full)
+        if any_lane(merges):
+            merge(chart, mixture, merges, one, two, space, bench)
+        if any_lane(divides):
+            divide(chart, mixture, divides, which, space, bench)
+        if not any_lane(merges | divides):
+            break
+
+
+@kernel
+def _together(weight, zs, ss, m, z, s):
+    """Innovation z (m,) of a sum, and the factor s (m, m) of its covariance, from those of the components zs (M, MOST),
+    ss (M, MOST, MOST). Returns whether it is one."""
+    count = _count(weight)
+    for a in range(m):
+        z[a] = weight[0] * zs[0, a]
+        for j in range(1, count):
+            z[a] += select(weight[j] > 0.0, weight[j] * zs[j, a], 0.0)
+    for a in range(m):
+        for b in range(a + 1):
+            s[a, b] = 0.0
+            for j in range(count):
+                t = (zs[j, a] - z[a]) * (zs[j, b] - z[b])
+                for c in range(b + 1):
+                    t += ss[j, a, c] * ss[j, b, c]
+                s[a, b] += select(weight[j] > 0.0, weight[j] * t, 0.0)
+    return cholesky(s, m)
+
+
+@kernel
+def weigh(used, weight, squares, sizes):
+    """Weights (M,) <- by the likelihoods of a measurement, where it is used; what is next to nothing becomes nothing.
+
+    squares (M,): normalised innovations squared, sizes (M,): roots of the determinants of their covariances.
+    """
+    count = _count(weight)
+    least, of_least = squares[0], sizes[0]
+    for j in range(1, count):
+        better = (weight[j] > 0.0) & (squares[j] < least)
+        least, of_least = select(better, squares[j], least), select(better, sizes[j], of_least)
+    for j in range(count):
+        likelihood = exp_of_negative(-0.5 * (squares[j] - least)) * of_least / sizes[j]
+        weight[j] = select(used & (weight[j] > 0.0), weight[j] * likelihood, weight[j])
+    _share(used, weight)
+    for j in range(count):
+        weight[j] = select(used & (weight[j] < _NEGLIGIBLE), 0.0, weight[j])
+    _share(used, weight)
+
+
+@kernel
+def run(chart, imu, measurements, events, state, way, model, history):
+    """Fly a sum through the events; arguments are those of `filter_loop.run`.
+
+    Of `state` the components go on; its navigation and covariance become the moments of those after the last event that
+    was not ahead. Of `way` the increments are not used: each component has its own.
+    """
+    declared = model.declared
+    n = SENSORS + declared.shape[0]
+    state_nav, state_p, state_rejected = (
+        registers(state.navigation),
+        registers(state.covariance),
+        registers(state.rejected),
+    )
+    navigation, covariance = registers(history.navigation), registers(history.covariance)
+    innovation, innovation_sigma = registers(history.innovation), registers(history.innovation_sigma)
+    innovation_squared, degrees_of = registers(history.innovation_squared), registers(history.degrees)
+    status = registers(history.status)
+    own = Mixture(
+        registers(state.components.navigation), registers(state.components.covariance),
+        registers(state.components.increments), registers(state.components.weight),
+    )  # fmt: skip
+    most, nav_size = own.weight.shape[0], state_nav.shape[0]
+    x, z, have = room(state_nav, (n,)), small_vector(state_nav, MOST), small_vector(state_nav, MOST)
+    h, r, s = room(state_nav, (MOST, n)), small_matrix(state_nav, MOST, MOST), small_matrix(state_nav, MOST, MOST)
+    pht, work = room(state_nav, (n, MOST)), room(state_nav, (n, MOST))
+    zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
+    squares, sizes = room(state_nav, (most,)), room(state_nav, (most,))
+    space, bench = workshop(state_nav, n), _bench(state_nav, n)
+    # the copy that runs ahead
+    late = _components(state_nav, most if events.ahead.any() else 1, nav_size, n)
+    rejections, cursors, cursor = room(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
+    copy(state_rejected, rejections[0])
+    copy(way.cursor, cursors[0])
+    if way.cursor[0] < 0.0:
+        for j in range(_count(own.weight)):
+            start_axes(own.navigation[j])
+            set_off(imu, own.navigation[j], declared, cursors[0], own.increments[j])
+    before = 0
+    for i in range(events.time.shape[0]):
+        ahead = 1 if events.ahead[i] else 0
+        if ahead > before:
+            _copy_mixture(own, _count(own.weight), late)
+            copy(cursors[0], cursors[1])
+            copy(rejections[0], rejections[1])
+        before = ahead
+        now = late if ahead else own
+        weight, rejected = now.weight, rejections[ahead]
+        what, row = events.kind[i], events.row[i]
+        innovation_squared[i] = math.nan
+        degrees_of[i] = 0.0
+        status[i] = NOT_USED
+        for a in range(MOST):
+            innovation[i, a] = math.nan
+            innovation_sigma[i, a] = math.nan
+        # a turn finds the components as narrow as it needs them
+        turn = turn_ahead(imu, cursors[ahead], events.time[i], now.navigation[0])
+        if any_lane(turn > 0.0):
+            arrange(chart, now, turn, model.widest, space, bench)
+        count = _count(weight)
+        for j in range(count):
+            copy(cursors[ahead], cursor)
+            advance(
+                chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
+                space,
+            )  # fmt: skip
+        copy(cursor, cursors[ahead])
+        if what == OUTPUT:
+            moments(chart, now, navigation[row], covariance[row], space, bench)
+        elif what != PASS:
+            m = 0
+            sound = weight[0] < 0.0
+            for j in range(count):
+                m = observe(
+                    what, row, measurements, now.navigation[j], now.increments[j], cursor[2], declared, space.c_nb,
+                    have, zs[j], h, r,
+                )  # fmt: skip
+                good = gain(now.covariance[j], h, r, m, pht, ss[j], ks[j])
+                copy(zs[j], z)
+                squares[j] = select(good, whitened_square(ss[j], z, m), math.inf)
+                sizes[j] = ss[j, 0, 0]
+                for a in range(1, m):
+                    sizes[j] *= ss[j, a, a]
+                sound = sound | (good & (weight[j] > 0.0))
+            # a component without a covariance goes, unless there is no other
+            fewer = weight[0] < 0.0
+            for j in range(count):
+                failed = sound & (weight[j] > 0.0) & no(squares[j] < math.inf)
+                weight[j] = select(failed, 0.0, weight[j])
+                fewer = fewer | failed
+            if any_lane(fewer):
+                _share(fewer, weight)
+            degrees = numbers_in(have, m)
+            weighed = _together(weight, zs, ss, m, z, s) & (degrees > 0.0) & sound
+            if ahead == 0:
+                keep_innovation(have, weighed, m, z, s, innovation[i], innovation_sigma[i])
+            q = whitened_square(s, z, m)
+            used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+            if ahead == 0:
+                innovation_squared[i] = select(weighed, q, math.nan)
+                degrees_of[i] = select(weighed, degrees, 0.0)
+                status[i] = select(weighed, select(used, USED, REJECTED), status[i])
+            rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+            for j in range(count):
+                # as in `filter_loop.run`
+                if any_lane(used & (weight[j] > 0.0)):
+                    nav, p = now.navigation[j], now.covariance[j]
+                    spared = any_lane(no(used) & (weight[j] > 0.0))
+                    if spared:
+                        copy(nav, bench.other)
+                        copy_matrix(p, bench.square)
+                    errors_from(ks[j], zs[j], m, x)
+                    tfg.correct(nav, p, x, space)
+                    observe(
+                        what, row, measurements, nav, now.increments[j], cursor[2], declared, space.c_nb, have, z, h, r
+                    )  # fmt: skip
+                    gain(p, h, r, m, pht, s, ks[j])
+                    joseph(p, h, r, m, pht, ks[j], work)
+                    if spared:
+                        held(bench.other, used, nav)
+                        for a in range(n):
+                            held(bench.square[a], used, p[a])
+            weigh(used, weight, squares, sizes)
+            _close_ranks(now)
+    moments(chart, own, state_nav, state_p, space, bench)
+    copy(rejections[0], state_rejected)
+    copy(cursors[0], way.cursor)

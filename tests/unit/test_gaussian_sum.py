@@ -1,0 +1,241 @@
+"""The Gaussian sum: what divides, merges and weighs components leaves the moments that it must."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from navsim.core import states
+from navsim.core.elementary import exp_of_negative
+from navsim.core.states import A_D, NAV_HELD, NAV_N, NAV_SENSORS, N
+from navsim.estimation import estimate, gaussian_sum, tfg
+from navsim.estimation.filter_loop import CHARTS
+from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.estimation.records import GAUSSIAN_SUM, ImuData, Mixture, schedule, start
+from navsim.simulation.landing import exact_start
+from tests.helpers import case
+from tests.unit.test_covariance import error, some_covariance
+from tests.unit.test_group_filters import retract, workshop
+from tests.unit.test_group_filters import start as some_state
+
+CHART = CHARTS[GAUSSIAN_SUM]
+WIDEST = np.radians(4.5)
+ROOM = 9
+
+
+def centre() -> np.ndarray:
+    """A navigation state whose bias axes are not held."""
+    nav = some_state()
+    nav[NAV_HELD:NAV_SENSORS] = 1.0, 0.0, 0.0, 0.0
+    return nav
+
+
+def covariance(heading: float) -> np.ndarray:
+    """A covariance with this 1 sigma of heading, rad, to which all other states owe something."""
+    p = some_covariance(3)
+    scale = np.ones(N)
+    scale[A_D] = heading / np.sqrt(p[A_D, A_D])
+    out: np.ndarray = p * scale * scale[:, None]
+    return out
+
+
+def sum_of(*parts: tuple[np.ndarray, np.ndarray, float], room: int = ROOM) -> Mixture:
+    """A sum of components: navigation state, covariance, weight."""
+    mixture = Mixture(np.zeros((room, NAV_N)), np.zeros((room, N, N)), np.zeros((room, 6)), np.zeros(room))
+    for j, (nav, p, weight) in enumerate(parts):
+        mixture.navigation[j], mixture.covariance[j], mixture.weight[j] = nav, p, weight
+    return mixture
+
+
+def bench() -> gaussian_sum.Bench:
+    vectors = (np.empty(size) for size in (N, N, N, NAV_N, NAV_N))
+    return gaussian_sum.Bench(*vectors, np.empty((N, N)), np.empty((N, N)), np.empty(6), sum_of(room=2))
+
+
+def moments(mixture: Mixture) -> tuple[np.ndarray, np.ndarray]:
+    nav, p = np.empty(NAV_N), np.empty((N, N))
+    gaussian_sum.moments(CHART, mixture, nav, p, workshop(), bench())
+    return nav, p
+
+
+def same(one: tuple[np.ndarray, np.ndarray], two: tuple[np.ndarray, np.ndarray], tolerance: float) -> None:
+    """Means within a part of a sigma, covariances to a part of theirs."""
+    scale = np.sqrt(np.diag(two[1]))
+    np.testing.assert_allclose(error(one[0], two[0]) / scale, 0.0, atol=tolerance)
+    np.testing.assert_allclose(one[1] / scale / scale[:, None], two[1] / scale / scale[:, None], atol=tolerance)
+    np.testing.assert_array_equal(one[1], one[1].T)
+
+
+def own(nav: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """The coordinates (n,) of a state in the chart at a centre."""
+    out = np.empty(N)
+    tfg.own_error(centre, error(nav, centre), out)
+    return out
+
+
+def divided(heading: float) -> Mixture:
+    mixture = sum_of((centre(), covariance(heading), 1.0))
+    gaussian_sum.divide(CHART, mixture, True, 0.0, workshop(), bench())
+    return mixture
+
+
+@pytest.mark.parametrize("heading", [0.01, 0.2])
+def test_a_divided_component_has_the_moments_of_the_whole(heading: float) -> None:
+    """Mean and covariance of all states, and along heading the fourth moment."""
+    mixture = divided(heading)
+    np.testing.assert_allclose(mixture.weight[:4], [4 / 6, 1 / 6, 1 / 6, 0.0])
+    same(moments(mixture), (centre(), covariance(heading)), 1e-7)
+    offset = np.array([own(nav, centre())[A_D] for nav in mixture.navigation[:3]]) / heading
+    narrowed = 0.65
+    np.testing.assert_allclose(np.sqrt(mixture.covariance[0, A_D, A_D]) / heading, narrowed)
+    fourth = mixture.weight[:3] @ (offset**4 + 6.0 * offset**2 * narrowed**2 + 3.0 * narrowed**4)
+    np.testing.assert_allclose(fourth, 3.0, rtol=1e-6)
+
+
+def test_two_that_are_merged_have_the_moments_of_both() -> None:
+    mixture = divided(0.1)
+    whole = moments(mixture)
+    gaussian_sum.merge(CHART, mixture, True, 1.0, 2.0, workshop(), bench())
+    np.testing.assert_allclose(mixture.weight[:3], [4 / 6, 2 / 6, 0.0])
+    same(moments(mixture), whole, 1e-6)
+    gaussian_sum.merge(CHART, mixture, True, 0.0, 1.0, workshop(), bench())
+    np.testing.assert_allclose(mixture.weight[:2], [1.0, 0.0])
+    same((mixture.navigation[0], mixture.covariance[0]), (centre(), covariance(0.1)), 1e-6)
+
+
+def test_moments_are_those_of_points_on_the_chart() -> None:
+    """Components next to points, at known places by the definition of the feedback: mean and covariance of the
+    places."""
+    rng = np.random.default_rng(5)
+    sigma = np.sqrt(np.diag(covariance(0.2)))
+    weight = np.array([0.5, 0.3, 0.15, 0.05])
+    places = rng.standard_normal((4, N)) * sigma
+    places -= weight @ places
+    tiny = np.diag(1e-12 * sigma**2)
+    parts = [(retract("tfg", centre(), y), tiny, float(w)) for y, w in zip(places, weight, strict=True)]
+    same(moments(sum_of(*parts)), (centre(), np.einsum("j,ja,jb->ab", weight, places, places)), 2e-5)
+
+
+def test_measurements_weigh_by_their_likelihood() -> None:
+    """Against densities of scipy; what is next to impossible goes."""
+    rng = np.random.default_rng(6)
+    prior = np.array([0.4, 0.3, 0.2, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    innovations = rng.standard_normal((4, 3))
+    innovations[3] = 40.0
+    roots = rng.standard_normal((4, 3, 3))
+    of_innovations = roots @ roots.transpose(0, 2, 1) + 0.5 * np.eye(3)
+    squares, sizes = np.full(ROOM, np.nan), np.full(ROOM, np.nan)
+    for j in range(4):
+        squares[j] = innovations[j] @ np.linalg.solve(of_innovations[j], innovations[j])
+        sizes[j] = np.sqrt(np.linalg.det(of_innovations[j]))
+    weight, kept = prior.copy(), prior.copy()
+    gaussian_sum.weigh(True, weight, squares, sizes)
+    gaussian_sum.weigh(False, kept, squares, sizes)
+    density = [multivariate_normal.pdf(innovations[j], cov=of_innovations[j]) for j in range(4)]
+    expected = prior[:3] * density[:3]
+    assert density[3] < 1e-12 * max(density)
+    np.testing.assert_allclose(weight[:3], expected / expected.sum(), rtol=1e-10)
+    np.testing.assert_array_equal(weight[3:], 0.0)
+    np.testing.assert_array_equal(kept, prior)
+
+
+def arranged(mixture: Mixture, turn: float) -> Mixture:
+    gaussian_sum.arrange(CHART, mixture, turn, WIDEST, workshop(), bench())
+    return mixture
+
+
+def headings(mixture: Mixture) -> np.ndarray:
+    """1 sigma of heading of the components that are there."""
+    out: np.ndarray = np.sqrt(mixture.covariance[:, A_D, A_D])[mixture.weight > 0.0]
+    return out
+
+
+def test_components_are_as_narrow_as_a_turn_asks_for() -> None:
+    """Down to half of the widest, as far as there is room; the sum keeps its moments."""
+    whole = centre(), covariance(1.4 * WIDEST)
+    calm, turning = (arranged(sum_of((*whole, 1.0)), turn) for turn in (0.02, 0.5))
+    assert headings(calm).size == 3
+    assert headings(calm).max() < WIDEST
+    assert 3 < headings(turning).size <= ROOM
+    for mixture in (calm, turning):
+        assert mixture.weight.sum() == pytest.approx(1.0)
+        same(moments(mixture), whole, 1e-5)
+    # what is narrow enough for any turn stays as it is
+    narrow = arranged(sum_of((centre(), covariance(0.4 * WIDEST), 1.0)), 0.5)
+    np.testing.assert_array_equal(narrow.weight, np.eye(ROOM)[0])
+    np.testing.assert_array_equal(narrow.covariance[0], covariance(0.4 * WIDEST))
+
+
+def test_there_are_never_more_than_there_is_room_for() -> None:
+    mixture = arranged(sum_of((centre(), covariance(6.0 * WIDEST), 1.0)), 0.5)
+    assert headings(mixture).size in (ROOM - 1, ROOM)
+    assert mixture.weight.sum() == pytest.approx(1.0)
+    same(moments(mixture), (centre(), covariance(6.0 * WIDEST)), 1e-3)
+
+
+def test_components_with_one_heading_become_one() -> None:
+    """Their heading known by a narrow covariance each, and not apart."""
+    apart = np.zeros(N)
+    apart[A_D] = 0.1 * WIDEST
+    p = covariance(0.3 * WIDEST)
+    mixture = sum_of((centre(), p, 0.6), (retract("tfg", centre(), apart), p, 0.4))
+    whole = moments(mixture)
+    arranged(mixture, 0.02)
+    np.testing.assert_allclose(mixture.weight[:2], [1.0, 0.0])
+    same((mixture.navigation[0], mixture.covariance[0]), whole, 1e-9)
+
+
+def test_the_exponential() -> None:
+    x = -np.concatenate([np.linspace(0.0, 2.0, 400), np.geomspace(1e-20, 700.0, 400)])
+    ours = np.array([exp_of_negative(v) for v in x])
+    np.testing.assert_allclose(ours, np.exp(x), rtol=4e-16)
+    assert exp_of_negative(0.0) == 1.0
+    assert exp_of_negative(-709.0) == 0.0
+    assert exp_of_negative(-np.inf) == 0.0
+    assert np.isnan(exp_of_negative(np.nan))
+
+
+def test_one_component_is_a_tfg_filter() -> None:
+    """Where nothing is divided, and `tfg` holds no axes because heading is known."""
+    gentle = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=80")
+    one = case(*gentle, "filter.kind=gaussian-sum", "filter.gaussian_sum.heading_deg=90").fly(1, 0)
+    other = case(*gentle, "filter.kind=tfg").fly(1, 0)
+    for name in ("error", "sigma", "nees", "innovation_squared", "status"):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-9 * np.nanmax(np.abs(b)), err_msg=name)
+
+
+def test_a_flight_in_two_pieces_goes_on_with_its_components() -> None:
+    """The state between them holds the components: the second piece ends where the whole flight does, and heading
+    known leaves one."""
+    c = case("filter.kind=gaussian-sum", "receiver.rate_hz=2", name="landing_gnss_only")
+    run, world, model = c.fly(1, 0), c.world, c.flight.model
+    noise = np.tile(np.diag([16.0, 16.0, 100.0, 0.0025, 0.0025, 0.0025]), (run.fix_llh.shape[0], 1, 1))
+    times = world.filter_time[1:]
+    nav = exact_start(world.at_filter)
+    nav[6:10] = 0.9961946980917455, 0.0, 0.0, 0.08715574274765817  # 10 degrees
+    covariance_ = c.flight.covariance.copy()
+    covariance_[A_D, A_D] = np.radians(10.0) ** 2
+
+    def flown(state: estimate.State, first: float, last: float) -> None:
+        now = (times > first) & (times <= last)
+        imu = (world.imu_time >= first) & (world.imu_time <= last)
+        steps = np.flatnonzero(imu)[:-1]
+        fixes = FixTable(run.fix_llh[now], run.fix_velocity[now], noise[now], np.zeros(3))
+        estimate.estimate(
+            ImuData(world.imu_time[imu], world.dtheta[steps], world.dv[steps]), Measurements.of({FIX: fixes}),
+            schedule(times[now], (FIX, times[now], times[now])), state, model,
+        )  # fmt: skip
+
+    whole, pieces = start(nav, covariance_, model.components), start(nav, covariance_, model.components)
+    flown(whole, 0.0, 20.0)
+    flown(pieces, 0.0, 10.0)
+    between = pieces.components.weight.copy()
+    flown(pieces, 10.0, 20.0)
+    assert np.sum(between > 0.0) > 2
+    np.testing.assert_allclose(pieces.components.weight, whole.components.weight, atol=1e-6)
+    np.testing.assert_allclose(pieces.navigation, whole.navigation, atol=1e-6)
+    flown(whole, 20.0, 110.0)
+    np.testing.assert_array_equal(whole.components.weight > 0.0, np.arange(model.components) == 0)
+    assert np.sqrt(whole.covariance[states.A_D, states.A_D]) < WIDEST
