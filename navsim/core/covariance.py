@@ -18,7 +18,7 @@ import math
 from navsim.core.arrays.earth import E2, RATE, SOMIGLIANA, A
 from navsim.core.attitude import left_jacobian
 from navsim.core.jit import inlined, kernel
-from navsim.core.lanes import any_lane, fma, select, small_matrix, small_vector
+from navsim.core.lanes import any_lane, fma, select, small_vector
 from navsim.core.linear import cholesky, solve_lower
 from navsim.core.states import (
     A_D,
@@ -462,6 +462,10 @@ def vary(declared, dt, p):
         for i in range(p.shape[0]):
             p[i, SENSORS + c] *= part
         p[SENSORS + c, SENSORS + c] += declared[c].drive * dt
+    # two factors in another order are another number
+    for i in range(SENSORS, p.shape[0]):
+        for j in range(i):
+            p[j, i] = p[i, j]
 
 
 @kernel
@@ -584,56 +588,51 @@ def joseph(p, h, r, m, pht, k, work):
     Arguments as left by `gain`; work: (n, m') space.
     """
     n = h.shape[1]
-    s = small_matrix(p, MOST, MOST)
+    # with A = P - K (P H')': the Joseph form is A + (K R - A H') K'. A H' is that of the A computed, whose rounding it
+    # takes away
+    _add_products(p, -1.0, k, pht, m)
     for a in range(m):
-        for b in range(m):
-            s[b, a] = r[b, a]
+        for i in range(n):
+            t = k[i, 0] * r[0, a]
+            for b in range(1, m):
+                t = fma(k[i, b], r[b, a], t)
+            work[i, a] = t
         for j in range(n):
             c = h[a, j]
             if any_lane(c != 0.0):
-                for b in range(m):
-                    s[b, a] = fma(c, pht[j, b], s[b, a])
-    # with A = P - K (P H')' the Joseph form is A + (K R - A H') K', and A H' = P H' - K (S - R)
-    for i in range(n):
-        for a in range(m):
-            t = -pht[i, a]
-            for b in range(m):
-                t = fma(k[i, b], s[b, a], t)
-            work[i, a] = t
-    if m == MOST:
-        _add_products(p, pht, k, work)
-    else:
-        for i in range(n):
-            for j in range(i + 1):
-                t = p[i, j]
-                for a in range(m):
-                    t = fma(work[i, a], k[j, a], fma(-k[i, a], pht[j, a], t))
-                p[i, j] = t
-    for i in range(n):
-        for j in range(i):
-            p[j, i] = p[i, j]
+                for i in range(n):
+                    work[i, a] = fma(-c, p[j, i], work[i, a])
+    _add_products(p, 1.0, work, k, m)
 
 
 @kernel
-def _add_products(p, pht, k, work):
-    """The lower half of p (n, n) <- that of p - k pht' + work k', for matrices of MOST columns."""
+def _add_products(p, sign, a, b, m):
+    """p <- p + sign a b' (n, n) for a, b (n, m'), where that is symmetric but for rounding: its lower half stands for
+    both."""
     n = p.shape[0]
-    # what belongs to two rows stays in registers; of an odd number of rows the first is taken with itself
-    for i in range(-(n % 2), n, 2):
-        one, two = max(i, 0), i + 1
-        a0, a1, a2, a3, a4, a5 = -k[one, 0], -k[one, 1], -k[one, 2], -k[one, 3], -k[one, 4], -k[one, 5]
-        b0, b1, b2, b3, b4, b5 = -k[two, 0], -k[two, 1], -k[two, 2], -k[two, 3], -k[two, 4], -k[two, 5]
-        c0, c1, c2, c3, c4, c5 = work[one, 0], work[one, 1], work[one, 2], work[one, 3], work[one, 4], work[one, 5]
-        d0, d1, d2, d3, d4, d5 = work[two, 0], work[two, 1], work[two, 2], work[two, 3], work[two, 4], work[two, 5]
-        for j in range(two + 1):
-            x0, x1, x2, x3, x4, x5 = pht[j, 0], pht[j, 1], pht[j, 2], pht[j, 3], pht[j, 4], pht[j, 5]
-            s = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, fma(a0, x0, p[one, j]))))))
-            t = fma(b5, x5, fma(b4, x4, fma(b3, x3, fma(b2, x2, fma(b1, x1, fma(b0, x0, p[two, j]))))))
-            x0, x1, x2, x3, x4, x5 = k[j, 0], k[j, 1], k[j, 2], k[j, 3], k[j, 4], k[j, 5]
-            s = fma(c5, x5, fma(c4, x4, fma(c3, x3, fma(c2, x2, fma(c1, x1, fma(c0, x0, s))))))
-            t = fma(d5, x5, fma(d4, x4, fma(d3, x3, fma(d2, x2, fma(d1, x1, fma(d0, x0, t))))))
-            p[one, j] = s
-            p[two, j] = t
+    if m == MOST:
+        # what belongs to two rows stays in registers; of an odd number of rows the first is taken with itself
+        for i in range(-(n % 2), n, 2):
+            one, two = max(i, 0), i + 1
+            a0, a1, a2 = sign * a[one, 0], sign * a[one, 1], sign * a[one, 2]
+            a3, a4, a5 = sign * a[one, 3], sign * a[one, 4], sign * a[one, 5]
+            b0, b1, b2 = sign * a[two, 0], sign * a[two, 1], sign * a[two, 2]
+            b3, b4, b5 = sign * a[two, 3], sign * a[two, 4], sign * a[two, 5]
+            for j in range(two + 1):
+                x0, x1, x2, x3, x4, x5 = b[j, 0], b[j, 1], b[j, 2], b[j, 3], b[j, 4], b[j, 5]
+                s = fma(a2, x2, fma(a1, x1, fma(a0, x0, p[one, j])))
+                t = fma(b2, x2, fma(b1, x1, fma(b0, x0, p[two, j])))
+                p[one, j] = fma(a5, x5, fma(a4, x4, fma(a3, x3, s)))
+                p[two, j] = fma(b5, x5, fma(b4, x4, fma(b3, x3, t)))
+    else:
+        for i in range(n):
+            for c in range(m):
+                d = sign * a[i, c]
+                for j in range(i + 1):
+                    p[i, j] = fma(d, b[j, c], p[i, j])
+    for i in range(n):
+        for j in range(i):
+            p[j, i] = p[i, j]
 
 
 @kernel

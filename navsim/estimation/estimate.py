@@ -67,9 +67,12 @@ def fly(
     measurements, state: of lanes (`estimation.records`); imu: of lanes, or of one run, the same for all; events, whose
     outputs come in the order of their rows, and model of them all. Each piece: which events it is of, which outputs,
     and what it leaves of them, overwritten by the next. state: overwritten by the final one. A smoother leaves one
-    piece. Raises ValueError for a kind that is none, and for a smoother that is given events ahead.
+    piece. Raises ValueError for a kind that is none, for a smoother that is given events ahead, and for
+    a state without room for the components of a sum.
     """
     lanes = state.navigation.shape[-1]
+    if model.kind == records.GAUSSIAN_SUM and state.components.weight.shape[0] != max(1, model.components):
+        raise ValueError(f"room for {state.components.weight.shape[0]} components, not for {model.components}")
     if is_smoother(model.kind):
         _check_smoother(events)
         outputs = _outputs(events)

@@ -40,7 +40,6 @@ from navsim.estimation.filter_loop import (
     keep_innovation,
     limit_of,
     numbers_in,
-    own_error,
     set_off,
     start_axes,
     whitened_square,
@@ -98,6 +97,13 @@ def _components(like, most, nav_size, n):
     )  # fmt: skip
     for j in range(most):
         mixture.weight[j] = 0.0
+        for i in range(nav_size):
+            mixture.navigation[j, i] = 0.0
+        for i in range(6):
+            mixture.increments[j, i] = 0.0
+        for a in range(n):
+            for b in range(n):
+                mixture.covariance[j, a, b] = 0.0
     return mixture
 
 
@@ -195,7 +201,7 @@ def _invert_blocks(diagonal, column):
 
 
 @kernel
-def moments(chart, mixture, nav, p, space, bench):
+def moments(mixture, nav, p, space, bench):
     """Mean nav (NAV,) and covariance p (n, n) of a sum, in the chart at its mean. space: `filter_loop.workshop`."""
     weight, x, error, other, square = mixture.weight, bench.x, bench.error, bench.other, bench.square
     n = p.shape[0]
@@ -216,7 +222,7 @@ def moments(chart, mixture, nav, p, space, bench):
             bench.mean[i] = 0.0
         for j in range(count):
             between(mixture.navigation[j], nav, error)
-            own_error(chart, nav, error, x)
+            tfg.own_error(nav, error, x)
             for i in range(n):
                 bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
         copy(nav, other)
@@ -228,7 +234,7 @@ def moments(chart, mixture, nav, p, space, bench):
     for j in range(count):
         there = several & (weight[j] > 0.0)
         between(mixture.navigation[j], nav, error)
-        own_error(chart, nav, error, x)
+        tfg.own_error(nav, error, x)
         # the reset that leads from the mean to the component, backwards
         copy(nav, other)
         tfg.feed_back(other, x, space)
@@ -238,7 +244,7 @@ def moments(chart, mixture, nav, p, space, bench):
         for a in range(n):
             for b in range(a + 1):
                 p[a, b] = select(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])
-                p[b, a] = p[a, b]
+                p[b, a] = select(there, p[a, b], p[b, a])
 
 
 @kernel
@@ -294,7 +300,7 @@ def _width(nav, p, turn, widest, c_nb):
 
 
 @kernel
-def divide(chart, mixture, which, index, space, bench):
+def divide(mixture, which, index, space, bench):
     """Divide component `index` into three along heading, where `which` is true and two are free."""
     nav, p, other, square, x, along = bench.nav, bench.p, bench.other, bench.square, bench.x, bench.error
     weight, increments = mixture.weight, bench.increments
@@ -330,7 +336,7 @@ def divide(chart, mixture, which, index, space, bench):
 
 
 @kernel
-def merge(chart, mixture, which, first, second, space, bench):
+def merge(mixture, which, first, second, space, bench):
     """Components `first` and `second` <- one of the same moments, in the place of the first, where `which` is true."""
     pair, weight, increments = bench.pair, mixture.weight, bench.increments
     most = weight.shape[0]
@@ -345,7 +351,7 @@ def merge(chart, mixture, which, first, second, space, bench):
                 pair.weight[side] = select(own, weight[j], pair.weight[side])
     total = pair.weight[0] + pair.weight[1]
     _share(total > 0.0, pair.weight)
-    moments(chart, pair, bench.nav, bench.p, space, bench)
+    moments(pair, bench.nav, bench.p, space, bench)
     for i in range(6):
         increments[i] = pair.weight[0] * pair.increments[0, i] + pair.weight[1] * pair.increments[1, i]
     for j in range(most):
@@ -357,10 +363,11 @@ def merge(chart, mixture, which, first, second, space, bench):
 
 
 @kernel
-def arrange(chart, mixture, turn, widest, space, bench):
+def arrange(mixture, turn, widest, space, bench):
     """Merge and divide components until each is as narrow as a turn (rad) asks for, or there is no room."""
     weight = mixture.weight
     most = weight.shape[0]
+    turning = turn > 0.0
     for _ in range(4 * most):
         count = _count(weight)
         taken, needs, which, size = 0.0 * turn, 0.0 * turn, 0.0 * turn, 0.0 * turn
@@ -371,8 +378,9 @@ def arrange(chart, mixture, turn, widest, space, bench):
             first = (width > 1.0) & (weight[j] > _SLIGHT) & (need > needs)
             needs, size = select(first, need, needs), select(first, weight[j], size)
             which = select(first, 1.0 * j, which)
-        # the two that differ least in heading, as much as they weigh, and the heading of both as one
-        least, one, two, joint = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn, 0.0 * turn + math.inf
+        # the two that differ least in heading, as much as they weigh: of all, and of those that as one are narrow
+        least, one, two = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn
+        narrow, first_narrow, second_narrow = 0.0 * turn + math.inf, 0.0 * turn, 0.0 * turn
         for i in range(count):
             q = mixture.navigation[i, NAV_QUAT:NAV_HELD]
             for j in range(i + 1, count):
@@ -386,16 +394,20 @@ def arrange(chart, mixture, turn, widest, space, bench):
                 least = select(nearer, lost, least)
                 one, two = select(nearer, 1.0 * i, one), select(nearer, 1.0 * j, two)
                 mean = (weight[i] * within_i + weight[j] * within_j) / total
-                joint = select(nearer, mean + weight[i] * weight[j] * apart / (total * total), joint)
-        merges = joint < (_AS_ONE * widest) * (_AS_ONE * widest)
-        divides = no(merges) & (needs > 0.0)
+                joint = mean + weight[i] * weight[j] * apart / (total * total)
+                fits = (weight[j] > 0.0) & (joint < (_AS_ONE * widest) * (_AS_ONE * widest)) & (lost < narrow)
+                narrow = select(fits, lost, narrow)
+                first_narrow, second_narrow = select(fits, 1.0 * i, first_narrow), select(fits, 1.0 * j, second_narrow)
+        joins = turning & (narrow < math.inf)
+        divides = turning & no(joins) & (needs > 0.0)
         full = taken > most - 2.0
-        merges = merges | (divides & full & (least < _GAIN * size))
+        merges = joins | (divides & full & (least < _GAIN * size))
         divides = divides & no(full)
+        one, two = select(joins, first_narrow, one), select(joins, second_narrow, two)
         if any_lane(merges):
-            merge(chart, mixture, merges, one, two, space, bench)
+            merge(mixture, merges, one, two, space, bench)
         if any_lane(divides):
-            divide(chart, mixture, divides, which, space, bench)
+            divide(mixture, divides, which, space, bench)
         if not any_lane(merges | divides):
             break
 
@@ -406,8 +418,8 @@ def _together(weight, zs, ss, m, z, s):
     ss (M, MOST, MOST). Returns whether it is one."""
     count = _count(weight)
     for a in range(m):
-        z[a] = weight[0] * zs[0, a]
-        for j in range(1, count):
+        z[a] = 0.0
+        for j in range(count):
             z[a] += select(weight[j] > 0.0, weight[j] * zs[j, a], 0.0)
     for a in range(m):
         for b in range(a + 1):
@@ -427,12 +439,14 @@ def weigh(used, weight, squares, sizes):
     squares (M,): normalised innovations squared, sizes (M,): roots of the determinants of their covariances.
     """
     count = _count(weight)
-    least, of_least = squares[0], sizes[0]
-    for j in range(1, count):
+    least, of_least = 0.0 * weight[0] + math.inf, 0.0 * weight[0] + 1.0
+    for j in range(count):
         better = (weight[j] > 0.0) & (squares[j] < least)
         least, of_least = select(better, squares[j], least), select(better, sizes[j], of_least)
     for j in range(count):
-        likelihood = exp_of_negative(-0.5 * (squares[j] - least)) * of_least / sizes[j]
+        there = (weight[j] > 0.0) & (squares[j] < math.inf)
+        less = select(there, -0.5 * (squares[j] - least), 0.0)
+        likelihood = select(there, exp_of_negative(less) * of_least / sizes[j], 0.0)
         weight[j] = select(used & (weight[j] > 0.0), weight[j] * likelihood, weight[j])
     _share(used, weight)
     for j in range(count):
@@ -467,7 +481,8 @@ def run(chart, imu, measurements, events, state, way, model, history):
     h, r, s = room(state_nav, (MOST, n)), small_matrix(state_nav, MOST, MOST), small_matrix(state_nav, MOST, MOST)
     pht, work = room(state_nav, (n, MOST)), room(state_nav, (n, MOST))
     zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
-    squares, sizes = room(state_nav, (most,)), room(state_nav, (most,))
+    squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
+    there = small_vector(state_nav, MOST)
     space, bench = workshop(state_nav, n), _bench(state_nav, n)
     # the copy that runs ahead
     late = _components(state_nav, most if events.ahead.any() else 1, nav_size, n)
@@ -498,7 +513,7 @@ def run(chart, imu, measurements, events, state, way, model, history):
         # a turn finds the components as narrow as it needs them
         turn = turn_ahead(imu, cursors[ahead], events.time[i], now.navigation[0])
         if any_lane(turn > 0.0):
-            arrange(chart, now, turn, model.widest, space, bench)
+            arrange(now, turn, model.widest, space, bench)
         count = _count(weight)
         for j in range(count):
             copy(cursors[ahead], cursor)
@@ -508,23 +523,32 @@ def run(chart, imu, measurements, events, state, way, model, history):
             )  # fmt: skip
         copy(cursor, cursors[ahead])
         if what == OUTPUT:
-            moments(chart, now, navigation[row], covariance[row], space, bench)
+            moments(now, navigation[row], covariance[row], space, bench)
         elif what != PASS:
             m = 0
-            sound = weight[0] < 0.0
+            for a in range(MOST):
+                have[a] = 0.0
             for j in range(count):
                 m = observe(
                     what, row, measurements, now.navigation[j], now.increments[j], cursor[2], declared, space.c_nb,
-                    have, zs[j], h, r,
+                    there, zs[j], h, r,
                 )  # fmt: skip
+                numbers[j] = numbers_in(there, m)
+                for a in range(m):
+                    have[a] = select((weight[j] > 0.0) & (there[a] > have[a]), there[a], have[a])
                 good = gain(now.covariance[j], h, r, m, pht, ss[j], ks[j])
                 copy(zs[j], z)
-                squares[j] = select(good, whitened_square(ss[j], z, m), math.inf)
+                square = whitened_square(ss[j], z, m)
+                squares[j] = select(good & (square < math.inf), square, math.inf)
                 sizes[j] = ss[j, 0, 0]
                 for a in range(1, m):
                     sizes[j] *= ss[j, a, a]
-                sound = sound | (good & (weight[j] > 0.0))
-            # a component without a covariance goes, unless there is no other
+            degrees = numbers_in(have, m)
+            # a component that is none any more goes, unless there is no other
+            sound = weight[0] < 0.0
+            for j in range(count):
+                squares[j] = select(numbers[j] < degrees, math.inf, squares[j])
+                sound = sound | ((weight[j] > 0.0) & (squares[j] < math.inf))
             fewer = weight[0] < 0.0
             for j in range(count):
                 failed = sound & (weight[j] > 0.0) & no(squares[j] < math.inf)
@@ -532,7 +556,6 @@ def run(chart, imu, measurements, events, state, way, model, history):
                 fewer = fewer | failed
             if any_lane(fewer):
                 _share(fewer, weight)
-            degrees = numbers_in(have, m)
             weighed = _together(weight, zs, ss, m, z, s) & (degrees > 0.0) & sound
             if ahead == 0:
                 keep_innovation(have, weighed, m, z, s, innovation[i], innovation_sigma[i])
@@ -564,6 +587,6 @@ def run(chart, imu, measurements, events, state, way, model, history):
                             held(bench.square[a], used, p[a])
             weigh(used, weight, squares, sizes)
             _close_ranks(now)
-    moments(chart, own, state_nav, state_p, space, bench)
+    moments(own, state_nav, state_p, space, bench)
     copy(rejections[0], state_rejected)
     copy(cursors[0], way.cursor)

@@ -41,10 +41,10 @@ class Gate(Section):
 class Components(Section):
     """Components of `kind: gaussian-sum`."""
 
-    components: Annotated[int, Field(ge=3, le=99)] = 11
+    components: Annotated[int, Field(ge=3, le=99)] = 20
     """most components at once; a run's time grows with those it has"""
-    heading_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 4.5
-    """1 sigma of heading above which a component is divided; half of it in turns"""
+    heading_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 5.0
+    """1 sigma of heading above which a component is divided; in turns down to half of it"""
 
 
 Kind = Literal["gaussian-sum", "tfg", "eskf", "left-invariant", "rts", "map"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -176,6 +177,7 @@ def test_predict_agrees_with_dense_algebra(followed: str) -> None:
     covariance.predict(ours, mid, DT, increments, NOISE, declared, np.zeros((9, n)), np.empty((n, 9)))
     np.testing.assert_array_equal(ours, ours.T)
     covariance.vary(declared, DT, ours)
+    np.testing.assert_array_equal(ours, ours.T)
     np.testing.assert_allclose(ours, phi @ p @ phi.T + q, rtol=1e-12, atol=1e-15)
 
 
@@ -197,6 +199,42 @@ def test_update_agrees_with_dense_algebra(m: int) -> None:
     np.testing.assert_allclose(k[:, :m], gain, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(ours, left @ p @ left.T + gain @ r @ gain.T, rtol=1e-9, atol=1e-13)
     np.testing.assert_array_equal(ours, ours.T)
+
+
+def exactly(p: np.ndarray, h: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """(P^-1 + H' R^-1 H)^-1 = P - P H' S^-1 H P in fractions."""
+    whole = [[[Fraction(float(x)) for x in row] for row in matrix] for matrix in (p, h, r)]
+    a, b, noise = (np.array(matrix, dtype=object) for matrix in whole)
+    pht = a @ b.T
+    s = b @ pht + noise
+    m = s.shape[0]
+    rows = np.concatenate([s, pht.T], axis=1)
+    for i in range(m):
+        rows[i] = rows[i] / rows[i, i]
+        for j in range(m):
+            if j != i:
+                rows[j] = rows[j] - rows[j, i] * rows[i]
+    out: np.ndarray = (a - pht @ rows[:, m:]).astype(float)
+    return out
+
+
+@pytest.mark.parametrize("precise", [1e4, 1e8, 1e12, 1e16])
+def test_a_measurement_far_more_precise_than_what_is_known(precise: float) -> None:
+    """What the Joseph form is for: P stays right and positive where P - K H P is neither, against exact fractions."""
+    rng = np.random.default_rng(8)
+    p = some_covariance(4)
+    h = np.zeros((6, N))
+    h[:, :6] = np.eye(6)
+    a = rng.standard_normal((6, 6))
+    r = (a @ a.T + np.eye(6)) * np.trace(p[:6, :6]) / 6.0 / precise
+    ours = p.copy()
+    pht, s, k = np.empty((N, 6)), np.empty((6, 6)), np.empty((N, 6))
+    assert covariance.gain(ours, h, r, 6, pht, s, k)
+    covariance.joseph(ours, h, r, 6, pht, k, np.empty((N, 6)))
+    expected = exactly(p, h, r)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(ours / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-10)
+    assert np.linalg.eigvalsh(ours / scale / scale[:, None]).min() > 0.0
 
 
 def test_update_with_a_useless_measurement_is_refused() -> None:

@@ -10,16 +10,14 @@ from navsim.core import states
 from navsim.core.elementary import exp_of_negative
 from navsim.core.states import A_D, NAV_HELD, NAV_N, NAV_SENSORS, N
 from navsim.estimation import estimate, gaussian_sum, tfg
-from navsim.estimation.filter_loop import CHARTS
 from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import GAUSSIAN_SUM, ImuData, Mixture, schedule, start
+from navsim.estimation.records import ImuData, Mixture, schedule, start
 from navsim.simulation.landing import exact_start
 from tests.helpers import case
 from tests.unit.test_covariance import error, some_covariance
 from tests.unit.test_group_filters import retract, workshop
 from tests.unit.test_group_filters import start as some_state
 
-CHART = CHARTS[GAUSSIAN_SUM]
 WIDEST = np.radians(4.5)
 ROOM = 9
 
@@ -55,7 +53,7 @@ def bench() -> gaussian_sum.Bench:
 
 def moments(mixture: Mixture) -> tuple[np.ndarray, np.ndarray]:
     nav, p = np.empty(NAV_N), np.empty((N, N))
-    gaussian_sum.moments(CHART, mixture, nav, p, workshop(), bench())
+    gaussian_sum.moments(mixture, nav, p, workshop(), bench())
     return nav, p
 
 
@@ -76,7 +74,7 @@ def own(nav: np.ndarray, centre: np.ndarray) -> np.ndarray:
 
 def divided(heading: float) -> Mixture:
     mixture = sum_of((centre(), covariance(heading), 1.0))
-    gaussian_sum.divide(CHART, mixture, True, 0.0, workshop(), bench())
+    gaussian_sum.divide(mixture, True, 0.0, workshop(), bench())
     return mixture
 
 
@@ -96,10 +94,10 @@ def test_a_divided_component_has_the_moments_of_the_whole(heading: float) -> Non
 def test_two_that_are_merged_have_the_moments_of_both() -> None:
     mixture = divided(0.1)
     whole = moments(mixture)
-    gaussian_sum.merge(CHART, mixture, True, 1.0, 2.0, workshop(), bench())
+    gaussian_sum.merge(mixture, True, 1.0, 2.0, workshop(), bench())
     np.testing.assert_allclose(mixture.weight[:3], [4 / 6, 2 / 6, 0.0])
     same(moments(mixture), whole, 1e-6)
-    gaussian_sum.merge(CHART, mixture, True, 0.0, 1.0, workshop(), bench())
+    gaussian_sum.merge(mixture, True, 0.0, 1.0, workshop(), bench())
     np.testing.assert_allclose(mixture.weight[:2], [1.0, 0.0])
     same((mixture.navigation[0], mixture.covariance[0]), (centre(), covariance(0.1)), 1e-6)
 
@@ -141,7 +139,7 @@ def test_measurements_weigh_by_their_likelihood() -> None:
 
 
 def arranged(mixture: Mixture, turn: float) -> Mixture:
-    gaussian_sum.arrange(CHART, mixture, turn, WIDEST, workshop(), bench())
+    gaussian_sum.arrange(mixture, turn, WIDEST, workshop(), bench())
     return mixture
 
 

@@ -185,7 +185,9 @@ def _tiled(array: np.ndarray, width: int) -> np.ndarray:
 @cache
 def _flight() -> tuple[ImuData, FixTable, Events, np.ndarray, np.ndarray, FilterModel, Truth]:
     """Twenty seconds of a landing with fixes that come late, as one run has them."""
-    c = case("duration_s=20", "receiver.latency_s=0.15", "filter.gate.probability=1e-3")
+    drifting = ("imu.gyro.markov_deg_h=50", "imu.gyro.markov_time_s=40",
+                "imu.accelerometer.markov_mg=0.5", "imu.accelerometer.markov_time_s=60")  # fmt: skip
+    c = case("duration_s=20", "receiver.latency_s=0.15", "filter.gate.probability=1e-3", *drifting)
     world, run = c.world, c.fly(1, 0)
     rng = np.random.default_rng(5)
     imu = ImuData(world.imu_time, world.dtheta + 1e-5, world.dv + 1e-4)
@@ -271,6 +273,28 @@ def test_bits_do_not_depend_on_the_neighbours(kind: str) -> None:
                 np.testing.assert_array_equal(
                     values[..., lane], alone[name][..., 0], err_msg=f"{name}, {width}, {lane}"
                 )
+
+
+def test_a_run_of_one_component_among_runs_of_many() -> None:
+    """A Gaussian sum that has nothing to divide has its bits, however many components its neighbours fly."""
+
+    def known(*lanes_: int) -> Callable[[State, dict[str, np.ndarray]], None]:
+        def spoil(state: State, tables: dict[str, np.ndarray]) -> None:
+            for lane in lanes_:
+                state.components.covariance[0, states.A_D, :, lane] = 0.0
+                state.components.covariance[0, :, states.A_D, lane] = 0.0
+                state.components.covariance[0, states.A_D, states.A_D, lane] = 1e-8
+                state.components.covariance[0, 9:12, 9:12, lane] *= 1e-4
+
+        return spoil
+
+    alone = _flown(lanes.WIDTH, GAUSSIAN_SUM, known(*range(lanes.WIDTH)))
+    among = _flown(lanes.WIDTH, GAUSSIAN_SUM, known(2))
+    there = among["weight"] > 0.0
+    assert there[:, 2].sum() == 1
+    assert there[:, 0].sum() > 3
+    for name, values in among.items():
+        np.testing.assert_array_equal(values[..., 2], alone[name][..., 2], err_msg=name)
 
 
 @pytest.mark.parametrize("kind", ["eskf", "gaussian-sum", "rts", "map"])

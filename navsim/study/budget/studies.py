@@ -197,8 +197,8 @@ def recorded(recording: replay.Recording) -> Budget:
     outages = sum(len(outage.start_s) * len(outage.duration_s) for outage in recording.scenario.outages)
     once = SAMPLE_TIME * samples + FIX_TIME * fixes
     section = recording.scenario.filter
-    final = times_as_long(section.kind, section.gaussian_sum.components) * (once + SAMPLE_TIME * outputs)
-    time = once * (replay.extent(recording) + outages) + final
+    longer = times_as_long(section.kind, section.gaussian_sum.components)
+    time = once * (replay.extent(recording) + longer * outages) + longer * (once + SAMPLE_TIME * outputs)
     smoothed = 3.0 if recording.scenario.filter.kind in SMOOTHERS else 1.0
     result = NUMBER * (31 * outputs + 23 * fixes + 5 * outages) + 44 * VARIABLE
     memory = (
