@@ -40,7 +40,7 @@ SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
 SMOOTHING = {"rts": 4.0, "map": 10.0}
 """Times as long a run of a smoother takes."""
 COMPONENTS = 0.25
-"""Part of the components that a Gaussian sum may have that it has on average: 3 to 6 of 20 in the shipped scenarios."""
+"""Part of the components that a Gaussian sum may have that it has on average: 2 to 6 of 20 in the shipped scenarios."""
 FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
 SIGHT_TIME = 3e-6
