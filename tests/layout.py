@@ -8,13 +8,14 @@ import numpy as np
 
 from navsim.io.draft import missing
 from navsim.io.results import Result
-from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, LAYOUTS, ROOT, declared
+from navsim.io.schema import CHECKSUMS, COVARIANCE, DTYPES, LAYOUTS, RARE, ROOT, declared
 
 
 def layout_of(result: Result) -> str:
     """The layout a result has in the schema."""
     kind = str(result.attributes["kind"])
-    return COVARIANCE if kind == "landing" and result.attributes["method"] == "covariance" else kind
+    of_method = {"covariance": COVARIANCE, "rare": RARE} if kind == "landing" else {}
+    return of_method.get(str(result.attributes.get("method")), kind)
 
 
 def named(result: Result) -> dict[str, tuple[str, ...]]:

@@ -25,7 +25,7 @@ from navsim.cli.options import (
 )
 
 Keep = Literal["errors", "all", "none"]
-Method = Literal["monte-carlo", "covariance"]
+Method = Literal["monte-carlo", "covariance", "rare"]
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,19 @@ class RunOptions:
     seed: SeedOption = 1
     runs: Annotated[
         int | None,
-        number_option(int, 1, "Number of Monte Carlo runs. Default: 1; of a companion paper's system: the scenario's."),
+        number_option(
+            int,
+            1,
+            "Number of runs. Default: 1; with method rare enough for 20 %; of a companion paper's system: the "
+            "scenario's.",
+        ),
     ] = None
     until: Annotated[
         str | None,
         typer.Option(
             metavar="EXPR",
-            help="Stop once an interval is narrow, as in 'rms_horizontal within 2%'; --runs is then the most.",
+            help="Stop once an interval is narrow, as in 'rms_horizontal within 2%' or, with method rare, 'probability "
+            "within 10%'; --runs is then the most.",
             show_default=False,
         ),
     ] = None
@@ -68,7 +74,9 @@ class RunOptions:
     method: Annotated[
         Method | None,
         typer.Option(
-            help="Fly runs, or compute their accuracy to first order. Default: the scenario's.", show_default=False
+            help="Fly runs; compute their accuracy to first order; or fly runs that are pushed towards the edge of the "
+            "scenario's box, for the probability of leaving it. Default: the scenario's.",
+            show_default=False,
         ),
     ] = None
     set_: Annotated[list[str] | None, set_option("scenario")] = None

@@ -14,6 +14,7 @@ STREAMS = {
     "space": 6,
     "carrier": 7,
     "aids": 8,
+    "tilt": 9,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 

@@ -45,6 +45,8 @@ def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
     Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
     """
     kind = str(result.attributes["kind"])
+    if result.attributes.get("method") == "rare":
+        raise ResultError("of pushed runs (method rare) only the errors at the box are kept: there is no flight in it")
     if kind == "landing":
         writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
     elif kind == "replay":

@@ -21,12 +21,13 @@ from types import MappingProxyType
 
 SCHEMA_VERSION = 2
 """Of the names and meanings on this page; root attribute of every result."""
-LANDING, COVARIANCE, REPLAY, LIVE = "landing", "covariance", "replay", "live"
+LANDING, COVARIANCE, RARE, REPLAY, LIVE = "landing", "covariance", "rare", "replay", "live"
 SWEEP, OPTIMIZE, TABLE2 = "sweep", "optimize", "table2"
 ELEVATION, ATC, AZIMUTH = "mls-elevation", "atc-tracking", "azimuth-tracking"
 LAYOUTS = {
     LANDING: "runs of a landing, one or several",
     COVARIANCE: "the covariance analysis of a landing; root attribute `kind` is landing, `method` covariance",
+    RARE: "the probability that a landing ends outside a box; root attribute `kind` is landing, `method` rare",
     REPLAY: "a recorded flight through the filter",
     LIVE: "a landing with a real block in the loop",
     SWEEP: "every combination of a study's settings",
@@ -138,13 +139,13 @@ _AXES = Chapter(
         _labels("/enu", "axes of the local level frame, east first", _FLOWN, "east", "north", "up"),
         _labels("/enu_column", "columns of matrices in these axes", _FLOWN, "east", "north", "up"),
         _labels("/rpy", "Euler angles, yaw-pitch-roll sequence", (*_FLOWN, REPLAY), "roll", "pitch", "yaw"),
-        _labels("/interval", "a value and its two-sided 95 % confidence interval", (*_FLOWN, TABLE2, ATC, AZIMUTH),
-                "value", "low", "high"),
+        _labels("/interval", "a value and its two-sided 95 % confidence interval",
+                (*_FLOWN, RARE, TABLE2, ATC, AZIMUTH), "value", "low", "high"),
         _labels("/statistic", "statistics over the fix epochs of the glide", _FLOWN,
                 "mean", "min", "max", "p50", "p95"),
         _labels("/statistic", "statistics over the fix epochs of the glide", TABLE2, "mean", "min", "max"),
         _a("/run", "run", "1", "number of the run in the ensemble of the seed; 0 in a covariance analysis, which flies "
-           "along the error-free flight", (*_FLOWN, ATC, AZIMUTH), WHOLE),
+           "along the error-free flight", (*_FLOWN, RARE, ATC, AZIMUTH), WHOLE),
     ),
 )  # fmt: skip
 
@@ -333,6 +334,51 @@ _SUMMARY = Chapter(
         _a("/summary/count/fixes", "", "1", "number of fixes, of all runs", (*_FLOWN, REPLAY), WHOLE),
         _a("/summary/count/epochs_without_fix", "", "1", "epochs without a fix, of all runs", _FLOWN, WHOLE),
         _a("/summary/count/rejected", "", "1", "fixes rejected by the gate, of all runs", (LANDING, REPLAY), WHOLE),
+    ),
+)  # fmt: skip
+
+_BOX_WHEN = "where the scenario has a box"
+_BOX = Chapter(
+    "Leaving a box",
+    "How often a landing ends outside the scenario's box: counted, by the covariance analysis, or by runs that were "
+    "pushed towards its edge and weighed.",
+    (
+        _labels("/axis", "axes of the runway: right, along, up", RARE, *_RUNWAY),
+        _a("/rare/error", "run axis", "m", "position error at the height of the box, truth minus estimate", RARE),
+        _a("/rare/first_order", "run axis", "m", "the same error to first order, from all that was drawn", RARE),
+        _a("/rare/weight", "run", "1", "chance of the run's inputs over the chance that they had with pushes", RARE),
+        *(
+            _a(path, dims, units, meaning, layouts, of, when=dict.fromkeys(_FLOWN, _BOX_WHEN))
+            for path, dims, units, meaning, layouts, of in (
+                ("/summary/box/axis", "axis", "1", "axes of the runway: right, along, up", _FLOWN, TEXT),
+                ("/summary/box/height", "", "m", "true height above the runway at which errors are judged",
+                 (*_FLOWN, RARE), NUMBER),
+                ("/summary/box/time", "", "s", "when the aircraft last comes down through it", (*_FLOWN, RARE), NUMBER),
+                ("/summary/box/limit", "axis", "m", "largest size of the error inside the box, inf for none",
+                 (*_FLOWN, RARE), NUMBER),
+                ("/summary/box/probability", "interval", "1", "share of runs that end outside the box", (LANDING,),
+                 NUMBER),
+                ("/summary/box/axis_probability", "axis interval", "1",
+                 "share of runs whose error exceeds its limit, nan for none", (LANDING,), NUMBER),
+                ("/summary/box/outside", "", "1", "number of runs that end outside the box", (LANDING,), WHOLE),
+                ("/summary/box/axis_first_order", "axis", "1",
+                 "chance that a Gaussian error of the covariance analysis exceeds its limit, nan for none",
+                 (COVARIANCE, RARE), NUMBER),
+                ("/summary/box/axis_sigma", "axis", "m", "1 sigma of the error by the covariance analysis",
+                 (COVARIANCE, RARE), NUMBER),
+                ("/summary/box/axis_mean", "axis", "m", "mean error by the covariance analysis", (COVARIANCE, RARE),
+                 NUMBER),
+            )
+        ),
+        _a("/summary/rare/probability", "interval", "1", "probability that a landing ends outside the box", RARE),
+        _a("/summary/rare/axis_probability", "axis interval", "1",
+           "probability that this error exceeds its limit, nan for none", RARE),
+        _a("/summary/rare/relative_error", "", "1", "1 sigma of the probability over itself", RARE),
+        _a("/summary/rare/effective_samples", "", "1",
+           "number of equally weighted runs outside the box that would tell as much", RARE),
+        _a("/summary/rare/landings", "", "1", "number of runs that were flown", RARE, WHOLE),
+        _a("/summary/rare/outside", "", "1", "number of them outside the box", RARE, WHOLE),
+        _a("/summary/count/runs", "", "1", "number of runs", RARE, WHOLE),
     ),
 )  # fmt: skip
 
@@ -753,15 +799,15 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2,
-    _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE,
+    _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 
 CHECKSUMS = "checksums"
 """Root attribute of files that carry checksums; `io.results` writes it."""
 ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
-    "kind": (tuple(LAYOUTS), "kind of result; landing for both landing and covariance"),
+    "kind": (tuple(LAYOUTS), "kind of result; landing for landing, covariance and rare"),
     "schema_version": (tuple(LAYOUTS), "version of this page's contents"),
     "navsim_version": (tuple(LAYOUTS), "the version that wrote the file"),
     "seed": (tuple(LAYOUTS), "root of all random numbers"),
@@ -771,7 +817,7 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "epoch": (tuple(LAYOUTS), "UTC of time 0"),
     "created": (tuple(LAYOUTS), "when the file was made, UTC"),
     "title": (tuple(LAYOUTS), "title of study or scenario"),
-    "method": ((LANDING, COVARIANCE, SWEEP), "monte-carlo or covariance; of a sweep also dop"),
+    "method": ((LANDING, COVARIANCE, RARE, SWEEP), "monte-carlo, covariance or rare; of a sweep also dop"),
     "files": ((SWEEP,), "checksums of the files that combinations read, JSON"),
     "runs": ((SWEEP,), "runs of each combination, 0 without runs"),
     "combinations": ((SWEEP,), "number of combinations"),

@@ -137,3 +137,19 @@ def smooth(code: np.ndarray, carrier: np.ndarray, count: np.ndarray) -> np.ndarr
         previous = np.where(count[e] > 1, code[e] / n + (1.0 - 1.0 / n) * ahead, code[e])
         out[e] = previous
     return out
+
+
+def smoothing_slopes(slopes: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (..., e, s) of a number by codes and by carriers, from its slopes by what `smooth` makes of both: `smooth`
+    transposed, 0 where there is no code."""
+    by_code, by_carrier = np.zeros_like(slopes), np.zeros_like(slopes)
+    later = np.zeros_like(slopes[..., 0, :])
+    for e in range(count.shape[0] - 1, -1, -1):
+        n = np.maximum(count[e], 1)
+        here = slopes[..., e, :] + later
+        by_code[..., e, :] = here / n
+        later = (1.0 - 1.0 / n) * here
+        by_carrier[..., e, :] += later
+        if e:
+            by_carrier[..., e - 1, :] -= later
+    return by_code, by_carrier

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from navsim.io.results import Result
+from navsim.report.table import Table
 from navsim.report.tables import summary_table
 from navsim.report.view import View
 
@@ -12,10 +14,31 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def _rare(result: Result) -> bool:
+    return bool(result.attributes["method"] == "rare")
+
+
+def _tables(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
+    """A table of the summaries of flights, and one of the probabilities of leaving a box."""
+    flights = [(name, result) for name, result in results if not _rare(result)]
+    boxes = [(name, result) for name, result in results if _rare(result)]
+    out: list[Table | str] = [summary_table(flights)] if flights else []
+    if boxes:
+        from navsim.report.rare import table
+
+        out.append(table(boxes))
+    return out
+
+
 def _figures(result: Result) -> dict[str, Figure]:
+    if _rare(result):
+        from navsim.report import rare
+
+        return rare.figures(result)
     from navsim.report import figures
 
     return figures.landing(result)
 
 
-VIEW = View(lambda results: [summary_table(list(results))], 116, _figures, ("/summary/",), width_more=60)
+VIEW = View(_tables, 116, _figures, ("/summary/",), width_more=60)
+"""The summary of landings as a table, and of all results as plain data for JSON."""

@@ -127,6 +127,30 @@ def _coverage(result: Result, i: int) -> Cell | str:
     return cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", value, low, high, expected)
 
 
+def _box_height(result: Result) -> str:
+    if "/summary/box/limit" not in result:
+        return ""
+    return f"probability, {float(result['/summary/box/height']):g} m above the runway"
+
+
+def _box(result: Result, i: int | None) -> Cell | str:
+    """How often the box is left: by a count, or to first order."""
+    if "/summary/box/limit" not in result:
+        return ABSENT
+    if i is None:
+        if "/summary/box/probability" not in result:
+            return ABSENT
+        return cell("{:.3g}  [{:.3g}, {:.3g}]", *map(float, result["/summary/box/probability"]))
+    limit = float(result["/summary/box/limit"][i])
+    if not np.isfinite(limit):
+        return ABSENT
+    if "/summary/box/axis_probability" in result:
+        return cell(
+            "{:.3g}  [{:.3g}, {:.3g}]  (beyond {:g} m)", *map(float, result["/summary/box/axis_probability"][i]), limit
+        )
+    return cell("{:.3g}  (beyond {:g} m, if Gaussian)", float(result["/summary/box/axis_first_order"][i]), limit)
+
+
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
     table = Table("", ("", *(name for name, _ in results)), labelled=True)
@@ -184,6 +208,12 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
+    boxed = [r for _, r in results if "/summary/box/limit" in r]
+    if boxed:
+        section("Outside the box", lambda r: _box_height(r))
+        row("  any limit exceeded", lambda r: _box(r, None))
+        for i, name in enumerate(("lateral", "along", "vertical")):
+            row(f"  {name}", lambda r, i=i: _box(r, i))
     section("Consistency (mean per degree of freedom, 1 is right)")
     counts = sorted(
         {int(r.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"]) for _, r in results}

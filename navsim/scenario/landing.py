@@ -20,6 +20,7 @@ from navsim.scenario.base import (
     Version,
     reject,
 )
+from navsim.scenario.box import BoxSection
 from navsim.scenario.filter import SMOOTHERS, FilterSection
 from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
 from navsim.scenario.signals import PseudolitesSection, ReceiverSection, SignalsSection
@@ -44,8 +45,9 @@ class Landing(Section):
     epoch: Utc
     """UTC of time 0"""
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 120.0
-    method: Literal["monte-carlo", "covariance"] = "monte-carlo"
-    """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget"""
+    method: Literal["monte-carlo", "covariance", "rare"] = "monte-carlo"
+    """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget;
+    rare: the probability that a landing ends outside `box`, however small"""
     runway: Runway = Runway()
     approach: Annotated[PaperApproach | SmoothApproach | STurn | RecordedApproach, Field(discriminator="profile")]
     wind: WindSection = WindSection()
@@ -58,6 +60,8 @@ class Landing(Section):
     signals: SignalsSection = SignalsSection()
     receiver: ReceiverSection = ReceiverSection()
     filter: FilterSection = FilterSection()
+    box: BoxSection | None = None
+    """where the position error has to be at the end of a landing; null: anywhere"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -76,8 +80,10 @@ class Landing(Section):
         self._checked_aiding()
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
-        if self.method == "covariance":
+        if self.method != "monte-carlo":
             self.check_analysable()
+        if self.method == "rare" and self.box is None:
+            raise reject("method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`", "box")
         if self.duration_s * self.imu.rate_hz < 2.0:
             raise reject("shorter than two samples of the IMU", "duration_s")
         if isinstance(self.approach, RecordedApproach):
@@ -119,7 +125,8 @@ class Landing(Section):
         """Raise for what the covariance analysis cannot tell."""
         if self.filter.kind in SMOOTHERS:
             raise reject(
-                f"the covariance analysis is that of a filter, {self.filter.kind} is a smoother; fly runs",
+                f"the covariance analysis, on which method rare rests too, is that of a filter, {self.filter.kind} is "
+                "a smoother; fly runs",
                 "filter",
                 "kind",
             )

@@ -24,7 +24,7 @@ class Sensor:
     """How a model becomes a sensor of a flight: name, kind of its measurements
     (`estimation.observations`), what their numbers are and their unit; exact: what
     it would measure along a motion without noise (m, k); table: what was measured (m, k), with the 1 sigma (k,) that
-    the filter believes in, as that kind's table."""
+    the filter believes in, as that kind's table; sign: of the innovation's change with a number."""
 
     name: str
     kind: int
@@ -32,6 +32,7 @@ class Sensor:
     unit: str
     exact: Callable[[Any, Motion], np.ndarray]
     table: Callable[[np.ndarray, np.ndarray], Any]
+    sign: float
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ _SENSORS: Mapping[type, Sensor] = {
         "m",
         lambda model, motion: motion.llh[:, 2:] + model.offset,
         lambda measured, believed: AltitudeTable(measured[:, 0].copy(), np.full_like(measured[:, 0], believed[0] ** 2)),
+        -1.0,
     ),
 }
 """The sensor of each model."""

@@ -152,18 +152,18 @@ class Run:
         return Run(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
 
 
-def initial_estimate(flight: Flight, seed: int, runs: Sequence[int]) -> np.ndarray:
-    """The navigation states at time 0 (NAV_N, WIDTH) of at most WIDTH runs: the truth minus drawn or fixed errors;
-    lanes that are left over have those of the last one."""
+def initial_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
+    """Errors of the navigation states at time 0 (9,), truth - estimate: drawn or fixed."""
     errors = flight.initial
     sigma = np.repeat([errors.position, errors.velocity, errors.attitude], 3)
-    x = np.empty((states.SENSORS, WIDTH))
-    for lane in range(WIDTH):
-        run = runs[min(lane, len(runs) - 1)]
-        drawn = generator(seed, run, "initial").standard_normal(9) * sigma
-        x[:, lane] = drawn if errors.fixed is None else errors.fixed
+    drawn = generator(seed, run, "initial").standard_normal(states.SENSORS) * sigma
+    return drawn if errors.fixed is None else errors.fixed
+
+
+def initial_estimate(flight: Flight, errors: np.ndarray) -> np.ndarray:
+    """The navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W)."""
     nav = in_all_lanes(exact_start(flight.world.at_filter))
-    error_state.displace(in_lanes(nav), in_lanes(-x))
+    error_state.displace(in_lanes(nav), in_lanes(-errors))
     return nav
 
 
@@ -178,13 +178,29 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
-    out = np.empty((2, *world.signals.range.shape, 1))
-    _measure_lane(world, seed, run, out[0], out[1], 0)
-    return out[0, ..., 0], out[1, ..., 0]
+    ranges, rates, phases = _measurement_room(world, 1)
+    _measure_lane(world, seed, run, ranges, rates, phases, 0)
+    return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
 
 
-def _measure_lane(world: World, seed: int, run: int, ranges: np.ndarray, rates: np.ndarray, lane: int) -> None:
-    """Pseudoranges (m) and range rates (m/s) of a run into a lane of arrays (e, s, W), nan where there are none."""
+def _measurement_room(world: World, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Empty arrays (e, s, lanes) for pseudoranges, range rates, and carrier phases where they smooth the code."""
+    shape = (*world.signals.range.shape, lanes)
+    return np.empty(shape), np.empty(shape), None if world.signals.smoothing is None else np.empty(shape)
+
+
+def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
+    """Pseudoranges (e, s, W) as the receiver uses them: smoothed by the carrier where it does that."""
+    if phases is None or world.signals.smoothing is None:
+        return ranges
+    each = range(ranges.shape[-1])
+    return np.stack([code_loop.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
+
+
+def _measure_lane(
+    world: World, seed: int, run: int, ranges: np.ndarray, rates: np.ndarray, phases: np.ndarray | None, lane: int
+) -> None:
+    """Measurements of a run into a lane of arrays (e, s, W), see `Inputs`."""
     signals = world.signals
     e, s = signals.range.shape
     delay = signals.delay
@@ -195,9 +211,9 @@ def _measure_lane(world: World, seed: int, run: int, ranges: np.ndarray, rates: 
         signals.range, delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
         ranges, rates, lane,
     )  # fmt: skip
-    if signals.smoothing is not None:
-        phase = carrier(world, delay) + CARRIER_SIGMA * generator(seed, run, "carrier").standard_normal((e, s))
-        ranges[..., lane] = code_loop.smooth(ranges[..., lane], phase, signals.smoothing)
+    if phases is not None:
+        drawn = generator(seed, run, "carrier").standard_normal((e, s))
+        phases[..., lane] = carrier(world, delay) + CARRIER_SIGMA * drawn
 
 
 def carrier(world: World, delay: np.ndarray) -> np.ndarray:
@@ -208,12 +224,16 @@ def carrier(world: World, delay: np.ndarray) -> np.ndarray:
 
 def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
     """What `measured` gives where nothing is drawn: systematic errors only."""
+    ranges, rates, phases = expected_measurements(world)
+    return smoothed(world, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
+
+
+def expected_measurements(world: World) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
     signals = world.signals
     ranges = np.where(signals.used, signals.range + signals.delay + world.clock[:, :1], np.nan)
     rates = np.where(signals.used, signals.range_rate + world.clock[:, 1:], np.nan)
-    if signals.smoothing is not None:
-        ranges = code_loop.smooth(ranges, carrier(world, signals.delay), signals.smoothing)
-    return ranges, rates
+    return ranges, rates, None if signals.smoothing is None else carrier(world, signals.delay)
 
 
 def receiver_fixes(
@@ -290,34 +310,66 @@ def measurements(flight: Flight, fixes: FixTable, aided: Sequence[np.ndarray]) -
     return Measurements.of(tables, *fixes.llh.shape[2:])
 
 
-def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
-    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; lanes that are left over fly the last
-    one. Raises ValueError for more."""
+@dataclass(frozen=True)
+class Inputs:
+    """All that is drawn of WIDTH landings, a lane each.
+
+    initial: (9, W) errors of the navigation states at time 0, truth - estimate. dtheta, dv: (n, 3, W) measured
+    increments. ranges, rates: (e, s, W) pseudoranges (m) and range rates (m/s), nan where there are none. phases:
+    (e, s, W) carrier phases (m) where they smooth the code, else None. aided: (m, k, W) of each sensor beside the
+    receiver. sensors: (o, k, W) true values of the sensor states that the filter follows, by which it is judged.
+    """
+
+    initial: np.ndarray
+    dtheta: np.ndarray
+    dv: np.ndarray
+    ranges: np.ndarray
+    rates: np.ndarray
+    phases: np.ndarray | None
+    aided: tuple[np.ndarray, ...]
+    sensors: np.ndarray
+
+
+def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
+    """The inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; lanes that are left over have
+    those of the last one. Raises ValueError for more."""
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     world, beliefs = flight.world, flight.beliefs
-    n, o, samples = flight.covariance.shape[0], world.filter_time.size, world.dtheta.shape[0]
-    nav = initial_estimate(flight, seed, runs)
+    o, samples = world.filter_time.size, world.dtheta.shape[0]
+    initial = np.empty((states.SENSORS, WIDTH))
     dtheta, dv = np.empty((samples, 3, WIDTH)), np.empty((samples, 3, WIDTH))
-    sensors = np.empty((o, n - states.SENSORS, WIDTH))
-    ranges, rates = np.empty((*world.signals.range.shape, WIDTH)), np.empty((*world.signals.range.shape, WIDTH))
-    aided = [np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids]
+    sensors = np.empty((o, flight.covariance.shape[0] - states.SENSORS, WIDTH))
+    ranges, rates, phases = _measurement_room(world, WIDTH)
+    aided = tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids)
     dt = world.imu_time[1] - world.imu_time[0]
-    for lane in range(WIDTH):
-        if lane >= len(runs):
-            for lanes in (dtheta, dv, sensors, ranges, rates, *aided):
-                lanes[..., lane] = lanes[..., len(runs) - 1]
-            continue
-        run = runs[lane]
+    for lane, run in enumerate(runs):
+        initial[:, lane] = initial_errors(flight, seed, run)
         errors = imu.simulate_lane(
             generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel, dtheta, dv, lane
         )
         sensors[..., lane] = true_values(beliefs.sensors.blocks, errors, world.filter_index)
-        _measure_lane(world, seed, run, ranges, rates, lane)
-        for k, aid in enumerate(world.aids):
-            aided[k][..., lane] = aid.measured(seed, run)
+        _measure_lane(world, seed, run, ranges, rates, phases, lane)
+        for aid, of_aid in zip(world.aids, aided, strict=True):
+            of_aid[..., lane] = aid.measured(seed, run)
+    for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided):
+        lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
+    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, sensors)
+
+
+def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
+    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`. Raises ValueError for more."""
+    return fly_inputs(flight, draw(flight, seed, runs), len(runs))
+
+
+def fly_inputs(flight: Flight, inputs: Inputs, count: int) -> Run:
+    """The landings with these inputs; the first `count` of them are kept."""
+    world, beliefs = flight.world, flight.beliefs
+    n, o = flight.covariance.shape[0], world.filter_time.size
+    nav = initial_estimate(flight, inputs.initial)
+    ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
     llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
-    tables = measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), aided)
+    tables = measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), inputs.aided)
 
     error, sigma, cross = np.empty((o, n, WIDTH)), np.empty((o, n, WIDTH)), np.empty((o, 6, WIDTH))
     nees, nees_position_velocity = np.empty((o, WIDTH)), np.empty((o, WIDTH))
@@ -326,12 +378,12 @@ def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
     truth = world.at_filter
     start_ = start(nav, in_all_lanes(flight.covariance), flight.model.components)
     for which, rows, history in fly_filter(
-        ImuData(world.imu_time, dtheta, dv), tables, flight.events, start_, flight.model
+        ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model
     ):
         judged = judge(
             beliefs.kind,
             history,
-            Truth(truth.llh[rows], truth.velocity_ned[rows], truth.quaternion[rows], sensors[rows]),
+            Truth(truth.llh[rows], truth.velocity_ned[rows], truth.quaternion[rows], inputs.sensors[rows]),
         )
         error[rows], sigma[rows] = judged.error, history.sigma()
         nees[rows], nees_position_velocity[rows] = judged.nees, judged.nees_position_velocity
@@ -344,13 +396,13 @@ def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
         status[which] = history.status
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(np.moveaxis(lanes, -1, 0)[: len(runs)])
+        return np.ascontiguousarray(np.moveaxis(lanes, -1, 0)[:count])
 
     return Run(
         of_runs(ranges), of_runs(rates), of_runs(llh), of_runs(velocity), of_runs(clocks), of_runs(error),
         of_runs(sigma), of_runs(cross), of_runs(nees), of_runs(nees_position_velocity), of_runs(nees_group),
         **_of_events(
-            flight, [of_runs(m) for m in aided], of_runs(squared), of_runs(degrees).astype(np.int64),
+            flight, [of_runs(m) for m in inputs.aided], of_runs(squared), of_runs(degrees).astype(np.int64),
             of_runs(status).astype(np.int64),
         ),
     )  # fmt: skip

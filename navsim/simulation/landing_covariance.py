@@ -19,6 +19,7 @@ import copy as copying
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.estimate import in_all_lanes
-from navsim.estimation.linearised import NOISES, Linearised, linearise, room, steps_of
+from navsim.estimation.linearised import NOISES, Linearised, Steps, linearise, room, steps_of
 from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, ImuData, start
 from navsim.models.pseudorange import Signals
@@ -272,39 +273,58 @@ class _Augmented:
         return phi, added
 
 
-def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
-    """The accuracy of a flight's filter.
+class AlongTruth(NamedTuple):
+    """The filter of a flight as it is along the truth.
 
-    of_pseudolites: (s,) bool, which sources are pseudolites. Raises AnalysisError where the result contradicts itself.
+    steps, lin: of its events (`estimation.linearised`). by_range, by_rate: (e, 6, s) derivatives of position and
+    velocity fixes by pseudoranges and range rates. true: the errors of the inertial sensors that there are.
     """
+
+    steps: Steps
+    lin: Linearised
+    by_range: np.ndarray
+    by_rate: np.ndarray
+    true: tuple[TrueState, ...]
+
+
+def along_truth(flight: Flight) -> AlongTruth:
+    """Fly the filter of a flight along the truth, without noise."""
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
-    s = world.signals
     ranges, rates = without_noise(world)
     llh, velocity, cov = _solve(world, ranges, rates)
     true = true_states(gyro, accel)
-    own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
-    sources = (*own, *(aid.sensor.name for aid in world.aids))
-    of_kind = {aid.sensor.kind: (len(own) + k, aid) for k, aid in enumerate(world.aids)}
-    blocks = [state.block for state in true]
-    carried = _Augmented(beliefs.sensors.blocks, blocks)
-    n = carried.n
-    events = flight.events
-    steps = steps_of(float(world.imu_time[0]), events)
-    outputs = world.filter_time.size
-    lin = room(steps, outputs, flight.model.declared, states.declared(blocks))
-    fixes = table_of_fixes(beliefs, llh, velocity, cov)
-    markov = states.biases((1.0 / gyro.markov_time, 0.0), (1.0 / accel.markov_time, 0.0))
+    truth = states.declared([state.block for state in true])
+    markov = states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 / accel.markov_time, 0.0)))
+    steps = steps_of(float(world.imu_time[0]), flight.events)
+    lin = room(steps, world.filter_time.size, flight.model.declared, truth)
     linearise(
         ImuData(world.imu_time, world.dtheta, world.dv),
-        measurements(flight, fixes, [aid.exact for aid in world.aids]),
-        events,
+        measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), [aid.exact for aid in world.aids]),
+        flight.events,
         steps,
         start(exact_start(world.at_filter), flight.covariance),
         flight.model,
-        states.declared(blocks),
-        states.declared(markov),
+        truth,
+        markov,
         lin,
     )
+    return AlongTruth(steps, lin, *_slopes(world, ranges, rates), true)
+
+
+def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None) -> Analysis:
+    """The accuracy of a flight's filter.
+
+    of_pseudolites: (s,) bool, which sources are pseudolites. along: where it is known already. Raises AnalysisError
+    where the result contradicts itself.
+    """
+    world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
+    steps, lin, by_range, by_rate, true = along or along_truth(flight)
+    s, events, outputs = world.signals, flight.events, world.filter_time.size
+    own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
+    sources = (*own, *(aid.sensor.name for aid in world.aids))
+    of_kind = {aid.sensor.kind: (len(own) + k, aid) for k, aid in enumerate(world.aids)}
+    carried = _Augmented(beliefs.sensors.blocks, [state.block for state in true])
+    n = carried.n
 
     density = np.zeros((len(sources), NOISES))
     for row, (name, value) in enumerate(
@@ -316,7 +336,6 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray) -> Analysis:
         )
     ):
         density[SOURCES.index(name), row] = value
-    by_range, by_rate = _slopes(world, ranges, rates)
     e = s.time.size
     noise = np.zeros((len(sources), e, MOST, MOST))
     smoothed = None

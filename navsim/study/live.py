@@ -18,6 +18,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays import earth
 from navsim.core.streams import generator
+from navsim.estimation.estimate import in_all_lanes
 from navsim.estimation.records import REJECTED
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding
@@ -29,7 +30,7 @@ from navsim.io.text import plain_number
 from navsim.models import imu
 from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS
 from navsim.models.signals import antenna_ecef
-from navsim.simulation.landing import initial_estimate, measured, receiver_fixes
+from navsim.simulation.landing import initial_errors, initial_estimate, measured, receiver_fixes
 from navsim.simulation.live import Increments, LiveFilter
 from navsim.study import source_clock
 from navsim.study.findings import notes, of_flight
@@ -102,7 +103,7 @@ class Session:
         self.filter = LiveFilter(
             case.flight,
             case.trajectory,
-            initial_estimate(case.flight, self.seed, [0])[:, 0].copy(),
+            initial_estimate(case.flight, in_all_lanes(initial_errors(case.flight, self.seed, 0)))[:, 0].copy(),
             Increments([0.0]),
         )
         self.assembler = Assembler()

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 CONFIDENCE = 0.95
+_TWO_SIDED = 1.959963984540054
+"""Quantile of the normal distribution that belongs to it."""
 SIGMA_TOLERANCE = 0.05
 """A sigma that is off by no more than this share serves as well as the right one: an ensemble large enough finds
 smaller errors significant that nobody has to mend."""
@@ -60,6 +62,36 @@ def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
     low = chi_square_quantile(1.0 - tail, degrees)
     high = chi_square_quantile(tail, degrees)
     return np.sqrt(total * np.array([1.0, degrees / low, degrees / high]))
+
+
+def share_interval(count: int, runs: int) -> np.ndarray:
+    """A share of runs with its two-sided 95 % interval (Clopper and Pearson 1934): value, low, high."""
+    from scipy.special import betaincinv
+
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = float(betaincinv(count, runs - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, runs - count, 1.0 - tail)) if count < runs else 1.0
+    return np.array([count / runs, low, high])
+
+
+def weighted_share(weights: np.ndarray, hits: np.ndarray, most: float) -> tuple[np.ndarray, float, float]:
+    """The chance of a hit from runs of another density: value with its two-sided 95 % interval (3,), its relative
+    standard error, and how many runs of one weight would tell as much (Kish).
+
+    weights: (run,) density in question over that of the runs, nowhere above `most`. hits: (run,) bool. The interval is
+    symmetric on the logarithm; without a hit it reaches to what so many runs exclude even where all weigh most.
+    """
+    runs = weights.size
+    counted = np.where(hits, weights, 0.0)
+    value, square = float(counted.mean()), float((counted**2).mean())
+    if value == 0.0:
+        return np.array([0.0, 0.0, min(1.0, most * (1.0 - (1.0 - CONFIDENCE) ** (1.0 / runs)))]), np.nan, 0.0
+    effective = runs * value**2 / square
+    if runs < 2:
+        return np.array([value, np.nan, np.nan]), np.nan, effective
+    relative = np.sqrt(max(1.0 / effective - 1.0 / runs, 0.0) * runs / (runs - 1))
+    reach = np.exp(_TWO_SIDED * relative)
+    return np.array([value, value / reach, min(1.0, value * reach)]), float(relative), effective
 
 
 def consistency_band(degrees: int, runs: int) -> tuple[float, float]:

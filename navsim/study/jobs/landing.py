@@ -5,20 +5,23 @@ from __future__ import annotations
 from navsim.io.results import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
-from navsim.scenario.source import Document
+from navsim.scenario.source import Document, InputError, Problem
 from navsim.study import landing
 from navsim.study.budget.landing import landing as estimated
 from navsim.study.ensemble import BATCH
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
+from navsim.study.landing import rare
 from navsim.study.partial import Store
 
 MOST_RUNS = 1_000_000
 """Where `--until` gives up, unless --runs says otherwise."""
 
 
-def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob:
+def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob | RareJob:
     """The job of a landing by its method."""
+    if section.method == "rare":
+        return RareJob(section, document, options)
     return (CovarianceJob if section.method == "covariance" else MonteCarloJob)(section, document, options)
 
 
@@ -49,6 +52,13 @@ class _Prepared:
         )
 
 
+def _check_numbers(first: int, runs: int) -> None:
+    """Raise OptionError for runs whose numbers a result cannot hold."""
+    if first > MOST_WHOLE - runs:
+        text = f"the last of {runs} run(s) would have a number beyond {MOST_WHOLE}"
+        raise OptionError(f"--first-run {first}: {text}")
+
+
 class MonteCarloJob(_Prepared):
     """Monte Carlo."""
 
@@ -58,9 +68,7 @@ class MonteCarloJob(_Prepared):
         super().__init__(section, document)
         self.seed, self.until, self.first = options.seed, options.until, options.first_run or 0
         self.runs = options.runs or (1 if self.until is None else MOST_RUNS)
-        if self.first > MOST_WHOLE - self.runs:
-            text = f"the last of {self.runs} run(s) would have a number beyond {MOST_WHOLE}"
-            raise OptionError(f"--first-run {self.first}: {text}")
+        _check_numbers(self.first, self.runs)
         try:
             self.enough = landing.stopping_rule(self.until) if self.until is not None else None
         except ValueError as error:
@@ -115,3 +123,51 @@ class CovarianceJob(_Prepared):
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         return Outcome(landing.covariance_result(self.case, landing.covariance_analysis(self.case), self.seed))
+
+
+class RareJob(_Prepared):
+    """The probability of leaving the box."""
+
+    unit, suffix = "runs", ""
+    edge: rare.Edge
+
+    def __init__(self, section: Landing, document: Document, options: Options) -> None:
+        super().__init__(section, document)
+        if options.keep is not None:
+            raise OptionError("--keep: only for method monte-carlo; of pushed runs only the errors at the box are kept")
+        self.seed, self.first = options.seed, options.first_run or 0
+        # a number of runs alone is flown whole
+        usual = f"probability within {100.0 * rare.USUAL:g}%" if options.runs is None else None
+        self.until = options.until or usual
+        self.runs = options.runs or rare.MOST_RUNS
+        _check_numbers(self.first, self.runs)
+        try:
+            self.enough = None if self.until is None else rare.stopping_rule(lambda: self.edge, self.until)
+        except ValueError as error:
+            raise OptionError(f"--until {error}") from None
+        self.sort = Sort("landing", section.method)
+        self.extent = self.runs
+        self.pieces = -(-self.runs // BATCH)
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        self._prepare(self.runs, "none", executor, allow, at_most=self.until is not None)
+        try:
+            self.edge = rare.prepare(self.case)
+        except ValueError as error:
+            raise InputError([Problem(self.document.place(("box",)), "box", str(error))]) from None
+
+    def described(self) -> str:
+        most = "" if self.until is None else f", until {self.until}"
+        return self._described(f"at most {self.runs} pushed run(s){most}")
+
+    def key(self) -> dict[str, object]:
+        return landing.partial_key(self.case, self.seed, self.first, self.runs, "none")
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        flown = rare.fly_all(
+            self.case, self.edge, self.seed, self.first, self.runs, executor,
+            store=store, done=tell, enough=self.enough,
+        )  # fmt: skip
+        reached = self.enough is None or self.enough(flown)
+        warnings = () if reached else (f"--until {self.until}: not reached within {self.runs} runs",)
+        return Outcome(rare.result(self.case, self.edge, flown, self.seed), warnings)

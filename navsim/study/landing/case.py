@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -224,13 +224,12 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = world_of(scenario, trajectory, sources)
-    return Case(
-        scenario,
-        trajectory,
-        sources,
-        prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel)),
-        warnings,
-    )
+    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel))
+    case = Case(scenario, trajectory, sources, flight, warnings)
+    if scenario.box is not None and math.isnan(box_time(case)):
+        at = f"comes down through {scenario.box.height_m:g} m above the runway" if scenario.box.height_m else "lands"
+        raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", f"the flight never {at}")])
+    return case
 
 
 def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
@@ -312,17 +311,29 @@ def rms_window(case: Case) -> np.ndarray:
 
 def crossing_times(case: Case) -> list[float]:
     """Times when the true height above the runway passes the decision heights, nan where it does not."""
+    return times_at_heights(case, [feet * FOOT for feet in HEIGHTS.values()])
+
+
+def box_time(case: Case) -> float:
+    """When the height of the scenario's box is passed, s; nan where it is not."""
+    assert case.scenario.box is not None
+    return times_at_heights(case, [case.scenario.box.height_m])[0]
+
+
+def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:
+    """Times when the true height above the runway last comes down through these, m, 0 for touchdown; nan where it does
+    not."""
     path = case.trajectory.path
     touchdown = path.events.get(TOUCHDOWN, math.inf)
     fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
     # the last moment above a height is sought among every 50th, then among those that follow it
     rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
     times = []
-    for feet in HEIGHTS.values():
-        last = np.flatnonzero(rough >= feet * FOOT)[-1:] * _ROUGH
+    for height in heights:
+        last = np.flatnonzero(rough >= height)[-1:] * _ROUGH
         near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
-        above = near[-path.jet(near)[:, 0, 2] >= feet * FOOT]
+        above = near[-path.jet(near)[:, 0, 2] >= height]
         crossed = above.size and above[-1] < fine[-1]
-        when = touchdown if feet == 0 else (float(above[-1]) if crossed else math.nan)
+        when = touchdown if height == 0.0 else (float(above[-1]) if crossed else math.nan)
         times.append(when if when <= case.world.filter_time[-1] + 1e-9 else math.nan)
     return times

@@ -21,6 +21,7 @@ from navsim.study.findings import (
     positive,
     tally,
 )
+from navsim.study.landing.box import box_of, to_first_order
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
 from navsim.study.landing.ensemble import (
     FAR_OFF,
@@ -129,7 +130,10 @@ def _exact(values: np.ndarray) -> np.ndarray:
 def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -> None:
     window, n = rms_window(case), len(case.states)
     late = square[:, window].mean(axis=1) if window.any() else np.full(square.shape[::2], np.nan)
-    mean, cov = _at_heights(case, analysis)
+    mean, cov = _at_heights(case, analysis, crossing_times(case))
+    if (box := box_of(case)) is not None:
+        (off,), (spread,) = _at_heights(case, analysis, [box.time])
+        to_first_order(draft, box, off, np.sqrt(np.diagonal(spread)))
     attitude = states.SLICES["attitude"]
     square_of_all = analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :]
     to_rpy = rpy_jacobian(case.world.at_filter.rpy[window])
@@ -179,10 +183,10 @@ def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -
         draft[f"/summary/count/{name}"] = np.int64(value)
 
 
-def _at_heights(case: Case, analysis: Analysis) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (h, 3) and covariance (h, 3, 3) of lateral, along, vertical errors at the decision heights; both are
-    interpolated between the filter's outputs."""
-    turn, times = to_runway(case), crossing_times(case)
+def _at_heights(case: Case, analysis: Analysis, times: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (h, 3) and covariance (h, 3, 3) of lateral, along, vertical errors at times, s; both are interpolated
+    between the filter's outputs."""
+    turn = to_runway(case)
     mean = at_times(case, times, analysis.mean[:, : states.VEL]) @ turn.T
     position = analysis.covariance[:, : states.VEL, : states.VEL]
     return mean, turn @ at_times(case, times, position.reshape(-1, 9)).reshape(-1, 3, 3) @ turn.T

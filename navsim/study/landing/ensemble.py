@@ -27,7 +27,7 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
-from navsim.study.landing.case import Case, crossing_times, rms_window
+from navsim.study.landing.case import Case, box_time, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
 
@@ -92,6 +92,11 @@ class LandingStudy:
         return np.isfinite(self.case.world.dop[:, 1])
 
     @cached_property
+    def box_time(self) -> list[float]:
+        """When the height of the box is passed, s; of no box nothing."""
+        return [] if self.case.scenario.box is None else [box_time(self.case)]
+
+    @cached_property
     def crossings(self) -> list[float]:
         """Times at the decision heights, s."""
         return crossing_times(self.case)
@@ -117,10 +122,11 @@ class LandingStudy:
                     "variance": _mean_square(runs.sigma[:, window]),
                     "rpy_variance": _mean(turned_variances(to_rpy, covariances(runs, "attitude", window))),
                     "at_height": at_heights(self.case, crossings, runs.error),
+                    "at_box": at_heights(self.case, self.box_time, runs.error),
                     "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
                     "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
-                    **{f"fix_flaws_{part}": getattr(fixes, part) for part in _PARTS},
-                    **{f"output_flaws_{part}": getattr(outputs, part) for part in _PARTS},
+                    **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
+                    **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
                     "nees_mean": _finite_means(runs.nees[:, 1:]) / n,
                     "nees_position_velocity_mean": _finite_means(runs.nees_position_velocity[:, 1:]) / 6,
                     "innovations": np.nansum(runs.innovation_squared, axis=1),
@@ -200,7 +206,8 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
     }
 
 
-_PARTS = tuple(Flaws.__dataclass_fields__)
+FLAW_PARTS = tuple(Flaws.__dataclass_fields__)
+"""Members of `Flaws`."""
 UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED = range(5)
 """Flaws of a fix epoch: too few usable sources, or no solution in their geometry; sources enough but no solution of
 the least squares; a position without the velocity the filter wants; a fix that could not be weighed; one that the gate
@@ -261,7 +268,7 @@ def output_flaws(runs: Run) -> Flaws:
 def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     """What was wrong with the input and with what was flown."""
     fixes, outputs = (
-        Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in _PARTS)) for which in ("fix", "output")
+        Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
     runs = ensemble.runs
     out = judging.notes(case.warnings)
@@ -375,17 +382,22 @@ def to_runway(case: Case) -> np.ndarray:
 def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     """Histories of the filter's outputs (..., t, m) at some times (..., h, m), between outputs in a straight line; nan
     for nan."""
-    t = case.world.filter_time
     unknown = ~np.isfinite(times)
-    known = np.where(unknown, t[0], times)
-    before = np.clip(np.searchsorted(t, known, side="right") - 1, 0, t.size - 1)
-    after = np.minimum(before + 1, t.size - 1)
-    length = t[after] - t[before]
-    share = np.clip((known - t[before]) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)[:, None]
+    before, after, share = between_outputs(case, np.where(unknown, case.world.filter_time[0], times))
+    share = share[:, None]
     first, second = history[..., before, :], history[..., after, :]
     out = np.where(share > 0.0, first + share * (second - first), first)
     out[..., unknown, :] = np.nan
     return np.asarray(out)
+
+
+def between_outputs(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The outputs before and after times (h,), and the share of the way to the latter."""
+    t = case.world.filter_time
+    before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, t.size - 1)
+    after = np.minimum(before + 1, t.size - 1)
+    length = t[after] - t[before]
+    return before, after, np.clip((times - t[before]) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
 
 
 def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndarray) -> np.ndarray:

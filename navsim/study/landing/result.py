@@ -13,6 +13,7 @@ from navsim.io.results import Result, Stream
 from navsim.io.schema import LANDING
 from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
+from navsim.study.landing.box import box_of, counted
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, attributes, base, belief
@@ -130,6 +131,8 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         size = np.sqrt(squares[:, first:last].sum(axis=1))
         draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
 
+    if (box := box_of(case)) is not None:
+        counted(draft, box, ensemble.per_run("at_box")[:, 0])
     inside = ensemble.per_run("inside")
     draft["/summary/coverage/level"] = LEVELS
     draft["/summary/coverage/position"] = np.stack([mean_interval(inside[:, k]) for k in range(LEVELS.size)])

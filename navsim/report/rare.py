@@ -1,0 +1,112 @@
+"""How the probability of leaving a box is shown: as a table, and as exceedance curves of the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.core.arrays import normal
+from navsim.io.results import Result
+from navsim.report.table import ABSENT, Cell, Table, cell
+from navsim.report.tables import runs_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_LEAST = 1e-12
+"""Probabilities below this are not drawn."""
+
+
+def table(results: Sequence[tuple[str, Result]]) -> Table:
+    """Probabilities of leaving a box, a column a result: names and results in order."""
+    out = Table("", ("", *(name for name, _ in results)), labelled=True)
+
+    def row(label: str, shown: Callable[[Result], Cell | str]) -> None:
+        out.add(label, *(shown(result) for _, result in results))
+
+    axes = list(enumerate(map(str, results[0][1]["/axis"])))
+    row("pushed runs", runs_of)
+    row("height above the runway, m", lambda r: cell("{:g}", float(r["/summary/box/height"])))
+    row("time, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
+    out.head("Outside the box", *("probability [95 %]" for _ in results))
+    row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"]))
+    for i, axis in axes:
+        row(f"  {axis}", lambda r, i=i: _of_axis(r, i))  # type: ignore[misc]
+    out.head("What it rests on")
+    row("  relative error, 1 sigma", lambda r: cell("{:.1f} %", 100.0 * float(r["/summary/rare/relative_error"])))
+    row("  effective samples", lambda r: cell("{:.0f}", float(r["/summary/rare/effective_samples"])))
+    row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
+    out.head("By the covariance analysis", *("limit; mean, 1 sigma, m; probability if Gaussian" for _ in results))
+    for i, axis in axes:
+        row(f"  {axis}", lambda r, i=i: _first_order(r, i))  # type: ignore[misc]
+    return out
+
+
+def _probability(values: np.ndarray) -> Cell:
+    value, low, high = map(float, values)
+    if value == 0.0:
+        return cell("none found; below {:.2g}", high)
+    return Cell("{:.3g}  [{:.3g}, {:.3g}]", (value, low, high), whole=True)
+
+
+def _of_axis(result: Result, i: int) -> Cell | str:
+    limited = np.isfinite(result["/summary/box/limit"][i])
+    return _probability(result["/summary/rare/axis_probability"][i]) if limited else ABSENT
+
+
+def _first_order(result: Result, i: int) -> Cell:
+    limit, mean, sigma, chance = (
+        float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma", "axis_first_order")
+    )
+    if not np.isfinite(limit):
+        return cell("none; {:+.3f}, {:.3f}", mean, sigma)
+    return cell("{:g}; {:+.3f}, {:.3f}; {:.3g}", limit, mean, sigma, chance)
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """The figures of a probability of leaving a box, by name."""
+    return {"exceedance": exceedance(result)}
+
+
+def exceedance(result: Result) -> Figure:
+    """How often each limited error exceeds a size, by pushed runs and by the covariance analysis."""
+    from navsim.report.figures import COLUMN, legend_above, new_figure
+
+    some = np.flatnonzero(np.isfinite(result["/summary/box/limit"]))
+    fig = new_figure(COLUMN, 1.9 * some.size + 0.5)
+    axes = fig.subplots(some.size, 1, squeeze=False)[:, 0]
+    for ax, i in zip(axes, some, strict=True):
+        _curve(ax, result, int(i))
+    axes[-1].set_xlabel("size x of the error, m")
+    legend_above(fig, axes[0], 3)
+    return fig
+
+
+def _curve(ax: Axes, result: Result, i: int) -> None:
+    from navsim.report.figures import COLOURS, SMALL
+
+    limit, mean, sigma = (float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma"))
+    error = result["/rare/error"][:, i]
+    size = np.where(np.isfinite(error), np.abs(error), np.inf)  # what is no number exceeds everything
+    order = np.argsort(-size)
+    weight = result["/rare/weight"][order] / size.size
+    chance = np.cumsum(weight)
+    reach = np.exp(1.96 * np.sqrt(np.cumsum(weight**2)) / chance)
+    shown = np.isfinite(size[order]) & (chance < 0.5)
+    x = size[order][shown]
+    band = (chance / reach)[shown], np.minimum(chance * reach, 1.0)[shown]
+    ax.fill_between(x, *band, color=COLOURS[0], alpha=0.25, lw=0)
+    ax.plot(x, chance[shown], color=COLOURS[0], label=f"{size.size} pushed runs, 95 %")
+    grid = np.linspace(0.0, 1.1 * limit, 300)
+    ax.plot(grid, normal.exceedance(grid, mean, sigma), color=COLOURS[1], ls="--", label="covariance analysis")
+    ax.axvline(limit, color=COLOURS[-1], lw=0.6)
+    ax.annotate("limit", (limit, 1.0), (-3, -9), textcoords="offset points", fontsize=SMALL, ha="right")
+    at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
+    least = min((p for p in at_limit if p > 0.0), default=_LEAST)
+    ax.set_yscale("log")
+    ax.set_ylim(max(0.05 * least, _LEAST), 1.0)
+    ax.set_xlim(0.0, 1.1 * limit)
+    ax.set_ylabel(f"P(|{result['/axis'][i]} error| > x)")

@@ -1,0 +1,128 @@
+"""Landings that end outside a box, made frequent: importance sampling by a shift of everything that is drawn.
+
+To first order the error at a height is a sum over all that is drawn of a landing (`simulation.sensitivity`). Of all
+inputs that bring the error to a face of the box, the likeliest are the covariance of the inputs times the slopes of
+the error. The inputs of a run are drawn as ever and then pushed there. The densities with and without the push have a
+ratio that depends on that sum alone, whatever the filter then does with the inputs; weighed by it, runs count as they
+would without the push.
+
+Runs are drawn from a mixture of pushes: one for each face, some of them half as far, some not at all. Its weights never
+exceed one over the share of the last, so that errors which no face stands for cost accuracy, never truth.
+
+Sources: [1] Owen & Zhou, Safe and effective importance sampling, JASA 95 (2000) (mixtures with a defensive component).
+[2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
+heuristic). [3] Bucklew, Introduction to Rare Event Simulation (2004), chapter 5 (shifts along the likeliest path).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.streams import generator
+from navsim.simulation.landing import Flight, Inputs
+from navsim.simulation.sensitivity import Slopes, carried, deviations
+
+_FULL, _HALF = 0.8, 0.1
+"""Shares of the runs pushed to a face and half the way; the rest is not pushed."""
+_EVENLY = 0.5
+"""Share of the pushes that goes to all faces alike; the rest goes by their probabilities to first order."""
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Pushes of the inputs of a flight towards the faces of a box.
+
+    slopes: of the K errors that the box bounds. shifts: the covariance of the inputs times them. mean, covariance: of
+    the errors to first order, (K,) and (K, K). pushes: (C, K) what the shifts are multiplied by in each component of
+    the mixture. shares: (C,) of the components.
+    """
+
+    slopes: Slopes
+    shifts: Slopes
+    mean: np.ndarray
+    covariance: np.ndarray
+    pushes: np.ndarray
+    shares: np.ndarray
+
+    @property
+    def most_weight(self) -> float:
+        """No weight is above this."""
+        return float(1.0 / self.shares[-1])
+
+    def drawn(self, seed: int, run: int) -> int:
+        """The component of a run."""
+        return int(np.searchsorted(np.cumsum(self.shares), generator(seed, run, "tilt").random() * self.shares.sum()))
+
+    def log_weights(self, errors: np.ndarray) -> np.ndarray:
+        """Logarithms (W,) of the density without pushes over that of the mixture, where the errors to first order are
+        (K, W) off their means."""
+        square = np.einsum("ci,ij,cj->c", self.pushes, self.covariance, self.pushes)
+        exponents = self.pushes @ errors - 0.5 * square[:, None]
+        most = exponents.max(axis=0)
+        return -(most + np.log(self.shares @ np.exp(exponents - most)))
+
+
+def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, limits: np.ndarray) -> Tilt:
+    """The pushes for a box.
+
+    slopes: of the K errors that it bounds; mean: (K,) of them to first order; limits: (K,) of their sizes, inf for
+    none. Raises ValueError for an error that nothing drawn has a part in.
+    """
+    from scipy.special import ndtr
+
+    shifts = carried(flight, slopes)
+    covariance = np.sum(
+        [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair))
+         for pair in zip(slopes.members(), shifts.members(), strict=True)], axis=0,
+    )  # fmt: skip
+    sigma = np.sqrt(np.diagonal(covariance))
+    if not (sigma > 0.0).all():
+        raise ValueError("an error that the box bounds does not depend on anything that is drawn")
+    faces = list(itertools.product(np.flatnonzero(np.isfinite(limits)).tolist(), (1.0, -1.0)))
+    way = np.array([sign * limits[k] - mean[k] for k, sign in faces])
+    inside = np.array([sign * w > 0.0 for w, (_, sign) in zip(way, faces, strict=True)])
+    to_face = np.zeros((len(faces), limits.size))
+    for row, (k, _) in enumerate(faces):
+        # a box that the mean error is out of needs no push
+        to_face[row, k] = way[row] / covariance[k, k] if inside[row] else 0.0
+    sigmas = np.array([abs(w) / sigma[k] for w, (k, _) in zip(way, faces, strict=True)])
+    chance = np.where(inside, ndtr(-sigmas), 1.0)
+    # far faces may be beyond any number: their shares among themselves are even then
+    likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(len(faces), 1.0 / len(faces))
+    share = _EVENLY / len(faces) + (1.0 - _EVENLY) * likely
+    return Tilt(
+        slopes, shifts, mean, 0.5 * (covariance + covariance.T),
+        np.concatenate([to_face, 0.5 * to_face, np.zeros((1, limits.size))]),
+        np.concatenate([_FULL * share, _HALF * share, [1.0 - _FULL - _HALF]]),
+    )  # fmt: skip
+
+
+def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:
+    """Inputs of runs (lanes) pushed by the component of each, and by how much (K, W) their errors to first order are
+    off their means. Lanes beyond the components are pushed like the last one. The true values of sensor states stay
+    what they were."""
+    lanes = inputs.initial.shape[-1]
+    each = np.array([*components, *[components[-1]] * (lanes - len(components))])
+    pushes = tilt.pushes[each]
+
+    def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shift, pushes))
+
+    shifts = tilt.shifts
+    phases = None
+    if inputs.phases is not None and shifts.phases is not None:
+        phases = moved(inputs.phases, shifts.phases)
+    out = replace(
+        inputs,
+        initial=moved(inputs.initial, shifts.initial),
+        dtheta=moved(inputs.dtheta, shifts.dtheta),
+        dv=moved(inputs.dv, shifts.dv),
+        ranges=moved(inputs.ranges, shifts.ranges),
+        rates=moved(inputs.rates, shifts.rates),
+        phases=phases,
+        aided=tuple(moved(a, s) for a, s in zip(inputs.aided, shifts.aided, strict=True)),
+    )
+    return out, tilt.slopes.times(deviations(flight, out))

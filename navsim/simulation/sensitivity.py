@@ -1,0 +1,199 @@
+"""How the position error at a moment follows from all that is drawn of a landing, to first order.
+
+The covariance analysis (`simulation.landing_covariance`) carries errors forward through the linearised filter; here a
+row of weights goes backward through the same matrices, from the outputs to each sample of the IMU, each range and the
+initial errors: the transposed (adjoint) system. One pass gives the slopes of an error by tens of thousands of numbers.
+
+Source: Bryson & Ho, Applied Optimal Control (1975), section 2.3 (adjoint equations); Zarchan, Tactical and Strategic
+Missile Guidance, the chapters on the method of adjoints (what each error contributes to a miss).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core import states
+from navsim.estimation.observations import FIX
+from navsim.estimation.records import OUTPUT, TIME_TOLERANCE
+from navsim.models import code_loop
+from navsim.models.imu import Triad
+from navsim.simulation.landing import CARRIER_SIGMA, Flight, Inputs, expected_measurements
+from navsim.simulation.landing_covariance import AlongTruth
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """K numbers for each of what is drawn of a landing, laid out as `simulation.landing.Inputs` with K first: slopes of
+    K errors by them, or K directions in them.
+
+    initial: (K, 9). dtheta, dv: (K, n, 3). ranges, rates, phases: (K, e, s). aided: (K, m, k) of each sensor.
+    """
+
+    initial: np.ndarray
+    dtheta: np.ndarray
+    dv: np.ndarray
+    ranges: np.ndarray
+    rates: np.ndarray
+    phases: np.ndarray | None
+    aided: tuple[np.ndarray, ...]
+
+    def members(self) -> list[np.ndarray]:
+        """Its arrays."""
+        phases = [] if self.phases is None else [self.phases]
+        return [self.initial, self.dtheta, self.dv, self.ranges, self.rates, *phases, *self.aided]
+
+    def times(self, deviations: list[np.ndarray]) -> np.ndarray:
+        """Sums (K, W) of these slopes times deviations of `members`, each (..., W)."""
+        pairs = zip(self.members(), deviations, strict=True)
+        return np.sum([np.einsum("ki,iw->kw", a.reshape(a.shape[0], -1), _rows(d)) for a, d in pairs], axis=0)
+
+
+def _rows(lanes: np.ndarray) -> np.ndarray:
+    return lanes.reshape(-1, lanes.shape[-1])
+
+
+def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slopes:
+    """Slopes of K sums of position errors, NED, truth - estimate, by the inputs. weights: (K, o, 3) of the sums.
+
+    Between events the slopes by velocity are taken as linear in time, those by attitude as a parabola.
+    """
+    world, events, steps, lin = flight.world, flight.events, along.steps, along.lin
+    count, n = weights.shape[0], lin.believed.shape[1]
+    e, s = world.signals.range.shape
+    c_nb = 0.5 * (world.truth.c_nb[:-1] + world.truth.c_nb[1:])
+    force = np.einsum("tij,tj->ti", c_nb, world.dv / np.diff(world.imu_time)[:, None])
+    felt = np.zeros((count, world.dtheta.shape[0], 6))  # by theta and v, NED, at each sample
+    ranges, rates = np.zeros((count, e, s)), np.zeros((count, e, s))
+    turned = np.zeros((count, world.dtheta.shape[0], 3))  # by the angular rate that a lever arm turns with
+    aided = {aid.sensor.kind: np.zeros((count, *aid.exact.shape)) for aid in world.aids}
+    sign = {aid.sensor.kind: aid.sensor.sign for aid in world.aids}
+    own, copied = np.zeros((count, n)), np.zeros((count, n))
+    for i in range(events.time.size - 1, -1, -1):
+        ahead, kind, row, w = bool(events.ahead[i]), int(events.kind[i]), events.row[i], steps.measurement[i]
+        here = copied if ahead else own
+        if kind == OUTPUT:
+            here[:, states.POS : states.POS + 3] += weights[:, row]
+        elif w >= 0 and lin.have[w].any():
+            there = np.flatnonzero(lin.have[w])
+            by_innovation = here @ lin.gain[w][:, there]
+            if kind == FIX:
+                ranges[:, row] -= by_innovation @ along.by_range[row, there]
+                rates[:, row] -= by_innovation @ along.by_rate[row, there]
+                sample = max(int(np.searchsorted(world.imu_time, events.time[i] - TIME_TOLERANCE)) - 1, 0)
+                turned[:, sample] -= by_innovation @ lin.h[w, there, states.GYRO : states.GYRO + 3]
+            else:
+                aided[kind][:, row, there] -= sign[kind] * by_innovation
+            here -= by_innovation @ lin.h[w, there]
+        if steps.interval[i] >= 0:
+            after = here.copy()
+            here[...] = after @ lin.transition[steps.interval[i]]
+            begin = max(float(events.time[i]), float(world.imu_time[0])) - steps.length[i]
+            _spread_over_samples(world.imu_time, begin, begin + steps.length[i], here, after, force, felt)
+        if ahead and (i == 0 or not events.ahead[i - 1]):
+            own += copied
+            copied[...] = 0.0
+    # errors of the increments act on theta and v through -C
+    dtheta, dv = (-np.einsum("kti,tij->ktj", felt[..., part], c_nb) for part in (slice(3, 6), slice(0, 3)))
+    dtheta += turned / (world.imu_time[1] - world.imu_time[0])
+    phases = None
+    if world.signals.smoothing is not None:
+        ranges, phases = code_loop.smoothing_slopes(ranges, world.signals.smoothing)
+    return Slopes(own[:, : states.SENSORS], dtheta, dv, ranges, rates, phases, tuple(aided.values()))
+
+
+def _spread_over_samples(
+    time: np.ndarray, begin: float, end: float, before: np.ndarray, after: np.ndarray, force: np.ndarray,
+    felt: np.ndarray,
+) -> None:  # fmt: skip
+    """Add the slopes by velocity and attitude over an interval to `felt` (K, n, 6), v first, of the samples it has a
+    part in; before, after: slopes (K, n) at its ends; force: (n, 3) specific force of the samples, NED, m/s2."""
+    first = int(np.searchsorted(time, begin + TIME_TOLERANCE, side="right")) - 1
+    last = int(np.searchsorted(time, end - TIME_TOLERANCE, side="left"))
+    low, high = np.maximum(time[first:last], begin), np.minimum(time[first + 1 : last + 1], end)
+    part = (high - low) / (time[first + 1 : last + 1] - time[first:last])
+    past = 0.5 * (low + high) - begin
+    late = (past / (end - begin))[:, None]
+    moving = slice(states.VEL, states.ATT + 3)
+    between = before[:, None, moving] * (1.0 - late) + after[:, None, moving] * late
+    # attitude acts on position by half the square of the time left: a parabola over the interval
+    bow = 0.5 * past * (end - begin - past)
+    between[..., 3:] += bow[:, None] * np.cross(after[:, None, states.POS : states.POS + 3], force[first:last])
+    felt[:, first:last] += part[:, None] * between
+
+
+def carried(flight: Flight, slopes: Slopes) -> Slopes:
+    """The covariance of the inputs times `slopes`: where the inputs most likely are when sums of them with these slopes
+    are off by their variances."""
+    world, errors, signals = flight.world, flight.initial, flight.world.signals
+    variance = np.repeat([errors.position**2, errors.velocity**2, errors.attitude**2], 3)
+    initial = slopes.initial * (variance if errors.fixed is None else 0.0)
+    dt = world.imu_time[1] - world.imu_time[0]
+    ranges = slopes.ranges * np.where(signals.used, signals.sigma, 0.0) ** 2
+    rates = slopes.rates * np.where(signals.used, signals.rate_sigma, 0.0) ** 2
+    phases = None if slopes.phases is None else np.where(signals.used, CARRIER_SIGMA**2 * slopes.phases, 0.0)
+    if signals.space is not None:
+        size = np.where(signals.used[..., None], signals.space, 0.0)
+        both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
+        delay = np.einsum("esc,ksc->kes", size, np.einsum("kes,esc->ksc", both, size))
+        ranges = ranges + delay
+        phases = None if phases is None else phases + delay
+    return Slopes(
+        initial,
+        _of_triad(flight.gyro, slopes.dtheta, world.dtheta, dt),
+        _of_triad(flight.accel, slopes.dv, world.dv, dt),
+        ranges,
+        rates,
+        phases,
+        tuple(a * aid.sigma**2 for a, aid in zip(slopes.aided, world.aids, strict=True)),
+    )
+
+
+def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) -> np.ndarray:
+    """The covariance of the errors of increments times their slopes (K, n, 3); exact: (n, 3) increments."""
+    out = triad.noise_density**2 * dt * slopes
+    if triad.fixed_bias is None:
+        out += (triad.bias * dt) ** 2 * slopes.sum(axis=1, keepdims=True)
+    if triad.scale > 0.0:
+        out += triad.scale**2 * exact * np.einsum("kti,ti->ki", slopes, exact)[:, None]
+    if triad.markov > 0.0:
+        out += _of_markov(triad, slopes, dt)
+    return out
+
+
+def _of_markov(triad: Triad, slopes: np.ndarray, dt: float) -> np.ndarray:
+    """That of a Markov bias alone: its covariance between samples i and j is markov^2 decay^|i - j|."""
+    decay = np.exp(-dt / triad.markov_time)
+    later, out = np.zeros_like(slopes[:, 0]), np.empty_like(slopes)
+    for t in range(slopes.shape[1] - 1, -1, -1):
+        later = decay * later + slopes[:, t]
+        out[:, t] = later
+    earlier = np.zeros_like(later)
+    for t in range(slopes.shape[1]):
+        out[:, t] += earlier
+        earlier = decay * (earlier + slopes[:, t])
+    return (triad.markov * dt) ** 2 * out
+
+
+def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:
+    """By how much drawn inputs are off those where nothing is drawn, laid out as `Slopes.members`, lanes last."""
+    world, dt = flight.world, flight.world.imu_time[1] - flight.world.imu_time[0]
+    fixed = np.zeros(states.SENSORS) if flight.initial.fixed is None else flight.initial.fixed
+    ranges, rates, phases = expected_measurements(world)
+    used = world.signals.used[..., None]
+    increments = [
+        lanes - (exact + dt * np.array(triad.fixed_bias or (0.0, 0.0, 0.0)))[..., None]
+        for lanes, exact, triad in (
+            (inputs.dtheta, world.dtheta, flight.gyro),
+            (inputs.dv, world.dv, flight.accel),
+        )
+    ]
+    of_phases = [] if phases is None or inputs.phases is None else [inputs.phases - phases[..., None]]
+    signals = (inputs.ranges - ranges[..., None], inputs.rates - rates[..., None], *of_phases)
+    return [
+        inputs.initial - fixed[:, None],
+        *increments,
+        *(np.where(used, lanes, 0.0) for lanes in signals),
+        *(lanes - aid.exact[..., None] for lanes, aid in zip(inputs.aided, world.aids, strict=True)),
+    ]

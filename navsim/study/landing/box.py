@@ -1,0 +1,70 @@
+"""The box that landings are to end in: how often they do not, counted or to first order, as `/summary/box`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays import normal
+from navsim.io.draft import Draft
+from navsim.study.landing.case import Case, box_time
+from navsim.study.statistics import share_interval
+
+
+@dataclass(frozen=True)
+class Box:
+    """height: above the runway at which errors are judged, m; time: when it is passed, s; limits: (3,) of the sizes of
+    the lateral, along-track and vertical error, m, inf for none."""
+
+    height: float
+    time: float
+    limits: np.ndarray
+
+    def beyond(self, errors: np.ndarray) -> np.ndarray:
+        """Which errors (..., 3) exceed their limits; those that are no numbers do."""
+        return np.logical_not(np.abs(errors) <= self.limits)
+
+
+def box_of(case: Case) -> Box | None:
+    """The box of a case, if it has one."""
+    section = case.scenario.box
+    if section is None:
+        return None
+    limits = np.array([math.inf if limit is None else limit for limit in section.limits()])
+    return Box(section.height_m, box_time(case), limits)
+
+
+def described(draft: Draft, box: Box) -> None:
+    """What the box is."""
+    if "/axis" not in draft:
+        draft["/summary/box/axis"] = np.array(("lateral", "along", "vertical"))
+    draft["/summary/box/height"] = box.height
+    draft["/summary/box/time"] = box.time
+    draft["/summary/box/limit"] = box.limits
+
+
+def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
+    """The box, and how many errors (run, 3) are outside."""
+    described(draft, box)
+    outside = box.beyond(errors)
+    draft["/summary/box/outside"] = np.int64(outside.any(axis=1).sum())
+    draft["/summary/box/probability"] = share_interval(int(outside.any(axis=1).sum()), errors.shape[0])
+    of_axes = [share_interval(int(one.sum()), errors.shape[0]) for one in outside.T]
+    draft["/summary/box/axis_probability"] = where_limited(box, np.stack(of_axes))
+
+
+def to_first_order(draft: Draft, box: Box, mean: np.ndarray, sigma: np.ndarray) -> None:
+    """The box, and how often Gaussian errors with these means and sigmas (3,), m, are outside."""
+    described(draft, box)
+    draft["/summary/box/axis_mean"] = mean
+    draft["/summary/box/axis_sigma"] = sigma
+    draft["/summary/box/axis_first_order"] = where_limited(box, normal.exceedance(box.limits, mean, sigma))
+
+
+def where_limited(box: Box, values: np.ndarray) -> np.ndarray:
+    """Values of the axes (3, ...), nan of those without a limit."""
+    out = values.copy()
+    out[~np.isfinite(box.limits)] = np.nan
+    return out

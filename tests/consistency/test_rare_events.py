@@ -1,0 +1,129 @@
+"""The probability of leaving a box by pushed runs: against counting, against the closed form of a linear case."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from navsim.core.lanes import WIDTH
+from navsim.simulation.landing import draw
+from navsim.simulation.rare import pushed
+from navsim.study.executor import threads
+from navsim.study.landing import Case, fly_all, rare
+from navsim.study.landing.rare import Edge
+from navsim.study.statistics import share_interval, weighted_share
+from tests.helpers import case
+
+LINEAR = (
+    "filter.kind=eskf", "receiver.rate_hz=1", "initial_errors.attitude_deg=0.01", "imu.gyro.drift_deg_h=1",
+    "imu.accelerometer.bias_mg=0.01",
+)  # fmt: skip
+"""Small errors of attitude and sensors: the filter of every run is the one along the truth."""
+
+
+def boxed(name: str, box: str, *settings: str) -> tuple[Case, Edge]:
+    flown = case(f"box={box}", *settings, name=name)
+    return flown, rare.prepare(flown)
+
+
+def sigmas(name: str, *settings: str) -> np.ndarray:
+    """1 sigma of the lateral, along-track and vertical errors at touchdown, to first order."""
+    _, edge = boxed(name, "{lateral_m: 100}", *settings)
+    return np.sqrt(np.diagonal(edge.tilt.covariance))
+
+
+def test_a_linear_case_has_the_closed_form() -> None:
+    """A vertical error beyond its limit once in 1e7 landings: 4000 runs come within 10 %, and within 3 of their own
+    standard errors."""
+    limit = float(-ndtri(0.5e-7) * sigmas("landing_gnss_only", *LINEAR)[2])
+    flown, edge = boxed("landing_gnss_only", f"{{vertical_m: {limit!r}}}", *LINEAR)
+    (value, low, high), relative, effective = rare.probability(edge, rare.fly_all(flown, edge, 3, 0, 4000, threads()))
+    assert abs(value / 1e-7 - 1.0) < 0.10
+    assert abs(value / 1e-7 - 1.0) < 3.0 * relative
+    assert low < value < high
+    assert effective > 400
+
+
+@pytest.mark.parametrize("chance", [1e-2, 1e-3])
+def test_counting_agrees(chance: float) -> None:
+    """5 degrees and 700 deg/h, a box of all three errors: the share of runs that are counted lies within 3 standard
+    errors. `scripts/rare_events.py` does so for the default filter, with more runs."""
+    settings = ("receiver.rate_hz=1", "filter.velocity=false", "filter.kind=eskf")
+    limits = -ndtri(chance / 6.0) * sigmas("landing_gnss_only", *settings)
+    box = "{{lateral_m: {}, along_m: {}, vertical_m: {}}}".format(*map(repr, map(float, limits)))
+    flown, edge = boxed("landing_gnss_only", box, *settings)
+    (value, *_), relative, _ = rare.probability(edge, rare.fly_all(flown, edge, 4, 0, 480, threads()))
+    runs = 2000
+    errors = fly_all(flown, 5, 0, runs, threads(), keep="none").per_run("at_box")[:, 0]
+    share = float(edge.box.beyond(errors).any(axis=1).mean())
+    assert abs(share - value) < 3.0 * math.hypot(relative * value, math.sqrt(value * (1.0 - value) / runs))
+    assert 0.5 * chance < value < 2.0 * chance
+
+
+def test_weights_belong_to_the_pushes() -> None:
+    """Their mean is 1, none is above its bound, and a push moves errors to first order by what it says."""
+    flown, edge = boxed("landing_gnss_only", "{lateral_m: 3, vertical_m: 5}", *LINEAR)
+    tilt = edge.tilt
+    assert tilt.shares.sum() == pytest.approx(1.0)
+    rng = np.random.default_rng(8)
+    drawn = rng.choice(tilt.shares.size, 200_000, p=tilt.shares)
+    root = np.linalg.cholesky(tilt.covariance)
+    off = root @ rng.standard_normal((3, drawn.size)) + tilt.covariance @ tilt.pushes[drawn].T
+    weights = np.exp(tilt.log_weights(off))
+    assert weights.max() <= tilt.most_weight
+    assert abs(weights.mean() - 1.0) < 4.5 * weights.std() / math.sqrt(drawn.size)
+
+    inputs = draw(flown.flight, 1, range(WIDTH))
+    still = pushed(flown.flight, tilt, inputs, [tilt.shares.size - 1] * WIDTH)[1]
+    each = [k % tilt.shares.size for k in range(WIDTH)]
+    moved = pushed(flown.flight, tilt, inputs, each)[1]
+    np.testing.assert_allclose(moved - still, tilt.covariance @ tilt.pushes[each].T, atol=1e-9)
+    to_lateral = tilt.covariance @ tilt.pushes[0]
+    assert to_lateral[0] + tilt.mean[0] == pytest.approx(3.0)
+
+
+def test_runs_do_not_depend_on_what_flies_beside_them() -> None:
+    flown, edge = boxed("landing_gnss_only", "{lateral_m: 3}", *LINEAR)
+    together = rare.fly_all(flown, edge, 3, 0, 40, threads(2))
+    alone = rare.fly_all(flown, edge, 3, 13, 1, threads(1))
+    for name in ("error", "first_order", "weight"):
+        np.testing.assert_array_equal(together.per_run(name)[13:14], alone.per_run(name))
+
+
+def test_errors_that_are_no_numbers_are_outside() -> None:
+    _, edge = boxed("landing_gnss_only", "{lateral_m: 3}", *LINEAR)
+    np.testing.assert_array_equal(
+        edge.box.beyond(np.array([[0.0, 1e9, 1e9], [math.nan, 0.0, 0.0], [-3.1, 0.0, 0.0]])).any(axis=1),
+        [False, True, True],
+    )
+
+
+def test_intervals_hold_what_they_promise() -> None:
+    """95 % intervals of a chance of 1e-6 from 300 weighed draws each hold it in 92 to 98 of a hundred; so do counted
+    ones, cautious by construction."""
+    rng = np.random.default_rng(2)
+    limit = -float(ndtri(0.5e-6))
+    held = 0
+    trials = 2000
+    for _ in range(trials):
+        sign = rng.choice((-1.0, 1.0), 300)
+        x = rng.standard_normal(300) + sign * limit
+        weights = 1.0 / (np.exp(-0.5 * limit**2) * np.cosh(limit * x))
+        (_, low, high), _, _ = weighted_share(weights, np.abs(x) > limit, math.inf)
+        held += low < 1e-6 < high
+    assert 0.92 < held / trials < 0.98
+    value, low, high = share_interval(3, 1000)
+    assert value == 0.003
+    assert low == pytest.approx(6.19e-4, rel=1e-3)  # the exact limits of tables
+    assert high == pytest.approx(8.74e-3, rel=1e-3)
+    assert share_interval(0, 100)[2] == pytest.approx(1.0 - 0.025 ** (1 / 100))
+
+
+def test_no_hit_gives_a_bound() -> None:
+    (value, low, high), relative, effective = weighted_share(np.full(1000, 0.5), np.zeros(1000, bool), 10.0)
+    assert (value, low, effective) == (0.0, 0.0, 0.0)
+    assert math.isnan(relative)
+    assert high == pytest.approx(10.0 * (1.0 - 0.05**1e-3))
