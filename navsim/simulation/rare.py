@@ -11,7 +11,7 @@ exceed one over the share of the last, so that errors which no face stands for c
 
 Sources: [1] Owen & Zhou, Safe and effective importance sampling, JASA 95 (2000) (mixtures with a defensive component).
 [2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
-heuristic). [3] Bucklew, Introduction to Rare Event Simulation (2004), chapter 5 (shifts along the likeliest path).
+heuristic). [3] Bucklew, Introduction to Rare Event Simulation (2004) (shifts to the likeliest way into a rare set).
 """
 
 from __future__ import annotations

@@ -82,6 +82,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     "long": ("run landing.yaml", ["imu.rate_hz=1000", "duration_s=65", "receiver.rate_hz=1"]),
     "runs": ("run landing.yaml --runs 60 --keep all --workers 2", []),
     "covariance": ("run landing.yaml", ["method=covariance"]),
+    "rare": ("run landing.yaml --runs 60", ["method=rare", "box.lateral_m=0.5"]),
     "atc": ("run atc_tracking.yaml --runs 300", []),
     "azimuth": ("run azimuth_tracking.yaml --runs 300", ["map.runs=0"]),
     "elevation": ("run mls_elevation.yaml --runs 5000", ["montecarlo.experiments=2", "montecarlo.steps=1000"]),

@@ -32,6 +32,10 @@ ANALYSED_MEMORY = 12_000
 """An epoch of a covariance analysis, bytes."""
 STATISTICS = 544
 """What is kept of every run for its statistics, bytes; three times while they are computed."""
+PUSHED = 8
+"""Numbers that a result keeps of a pushed run."""
+_PUSHED_TIME = 1.5
+"""Times as long as another a run takes that is pushed."""
 SUMS = 8 * NUMBER
 """Sums over the runs of a batch at every output of the filter, bytes."""
 
@@ -96,6 +100,8 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     here = extent(scenario, sources)
     if scenario.method == "covariance":
         return _analysed(scenario, here)
+    if scenario.method == "rare":
+        return _pushed(scenario, here, runs, workers)
     workers = max(1, min(workers, -(-runs // BATCH)))
     of_run = sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
     stored = _stored(here, keep)
@@ -190,6 +196,24 @@ def _analysed(scenario: Landing, here: Extent) -> Budget:
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
         result,
     )
+
+
+def _pushed(scenario: Landing, here: Extent, runs: int, workers: int) -> Budget:
+    """Runs that are pushed to the edge of a box."""
+    workers = max(1, min(workers, -(-runs // BATCH)))
+    inputs = NUMBER * (6 * here.samples + 3 * here.epochs * here.sources + here.aided)
+    # each worker's inputs are there before and after the push, slopes and shifts of three errors once
+    pushes = inputs * (3 * WIDTH * workers + 6)
+    numbers = NUMBER * PUSHED * runs
+    batches = -(-runs // BATCH)
+    time = -(-runs // WIDTH) * WIDTH * run_time(scenario, here) * _PUSHED_TIME / workers
+    return Budget(
+        BASE_TIME + prepared(here) + analysis_time(here) + time,
+        shared_memory(here) + ANALYSED_MEMORY * here.epochs + workers * flying_memory(scenario, here) + pushes
+        + (3 * STATISTICS + WRITING * NUMBER * PUSHED) * runs,
+        numbers + 20 * VARIABLE,
+        runs * STATISTICS + batches * BATCH_FILE if runs > BATCH else 0.0,
+    )  # fmt: skip
 
 
 def analysis_time(here: Extent) -> float:

@@ -1,0 +1,109 @@
+"""`--method rare`: whole commands, their result, table and figure, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from navsim.io.results import read
+from tests.conftest import SCENARIOS
+from tests.forks import navsim
+from tests.layout import as_declared
+
+FAST = ("--set", "filter.kind=eskf", "--set", "receiver.rate_hz=1")
+BOX = ("--set", "box={lateral_m: 2.4, vertical_m: 3.6}")
+RARE = ("run", SCENARIOS / "landing.yaml", "--method", "rare", *FAST, *BOX)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("rare")
+
+
+def test_result_table_and_figure(place: Path) -> None:
+    done = navsim(*RARE, "--figures", "f", cwd=place)
+    assert done.returncode == 0, done.stderr
+    for word in ("any limit exceeded", "effective samples", "pushed runs", "results/landing_rare.h5"):
+        assert word in done.stdout
+    result = read(place / "results" / "landing_rare.h5")
+    as_declared(result)
+    value, low, high = result["/summary/rare/probability"]
+    assert low < value < high
+    assert 1.96 * float(result["/summary/rare/relative_error"]) <= 0.2
+    outside = (np.abs(result["/rare/error"]) > result["/summary/box/limit"]).any(axis=1)
+    assert int(result["/summary/rare/outside"]) == outside.sum()
+    assert value == pytest.approx(np.mean(outside * result["/rare/weight"]))
+    assert np.isnan(result["/summary/rare/axis_probability"][1]).all()
+    with Image.open(place / "f" / "landing_rare_exceedance.png") as picture:
+        assert np.asarray(picture.convert("L")).min() < 128
+    shown = json.loads(navsim("show", "results/landing_rare.h5", "--json", cwd=place).stdout)
+    assert shown["summary"]["rare"]["probability"][0] == pytest.approx(value)
+
+
+def test_beside_other_results(place: Path) -> None:
+    """The box of runs and of a covariance analysis; one table for them, one for pushed runs."""
+    common = ("run", SCENARIOS / "landing.yaml", *FAST, *BOX, "-q")
+    assert navsim(*common, "--runs", 8, "-o", "some.h5", cwd=place).returncode == 0
+    assert navsim(*common, "--method", "covariance", "-o", "cov.h5", cwd=place).returncode == 0
+    assert navsim(*common, "--method", "rare", "--runs", 64, "-o", "rare.h5", cwd=place).returncode == 0
+    for file in ("some.h5", "cov.h5"):
+        as_declared(read(place / file))
+    said = navsim("show", "some.h5", "rare.h5", "cov.h5", cwd=place).stdout
+    assert said.count("Outside the box") == 2
+    first, rare = (read(place / file)["/summary/box/axis_first_order"] for file in ("cov.h5", "rare.h5"))
+    np.testing.assert_allclose(first, rare, rtol=0.15)  # of errors between outputs the analysis blurs covariances
+    assert read(place / "some.h5")["/summary/box/probability"][2] == pytest.approx(1.0 - 0.025**0.125)
+    done = navsim("export", "rare.h5", "--csv", cwd=place, code=2)
+    assert "no flight in it" in done.stderr
+
+
+def test_none_outside_is_said(place: Path) -> None:
+    done = navsim(
+        *RARE, "--set", "box.lateral_m=60", "--set", "box.vertical_m=90", "--runs", 8, "-o", "far.h5", cwd=place
+    )
+    assert done.returncode == 0
+    assert "none of 8 runs ended outside the box: its probability is below" in done.stderr
+    done = navsim(*RARE, "--runs", 40, "-o", "few.h5", cwd=place)
+    assert "effective samples of 40 runs" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--set", "box=null"), "box: method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`"),
+        (("--set", "box={}"), "box.lateral_m: limits nothing: give lateral_m, along_m or vertical_m"),
+        (("--set", "box.height_m=5000"), "the flight never comes down through 5000 m above the runway"),
+        (("--set", "filter.kind=rts"), "on which method rare rests too, is that of a filter, rts is a smoother"),
+        (("--keep", "all"), "--keep: only for method monte-carlo"),
+        (("--until", "rms_horizontal within 2%"), "expected `probability within 20%`"),
+    ],
+)
+def test_refused(words: tuple[str, ...], message: str, place: Path) -> None:
+    done = navsim(*RARE, *words, cwd=place, code=2)
+    assert message in done.stderr
+
+
+def test_killed_and_resumed(place: Path) -> None:
+    """A study that is interrupted goes on to the same numbers, to the bit."""
+    whole = ("--runs", 1600, "-q", "--workers", 1)
+    assert navsim(*RARE, *whole, "-o", "whole.h5", cwd=place).returncode == 0
+    command = [sys.executable, "-m", "navsim", *map(str, (*RARE, *whole, "-o", "cut.h5"))]
+    process = subprocess.Popen(command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    folder = place / "cut.h5.partial"
+    deadline = time.monotonic() + 120
+    while len(list(folder.glob("*.npz"))) < 3 and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert folder.exists()
+    assert navsim(*RARE, *whole, "-o", "cut.h5", cwd=place).returncode == 0
+    for name in ("/rare/error", "/rare/weight", "/summary/rare/probability"):
+        np.testing.assert_array_equal(read(place / "cut.h5")[name], read(place / "whole.h5")[name])
