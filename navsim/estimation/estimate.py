@@ -38,8 +38,8 @@ FILTER_KINDS = {
 }
 """Kinds of estimator, by their names."""
 
-_PIECE = 32
-"""Outputs of a piece of a history: covariances of 15 states in 8 lanes are 0.5 MB of it."""
+_PIECE = 64
+"""Outputs of a piece of a history: covariances of 15 states in 8 lanes are 0.9 MB of it."""
 
 
 def is_smoother(kind: int) -> bool:
@@ -96,18 +96,22 @@ def fly(
     longest = max((part.stop - part.start for part in parts), default=0)
     history = empty_history(max(answers, default=0), longest, model.declared, lanes)
     kernels_history = lanes_of(history)
+    flown = [in_lanes(m) if m.ndim == 3 else None for m in (imu.dtheta, imu.dv)]
     output = 0
     for part, outputs in zip(parts, answers, strict=True):
         # the intervals of the IMU that the piece may touch
         first = max(0, int(way.cursor[0]))
         last = int(np.searchsorted(imu.time, events.time[part].max() + TIME_TOLERANCE)) + 1
-        sensed = (m[first:last] if m.ndim == 3 else in_all_lanes(m[first:last], lanes) for m in (imu.dtheta, imu.dv))
+        sensed = (
+            in_lanes(in_all_lanes(m[first:last], lanes)) if of_lanes is None else of_lanes[first:last]
+            for m, of_lanes in zip((imu.dtheta, imu.dv), flown, strict=True)
+        )
         noise = model.noise if model.noise.shape[0] == 1 else model.noise[first:last]
         row = events.row[part] - is_output[part] * output
         way.cursor[0] -= first
         engine.run(
             filter_loop.CHARTS[model.kind],
-            ImuData(imu.time[first : last + 1], *(in_lanes(m) for m in sensed)),
+            ImuData(imu.time[first : last + 1], *sensed),
             tables,
             Events(events.time[part], events.kind[part], row, events.ahead[part]),
             kernels_state,

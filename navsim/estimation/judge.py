@@ -39,18 +39,24 @@ def _judge(chart, navigation, covariance, truth, out):
         nees_position_velocity[o] = normalised_square(p, error, POS, ATT, factor, x)
 
 
-def judge(kind: int, history: History, truth: Truth) -> Judgement:
+def empty_judgement(outputs: int, states: int, *lanes: int) -> Judgement:
+    """Room for a judgement, of one run or of so many lanes."""
+    o, n = outputs, states
+    return Judgement(
+        np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, n // 3, *lanes))
+    )
+
+
+def judge(kind: int, history: History, truth: Truth, out: Judgement | None = None) -> Judgement:
     """What a history of an estimator of `kind` is worth, at all its outputs; a smoother's errors are those of `tfg`.
 
-    history: of one run, or of lanes; truth: of them all, but for its sensors (o, k, W). Raises ValueError for a kind
-    that is none of `records.FILTERS` or `records.SMOOTHERS`.
+    history: of one run, or of lanes; truth: of them all, but for its sensors (o, k, W). out: where it goes, if it has a
+    place already. Raises ValueError for a kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
     """
     if kind not in (*FILTERS, *SMOOTHERS):
         raise ValueError(f"no kind of estimator: {kind}")
     o, n, _, *lanes = history.covariance.shape
-    out = Judgement(
-        np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, n // 3, *lanes))
-    )
+    out = out or empty_judgement(o, n, *lanes)
     own = CHARTS[TFG if kind in SMOOTHERS else kind]
     if lanes:
         sensors = truth._replace(sensors=in_lanes(truth.sensors))

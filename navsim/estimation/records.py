@@ -119,9 +119,9 @@ class History(NamedTuple):
 
     def sigma(self) -> np.ndarray:
         """1 sigma of the errors (o, n); nan where a variance is negative."""
-        each = np.arange(self.covariance.shape[1])
+        o, n, _, *lanes = self.covariance.shape
         with np.errstate(invalid="ignore"):  # what is no covariance is found and said (`study.findings`)
-            return np.sqrt(self.covariance[:, each, each])
+            return np.sqrt(self.covariance.reshape(o, n * n, *lanes)[:, :: n + 1])
 
 
 class Truth(NamedTuple):

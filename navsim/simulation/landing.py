@@ -24,10 +24,10 @@ from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import fly as fly_filter
 from navsim.estimation.estimate import in_all_lanes, is_smoother
-from navsim.estimation.judge import judge
+from navsim.estimation.judge import empty_judgement, judge
 from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.receiver import fixes
-from navsim.estimation.records import Events, FilterModel, ImuData, Truth, schedule, start
+from navsim.estimation.records import Events, FilterModel, ImuData, Judgement, Truth, schedule, start
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver
@@ -124,9 +124,10 @@ def build_world(
 @dataclass(frozen=True)
 class Run:
     """What one run leaves behind, or several along a first axis; shapes and units as in the result file, without the
-    run axis; cross (e + 1, 6): what else a turn of axes needs of the covariance, its elements NE, ND, ED of position,
-    then of attitude; aided (a, MOST): what sensors beside the receiver measured, one after the other in the order of
-    `World.aids`, nan behind their numbers; aided_squared, aided_degrees, aided_status (a,): as those of the fixes."""
+    run axis; pseudorange, range_rate (e, s), or of no size where they are not wanted; cross (e + 1, 6): what else a
+    turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude; aided (a, MOST): what
+    sensors beside the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers;
+    aided_squared, aided_degrees, aided_status (a,): as those of the fixes."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -357,13 +358,14 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
     return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, sensors)
 
 
-def fly(flight: Flight, seed: int, runs: Sequence[int]) -> Run:
-    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`. Raises ValueError for more."""
-    return fly_inputs(flight, draw(flight, seed, runs), len(runs))
+def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -> Run:
+    """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements.
+    Raises ValueError for more."""
+    return fly_inputs(flight, draw(flight, seed, runs), len(runs), measured)
 
 
-def fly_inputs(flight: Flight, inputs: Inputs, count: int) -> Run:
-    """The landings with these inputs; the first `count` of them are kept."""
+def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = False) -> Run:
+    """The landings with these inputs; the first `count` of them are kept, their measurements where they are wanted."""
     world, beliefs = flight.world, flight.beliefs
     n, o = flight.covariance.shape[0], world.filter_time.size
     nav = initial_estimate(flight, inputs.initial)
@@ -371,36 +373,38 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int) -> Run:
     llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
     tables = measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), inputs.aided)
 
-    error, sigma, cross = np.empty((o, n, WIDTH)), np.empty((o, n, WIDTH)), np.empty((o, 6, WIDTH))
-    nees, nees_position_velocity = np.empty((o, WIDTH)), np.empty((o, WIDTH))
-    nees_group = np.empty((o, n // 3, WIDTH))
+    judgement = empty_judgement(o, n, WIDTH)
+    sigma, cross = np.empty((o, n, WIDTH)), np.empty((o, 6, WIDTH))
     squared, degrees, status = (np.empty((flight.events.time.size, WIDTH)) for _ in range(3))
     truth = world.at_filter
     start_ = start(nav, in_all_lanes(flight.covariance), flight.model.components)
     for which, rows, history in fly_filter(
         ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model
     ):
-        judged = judge(
+        judge(
             beliefs.kind,
             history,
             Truth(truth.llh[rows], truth.velocity_ned[rows], truth.quaternion[rows], inputs.sensors[rows]),
+            Judgement(*(m[rows] for m in judgement)),
         )
-        error[rows], sigma[rows] = judged.error, history.sigma()
-        nees[rows], nees_position_velocity[rows] = judged.nees, judged.nees_position_velocity
-        nees_group[rows] = judged.nees_group
+        sigma[rows] = history.sigma()
         for k, first in enumerate((states.POS, states.ATT)):
-            cross[rows, 3 * k : 3 * k + 3] = history.covariance[
-                :, [first, first, first + 1], [first + 1, first + 2, first + 2]
-            ]
+            cross[rows, 3 * k : 3 * k + 2] = history.covariance[:, first, first + 1 : first + 3]
+            cross[rows, 3 * k + 2] = history.covariance[:, first + 1, first + 2]
         squared[which], degrees[which] = history.innovation_squared, history.degrees
         status[which] = history.status
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(np.moveaxis(lanes, -1, 0)[:count])
 
+    def of_signals(lanes: np.ndarray) -> np.ndarray:
+        return of_runs(lanes) if measured else np.empty((count, 0, 0))
+
     return Run(
-        of_runs(ranges), of_runs(rates), of_runs(llh), of_runs(velocity), of_runs(clocks), of_runs(error),
-        of_runs(sigma), of_runs(cross), of_runs(nees), of_runs(nees_position_velocity), of_runs(nees_group),
+        of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
+        of_runs(judgement.error),
+        of_runs(sigma), of_runs(cross), of_runs(judgement.nees), of_runs(judgement.nees_position_velocity),
+        of_runs(judgement.nees_group),
         **_of_events(
             flight, [of_runs(m) for m in inputs.aided], of_runs(squared), of_runs(degrees).astype(np.int64),
             of_runs(status).astype(np.int64),

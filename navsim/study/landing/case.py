@@ -105,10 +105,11 @@ class Case:
         """Run number `run` of the ensemble of `seed`."""
         return fly(self.flight, seed, [run]).one(0)
 
-    def fly_runs(self, seed: int, first: int, count: int) -> Iterator[Run]:
-        """Runs first ... first + count - 1, in order; as many at a time as there are lanes."""
+    def fly_runs(self, seed: int, first: int, count: int, measured: bool = True) -> Iterator[Run]:
+        """Runs first ... first + count - 1, in order, with their measurements or without; as many at a time as there
+        are lanes."""
         for begin in range(first, first + count, WIDTH):
-            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)))
+            yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)), measured)
 
 
 def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:

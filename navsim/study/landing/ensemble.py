@@ -112,7 +112,8 @@ class LandingStudy:
         sums["nees_group"] = np.zeros((self.case.world.filter_time.size, n // 3))
         kept: Arrays = {}
         flown = 0
-        for runs in self.case.fly_runs(self.seed, first, count):
+        measured = "pseudorange" in HISTORIES[self.keep]
+        for runs in self.case.fly_runs(self.seed, first, count, measured):
             fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs.velocity), output_flaws(runs)
             error = runs.error[:, window]
             rows.append(
