@@ -1,6 +1,6 @@
 """Linear covariance analysis against Monte Carlo, component by component; writes docs/covariance-against-runs.md.
 
-Run by `make validate`, about two minutes on two cores.
+Run by `make validate`, some minutes on two cores.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ CASES: list[tuple[str, tuple[str, ...]]] = [
     ("1°, 70 °/h, mistuned", (*GENTLE, *POSITION_ONLY, *MISTUNED)),
     ("5°, 700 °/h, matched", PAPER),
     ("5°, 700 °/h, matched, fixes of position only", (*PAPER, *POSITION_ONLY)),
+    ("5°, 700 °/h, matched, fixes of position only, one Gaussian", (*PAPER, *POSITION_ONLY, "filter.kind=tfg")),
     ("5°, 700 °/h, mistuned, fixes of position only", (*PAPER, *POSITION_ONLY, *MISTUNED)),
 ]
 

@@ -228,6 +228,42 @@ def transition(mid, dt, increments, declared, phi):
             phi[A_D, column] = -size * z + second * (wn * y - we * x)
 
 
+@inlined
+def _couplings(phi, i):
+    """Row i of Phi: what couples to position, velocity, attitude, gyro and accelerometer biases, each of three."""
+    return (
+        (phi[i, R_N], phi[i, R_E], phi[i, R_D]),
+        (phi[i, V_N], phi[i, V_E], phi[i, V_D]),
+        (phi[i, A_N], phi[i, A_E], phi[i, A_D]),
+        (phi[i, GYRO], phi[i, GYRO + 1], phi[i, GYRO + 2]),
+        (phi[i, ACCEL], phi[i, ACCEL + 1], phi[i, ACCEL + 2]),
+    )
+
+
+@inlined
+def _column(p, j):
+    """Column j of p in the same order."""
+    return (
+        (p[R_N, j], p[R_E, j], p[R_D, j]),
+        (p[V_N, j], p[V_E, j], p[V_D, j]),
+        (p[A_N, j], p[A_E, j], p[A_D, j]),
+        (p[GYRO, j], p[GYRO + 1, j], p[GYRO + 2, j]),
+        (p[ACCEL, j], p[ACCEL + 1, j], p[ACCEL + 2, j]),
+    )
+
+
+@inlined
+def _add(c, x, s):
+    """s + c' x of three."""
+    return fma(c[2], x[2], fma(c[1], x[1], fma(c[0], x[0], s)))
+
+
+@inlined
+def _add_outer(c, x, s):
+    """The same where the middle coupling is zero."""
+    return fma(c[2], x[2], fma(c[0], x[0], s))
+
+
 @kernel
 def _carried(phi, p, half, out):
     """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m): for all of them (`half`
@@ -237,203 +273,41 @@ def _carried(phi, p, half, out):
     loaded for several of them. Couplings that are zero (`transition`) are left out.
     """
     whole = p.shape[1]
-    rn_0, rn_2, rn_3, rn_4, rn_5 = phi[R_N, R_N], phi[R_N, R_D], phi[R_N, V_N], phi[R_N, V_E], phi[R_N, V_D]
-    rn_7, rn_8, rn_12, rn_13, rn_14 = (
-        phi[R_N, A_E],
-        phi[R_N, A_D],
-        phi[R_N, ACCEL],
-        phi[R_N, ACCEL + 1],
-        phi[R_N, ACCEL + 2],
-    )
-    re_0, re_1, re_2, re_3, re_4 = phi[R_E, R_N], phi[R_E, R_E], phi[R_E, R_D], phi[R_E, V_N], phi[R_E, V_E]
-    re_5, re_6, re_8, re_12, re_13 = phi[R_E, V_D], phi[R_E, A_N], phi[R_E, A_D], phi[R_E, ACCEL], phi[R_E, ACCEL + 1]
-    re_14 = phi[R_E, ACCEL + 2]
+    # a letter for the row, one for what it is coupled to
+    nr, nv, na, _, nf = _couplings(phi, R_N)
+    er, ev, ea, _, ef = _couplings(phi, R_E)
     for j in range(R_E + 1 if half else whole):
-        rn = p[R_N, j]
-        re = p[R_E, j]
-        x = p[R_N, j]
-        rn = fma(rn_0, x, rn)
-        re = fma(re_0, x, re)
-        x = p[R_E, j]
-        re = fma(re_1, x, re)
-        x = p[R_D, j]
-        rn = fma(rn_2, x, rn)
-        re = fma(re_2, x, re)
-        x = p[V_N, j]
-        rn = fma(rn_3, x, rn)
-        re = fma(re_3, x, re)
-        x = p[V_E, j]
-        rn = fma(rn_4, x, rn)
-        re = fma(re_4, x, re)
-        x = p[V_D, j]
-        rn = fma(rn_5, x, rn)
-        re = fma(re_5, x, re)
-        x = p[A_N, j]
-        re = fma(re_6, x, re)
-        x = p[A_E, j]
-        rn = fma(rn_7, x, rn)
-        x = p[A_D, j]
-        rn = fma(rn_8, x, rn)
-        re = fma(re_8, x, re)
-        x = p[ACCEL, j]
-        rn = fma(rn_12, x, rn)
-        re = fma(re_12, x, re)
-        x = p[ACCEL + 1, j]
-        rn = fma(rn_13, x, rn)
-        re = fma(re_13, x, re)
-        x = p[ACCEL + 2, j]
-        rn = fma(rn_14, x, rn)
-        re = fma(re_14, x, re)
-        out[j, R_N], out[j, R_E] = rn, re
-    vn_0, vn_2, vn_3, vn_4, vn_5 = phi[V_N, R_N], phi[V_N, R_D], phi[V_N, V_N], phi[V_N, V_E], phi[V_N, V_D]
-    vn_6, vn_7, vn_8, vn_9, vn_10 = phi[V_N, A_N], phi[V_N, A_E], phi[V_N, A_D], phi[V_N, GYRO], phi[V_N, GYRO + 1]
-    vn_11, vn_12, vn_13, vn_14 = phi[V_N, GYRO + 2], phi[V_N, ACCEL], phi[V_N, ACCEL + 1], phi[V_N, ACCEL + 2]
-    ve_0, ve_2, ve_3, ve_4, ve_5 = phi[V_E, R_N], phi[V_E, R_D], phi[V_E, V_N], phi[V_E, V_E], phi[V_E, V_D]
-    ve_6, ve_7, ve_8, ve_9, ve_10 = phi[V_E, A_N], phi[V_E, A_E], phi[V_E, A_D], phi[V_E, GYRO], phi[V_E, GYRO + 1]
-    ve_11, ve_12, ve_13, ve_14 = phi[V_E, GYRO + 2], phi[V_E, ACCEL], phi[V_E, ACCEL + 1], phi[V_E, ACCEL + 2]
+        r, v, a, _, f = _column(p, j)
+        n, e = _add_outer(nr, r, r[0]), _add(er, r, r[1])
+        n, e = _add(nv, v, n), _add(ev, v, e)
+        n, e = fma(na[2], a[2], fma(na[1], a[1], n)), _add_outer(ea, a, e)
+        out[j, R_N], out[j, R_E] = _add(nf, f, n), _add(ef, f, e)
+    nr, nv, na, ng, nf = _couplings(phi, V_N)
+    er, ev, ea, eg, ef = _couplings(phi, V_E)
     for j in range(V_E + 1 if half else whole):
-        vn = p[V_N, j]
-        ve = p[V_E, j]
-        x = p[R_N, j]
-        vn = fma(vn_0, x, vn)
-        ve = fma(ve_0, x, ve)
-        x = p[R_D, j]
-        vn = fma(vn_2, x, vn)
-        ve = fma(ve_2, x, ve)
-        x = p[V_N, j]
-        vn = fma(vn_3, x, vn)
-        ve = fma(ve_3, x, ve)
-        x = p[V_E, j]
-        vn = fma(vn_4, x, vn)
-        ve = fma(ve_4, x, ve)
-        x = p[V_D, j]
-        vn = fma(vn_5, x, vn)
-        ve = fma(ve_5, x, ve)
-        x = p[A_N, j]
-        vn = fma(vn_6, x, vn)
-        ve = fma(ve_6, x, ve)
-        x = p[A_E, j]
-        vn = fma(vn_7, x, vn)
-        ve = fma(ve_7, x, ve)
-        x = p[A_D, j]
-        vn = fma(vn_8, x, vn)
-        ve = fma(ve_8, x, ve)
-        x = p[GYRO, j]
-        vn = fma(vn_9, x, vn)
-        ve = fma(ve_9, x, ve)
-        x = p[GYRO + 1, j]
-        vn = fma(vn_10, x, vn)
-        ve = fma(ve_10, x, ve)
-        x = p[GYRO + 2, j]
-        vn = fma(vn_11, x, vn)
-        ve = fma(ve_11, x, ve)
-        x = p[ACCEL, j]
-        vn = fma(vn_12, x, vn)
-        ve = fma(ve_12, x, ve)
-        x = p[ACCEL + 1, j]
-        vn = fma(vn_13, x, vn)
-        ve = fma(ve_13, x, ve)
-        x = p[ACCEL + 2, j]
-        vn = fma(vn_14, x, vn)
-        ve = fma(ve_14, x, ve)
-        out[j, V_N], out[j, V_E] = vn, ve
-    rd_3, rd_4, rd_5, rd_6, rd_7 = phi[R_D, V_N], phi[R_D, V_E], phi[R_D, V_D], phi[R_D, A_N], phi[R_D, A_E]
-    rd_12, rd_13, rd_14 = phi[R_D, ACCEL], phi[R_D, ACCEL + 1], phi[R_D, ACCEL + 2]
-    vd_0, vd_2, vd_3, vd_4, vd_6 = phi[V_D, R_N], phi[V_D, R_D], phi[V_D, V_N], phi[V_D, V_E], phi[V_D, A_N]
-    vd_7, vd_8, vd_9, vd_10, vd_11 = (
-        phi[V_D, A_E],
-        phi[V_D, A_D],
-        phi[V_D, GYRO],
-        phi[V_D, GYRO + 1],
-        phi[V_D, GYRO + 2],
-    )
-    vd_12, vd_13, vd_14 = phi[V_D, ACCEL], phi[V_D, ACCEL + 1], phi[V_D, ACCEL + 2]
+        r, v, a, g, f = _column(p, j)
+        n, e = _add_outer(nr, r, v[0]), _add_outer(er, r, v[1])
+        n, e = _add(nv, v, n), _add(ev, v, e)
+        n, e = _add(na, a, n), _add(ea, a, e)
+        n, e = _add(ng, g, n), _add(eg, g, e)
+        out[j, V_N], out[j, V_E] = _add(nf, f, n), _add(ef, f, e)
+    _, rv, ra, _, rf = _couplings(phi, R_D)
+    vr, vv, va, vg, vf = _couplings(phi, V_D)
     for j in range(V_D + 1 if half else whole):
-        rd = p[R_D, j]
-        vd = p[V_D, j]
-        x = p[R_N, j]
-        vd = fma(vd_0, x, vd)
-        x = p[R_D, j]
-        vd = fma(vd_2, x, vd)
-        x = p[V_N, j]
-        rd = fma(rd_3, x, rd)
-        vd = fma(vd_3, x, vd)
-        x = p[V_E, j]
-        rd = fma(rd_4, x, rd)
-        vd = fma(vd_4, x, vd)
-        x = p[V_D, j]
-        rd = fma(rd_5, x, rd)
-        x = p[A_N, j]
-        rd = fma(rd_6, x, rd)
-        vd = fma(vd_6, x, vd)
-        x = p[A_E, j]
-        rd = fma(rd_7, x, rd)
-        vd = fma(vd_7, x, vd)
-        x = p[A_D, j]
-        vd = fma(vd_8, x, vd)
-        x = p[GYRO, j]
-        vd = fma(vd_9, x, vd)
-        x = p[GYRO + 1, j]
-        vd = fma(vd_10, x, vd)
-        x = p[GYRO + 2, j]
-        vd = fma(vd_11, x, vd)
-        x = p[ACCEL, j]
-        rd = fma(rd_12, x, rd)
-        vd = fma(vd_12, x, vd)
-        x = p[ACCEL + 1, j]
-        rd = fma(rd_13, x, rd)
-        vd = fma(vd_13, x, vd)
-        x = p[ACCEL + 2, j]
-        rd = fma(rd_14, x, rd)
-        vd = fma(vd_14, x, vd)
-        out[j, R_D], out[j, V_D] = rd, vd
-    an_0, an_2, an_4, an_6, an_7 = phi[A_N, R_N], phi[A_N, R_D], phi[A_N, V_E], phi[A_N, A_N], phi[A_N, A_E]
-    an_8, an_9, an_10, an_11 = phi[A_N, A_D], phi[A_N, GYRO], phi[A_N, GYRO + 1], phi[A_N, GYRO + 2]
-    ae_2, ae_3, ae_6, ae_7, ae_8 = phi[A_E, R_D], phi[A_E, V_N], phi[A_E, A_N], phi[A_E, A_E], phi[A_E, A_D]
-    ae_9, ae_10, ae_11 = phi[A_E, GYRO], phi[A_E, GYRO + 1], phi[A_E, GYRO + 2]
-    ad_0, ad_2, ad_4, ad_6, ad_7 = phi[A_D, R_N], phi[A_D, R_D], phi[A_D, V_E], phi[A_D, A_N], phi[A_D, A_E]
-    ad_8, ad_9, ad_10, ad_11 = phi[A_D, A_D], phi[A_D, GYRO], phi[A_D, GYRO + 1], phi[A_D, GYRO + 2]
+        r, v, a, g, f = _column(p, j)
+        s, t = _add(rv, v, r[2]), _add_outer(vr, r, v[2])
+        s, t = fma(ra[1], a[1], fma(ra[0], a[0], s)), fma(vv[1], v[1], fma(vv[0], v[0], t))
+        t = _add(vg, g, _add(va, a, t))
+        out[j, R_D], out[j, V_D] = _add(rf, f, s), _add(vf, f, t)
+    nr, nv, na, ng, _ = _couplings(phi, A_N)
+    er, ev, ea, eg, _ = _couplings(phi, A_E)
+    dr, dv, da, dg, _ = _couplings(phi, A_D)
     for j in range(A_D + 1 if half else whole):
-        an = p[A_N, j]
-        ae = p[A_E, j]
-        ad = p[A_D, j]
-        x = p[R_N, j]
-        an = fma(an_0, x, an)
-        ad = fma(ad_0, x, ad)
-        x = p[R_D, j]
-        an = fma(an_2, x, an)
-        ae = fma(ae_2, x, ae)
-        ad = fma(ad_2, x, ad)
-        x = p[V_N, j]
-        ae = fma(ae_3, x, ae)
-        x = p[V_E, j]
-        an = fma(an_4, x, an)
-        ad = fma(ad_4, x, ad)
-        x = p[A_N, j]
-        an = fma(an_6, x, an)
-        ae = fma(ae_6, x, ae)
-        ad = fma(ad_6, x, ad)
-        x = p[A_E, j]
-        an = fma(an_7, x, an)
-        ae = fma(ae_7, x, ae)
-        ad = fma(ad_7, x, ad)
-        x = p[A_D, j]
-        an = fma(an_8, x, an)
-        ae = fma(ae_8, x, ae)
-        ad = fma(ad_8, x, ad)
-        x = p[GYRO, j]
-        an = fma(an_9, x, an)
-        ae = fma(ae_9, x, ae)
-        ad = fma(ad_9, x, ad)
-        x = p[GYRO + 1, j]
-        an = fma(an_10, x, an)
-        ae = fma(ae_10, x, ae)
-        ad = fma(ad_10, x, ad)
-        x = p[GYRO + 2, j]
-        an = fma(an_11, x, an)
-        ae = fma(ae_11, x, ae)
-        ad = fma(ad_11, x, ad)
-        out[j, A_N], out[j, A_E], out[j, A_D] = an, ae, ad
+        r, v, a, g, _ = _column(p, j)
+        n, e, d = _add_outer(nr, r, a[0]), fma(er[2], r[2], a[1]), _add_outer(dr, r, a[2])
+        n, e, d = fma(nv[1], v[1], n), fma(ev[0], v[0], e), fma(dv[1], v[1], d)
+        n, e, d = _add(na, a, n), _add(ea, a, e), _add(da, a, d)
+        out[j, A_N], out[j, A_E], out[j, A_D] = _add(ng, g, n), _add(eg, g, e), _add(dg, g, d)
     # sensor states beside the biases
     for c in range(N, phi.shape[1]):
         for i in range(SENSORS):

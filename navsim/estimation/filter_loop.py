@@ -24,7 +24,7 @@ import numpy as np
 
 from navsim.core.covariance import gain, is_varying, joseph, kept, predict, vary
 from navsim.core.jit import in_kernels, kernel, within
-from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
+from navsim.core.lanes import any_lane, no, registers, room, select
 from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
@@ -41,6 +41,7 @@ from navsim.estimation.records import (
     TFG,
     TIME_TOLERANCE,
     USED,
+    History,
 )
 
 
@@ -101,6 +102,43 @@ def workshop(nav, n):
     return Workshop(
         room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
         room(nav, (n // 3, 3, 3)), room(nav, (n // 3, 3, 3)), room(nav, (n, n)), room(nav, (n, 3)),
+    )  # fmt: skip
+
+
+class Weighing(NamedTuple):
+    """Work space to weigh a measurement: have, z (MOST,), h (MOST, n), r, s (MOST, MOST), k, pht, work (n, MOST), as of
+    `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n) what a lane had before."""
+
+    have: np.ndarray
+    z: np.ndarray
+    h: np.ndarray
+    r: np.ndarray
+    s: np.ndarray
+    k: np.ndarray
+    pht: np.ndarray
+    work: np.ndarray
+    x: np.ndarray
+    nav: np.ndarray
+    p: np.ndarray
+
+
+@within
+def weighing(nav, n):
+    """Work space for a filter of n states, of what `nav` holds."""
+    return Weighing(
+        room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
+        room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
+        room(nav, (n, n)),
+    )  # fmt: skip
+
+
+@within
+def opened(history):
+    """A history as kernels write it."""
+    return History(
+        registers(history.navigation), registers(history.covariance), registers(history.innovation),
+        registers(history.innovation_sigma), registers(history.innovation_squared), registers(history.degrees),
+        registers(history.status),
     )  # fmt: skip
 
 
@@ -171,15 +209,34 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 
 
 @kernel
-def keep_innovation(have, weighed, m, z, s, innovation, innovation_sigma):
-    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, into (MOST,); nan where there is none."""
+def nothing_yet(history, i):
+    """No innovation at event i."""
+    for a in range(MOST):
+        history.innovation[i, a] = math.nan
+        history.innovation_sigma[i, a] = math.nan
+    history.innovation_squared[i] = math.nan
+    history.degrees[i] = 0.0
+    history.status[i] = NOT_USED
+
+
+@kernel
+def keep_innovation(have, weighed, m, z, s, history, i):
+    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, of event i; nan where there is none."""
     for a in range(m):
         t = s[a, 0] * s[a, 0]
         for b in range(1, a + 1):
             t += s[a, b] * s[a, b]
         there = weighed & (have[a] > 0.0)
-        innovation[a] = select(there, z[a], math.nan)
-        innovation_sigma[a] = select(there, math.sqrt(t), math.nan)
+        history.innovation[i, a] = select(there, z[a], math.nan)
+        history.innovation_sigma[i, a] = select(there, math.sqrt(t), math.nan)
+
+
+@kernel
+def keep_decision(weighed, used, q, degrees, history, i):
+    """What became of event i, and its normalised innovation squared q of so many degrees."""
+    history.innovation_squared[i] = select(weighed, q, math.nan)
+    history.degrees[i] = select(weighed, degrees, 0.0)
+    history.status[i] = select(weighed, select(used, USED, REJECTED), history.status[i])
 
 
 @kernel
@@ -221,6 +278,29 @@ def limit_of(gate, degrees):
     for m in range(1, gate.shape[0]):
         limit = select(degrees == m, gate[m], limit)
     return limit
+
+
+@kernel
+def count_rejection(weighed, used, what, rejected):
+    """Rejections (kinds,) in a row, after a measurement of one kind."""
+    rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+
+
+@kernel
+def decide(keep, weighed, degrees, m, gauge, what, model, rejected, history, i):
+    """Whether what was weighed is used: it passes the gate, or enough before it did not.
+
+    gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. rejected (kinds,): counted on.
+    Where `keep`, event i of the history is filled in.
+    """
+    if keep:
+        keep_innovation(gauge.have, weighed, m, gauge.z, gauge.s, history, i)
+    q = whitened_square(gauge.s, gauge.z, m)
+    used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+    if keep:
+        keep_decision(weighed, used, q, degrees, history, i)
+    count_rejection(weighed, used, what, rejected)
+    return used
 
 
 def turn_axes(chart, nav, p, increments, dt):
@@ -271,6 +351,31 @@ def held(source, there, target):
 
 
 @kernel
+def update(chart, used, what, row, measurements, declared, nav, p, increments, interval, space, gauge):
+    """Correct nav (NAV,) and P (n, n) by a measurement and the errors gauge.x estimated from it, where it is used.
+
+    what, row, measurements, increments, interval, declared: as `observe` takes them.
+    """
+    # a lane that does not use it stays as it is
+    spared = any_lane(no(used))
+    if spared:
+        copy(nav, gauge.nav)
+        copy_matrix(p, gauge.p)
+    # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before carrying would keep the
+    # correlations that J_l(theta) y gives the fix at the old one
+    correct(chart, nav, p, gauge.x, space)
+    m = observe(
+        what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h, gauge.r
+    )
+    gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
+    joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
+    if spared:
+        held(gauge.nav, used, nav)
+        for i in range(p.shape[0]):
+            held(gauge.p[i], used, p[i])
+
+
+@kernel
 def run(chart, imu, measurements, events, state, way, model, history):
     """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
 
@@ -284,14 +389,8 @@ def run(chart, imu, measurements, events, state, way, model, history):
         registers(state.rejected),
     )
     way_increments = registers(way.increments)
-    navigation, covariance = registers(history.navigation), registers(history.covariance)
-    innovation, innovation_sigma = registers(history.innovation), registers(history.innovation_sigma)
-    innovation_squared, degrees_of = registers(history.innovation_squared), registers(history.degrees)
-    status = registers(history.status)
-    x, z, have = room(state_nav, (n,)), small_vector(state_nav, MOST), small_vector(state_nav, MOST)
-    h, r, s = room(state_nav, (MOST, n)), small_matrix(state_nav, MOST, MOST), small_matrix(state_nav, MOST, MOST)
-    k, pht, work = room(state_nav, (n, MOST)), room(state_nav, (n, MOST)), room(state_nav, (n, MOST))
-    held_nav, held_p = room(state_nav, (state_nav.shape[0],)), room(state_nav, (n, n))
+    left = opened(history)
+    gauge = weighing(state_nav, n)
     space = workshop(state_nav, n)
     # the filter itself, and its copy that runs ahead
     navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))
@@ -324,48 +423,24 @@ def run(chart, imu, measurements, events, state, way, model, history):
             rejections[ahead],
         )
         what, row = events.kind[i], events.row[i]
-        innovation_squared[i] = math.nan
-        degrees_of[i] = 0.0
-        status[i] = NOT_USED
-        for a in range(MOST):
-            innovation[i, a] = math.nan
-            innovation_sigma[i, a] = math.nan
+        nothing_yet(left, i)
         advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
-            copy(nav, navigation[row])
-            copy_matrix(p, covariance[row])
+            copy(nav, left.navigation[row])
+            copy_matrix(p, left.covariance[row])
         elif what != PASS:
-            m = observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, have, z, h, r)
-            degrees = numbers_in(have, m)
-            weighed = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
+            m = observe(
+                what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z, gauge.h,
+                gauge.r,
+            )  # fmt: skip
+            degrees = numbers_in(gauge.have, m)
+            weighed = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (degrees > 0.0)
             if not any_lane(weighed):
                 continue
-            errors_from(k, z, m, x)
-            if ahead == 0:
-                keep_innovation(have, weighed, m, z, s, innovation[i], innovation_sigma[i])
-            q = whitened_square(s, z, m)
-            used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
-            if ahead == 0:
-                innovation_squared[i] = select(weighed, q, math.nan)
-                degrees_of[i] = select(weighed, degrees, 0.0)
-                status[i] = select(weighed, select(used, USED, REJECTED), status[i])
-            rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+            errors_from(gauge.k, gauge.z, m, gauge.x)
+            used = decide(ahead == 0, weighed, degrees, m, gauge, what, model, rejected, left, i)
             if any_lane(used):
-                # a lane that does not use it stays as it is
-                spared = any_lane(no(used))
-                if spared:
-                    copy(nav, held_nav)
-                    copy_matrix(p, held_p)
-                # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before
-                # carrying would keep the correlations that J_l(theta) y gives the fix at the old one
-                correct(chart, nav, p, x, space)
-                observe(what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, have, z, h, r)
-                gain(p, h, r, m, pht, s, k)
-                joseph(p, h, r, m, pht, k, work)
-                if spared:
-                    held(held_nav, used, nav)
-                    for j in range(n):
-                        held(held_p[j], used, p[j])
+                update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
     copy(navs[0], state_nav)
     copy_matrix(ps[0], state_p)
     copy(rejections[0], state_rejected)

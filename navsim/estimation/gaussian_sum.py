@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core.attitude import dcm
-from navsim.core.covariance import gain, joseph, transport
+from navsim.core.covariance import gain, transport
 from navsim.core.elementary import exp_of_negative
 from navsim.core.jit import kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
@@ -35,18 +35,21 @@ from navsim.estimation import tfg
 from navsim.estimation.error_state import between
 from navsim.estimation.filter_loop import (
     advance,
+    decide,
     errors_from,
     held,
-    keep_innovation,
-    limit_of,
+    nothing_yet,
     numbers_in,
+    opened,
     set_off,
     start_axes,
+    update,
+    weighing,
     whitened_square,
     workshop,
 )
 from navsim.estimation.observations import observe
-from navsim.estimation.records import NOT_USED, OUTPUT, PASS, REJECTED, TIME_TOLERANCE, USED, Mixture
+from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
 
 _NARROWED = 0.65
 """1 sigma of heading of each of the three that a component is divided into, in its own."""
@@ -468,21 +471,16 @@ def run(chart, imu, measurements, events, state, way, model, history):
         registers(state.covariance),
         registers(state.rejected),
     )
-    navigation, covariance = registers(history.navigation), registers(history.covariance)
-    innovation, innovation_sigma = registers(history.innovation), registers(history.innovation_sigma)
-    innovation_squared, degrees_of = registers(history.innovation_squared), registers(history.degrees)
-    status = registers(history.status)
+    left = opened(history)
     own = Mixture(
         registers(state.components.navigation), registers(state.components.covariance),
         registers(state.components.increments), registers(state.components.weight),
     )  # fmt: skip
     most, nav_size = own.weight.shape[0], state_nav.shape[0]
-    x, z, have = room(state_nav, (n,)), small_vector(state_nav, MOST), small_vector(state_nav, MOST)
-    h, r, s = room(state_nav, (MOST, n)), small_matrix(state_nav, MOST, MOST), small_matrix(state_nav, MOST, MOST)
-    pht, work = room(state_nav, (n, MOST)), room(state_nav, (n, MOST))
+    gauge = weighing(state_nav, n)
     zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
-    there = small_vector(state_nav, MOST)
+    there = room(state_nav, (MOST,))
     space, bench = workshop(state_nav, n), _bench(state_nav, n)
     # the copy that runs ahead
     late = _components(state_nav, most if events.ahead.any() else 1, nav_size, n)
@@ -504,12 +502,7 @@ def run(chart, imu, measurements, events, state, way, model, history):
         now = late if ahead else own
         weight, rejected = now.weight, rejections[ahead]
         what, row = events.kind[i], events.row[i]
-        innovation_squared[i] = math.nan
-        degrees_of[i] = 0.0
-        status[i] = NOT_USED
-        for a in range(MOST):
-            innovation[i, a] = math.nan
-            innovation_sigma[i, a] = math.nan
+        nothing_yet(left, i)
         # a turn finds the components as narrow as it needs them
         turn = turn_ahead(imu, cursors[ahead], events.time[i], now.navigation[0])
         if any_lane(turn > 0.0):
@@ -523,27 +516,28 @@ def run(chart, imu, measurements, events, state, way, model, history):
             )  # fmt: skip
         copy(cursor, cursors[ahead])
         if what == OUTPUT:
-            moments(now, navigation[row], covariance[row], space, bench)
+            moments(now, left.navigation[row], left.covariance[row], space, bench)
         elif what != PASS:
             m = 0
             for a in range(MOST):
-                have[a] = 0.0
+                gauge.have[a] = 0.0
             for j in range(count):
                 m = observe(
                     what, row, measurements, now.navigation[j], now.increments[j], cursor[2], declared, space.c_nb,
-                    there, zs[j], h, r,
+                    there, zs[j], gauge.h, gauge.r,
                 )  # fmt: skip
                 numbers[j] = numbers_in(there, m)
                 for a in range(m):
-                    have[a] = select((weight[j] > 0.0) & (there[a] > have[a]), there[a], have[a])
-                good = gain(now.covariance[j], h, r, m, pht, ss[j], ks[j])
-                copy(zs[j], z)
-                square = whitened_square(ss[j], z, m)
+                    more = (weight[j] > 0.0) & (there[a] > gauge.have[a])
+                    gauge.have[a] = select(more, there[a], gauge.have[a])
+                good = gain(now.covariance[j], gauge.h, gauge.r, m, gauge.pht, ss[j], ks[j])
+                copy(zs[j], gauge.z)
+                square = whitened_square(ss[j], gauge.z, m)
                 squares[j] = select(good & (square < math.inf), square, math.inf)
                 sizes[j] = ss[j, 0, 0]
                 for a in range(1, m):
                     sizes[j] *= ss[j, a, a]
-            degrees = numbers_in(have, m)
+            degrees = numbers_in(gauge.have, m)
             # a component that is none any more goes, unless there is no other
             sound = weight[0] < 0.0
             for j in range(count):
@@ -556,35 +550,15 @@ def run(chart, imu, measurements, events, state, way, model, history):
                 fewer = fewer | failed
             if any_lane(fewer):
                 _share(fewer, weight)
-            weighed = _together(weight, zs, ss, m, z, s) & (degrees > 0.0) & sound
-            if ahead == 0:
-                keep_innovation(have, weighed, m, z, s, innovation[i], innovation_sigma[i])
-            q = whitened_square(s, z, m)
-            used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
-            if ahead == 0:
-                innovation_squared[i] = select(weighed, q, math.nan)
-                degrees_of[i] = select(weighed, degrees, 0.0)
-                status[i] = select(weighed, select(used, USED, REJECTED), status[i])
-            rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+            weighed = _together(weight, zs, ss, m, gauge.z, gauge.s) & (degrees > 0.0) & sound
+            used = decide(ahead == 0, weighed, degrees, m, gauge, what, model, rejected, left, i)
             for j in range(count):
-                # as in `filter_loop.run`
                 if any_lane(used & (weight[j] > 0.0)):
-                    nav, p = now.navigation[j], now.covariance[j]
-                    spared = any_lane(no(used) & (weight[j] > 0.0))
-                    if spared:
-                        copy(nav, bench.other)
-                        copy_matrix(p, bench.square)
-                    errors_from(ks[j], zs[j], m, x)
-                    tfg.correct(nav, p, x, space)
-                    observe(
-                        what, row, measurements, nav, now.increments[j], cursor[2], declared, space.c_nb, have, z, h, r
+                    errors_from(ks[j], zs[j], m, gauge.x)
+                    update(
+                        chart, used, what, row, measurements, declared, now.navigation[j], now.covariance[j],
+                        now.increments[j], cursor[2], space, gauge,
                     )  # fmt: skip
-                    gain(p, h, r, m, pht, s, ks[j])
-                    joseph(p, h, r, m, pht, ks[j], work)
-                    if spared:
-                        held(bench.other, used, nav)
-                        for a in range(n):
-                            held(bench.square[a], used, p[a])
             weigh(used, weight, squares, sizes)
             _close_ranks(now)
     moments(own, state_nav, state_p, space, bench)

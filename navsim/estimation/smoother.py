@@ -34,16 +34,19 @@ from navsim.estimation import error_state
 from navsim.estimation.filter_loop import (
     PLAIN,
     advance,
+    count_rejection,
     errors_from,
+    keep_decision,
     keep_innovation,
     limit_of,
     numbers_in,
+    opened,
     set_off,
     whitened_square,
     workshop,
 )
 from navsim.estimation.observations import observe
-from navsim.estimation.records import MAP, NOT_USED, OUTPUT, REJECTED, RTS, TIME_TOLERANCE, USED
+from navsim.estimation.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 
 PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind of smoother makes at most."""
@@ -161,10 +164,8 @@ def run(imu, measurements, events, state, model, passes, history):
     declared = model.declared
     n = SENSORS + declared.shape[0]
     navigation, rejected, final = registers(state.navigation), registers(state.rejected), registers(state.covariance)
-    answers, covariance = registers(history.navigation), registers(history.covariance)
-    innovation, innovation_sigma = registers(history.innovation), registers(history.innovation_sigma)
-    innovation_squared, degrees_of = registers(history.innovation_squared), registers(history.degrees)
-    status = registers(history.status)
+    left = opened(history)
+    answers, covariance, status = left.navigation, left.covariance, left.status
     size = navigation.shape[0]
     node_time, node_event, node_output = _nodes(imu.time[0], events)
     count = node_time.shape[0]
@@ -244,13 +245,11 @@ def run(imu, measurements, events, state, model, passes, history):
             errors_from(k, z, m, x)
             if first:
                 weighed = used
-                keep_innovation(have, weighed, m, z, s, innovation[e], innovation_sigma[e])
+                keep_innovation(have, weighed, m, z, s, left, e)
                 q = whitened_square(s, z, m)
                 used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
-                innovation_squared[e] = select(weighed, q, math.nan)
-                degrees_of[e] = select(weighed, degrees, 0.0)
-                status[e] = select(weighed, select(used, USED, REJECTED), status[e])
-                rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+                keep_decision(weighed, used, q, degrees, left, e)
+                count_rejection(weighed, used, what, rejected)
             used = used & (status[e] == USED)
             if not any_lane(used):
                 continue

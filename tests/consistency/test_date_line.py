@@ -48,7 +48,7 @@ ACROSS = 179.995
 """Where a flight starts that crosses 180 degrees after some 10 s."""
 
 
-@pytest.mark.parametrize("kind", ["tfg", "eskf", "left-invariant", "rts", "map"])
+@pytest.mark.parametrize("kind", ["gaussian-sum", "tfg", "eskf", "left-invariant", "rts", "map"])
 def test_a_landing_across_the_date_line(kind: str) -> None:
     here, there = (flown(longitude, f"filter.kind={kind}") for longitude in (37.0, ACROSS))
     longitudes = there["/truth/position_llh"][:, 1]

@@ -22,7 +22,7 @@ SCALED = ("imu.gyro.scale_ppm=20000", "imu.accelerometer.scale_ppm=20000")
 FOLLOWED = "filter.scale_factors=true"
 
 
-@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg"])
+@pytest.mark.parametrize("kind", ["eskf", "left-invariant", "tfg", "gaussian-sum"])
 def test_a_filter_that_follows_them_is_true(kind: str) -> None:
     """21 states in an S-turn: NEES of all, and of each group at the end, in the bands of the default (0.9 to 1.15)."""
     flown = case(*GENTLE, *SCALED, FOLLOWED, f"filter.kind={kind}", name="s_turn")
