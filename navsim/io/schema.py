@@ -346,7 +346,8 @@ _BOX = Chapter(
         _labels("/axis", "axes of the runway: right, along, up", RARE, *_RUNWAY),
         _a("/rare/error", "run axis", "m", "position error at the height of the box, truth minus estimate", RARE),
         _a("/rare/first_order", "run axis", "m", "the same error to first order, from all that was drawn", RARE),
-        _a("/rare/weight", "run", "1", "chance of the run's inputs over the chance that they had with pushes", RARE),
+        _a("/rare/log_weight", "run", "1",
+           "natural logarithm of the density of the run's inputs over that which they were drawn from", RARE),
         *(
             _a(path, dims, units, meaning, layouts, of, when=dict.fromkeys(_FLOWN, _BOX_WHEN))
             for path, dims, units, meaning, layouts, of in (
@@ -362,11 +363,11 @@ _BOX = Chapter(
                  "share of runs whose error exceeds its limit, nan for none", (LANDING,), NUMBER),
                 ("/summary/box/outside", "", "1", "number of runs that end outside the box", (LANDING,), WHOLE),
                 ("/summary/box/axis_first_order", "axis", "1",
-                 "chance that a Gaussian error of the covariance analysis exceeds its limit, nan for none",
+                 "chance that a Gaussian error of this mean and sigma exceeds its limit, nan for none",
                  (COVARIANCE, RARE), NUMBER),
-                ("/summary/box/axis_sigma", "axis", "m", "1 sigma of the error by the covariance analysis",
+                ("/summary/box/axis_sigma", "axis", "m", "1 sigma of the error to first order",
                  (COVARIANCE, RARE), NUMBER),
-                ("/summary/box/axis_mean", "axis", "m", "mean error by the covariance analysis", (COVARIANCE, RARE),
+                ("/summary/box/axis_mean", "axis", "m", "mean error to first order", (COVARIANCE, RARE),
                  NUMBER),
             )
         ),
@@ -376,6 +377,7 @@ _BOX = Chapter(
         _a("/summary/rare/relative_error", "", "1", "1 sigma of the probability over itself", RARE),
         _a("/summary/rare/effective_samples", "", "1",
            "number of equally weighted runs outside the box that would tell as much", RARE),
+        _a("/summary/rare/axis_effective_samples", "axis", "1", "the same of each error, nan for none", RARE),
         _a("/summary/rare/landings", "", "1", "number of runs that were flown", RARE, WHOLE),
         _a("/summary/rare/outside", "", "1", "number of them outside the box", RARE, WHOLE),
         _a("/summary/count/runs", "", "1", "number of runs", RARE, WHOLE),

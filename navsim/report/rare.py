@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.core.arrays import normal
+from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
 from navsim.io.results import Result
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.report.tables import runs_of
@@ -32,29 +33,37 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     row("height above the runway, m", lambda r: cell("{:g}", float(r["/summary/box/height"])))
     row("time, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
     out.head("Outside the box", *("probability [95 %]" for _ in results))
-    row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"]))
+    row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"], _effective(r)))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _of_axis(r, i))  # type: ignore[misc]
     out.head("What it rests on")
     row("  relative error, 1 sigma", lambda r: cell("{:.1f} %", 100.0 * float(r["/summary/rare/relative_error"])))
-    row("  effective samples", lambda r: cell("{:.0f}", float(r["/summary/rare/effective_samples"])))
+    row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
     row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
-    out.head("By the covariance analysis", *("limit; mean, 1 sigma, m; probability if Gaussian" for _ in results))
+    out.head("To first order", *("limit; mean, 1 sigma, m; probability if Gaussian" for _ in results))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _first_order(r, i))  # type: ignore[misc]
     return out
 
 
-def _probability(values: np.ndarray) -> Cell:
+def _probability(values: np.ndarray, effective: float) -> Cell:
     value, low, high = map(float, values)
-    if value == 0.0:
+    if effective == 0.0:
         return cell("none found; below {:.2g}", high)
-    return Cell("{:.3g}  [{:.3g}, {:.3g}]", (value, low, high), whole=True)
+    few = "" if effective >= FEW else "  ({:.0f} effective samples)"
+    return Cell("{:.3g}  [{:.3g}, {:.3g}]" + few, (value, low, high, effective), whole=True)
 
 
 def _of_axis(result: Result, i: int) -> Cell | str:
     limited = np.isfinite(result["/summary/box/limit"][i])
-    return _probability(result["/summary/rare/axis_probability"][i]) if limited else ABSENT
+    if not limited:
+        return ABSENT
+    effective = float(result["/summary/rare/axis_effective_samples"][i])
+    return _probability(result["/summary/rare/axis_probability"][i], effective)
+
+
+def _effective(result: Result) -> float:
+    return float(result["/summary/rare/effective_samples"])
 
 
 def _first_order(result: Result, i: int) -> Cell:
@@ -72,7 +81,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 
 def exceedance(result: Result) -> Figure:
-    """How often each limited error exceeds a size, by pushed runs and by the covariance analysis."""
+    """How often each limited error exceeds a size, by pushed runs and to first order."""
     from navsim.report.figures import COLUMN, legend_above, new_figure
 
     some = np.flatnonzero(np.isfinite(result["/summary/box/limit"]))
@@ -92,16 +101,16 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     error = result["/rare/error"][:, i]
     size = np.where(np.isfinite(error), np.abs(error), np.inf)  # what is no number exceeds everything
     order = np.argsort(-size)
-    weight = result["/rare/weight"][order] / size.size
-    chance = np.cumsum(weight)
-    reach = np.exp(1.96 * np.sqrt(np.cumsum(weight**2)) / chance)
-    shown = np.isfinite(size[order]) & (chance < 0.5)
-    x = size[order][shown]
-    band = (chance / reach)[shown], np.minimum(chance * reach, 1.0)[shown]
-    ax.fill_between(x, *band, color=COLOURS[0], alpha=0.25, lw=0)
-    ax.plot(x, chance[shown], color=COLOURS[0], label=f"{size.size} pushed runs, 95 %")
+    weight = np.exp(result["/rare/log_weight"][order])
+    total = np.cumsum(weight)
+    chance = total / size.size
+    shown = np.isfinite(size[order]) & (chance < 0.5) & (np.cumsum(weight**2) > 0.0)
+    x, chance = size[order][shown], chance[shown]
+    reach = np.exp(TWO_SIDED * relative_error(total[shown], np.cumsum(weight**2)[shown], max(size.size, 2)))
+    ax.fill_between(x, chance / reach, np.minimum(chance * reach, 1.0), color=COLOURS[0], alpha=0.25, lw=0)
+    ax.plot(x, chance, color=COLOURS[0], label=f"{size.size} pushed runs, 95 %")
     grid = np.linspace(0.0, 1.1 * limit, 300)
-    ax.plot(grid, normal.exceedance(grid, mean, sigma), color=COLOURS[1], ls="--", label="covariance analysis")
+    ax.plot(grid, normal.exceedance(grid, mean, sigma), color=COLOURS[1], ls="--", label="first order")
     ax.axvline(limit, color=COLOURS[-1], lw=0.6)
     ax.annotate("limit", (limit, 1.0), (-3, -9), textcoords="offset points", fontsize=SMALL, ha="right")
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])

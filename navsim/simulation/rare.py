@@ -32,17 +32,13 @@ _EVENLY = 0.5
 
 
 @dataclass(frozen=True)
-class Tilt:
-    """Pushes of the inputs of a flight towards the faces of a box.
+class Mixture:
+    """What runs are drawn from in place of the inputs' own density: each is pushed by a component of it.
 
-    slopes: of the K errors that the box bounds. shifts: the covariance of the inputs times them. mean, covariance: of
-    the errors to first order, (K,) and (K, K). pushes: (C, K) what the shifts are multiplied by in each component of
-    the mixture. shares: (C,) of the components.
+    covariance: (K, K) of the errors that a box bounds, to first order. pushes: (C, K) of the components: a push c moves
+    the means of the errors by covariance c. shares: (C,) of the components; the last does not push.
     """
 
-    slopes: Slopes
-    shifts: Slopes
-    mean: np.ndarray
     covariance: np.ndarray
     pushes: np.ndarray
     shares: np.ndarray
@@ -54,7 +50,8 @@ class Tilt:
 
     def drawn(self, seed: int, run: int) -> int:
         """The component of a run."""
-        return int(np.searchsorted(np.cumsum(self.shares), generator(seed, run, "tilt").random() * self.shares.sum()))
+        ends = np.cumsum(self.shares)
+        return int(np.searchsorted(ends, generator(seed, run, "tilt").random() * ends[-1], side="right"))
 
     def log_weights(self, errors: np.ndarray) -> np.ndarray:
         """Logarithms (W,) of the density without pushes over that of the mixture, where the errors to first order are
@@ -65,39 +62,52 @@ class Tilt:
         return -(most + np.log(self.shares @ np.exp(exponents - most)))
 
 
-def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, limits: np.ndarray) -> Tilt:
-    """The pushes for a box.
-
-    slopes: of the K errors that it bounds; mean: (K,) of them to first order; limits: (K,) of their sizes, inf for
-    none. Raises ValueError for an error that nothing drawn has a part in.
-    """
+def mixture(mean: np.ndarray, covariance: np.ndarray, limits: np.ndarray) -> Mixture:
+    """The mixture for a box with limits (K,) of the sizes of errors, inf for none, that have this mean (K,) and
+    covariance (K, K) to first order. Raises ValueError for a limited error that does not vary."""
     from scipy.special import ndtr
 
-    shifts = carried(flight, slopes)
-    covariance = np.sum(
-        [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair))
-         for pair in zip(slopes.members(), shifts.members(), strict=True)], axis=0,
-    )  # fmt: skip
     sigma = np.sqrt(np.diagonal(covariance))
-    if not (sigma > 0.0).all():
-        raise ValueError("an error that the box bounds does not depend on anything that is drawn")
     faces = list(itertools.product(np.flatnonzero(np.isfinite(limits)).tolist(), (1.0, -1.0)))
+    if not all(sigma[k] > 0.0 for k, _ in faces):
+        raise ValueError("an error that the box bounds does not depend on anything that is drawn")
     way = np.array([sign * limits[k] - mean[k] for k, sign in faces])
     inside = np.array([sign * w > 0.0 for w, (_, sign) in zip(way, faces, strict=True)])
     to_face = np.zeros((len(faces), limits.size))
     for row, (k, _) in enumerate(faces):
-        # a box that the mean error is out of needs no push
+        # a face that the mean error is beyond needs no push
         to_face[row, k] = way[row] / covariance[k, k] if inside[row] else 0.0
     sigmas = np.array([abs(w) / sigma[k] for w, (k, _) in zip(way, faces, strict=True)])
     chance = np.where(inside, ndtr(-sigmas), 1.0)
     # far faces may be beyond any number: their shares among themselves are even then
     likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(len(faces), 1.0 / len(faces))
     share = _EVENLY / len(faces) + (1.0 - _EVENLY) * likely
-    return Tilt(
-        slopes, shifts, mean, 0.5 * (covariance + covariance.T),
+    return Mixture(
+        covariance,
         np.concatenate([to_face, 0.5 * to_face, np.zeros((1, limits.size))]),
         np.concatenate([_FULL * share, _HALF * share, [1.0 - _FULL - _HALF]]),
-    )  # fmt: skip
+    )
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Pushes of the inputs of a flight towards the faces of a box. slopes: of the K errors that the box bounds; shifts:
+    the covariance of the inputs times them; mean: (K,) of the errors to first order."""
+
+    slopes: Slopes
+    shifts: Slopes
+    mean: np.ndarray
+    mixture: Mixture
+
+
+def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, limits: np.ndarray) -> Tilt:
+    """The pushes for a box; slopes: of the K errors that it bounds; mean, limits: see `mixture`, which raises
+    ValueError."""
+    shifts = carried(flight, slopes)
+    pairs = zip(slopes.members(), shifts.members(), strict=True)
+    parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
+    covariance = np.sum(parts, axis=0)
+    return Tilt(slopes, shifts, mean, mixture(mean, 0.5 * (covariance + covariance.T), limits))
 
 
 def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:
@@ -106,7 +116,7 @@ def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) ->
     what they were."""
     lanes = inputs.initial.shape[-1]
     each = np.array([*components, *[components[-1]] * (lanes - len(components))])
-    pushes = tilt.pushes[each]
+    pushes = tilt.mixture.pushes[each]
 
     def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
         return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shift, pushes))

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from navsim.core.arrays.sampling import TWO_SIDED, relative_error
+
 CONFIDENCE = 0.95
-_TWO_SIDED = 1.959963984540054
-"""Quantile of the normal distribution that belongs to it."""
+_TAIL = 0.5 * (1.0 - CONFIDENCE)
 SIGMA_TOLERANCE = 0.05
 """A sigma that is off by no more than this share serves as well as the right one: an ensemble large enough finds
 smaller errors significant that nobody has to mend."""
@@ -68,30 +69,40 @@ def share_interval(count: int, runs: int) -> np.ndarray:
     """A share of runs with its two-sided 95 % interval (Clopper and Pearson 1934): value, low, high."""
     from scipy.special import betaincinv
 
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low = float(betaincinv(count, runs - count + 1, tail)) if count else 0.0
-    high = float(betaincinv(count + 1, runs - count, 1.0 - tail)) if count < runs else 1.0
+    low = float(betaincinv(count, runs - count + 1, _TAIL)) if count else 0.0
+    high = float(betaincinv(count + 1, runs - count, 1.0 - _TAIL)) if count < runs else 1.0
     return np.array([count / runs, low, high])
 
 
-def weighted_share(weights: np.ndarray, hits: np.ndarray, most: float) -> tuple[np.ndarray, float, float]:
+def weighted_share(log_weights: np.ndarray, hits: np.ndarray, most: float) -> tuple[np.ndarray, float, float]:
     """The chance of a hit from runs of another density: value with its two-sided 95 % interval (3,), its relative
-    standard error, and how many runs of one weight would tell as much (Kish).
+    standard error, and how many hits of one weight would tell as much (Kish).
 
-    weights: (run,) density in question over that of the runs, nowhere above `most`. hits: (run,) bool. The interval is
-    symmetric on the logarithm; without a hit it reaches to what so many runs exclude even where all weigh most.
+    log_weights: (run,) of the density in question over that of the runs, nowhere above that of `most`. hits: (run,)
+    bool. The interval is symmetric on the logarithm of the smaller of the chance and its complement; without a hit it
+    reaches to what so many runs exclude even where all of them weigh most.
     """
-    runs = weights.size
-    counted = np.where(hits, weights, 0.0)
-    value, square = float(counted.mean()), float((counted**2).mean())
-    if value == 0.0:
-        return np.array([0.0, 0.0, min(1.0, most * (1.0 - (1.0 - CONFIDENCE) ** (1.0 / runs)))]), np.nan, 0.0
-    effective = runs * value**2 / square
+    weights = np.exp(log_weights)
+    if weights @ hits > weights @ ~hits:  # what is left is the rarer
+        (value, low, high), relative, _ = weighted_share(log_weights, ~hits, most)
+        error = 0.0 if value == 0.0 else relative * value / (1.0 - value)
+        return 1.0 - np.array([value, high, low]), error, _kish(log_weights[hits])
+    runs = hits.size
+    if not hits.any():
+        return np.array([0.0, 0.0, min(1.0, most * (1.0 - _TAIL ** (1.0 / runs)))]), np.nan, 0.0
+    largest = float(log_weights[hits].max())
+    scaled = np.exp(log_weights[hits] - largest)
+    value = float(np.exp(largest) * (scaled.sum() / runs))
     if runs < 2:
-        return np.array([value, np.nan, np.nan]), np.nan, effective
-    relative = np.sqrt(max(1.0 / effective - 1.0 / runs, 0.0) * runs / (runs - 1))
-    reach = np.exp(_TWO_SIDED * relative)
-    return np.array([value, value / reach, min(1.0, value * reach)]), float(relative), effective
+        return np.array([value, np.nan, np.nan]), np.nan, 1.0
+    relative = float(relative_error(scaled.sum(), (scaled**2).sum(), runs))
+    reach = np.exp(TWO_SIDED * relative)
+    return np.array([value, value / reach, min(1.0, value * reach)]), relative, _kish(log_weights[hits])
+
+
+def _kish(log_weights: np.ndarray) -> float:
+    scaled = np.exp(log_weights - log_weights.max())
+    return float(scaled.sum() ** 2 / (scaled**2).sum())
 
 
 def consistency_band(degrees: int, runs: int) -> tuple[float, float]:

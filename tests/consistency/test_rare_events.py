@@ -12,14 +12,14 @@ from navsim.core.lanes import WIDTH
 from navsim.simulation.landing import draw
 from navsim.simulation.rare import pushed
 from navsim.study.executor import threads
-from navsim.study.landing import Case, fly_all, rare
+from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all, rare
 from navsim.study.landing.rare import Edge
 from navsim.study.statistics import share_interval, weighted_share
 from tests.helpers import case
 
 LINEAR = (
-    "filter.kind=eskf", "receiver.rate_hz=1", "initial_errors.attitude_deg=0.01", "imu.gyro.drift_deg_h=1",
-    "imu.accelerometer.bias_mg=0.01",
+    "filter.kind=eskf", "filter.velocity=false", "duration_s=61", "initial_errors.attitude_deg=0.01",
+    "imu.gyro.drift_deg_h=1", "imu.accelerometer.bias_mg=0.01",
 )  # fmt: skip
 """Small errors of attitude and sensors: the filter of every run is the one along the truth."""
 
@@ -30,14 +30,15 @@ def boxed(name: str, box: str, *settings: str) -> tuple[Case, Edge]:
 
 
 def sigmas(name: str, *settings: str) -> np.ndarray:
-    """1 sigma of the lateral, along-track and vertical errors at touchdown, to first order."""
-    _, edge = boxed(name, "{lateral_m: 100}", *settings)
-    return np.sqrt(np.diagonal(edge.tilt.covariance))
+    """1 sigma of the lateral, along-track and vertical errors at touchdown by the covariance analysis, which does not
+    know of pushes."""
+    flown = case("box={lateral_m: 100}", *settings, name=name)
+    return np.asarray(covariance_result(flown, covariance_analysis(flown), 1)["/summary/box/axis_sigma"])
 
 
 def test_a_linear_case_has_the_closed_form() -> None:
-    """A vertical error beyond its limit once in 1e7 landings: 4000 runs come within 10 %, and within 3 of their own
-    standard errors."""
+    """A vertical error beyond its limit once in 1e7 landings by the covariance analysis: 4000 runs come within 10 %,
+    and within 3 of their own standard errors."""
     limit = float(-ndtri(0.5e-7) * sigmas("landing_gnss_only", *LINEAR)[2])
     flown, edge = boxed("landing_gnss_only", f"{{vertical_m: {limit!r}}}", *LINEAR)
     (value, low, high), relative, effective = rare.probability(edge, rare.fly_all(flown, edge, 3, 0, 4000, threads()))
@@ -66,22 +67,22 @@ def test_counting_agrees(chance: float) -> None:
 def test_weights_belong_to_the_pushes() -> None:
     """Their mean is 1, none is above its bound, and a push moves errors to first order by what it says."""
     flown, edge = boxed("landing_gnss_only", "{lateral_m: 3, vertical_m: 5}", *LINEAR)
-    tilt = edge.tilt
-    assert tilt.shares.sum() == pytest.approx(1.0)
+    tilt, mix = edge.tilt, edge.tilt.mixture
+    assert mix.shares.sum() == pytest.approx(1.0)
     rng = np.random.default_rng(8)
-    drawn = rng.choice(tilt.shares.size, 200_000, p=tilt.shares)
-    root = np.linalg.cholesky(tilt.covariance)
-    off = root @ rng.standard_normal((3, drawn.size)) + tilt.covariance @ tilt.pushes[drawn].T
-    weights = np.exp(tilt.log_weights(off))
-    assert weights.max() <= tilt.most_weight
+    drawn = rng.choice(mix.shares.size, 200_000, p=mix.shares)
+    root = np.linalg.cholesky(mix.covariance)
+    off = root @ rng.standard_normal((3, drawn.size)) + mix.covariance @ mix.pushes[drawn].T
+    weights = np.exp(mix.log_weights(off))
+    assert weights.max() <= mix.most_weight * (1.0 + 1e-12)
     assert abs(weights.mean() - 1.0) < 4.5 * weights.std() / math.sqrt(drawn.size)
 
     inputs = draw(flown.flight, 1, range(WIDTH))
-    still = pushed(flown.flight, tilt, inputs, [tilt.shares.size - 1] * WIDTH)[1]
-    each = [k % tilt.shares.size for k in range(WIDTH)]
+    still = pushed(flown.flight, tilt, inputs, [mix.shares.size - 1] * WIDTH)[1]
+    each = [k % mix.shares.size for k in range(WIDTH)]
     moved = pushed(flown.flight, tilt, inputs, each)[1]
-    np.testing.assert_allclose(moved - still, tilt.covariance @ tilt.pushes[each].T, atol=1e-9)
-    to_lateral = tilt.covariance @ tilt.pushes[0]
+    np.testing.assert_allclose(moved - still, mix.covariance @ mix.pushes[each].T, atol=1e-9)
+    to_lateral = mix.covariance @ mix.pushes[0]
     assert to_lateral[0] + tilt.mean[0] == pytest.approx(3.0)
 
 
@@ -89,7 +90,7 @@ def test_runs_do_not_depend_on_what_flies_beside_them() -> None:
     flown, edge = boxed("landing_gnss_only", "{lateral_m: 3}", *LINEAR)
     together = rare.fly_all(flown, edge, 3, 0, 40, threads(2))
     alone = rare.fly_all(flown, edge, 3, 13, 1, threads(1))
-    for name in ("error", "first_order", "weight"):
+    for name in ("error", "first_order", "log_weight"):
         np.testing.assert_array_equal(together.per_run(name)[13:14], alone.per_run(name))
 
 
@@ -111,8 +112,8 @@ def test_intervals_hold_what_they_promise() -> None:
     for _ in range(trials):
         sign = rng.choice((-1.0, 1.0), 300)
         x = rng.standard_normal(300) + sign * limit
-        weights = 1.0 / (np.exp(-0.5 * limit**2) * np.cosh(limit * x))
-        (_, low, high), _, _ = weighted_share(weights, np.abs(x) > limit, math.inf)
+        log_weights = 0.5 * limit**2 - np.log(np.cosh(limit * x))
+        (_, low, high), _, _ = weighted_share(log_weights, np.abs(x) > limit, math.inf)
         held += low < 1e-6 < high
     assert 0.92 < held / trials < 0.98
     value, low, high = share_interval(3, 1000)
@@ -123,7 +124,35 @@ def test_intervals_hold_what_they_promise() -> None:
 
 
 def test_no_hit_gives_a_bound() -> None:
-    (value, low, high), relative, effective = weighted_share(np.full(1000, 0.5), np.zeros(1000, bool), 10.0)
+    (value, low, high), relative, effective = weighted_share(np.zeros(1000), np.zeros(1000, bool), 10.0)
     assert (value, low, effective) == (0.0, 0.0, 0.0)
     assert math.isnan(relative)
-    assert high == pytest.approx(10.0 * (1.0 - 0.05**1e-3))
+    assert high == pytest.approx(10.0 * (1.0 - 0.025**1e-3))
+    (value, low, high), relative, effective = weighted_share(np.zeros(1000), np.ones(1000, bool), 1.0)
+    assert (value, high, effective) == (1.0, 1.0, 1000.0)
+    assert low == pytest.approx(0.025**1e-3)
+
+
+@pytest.mark.parametrize("chance", [0.3, 0.5, 0.9, 0.999])
+def test_chances_that_are_not_rare(chance: float) -> None:
+    """Intervals stay between 0 and 1 and hold the truth as often as they say; weights of a half are no matter."""
+    rng = np.random.default_rng(11)
+    held = 0
+    for _ in range(400):
+        hits = rng.random(2000) < chance
+        doubled = rng.random(2000) < 0.5
+        (value, low, high), relative, _ = weighted_share(np.log(np.where(doubled, 1.5, 0.5)), hits, 1.5)
+        assert 0.0 <= low <= value <= high <= 1.0
+        assert relative >= 0.0
+        held += low <= chance <= high
+    assert held > 0.9 * 400
+
+
+def test_far_beyond_any_number() -> None:
+    """Weights of 1e-400 are no chance, and no error; those of 1e-200 are."""
+    hits = np.array([True, True, False, False])
+    assert weighted_share(np.full(4, -921.0), hits, 10.0)[0][0] == 0.0
+    (value, low, high), relative, effective = weighted_share(np.full(4, -460.0), hits, 10.0)
+    assert 0.0 < low < value < high < 1e-198
+    assert effective == pytest.approx(2.0)
+    assert relative > 0.5

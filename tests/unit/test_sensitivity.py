@@ -4,6 +4,7 @@ and against drawn inputs."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,13 @@ CASES = {
     "lever arm": ("receiver.lever_arm_m=[1, 0.5, -0.7]",),
     "late fixes": ("receiver.latency_s=0.253", "receiver.rate_hz=2", "altimeter.sigma_m=1.0"),
     "smoothed": ("receiver.smoothing_s=20", "signals.ephemeris={}", "receiver.rate_hz=2"),
+    "late fixes and lever arm": (
+        "receiver.latency_s=0.253", "receiver.rate_hz=2", "receiver.lever_arm_m=[1, 0.5, -0.7]",
+    ),
+    "Markov alone": (
+        "imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=300", "imu.gyro.markov_time_s=15", "imu.gyro.noise_deg_h=0",
+        "receiver.rate_hz=1",
+    ),
     "few fixes": ("receiver.rate_hz=0.5",),
     "sensors": (
         "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "imu.accelerometer.scale_ppm=3000",
@@ -100,22 +108,38 @@ def test_the_variance_is_that_of_the_covariance_analysis(name: str) -> None:
     np.testing.assert_allclose(np.sqrt(variance), np.sqrt(expected), rtol=5e-3)
 
 
-@pytest.mark.parametrize("name", ["altimeter", "smoothed", "sensors"])
+@pytest.mark.parametrize("name", ["altimeter", "smoothed", "sensors", "Markov alone"])
 def test_the_variance_is_that_of_drawn_inputs(name: str) -> None:
-    """480 draws: variances of the sums within 4.5 sigma of the sampling, means too."""
+    """2000 draws: variances of the sum over each kind of input, and of all, within 4.5 sigma of the sampling; means
+    too."""
     flown, _, slopes, _ = ready(name)
-    shifts = carried(flown.flight, slopes)
-    pairs = zip(slopes.members(), shifts.members(), strict=True)
-    variance = sum(np.einsum("ki,ki->k", a.reshape(3, -1), b.reshape(3, -1)) for a, b in pairs)
-    sums = np.concatenate(
-        [
-            slopes.times(deviations(flown.flight, draw(flown.flight, 9, range(first, first + WIDTH)))).T
-            for first in range(0, 480, WIDTH)
-        ]
-    )
-    runs = sums.shape[0]
-    assert np.all(np.abs(sums.mean(axis=0)) < 4.5 * np.sqrt(variance / runs))
-    assert np.all(np.abs(np.mean(sums**2, axis=0) / variance - 1.0) < 4.5 * np.sqrt(2.0 / runs))
+    kinds = [kind for kind in NAMES if getattr(slopes, kind) is not None and len(getattr(slopes, kind))]
+    parts = [slopes, *(alone(slopes, kind) for kind in kinds)]
+    variances = []
+    for part in parts:
+        pairs = zip(part.members(), carried(flown.flight, part).members(), strict=True)
+        variances.append(sum(np.einsum("ki,ki->k", a.reshape(3, -1), b.reshape(3, -1)) for a, b in pairs))
+    runs = 2000
+    sums = np.empty((len(parts), runs, 3))
+    for first in range(0, runs, WIDTH):
+        off = deviations(flown.flight, draw(flown.flight, 9, range(first, first + WIDTH)))
+        for part, found in zip(parts, sums, strict=True):
+            found[first : first + WIDTH] = part.times(off).T
+    for kind, variance, found in zip(["all", *kinds], variances, sums, strict=True):
+        assert np.all(variance > 0.0), kind
+        assert np.all(np.abs(found.mean(axis=0)) < 4.5 * np.sqrt(variance / runs)), kind
+        assert np.all(np.abs(np.mean(found**2, axis=0) / variance - 1.0) < 4.5 * np.sqrt(2.0 / runs)), kind
+
+
+def alone(slopes: Slopes, kind: str) -> Slopes:
+    """The slopes by one kind of input, none by the others."""
+
+    def none(values: Any) -> Any:
+        if values is None:
+            return None
+        return tuple(map(np.zeros_like, values)) if isinstance(values, tuple) else np.zeros_like(values)
+
+    return replace(slopes, **{name: none(getattr(slopes, name)) for name in NAMES if name != kind})
 
 
 def test_smoothing_transposed() -> None:

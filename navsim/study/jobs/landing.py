@@ -157,8 +157,8 @@ class RareJob(_Prepared):
             raise InputError([Problem(self.document.place(("box",)), "box", str(error))]) from None
 
     def described(self) -> str:
-        most = "" if self.until is None else f", until {self.until}"
-        return self._described(f"at most {self.runs} pushed run(s){most}")
+        number = f"{self.runs} pushed run(s)"
+        return self._described(number if self.until is None else f"at most {number}, until {self.until},")
 
     def key(self) -> dict[str, object]:
         return landing.partial_key(self.case, self.seed, self.first, self.runs, "none")
@@ -169,5 +169,5 @@ class RareJob(_Prepared):
             store=store, done=tell, enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
-        warnings = () if reached else (f"--until {self.until}: not reached within {self.runs} runs",)
+        warnings = () if reached else (f"{self.until}: not reached within {self.runs} runs",)
         return Outcome(rare.result(self.case, self.edge, flown, self.seed), warnings)

@@ -228,8 +228,12 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel))
     case = Case(scenario, trajectory, sources, flight, warnings)
     if scenario.box is not None and math.isnan(box_time(case)):
-        at = f"comes down through {scenario.box.height_m:g} m above the runway" if scenario.box.height_m else "lands"
-        raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", f"the flight never {at}")])
+        (when,), last = _passed(case, [scenario.box.height_m]), float(world.filter_time[-1])
+        height = scenario.box.height_m
+        what = f"comes down through {height:g} m above the runway" if height else "touches down"
+        after = f"the aircraft {what} at {when:.2f} s, after the filter's last output at {last:g} s"
+        text = f"the aircraft never {what} within duration_s" if math.isnan(when) else after
+        raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", text)])
     return case
 
 
@@ -323,7 +327,13 @@ def box_time(case: Case) -> float:
 
 def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:
     """Times when the true height above the runway last comes down through these, m, 0 for touchdown; nan where it does
-    not."""
+    not before the filter's last output."""
+    last = case.world.filter_time[-1] + 1e-9
+    return [when if when <= last else math.nan for when in _passed(case, heights)]
+
+
+def _passed(case: Case, heights: Sequence[float]) -> list[float]:
+    """`times_at_heights` whether or not there are outputs; nan where heights are not passed within the flight."""
     path = case.trajectory.path
     touchdown = path.events.get(TOUCHDOWN, math.inf)
     fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
@@ -334,7 +344,10 @@ def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:
         last = np.flatnonzero(rough >= height)[-1:] * _ROUGH
         near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
         above = near[-path.jet(near)[:, 0, 2] >= height]
-        crossed = above.size and above[-1] < fine[-1]
-        when = touchdown if height == 0.0 else (float(above[-1]) if crossed else math.nan)
-        times.append(when if when <= case.world.filter_time[-1] + 1e-9 else math.nan)
+        if height == 0.0 or (above.size and above[-1] == fine[-1]):
+            # on the ground, or between the last of the times and it, unless the flight ends before
+            when = touchdown
+        else:
+            when = float(above[-1]) if above.size else math.nan
+        times.append(when if when <= case.scenario.duration_s + 1e-9 else math.nan)
     return times
