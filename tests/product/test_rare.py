@@ -20,7 +20,7 @@ from tests.layout import as_declared
 
 FAST = ("--set", "filter.kind=eskf", "--set", "receiver.rate_hz=1")
 BOX = ("--set", "box={lateral_m: 2.4, vertical_m: 3.6}")
-NOT_PUSHED = 7
+NOT_PUSHED = 4
 """A run that is not."""
 RARE = ("run", SCENARIOS / "landing.yaml", "--method", "rare", *FAST, *BOX)
 
