@@ -198,8 +198,8 @@ def integrate(
     exact to rounding for paths of polynomials. Returns dtheta (n, 3) rad, dv (n, 3) m/s.
     """
     t = np.asarray(t, dtype=float)
-    cuts = np.unique(np.concatenate([t, knots[(knots > t[0]) & (knots < t[-1])]]))
-    # a cut within rounding of a sample time would make an empty interval
+    cuts = np.sort(np.concatenate([t, knots[(knots > t[0]) & (knots < t[-1])]]))
+    # a cut at a sample time, or within rounding of one, would make an empty interval
     cuts = cuts[np.concatenate([[True], np.diff(cuts) > 1e-12])]
     half = 0.5 * np.diff(cuts)
     nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * _GAUSS[0]
