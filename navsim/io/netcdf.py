@@ -1,8 +1,8 @@
-"""netCDF-4 as HDF5 sees it, written with h5py: dimensions that are scales, and the few attributes netCDF adds.
+"""netCDF-4 as HDF5 sees it, written with h5py: dimensions that are scales, and the two attributes netCDF adds.
 
 h5netcdf writes the same at five times the cost: it looks every object up by its path, anew for each attribute.
-Sources: [1] NetCDF Users' Guide, appendix "NetCDF-4 file format": dimension scales, `_Netcdf4Dimid`,
-`_Netcdf4Coordinates`, `_NCProperties`.
+Sources: [1] NetCDF Users' Guide, appendix "NetCDF-4 file format": dimension scales, `_Netcdf4Dimid` (the order of the
+dimensions), `_NCProperties` (who wrote the file).
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ _ORDERED = {"track_order": True}
 
 @dataclass(frozen=True)
 class _Scale:
-    """A dimension: the dataset of its coordinate, its length, its number in the file."""
+    """A dimension: the dataset of its coordinate, and its length."""
 
     made: Any
     length: int
-    number: int
 
 
 class Writer:
@@ -55,8 +54,8 @@ class Writer:
         """The dataset of a dimension's coordinate, of the dimension's name; `how` goes to h5py's `create_dataset`."""
         made = self._dataset(path, shape, dtype, how)
         made.make_scale(path.rpartition("/")[2])
-        self._scales[path] = scale = _Scale(made, shape[0], len(self._scales))
-        _number(made, [scale])
+        made.attrs["_Netcdf4Dimid"] = np.int32(len(self._scales))
+        self._scales[path] = _Scale(made, shape[0])
         return made
 
     def variable(self, path: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, **how: Any) -> Any:
@@ -67,7 +66,6 @@ class Writer:
         made = self._dataset(path, shape, dtype, how)
         for axis, scale in enumerate(scales):
             made.dims[axis].attach_scale(scale.made)
-        _number(made, scales)
         return made
 
     def _scale(self, path: str, dim: str) -> _Scale:
@@ -95,11 +93,3 @@ class Writer:
 def set_attribute(node: Any, name: str, value: Any) -> None:
     """A text, or numbers; netCDF-4 keeps one number as an array of one [1]. Raises what h5py raises."""
     node.attrs[name] = np.atleast_1d(value) if np.isscalar(value) and not isinstance(value, str) else value
-
-
-def _number(made: Any, scales: list[_Scale]) -> None:
-    """The numbers of a dataset's dimensions, as netCDF-4 keeps them [1]."""
-    if scales:
-        numbers = np.array([scale.number for scale in scales], dtype=np.int32)
-        made.attrs["_Netcdf4Dimid"] = numbers[0]
-        made.attrs["_Netcdf4Coordinates"] = numbers
