@@ -118,4 +118,5 @@ def test_matrices_of_rotation_vectors_have_the_bits_of_scipy(size: float) -> Non
     theta = np.random.default_rng(1).standard_normal((2000, 3))
     theta *= size / np.linalg.norm(theta, axis=1, keepdims=True)
     expected = Rotation.from_rotvec(theta).as_matrix()
-    np.testing.assert_array_equal(attitude.dcm_from_rotation_vector(theta.reshape(40, 50, 3)).reshape(-1, 3, 3), expected)
+    found = attitude.dcm_from_rotation_vector(theta.reshape(40, 50, 3)).reshape(-1, 3, 3)
+    np.testing.assert_array_equal(found, expected)
