@@ -120,3 +120,5 @@ def test_matrices_of_rotation_vectors_have_the_bits_of_scipy(size: float) -> Non
     expected = Rotation.from_rotvec(theta).as_matrix()
     found = attitude.dcm_from_rotation_vector(theta.reshape(40, 50, 3)).reshape(-1, 3, 3)
     np.testing.assert_array_equal(found, expected)
+    for lost in ((np.inf, 0.0, 0.0), (0.0, np.nan, 1.0), (1e200, 1.0, 1.0)):
+        assert np.isnan(attitude.dcm_from_rotation_vector(np.array(lost))).all()
