@@ -24,12 +24,12 @@ def validate(
     """Check a scenario, study or log and say what is wrong with it."""
     from navsim.scenario.load import read_any, read_study
     from navsim.scenario.source import InputError
-    from navsim.scenario.sweep import Sweep
 
     try:
-        checked, document = read_any(scenario, set_ or [])
+        _, document = read_any(scenario, set_ or [])
         kind = str(document.data["kind"])
-        if isinstance(checked, Sweep):
+        if kind == "sweep":
+            from navsim.scenario.sweep import Sweep
             from navsim.study.sweep import plan
 
             plan(*read_study(scenario, Sweep, set_ or []), seed=1)

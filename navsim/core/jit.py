@@ -19,7 +19,7 @@ import llvmlite
 import numba
 from numba.extending import overload, register_jitable
 
-from navsim.core.kernel_cache import CheckedCache
+from navsim.core.kernel_cache import CacheAtFirstCall
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -111,5 +111,5 @@ def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
 def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
     if _CACHE is not None:
-        dispatcher._cache = CheckedCache(function)  # what numba's `cache=True` does, with a cache of our own
+        dispatcher._cache = CacheAtFirstCall(function)  # what numba's `cache=True` does, with a cache of our own
     return dispatcher

@@ -15,10 +15,12 @@ import os
 import pickle
 import uuid
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime.nrt import rtsys
 
 _DIGEST = 32
 """Bytes of a SHA-256."""
@@ -97,6 +99,12 @@ class CheckedCache(FunctionCache):
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFiles(self._cache_path, self._impl.filename_base, stamp)
 
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Machine code that was kept, None where there is none. numba's own method loads all that the compiler knows
+        before it looks, scipy's linear algebra too; what is kept is compiled, and the compiler does that by itself."""
+        rtsys.initialize(target)  # code that makes arrays asks for its memory there
+        return self._load_overload(signature, target)
+
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep machine code; where the disk does not take it, it lives in memory alone."""
         try:
@@ -104,3 +112,18 @@ class CheckedCache(FunctionCache):
         except OSError as error:
             note(f"machine code could not be kept in {self._cache_path}: {error.strerror or error}")
             self.disable()
+
+
+class CacheAtFirstCall:
+    """What a kernel has for a cache: a `CheckedCache`, whose place is looked for when the kernel is first called. A
+    command imports a hundred kernels and calls ten; the others are parts of those."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    @cached_property
+    def _opened(self) -> CheckedCache:
+        return CheckedCache(self._function)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._opened, name)

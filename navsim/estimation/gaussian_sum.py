@@ -483,7 +483,10 @@ def run(chart, imu, measurements, events, state, way, model, history):
     there = room(state_nav, (MOST,))
     space, bench = workshop(state_nav, n), _bench(state_nav, n)
     # the copy that runs ahead
-    late = _components(state_nav, most if events.ahead.any() else 1, nav_size, n)
+    runs_ahead = False
+    for i in range(events.ahead.shape[0]):  # numba's own `any` loads its linear algebra at every start
+        runs_ahead |= events.ahead[i]
+    late = _components(state_nav, most if runs_ahead else 1, nav_size, n)
     rejections, cursors, cursor = room(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
     copy(state_rejected, rejections[0])
     copy(way.cursor, cursors[0])

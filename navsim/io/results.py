@@ -30,6 +30,7 @@ from navsim.io.whole import clean, destination, partial_folder, replacing, settl
 
 if TYPE_CHECKING:
     from navsim.io.hdf5 import Dataset, Tree
+    from navsim.io.netcdf import Writer
 
 
 class ResultError(Exception):
@@ -215,12 +216,9 @@ def write(path: Path, result: Result) -> None:
             image = _image(result)
             write_whole(path, image, seal(blocks(image)))
         else:
-            import h5netcdf
-
             with replacing(path) as temporary:
                 _claim(temporary, int(1.05 * size + IN_MEMORY))
-                with h5netcdf.File(temporary, "w") as tree:
-                    _fill(tree, result)
+                _fill(temporary, result)
                 with open(temporary, "r+b") as file:
                     file.write(seal(blocks(file)))
         settle(path)
@@ -239,53 +237,55 @@ def _claim(path: Path, size: int) -> None:
 
 def _image(result: Result) -> memoryview:
     """The bytes of the HDF5 file."""
-    import h5netcdf
-
     memory = io.BytesIO()
-    with h5netcdf.File(memory, "w") as file:
-        _fill(file, result)
+    _fill(memory, result)
     return memory.getbuffer()
 
 
-def _fill(file: Any, result: Result) -> None:
-    for name, value in ({CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"} | result.attributes).items():
-        _set(file, "/", name, value)
+def _fill(file: Path | io.BytesIO, result: Result) -> None:
+    """Write all of HDF5 into a file, or into memory."""
+    from navsim.io.netcdf import Writer
 
-    # coordinates first: they create the dimensions their neighbours use
-    ordered = sorted(result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/")))
-    for path, variable in ordered:
-        group_name, _, name = path.rpartition("/")
-        group = file if not group_name else file[group_name] if group_name in file else file.create_group(group_name)
-        data = variable.data
-        if not isinstance(data, Stream) or data.dtype.kind in "UO" or not data.shape:
-            data = np.asarray(data)
-        if _is_coordinate(path, variable):
-            group.dimensions[name] = data.shape[0]
-        if data.dtype.kind in "UO":
-            import h5py
-
-            stored = group.create_variable(name, variable.dims, h5py.string_dtype())
-            if data.size:
-                stored[...] = data.astype(object)
-        else:
-            pieces = iter(data.blocks()) if isinstance(data, Stream) else iter([data])
-            first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
-            stored = group.create_variable(name, variable.dims, data.dtype, **_checked(data, first))
-            _fill_numbers(stored, first, pieces)
-        _describe(stored, path, variable)
+    own = {CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"}
+    with Writer(file) as tree:
+        _describe(tree.root, "/", own | result.attributes)
+        # coordinates first: they are the dimensions that their neighbours use
+        ordered = sorted(result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/")))
+        for path, variable in ordered:
+            own = {"units": variable.units, "long_name": variable.long_name}
+            _describe(_store(tree, path, variable), path, own | variable.attributes)
+        tree.finish()
 
 
 def _is_coordinate(path: str, variable: Variable) -> bool:
     return variable.dims == (path.rsplit("/", 1)[-1],)
 
 
+def _store(tree: Writer, path: str, variable: Variable) -> Any:
+    """Write a variable without its attributes; returns its dataset."""
+    data = variable.data
+
+    def made(dtype: Any, **how: Any) -> Any:
+        if _is_coordinate(path, variable):
+            return tree.coordinate(path, data.shape, dtype, **how)
+        return tree.variable(path, variable.dims, data.shape, dtype, **how)
+
+    if not isinstance(data, Stream) or data.dtype.kind in "UO" or not data.shape:
+        data = np.asarray(data)
+        text = data.dtype.kind in "UO"
+        values = data.astype(object) if text else data
+        return made(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
+    pieces = iter(data.blocks())
+    first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
+    stored = made(data.dtype, **_checked(data, first))
+    _fill_numbers(stored, first, pieces)
+    return stored
+
+
 def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:
     """Numbers, block after block along their first axis."""
     start = 0
     for block in itertools.chain([first], others):
-        if not block.shape:
-            stored[...] = block
-            return
         if block.size:
             stored[start : start + block.shape[0]] = block
         start += block.shape[0]
@@ -304,16 +304,14 @@ def _checked(data: np.ndarray | Stream, first: np.ndarray) -> dict[str, Any]:
     return {"chunks": (rows, *data.shape[1:]), "fletcher32": True}
 
 
-def _describe(stored: Any, path: str, variable: Variable) -> None:
-    for name, value in ({"units": variable.units, "long_name": variable.long_name} | variable.attributes).items():
-        _set(stored, path, name, value)
+def _describe(node: Any, path: str, attributes: dict[str, Any]) -> None:
+    from navsim.io.netcdf import set_attribute
 
-
-def _set(node: Any, path: str, name: str, value: Any) -> None:
-    try:
-        node.attrs[name] = value
-    except (ValueError, TypeError, OverflowError) as error:  # text with NUL, numbers beyond 64 bits
-        raise ResultError(f"the result cannot be stored: {path}, attribute {name}: {error}") from None
+    for name, value in attributes.items():
+        try:
+            set_attribute(node, name, value)
+        except (ValueError, TypeError, OverflowError) as error:  # text with NUL, numbers beyond 64 bits
+            raise ResultError(f"the result cannot be stored: {path}, attribute {name}: {error}") from None
 
 
 def read(path: Path) -> Result:

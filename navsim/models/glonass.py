@@ -304,7 +304,10 @@ def _to_ecef(a, e, i, node, perigee, anomaly):  # type: ignore[no-untyped-def]
     """Osculating elements, the node counted from Greenwich, to position and velocity in ECEF [1]."""
     eccentric = anomaly
     for _ in range(12):
-        eccentric = eccentric - (eccentric - e * np.sin(eccentric) - anomaly) / (1.0 - e * np.cos(eccentric))
+        step = (eccentric - e * np.sin(eccentric) - anomaly) / (1.0 - e * np.cos(eccentric))
+        if not step.any():  # on a circle at once
+            break
+        eccentric = eccentric - step
     true = 2.0 * np.arctan(np.sqrt((1.0 + e) / (1.0 - e)) * np.tan(0.5 * eccentric))
     u = true + perigee
     radius = a * (1.0 - e * np.cos(eccentric))

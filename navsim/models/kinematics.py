@@ -44,7 +44,7 @@ def tangent_frame(llh: np.ndarray, heading: float) -> Frame:
 class Motion:
     """What a trajectory is at given times (n,); angles rad, SI units.
 
-    position_ecef, velocity_ecef, velocity_ned: (n, 3); llh: (n, 3); c_nb: (n, 3, 3);
+    position_ecef, velocity_ecef, llh: (n, 3); c_eb: (n, 3, 3), body axes in ECEF;
     specific_force, angular_rate: (n, 3) in body axes, against inertial space.
     """
 
@@ -52,10 +52,23 @@ class Motion:
     position_ecef: np.ndarray
     velocity_ecef: np.ndarray
     llh: np.ndarray
-    velocity_ned: np.ndarray
-    c_nb: np.ndarray
+    c_eb: np.ndarray
     specific_force: np.ndarray
     angular_rate: np.ndarray
+
+    @cached_property
+    def _c_ne(self) -> np.ndarray:
+        return earth.ned_matrix(self.llh)
+
+    @cached_property
+    def velocity_ned(self) -> np.ndarray:
+        """Velocity (n, 3)."""
+        return np.einsum("nij,nj->ni", self._c_ne, self.velocity_ecef)
+
+    @cached_property
+    def c_nb(self) -> np.ndarray:
+        """Body axes in NED (n, 3, 3)."""
+        return self._c_ne @ self.c_eb
 
     @cached_property
     def quaternion(self) -> np.ndarray:
@@ -133,9 +146,10 @@ class Trajectory:
 
         direction = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
         step = 0.5 * _GRADIENT_STEP * direction
+        llh = earth.llh_from_ecef(position)
         slope = (earth.gravity_ecef(position + step) - earth.gravity_ecef(position - step)) / _GRADIENT_STEP
         gravity_rate = slope * np.linalg.norm(velocity, axis=1, keepdims=True)
-        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_ecef(position)
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_at(llh)
         force_rate = jerk + 2.0 * np.cross(EARTH_RATE, acceleration) - gravity_rate
 
         wind, wind_rate = self.wind.at(t)
@@ -163,7 +177,7 @@ class Trajectory:
             ],
             axis=1,
         )
-        return assembled(t, position, velocity, force, c_eb, rate)
+        return assembled(t, (position, llh), velocity, force, c_eb, rate)
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `integrate`."""
@@ -171,19 +185,21 @@ class Trajectory:
 
 
 def assembled(
-    t: np.ndarray, position: np.ndarray, velocity: np.ndarray, force: np.ndarray, c_eb: np.ndarray, rate: np.ndarray
+    t: np.ndarray,
+    position: tuple[np.ndarray, np.ndarray],
+    velocity: np.ndarray,
+    force: np.ndarray,
+    c_eb: np.ndarray,
+    rate: np.ndarray,
 ) -> Motion:
-    """A motion from what it is in ECEF: position, velocity, specific force (n, 3), attitude C_eb (n, 3, 3), and the
-    angular rate against the Earth in body axes (n, 3)."""
-    llh = earth.llh_from_ecef(position)
-    c_ne = earth.ned_matrix(llh)
+    """A motion from what it is in ECEF: position (and the same as llh), velocity, specific force (n, 3), attitude C_eb
+    (n, 3, 3), and the angular rate against the Earth in body axes (n, 3)."""
     return Motion(
         time=t,
-        position_ecef=position,
+        position_ecef=position[0],
         velocity_ecef=velocity,
-        llh=llh,
-        velocity_ned=np.einsum("nij,nj->ni", c_ne, velocity),
-        c_nb=c_ne @ c_eb,
+        llh=position[1],
+        c_eb=c_eb,
         specific_force=np.einsum("nji,nj->ni", c_eb, force),
         angular_rate=rate + np.einsum("nji,j->ni", c_eb, EARTH_RATE),
     )
@@ -198,8 +214,8 @@ def integrate(
     exact to rounding for paths of polynomials. Returns dtheta (n, 3) rad, dv (n, 3) m/s.
     """
     t = np.asarray(t, dtype=float)
-    cuts = np.unique(np.concatenate([t, knots[(knots > t[0]) & (knots < t[-1])]]))
-    # a cut within rounding of a sample time would make an empty interval
+    cuts = np.sort(np.concatenate([t, knots[(knots > t[0]) & (knots < t[-1])]]))
+    # a cut at a sample time, or within rounding of one, would make an empty interval
     cuts = cuts[np.concatenate([[True], np.diff(cuts) > 1e-12])]
     half = 0.5 * np.diff(cuts)
     nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * _GAUSS[0]

@@ -94,8 +94,7 @@ def satellites_at_reception(
 
     constellation: of n. gpst: (m,) GPS s. antenna: (m, 3) ECEF, m. Returns position, velocity (m, n, 3).
     """
-    position, velocity = constellation.state(gpst - _TRAVEL_TIME)
-    travel = np.full(position.shape[:2], _TRAVEL_TIME)
+    travel = np.full((gpst.size, len(constellation.names)), _TRAVEL_TIME)
     # the first round leaves an error of microseconds, the second of picoseconds
     for _ in range(2):
         position, velocity = constellation.state(gpst[:, None] - travel)

@@ -54,8 +54,9 @@ class RecordedTrajectory:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         position, velocity, acceleration = (self.path.spline(t, order) for order in range(3))
         c_eb = self.attitude(t).as_matrix()
-        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_ecef(position)
-        return assembled(t, position, velocity, force, c_eb, self.attitude(t, 1))
+        llh = earth.llh_from_ecef(position)
+        force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_at(llh)
+        return assembled(t, (position, llh), velocity, force, c_eb, self.attitude(t, 1))
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals of angular rate and specific force between the times t (n + 1,): (n, 3) rad, m/s."""

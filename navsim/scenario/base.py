@@ -138,8 +138,14 @@ def _describe(schema: dict[str, Any], model: type[BaseModel]) -> None:
 class Section(BaseModel):
     """A part of a scenario: immutable, no unknown keys, no silent conversions, finite numbers."""
 
+    # sections within others are built with them, and by themselves only where somebody makes one
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, json_schema_extra=_describe
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        json_schema_extra=_describe,
+        defer_build=True,
     )
 
 

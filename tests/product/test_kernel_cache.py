@@ -106,3 +106,23 @@ def test_a_full_disk_compiles_in_memory(tmp_path: Path) -> None:
     assert (matrix, hits) == (RIGHT, 0)
     assert "machine code could not be kept in" in notes
     assert not files(tmp_path)
+
+
+def test_what_is_kept_is_loaded_without_the_compiler(tmp_path: Path) -> None:
+    """Code that makes arrays too; and what is compiled after it, in the same process, is right."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    dops = (
+        "import sys; import numpy as np; from navsim.core import dop;"
+        "up = np.array([[[1.0, 0, 0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3], [0, 0, 1.0], [0.6, 0, 0.8]]]);"
+        "print(dop.dops(up, np.zeros(5, dtype=int)).tolist(), 'numba.np.linalg' in sys.modules);"
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=True
+        ).stdout.splitlines()
+        for code in (dops, dops + CODE)
+    ]
+    (compiled,), (loaded, *others) = said
+    assert compiled.endswith("True")
+    assert loaded == compiled.replace("True", "False")
+    assert others[0] == f"{RIGHT} 0"

@@ -9,7 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import h5py
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -116,6 +118,47 @@ def test_other_programs_read_it_and_see_damage(file: Path) -> None:
     file.write_bytes(content)
     with h5py.File(file) as tree, pytest.raises(OSError, match=r"[Ff]letcher32|filter"):
         tree["flown/error"][()]
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_it_is_netcdf4_as_the_libraries_write_it(engine: str, file: Path) -> None:
+    """Names, dimensions, those of groups above too, types and attributes."""
+    theirs = file.with_name("theirs.h5")
+    ours = small()
+    with h5netcdf.File(theirs, "w") as tree:
+        groups = {"": tree, "/flown": tree.create_group("flown")}
+        for path, variable in ours.variables.items():
+            group, _, name = path.rpartition("/")
+            if variable.dims == (name,):
+                groups[group].dimensions[name] = len(variable.data)
+        for path, variable in ours.variables.items():
+            data = np.asarray(variable.data)
+            kind = h5py.string_dtype() if data.dtype.kind == "O" else data.dtype
+            made = tree.create_variable(path, variable.dims, kind, data=data if data.size else None)
+            texts = {"units": variable.units, "long_name": variable.long_name}
+            made.attrs.update(texts | variable.attributes)
+        tree.attrs.update(ours.attributes)
+    with xr.open_datatree(file, engine=engine) as one, xr.open_datatree(theirs, engine=engine) as other:
+        assert "SHA-256" in one.attrs.pop("checksums")
+        assert one.identical(other)
+    with netCDF4.Dataset(file) as one, netCDF4.Dataset(theirs) as other:
+        for mine, its in ((one, other), (one["flown"], other["flown"])):
+            seen = [
+                (
+                    {name: (len(dim), dim.isunlimited()) for name, dim in group.dimensions.items()},
+                    {name: (variable.dimensions, variable.dtype) for name, variable in group.variables.items()},
+                )
+                for group in (mine, its)
+            ]
+            assert seen[0] == seen[1]
+
+
+def test_data_that_do_not_fit_their_dimensions_are_not_written(file: Path) -> None:
+    before = file.read_bytes()
+    wrong = Variable(("run",), np.zeros(5), "m", "five for six runs")
+    with pytest.raises(ValueError, match="/flown/wrong: its shape is not that of its dimensions"):
+        write(file, replace(small(), variables=small().variables | {"/flown/wrong": wrong}))
+    assert file.read_bytes() == before
 
 
 def test_a_large_result_is_written_like_a_small_one(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -202,19 +202,43 @@ def test_help_imports_nothing_heavy() -> None:
     assert not heavy & modules_after(code)
 
 
+def modules_of(*words: str) -> set[str]:
+    """Modules that a command has imported at its end."""
+    code = f"import contextlib, io, sys\nsys.argv = {['navsim', *words]!r}\nfrom navsim.__main__ import main\n"
+    return modules_after(
+        code + "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
+    )
+
+
+LANDING = PACKAGE.parent / "scenarios" / "landing.yaml"
+OF_OTHER_KINDS = {
+    f"navsim.{name}"
+    for name in (
+        "scenario.sweep", "scenario.optimize", "scenario.replay", "scenario.tracking", "tracking", "study.sweep",
+        "study.search", "study.replay", "study.live", "simulation.replay", "report.sweep", "report.figures",
+    )
+}  # fmt: skip
+
+
 def test_validate_compiles_nothing() -> None:
-    scenario = PACKAGE.parent / "scenarios" / "landing.yaml"
-    code = f"from pathlib import Path\nfrom navsim.scenario.load import read\nread(Path({str(scenario)!r}))"
-    assert not {"numba", "scipy", "matplotlib", "h5py"} & modules_after(code)
+    found = modules_of("validate", str(LANDING))
+    assert {"navsim.scenario.landing", "numpy"} <= found
+    heavy = {"numba", "scipy", "matplotlib", "h5py", "rich", "numpy.ma", "navsim.io.schema", "navsim.io.results"}
+    assert not (heavy | OF_OTHER_KINDS) & found
 
 
-def test_a_run_without_figures_imports_nothing_to_draw_with(tmp_path: Path) -> None:
-    scenario = PACKAGE.parent / "scenarios" / "landing.yaml"
-    words = ["navsim", "run", str(scenario), "--set", "duration_s=2", "-o", str(tmp_path / "r.h5"), "--figures", "none"]
-    code = f"import contextlib, io, sys\nsys.argv = {words!r}\nfrom navsim.__main__ import main\n"
-    code += "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
-    assert not {"matplotlib", "PIL"} & modules_after(code)
+def test_a_landing_imports_only_what_it_needs(tmp_path: Path) -> None:
+    words = ("run", str(LANDING), "--set", "duration_s=2", "-o", str(tmp_path / "r.h5"), "--figures", "none")
+    modules_of(*words)  # the compiler loads more
+    found = modules_of(*words)
     assert (tmp_path / "r.h5").exists()
+    assert {"navsim.study.landing", "numba", "h5py"} <= found
+    unneeded = {
+        "matplotlib", "PIL", "h5netcdf", "scipy.spatial", "scipy.optimize", "scipy.interpolate", "scipy.stats",
+        "shapely", "sgp4", "pynmeagps", "serial", "hatanaka", "ncompress",
+        "navsim.io.rinex_nav", "navsim.io.sp3", "navsim.io.almanac",
+    }  # fmt: skip
+    assert not (unneeded | OF_OTHER_KINDS) & found
 
 
 def test_what_a_handler_catches_is_imported_before_its_try() -> None:

@@ -111,3 +111,14 @@ def test_errors_of_roll_pitch_yaw_agree_with_scipy(rpy: np.ndarray, theta: np.nd
 def test_small_errors_of_roll_pitch_yaw_are_linear(rpy: np.ndarray, theta: np.ndarray) -> None:
     linear = attitude.rpy_jacobian(rpy[None])[0] @ theta * 1e-6
     np.testing.assert_allclose(attitude.rpy_error(rpy[None], 1e-6 * theta[None])[0], linear, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 9.99e-4, 1.01e-3, 0.05, 1.0, 3.0])
+def test_matrices_of_rotation_vectors_have_the_bits_of_scipy(size: float) -> None:
+    theta = np.random.default_rng(1).standard_normal((2000, 3))
+    theta *= size / np.linalg.norm(theta, axis=1, keepdims=True)
+    expected = Rotation.from_rotvec(theta).as_matrix()
+    found = attitude.dcm_from_rotation_vector(theta.reshape(40, 50, 3)).reshape(-1, 3, 3)
+    np.testing.assert_array_equal(found, expected)
+    for lost in ((np.inf, 0.0, 0.0), (0.0, np.nan, 1.0), (1e200, 1.0, 1.0)):
+        assert np.isnan(attitude.dcm_from_rotation_vector(np.array(lost))).all()

@@ -43,6 +43,24 @@ def dcm_from_quaternion(q: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
 
 
+@np.errstate(over="ignore", invalid="ignore")
+def dcm_from_rotation_vector(theta: np.ndarray) -> np.ndarray:
+    """exp(theta x) of rotation vectors (..., 3), rad -> (..., 3, 3) [1], nan for what is not finite; in the steps of
+    scipy's `Rotation`, whose bits it has."""
+    size = np.sqrt(theta[..., 0] ** 2 + theta[..., 1] ** 2 + theta[..., 2] ** 2)
+    square = size**2
+    small = size <= 1e-3
+    half = np.where(small, 0.5 - square / 48 + square**2 / 3840, np.sin(size / 2) / np.where(small, 1.0, size))
+    x, y, z = np.moveaxis(half[..., None] * theta, -1, 0)
+    w = np.cos(size / 2)
+    rows = [
+        [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+    ]
+    return np.stack([np.stack(r, axis=-1) for r in rows], axis=-2)
+
+
 def dcm_from_rpy(rpy: np.ndarray) -> np.ndarray:
     """Roll, pitch, yaw (..., 3), rad, of the yaw-pitch-roll sequence -> C_nb (..., 3, 3) [1]."""
     cr, cp, cy = np.moveaxis(np.cos(rpy), -1, 0)
@@ -86,10 +104,7 @@ def rpy_error(rpy: np.ndarray, theta: np.ndarray) -> np.ndarray:
     rpy: (..., 3) true angles. theta: (..., 3) attitude error, the rotation vector in NED with
     C_nb(true) = exp(theta x) C_nb(estimate). All rad; exact for errors of any size.
     """
-    from scipy.spatial.transform import Rotation
-
-    back = Rotation.from_rotvec(-theta.reshape(-1, 3)).as_matrix().reshape(*theta.shape, 3)
-    estimate = roll_pitch_yaw(back @ dcm_from_rpy(rpy))
+    estimate = roll_pitch_yaw(dcm_from_rotation_vector(-theta) @ dcm_from_rpy(rpy))
     return np.pi - (np.pi - (rpy - estimate)) % (2.0 * np.pi)
 
 

@@ -8,10 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from navsim.io import files
-from navsim.io.almanac import read_almanac
-from navsim.io.rinex_nav import read_nav
-from navsim.io.sp3 import read_sp3
-from navsim.io.text import FileError
 from navsim.models import timescales
 from navsim.models.constellation import Constellation
 from navsim.models.design import design
@@ -67,7 +63,13 @@ _Read = tuple[Sequence[Constellation], Sequence[str]]
 """Constellations of a file, and what the user should hear of it."""
 
 
+# what reads files is imported for those who have some
+
+
 def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
+    from navsim.io.almanac import read_almanac
+    from navsim.io.text import FileError
+
     told = next((system for system in SYSTEMS if system.name == sky.almanac_system), None)
     found = read_almanac(path, utc, told)
     if found.untitled:
@@ -80,11 +82,15 @@ def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
 
 
 def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
+    from navsim.io.rinex_nav import read_nav
+
     found = read_nav(path, sky.lenient)
     return found.constellations(), found.left_out
 
 
 def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
+    from navsim.io.sp3 import read_sp3
+
     table = read_sp3(path, sky.lenient)
     return [orbits for orbits in map(table.of, SYSTEMS) if orbits.names], table.left_out
 
@@ -107,6 +113,8 @@ class _Files:
     def read(
         self, name: str, reader: Callable[[Path, float, Sky], _Read], utc: float, warnings: list[str]
     ) -> Sequence[Constellation]:
+        from navsim.io.text import FileError
+
         place = ("sky", self.key)
         path = self.document.resolve(place, name)
         try:
