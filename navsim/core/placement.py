@@ -6,8 +6,9 @@ and point of the approach alone. With the clocks eliminated what is left is 3 x 
     C = sum over clocks of A_g - b_g b_g' / n_g,        A = sum w u u', b = sum w u, n = sum w,
 
 and its inverse is closed form. The variances it gives do not depend on axes but for the vertical, so everything stays
-in ECEF: trace of the inverse for PDOP, up' C^-1 up for VDOP, the difference for HDOP. One placement after the other
-lies in memory, so that LLVM works on several at once.
+in ECEF: trace of the inverse for PDOP, up' C^-1 up for VDOP, the difference for HDOP. Placements lie in the lanes; all
+that depends on the epoch alone is worked out once. Roots and quotients are what a processor is busy with: all else goes
+on beside them, where enough of it is independent.
 
 Source: `docs/theory/landing.md`, section 6.
 """
@@ -18,12 +19,11 @@ import math
 
 import numpy as np
 
-from navsim.core.jit import kernel
+from navsim.core.jit import inlined, kernel
+from navsim.core.lanes import fma, registers, select, small_matrix
 
 PDOP, HDOP, VDOP = 0, 1, 2
 MEAN, SMALLEST, LARGEST = 0, 1, 2
-BLOCK = 128
-"""Placements worked on at once: their sums stay in the first cache."""
 
 # what the satellites contribute at one epoch, a row of `satellites`
 SAT_A = 0
@@ -34,116 +34,161 @@ SAT_WEIGHT = 9
 """n of them, 0 where there are none."""
 SAT_N = 10
 
+# what the placements have in common at one epoch, weights counted in those of a pseudolite where one is heard
+_AT = 0
+"""Receiver, x, y, z."""
+_A = 3
+"""As SAT_A."""
+_B = 9
+"""As SAT_B."""
+_SHARED = 12
+"""-1/n, with the pseudolites on it; 0 for a clock without sources."""
+_UP = 13
+"""Coefficients of xx, yx, yy, zx, zy, zz in up' M up."""
+_VARIANCE = 19
+"""Of a source of weight 1."""
+_HEARD = 20
+"""1 where pseudolites are heard, else 0."""
+_N = 21
+
+_TILE = 32
+"""Epochs worked on at once: their C of a register of placements stay in the first cache. One loop over them finds C,
+the next the roots: in one loop the steps of an epoch wait for each other, and the processor looks no farther."""
 _SINGULAR = 1e-12
 """A determinant below this share of (trace / 3)^3 counts as no solution: DOPs above a hundred thousand."""
 
 
 @kernel
-def _add_site(x, y, z, site_x, site_y, site_z, weight, a, count):
-    """Add one pseudolite of each placement of a block to the sums a (10, BLOCK); receiver at x, y, z."""
-    xx, yx, yy, zx, zy, zz, bx, by, bz, total = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9]
-    for j in range(count):
-        dx = site_x[j] - x
-        dy = site_y[j] - y
-        dz = site_z[j] - z
-        inverse = 1.0 / (dx * dx + dy * dy + dz * dz)
-        length = math.sqrt(inverse) * weight
-        square = inverse * weight
-        xx[j] += square * dx * dx
-        yx[j] += square * dy * dx
-        yy[j] += square * dy * dy
-        zx[j] += square * dz * dx
-        zy[j] += square * dz * dy
-        zz[j] += square * dz * dz
-        bx[j] += length * dx
-        by[j] += length * dy
-        bz[j] += length * dz
-        total[j] += weight
+def _common(receiver, up, spare, satellites, weight, count, out):
+    """Rows of what `count` pseudolites at any places have in common, (e, _N); returns how many epochs have one, the
+    others have too few sources. See `placement_dops`."""
+    solvable = 0
+    for e in range(receiver.shape[0]):
+        heard = count if weight[e] > 0.0 else 0
+        unknowns = 1 if heard > 0 and satellites[e, SAT_WEIGHT] == 0.0 else 0
+        if spare[e] + heard < unknowns:
+            # rounding would hide that there is nothing to invert
+            continue
+        row = out[solvable]
+        solvable += 1
+        variance = 1.0 / weight[e] if heard > 0 else 1.0
+        for i in range(3):
+            row[_AT + i] = receiver[e, i]
+            row[_B + i] = satellites[e, SAT_B + i] * variance
+        for i in range(6):
+            row[_A + i] = satellites[e, SAT_A + i] * variance
+        total = satellites[e, SAT_WEIGHT] * variance + heard
+        row[_SHARED] = -1.0 / total if total > 0.0 else 0.0
+        x, y, z = up[e, 0], up[e, 1], up[e, 2]
+        row[_UP], row[_UP + 1], row[_UP + 2] = x * x, 2.0 * y * x, y * y
+        row[_UP + 3], row[_UP + 4], row[_UP + 5] = 2.0 * z * x, 2.0 * z * y, z * z
+        row[_VARIANCE] = variance
+        row[_HEARD] = 1.0 if heard > 0 else 0.0
+    return solvable
+
+
+@inlined
+def _eliminated(row, sites, places, c):
+    """c (6,) <- C of placements at an epoch, xx, yx, yy, zx, zy, zz, where the first `sites` pseudolites are heard."""
+    x, y, z = row[_AT], row[_AT + 1], row[_AT + 2]
+    xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
+    bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
+    for k in range(sites):
+        ux = places[k, 0] - x
+        uy = places[k, 1] - y
+        uz = places[k, 2] - z
+        nearness = math.sqrt(1.0 / fma(uz, uz, fma(uy, uy, ux * ux)))
+        ux *= nearness
+        uy *= nearness
+        uz *= nearness
+        xx = fma(ux, ux, xx)
+        yx = fma(uy, ux, yx)
+        yy = fma(uy, uy, yy)
+        zx = fma(uz, ux, zx)
+        zy = fma(uz, uy, zy)
+        zz = fma(uz, uz, zz)
+        bx += ux
+        by += uy
+        bz += uz
+    px, py, pz = row[_SHARED] * bx, row[_SHARED] * by, row[_SHARED] * bz
+    c[0] = fma(px, bx, xx)
+    c[1] = fma(py, bx, yx)
+    c[2] = fma(py, by, yy)
+    c[3] = fma(pz, bx, zx)
+    c[4] = fma(pz, by, zy)
+    c[5] = fma(pz, bz, zz)
+
+
+@inlined
+def _squares(row, c):
+    """Squares of PDOP and VDOP, and whether there is a solution; nan without one."""
+    c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
+    k0 = fma(c2, c5, -c4 * c4)
+    k1 = fma(c3, c4, -c1 * c5)
+    k2 = fma(c0, c5, -c3 * c3)
+    k3 = fma(c1, c4, -c2 * c3)
+    k4 = fma(c1, c3, -c0 * c4)
+    k5 = fma(c0, c2, -c1 * c1)
+    determinant = fma(c0, k0, fma(c1, k1, c3 * k3))
+    size = (c0 + c2 + c5) * (1.0 / 3.0)
+    solved = determinant > _SINGULAR * size * size * size
+    inverse = select(solved, row[_VARIANCE] / determinant, math.nan)
+    vertical = fma(row[_UP + 1], k1, fma(row[_UP + 2], k2, row[_UP] * k0))
+    vertical = fma(row[_UP + 3], k3, fma(row[_UP + 4], k4, fma(row[_UP + 5], k5, vertical)))
+    return (k0 + k2 + k5) * inverse, vertical * inverse, solved
 
 
 @kernel
-def _solve(up_x, up_y, up_z, a, squares, count):
-    """Squares of PDOP, HDOP, VDOP (3, BLOCK) from the sums of a block; nan without a solution."""
-    xx, yx, yy, zx, zy, zz, bx, by, bz, total = a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9]
-    p, h, v = squares[0], squares[1], squares[2]
-    for j in range(count):
-        r = 1.0 / max(total[j], 1e-300)
-        x, y, z = bx[j], by[j], bz[j]
-        c0 = xx[j] - x * x * r
-        c1 = yx[j] - y * x * r
-        c2 = yy[j] - y * y * r
-        c3 = zx[j] - z * x * r
-        c4 = zy[j] - z * y * r
-        c5 = zz[j] - z * z * r
-        k0 = c2 * c5 - c4 * c4
-        k1 = c3 * c4 - c1 * c5
-        k2 = c0 * c5 - c3 * c3
-        k3 = c1 * c4 - c2 * c3
-        k4 = c1 * c3 - c0 * c4
-        k5 = c0 * c2 - c1 * c1
-        determinant = c0 * k0 + c1 * k1 + c3 * k3
-        size = (c0 + c2 + c5) / 3.0
-        inverse = 1.0 / determinant if determinant > _SINGULAR * size * size * size else math.nan
-        position = (k0 + k2 + k5) * inverse
-        vertical = (
-            up_x * (k0 * up_x + 2.0 * (k1 * up_y + k3 * up_z)) + up_y * (k2 * up_y + 2.0 * k4 * up_z) + up_z * k5 * up_z
-        ) * inverse
-        p[j] = position
-        v[j] = vertical
-        h[j] = position - vertical
-
-
-@kernel
-def placement_dops(receiver, up, spare, satellites, sites, weight, first, last, out, lost):
-    """Statistics over the epochs of PDOP, HDOP, VDOP for the placements first ... last - 1.
+def placement_dops(receiver, up, spare, satellites, weight, sites, room, places, first, last, out, lost):
+    """Statistics over the epochs of PDOP, HDOP, VDOP for the registers first ... last - 1 of placements.
 
     receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. spare: (e,) int, satellites less the unknowns there
-    are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT. sites: (k, 3, p) ECEF of the k
-    pseudolites of each placement, m. weight: (e,) of their ranges, 1 or 1/variance, 0 where none is heard.
-    out: (3, 3, p) written: PDOP, HDOP, VDOP by mean, smallest, largest over the epochs that have a solution, nan
-    where none has. lost: (p,) int, written: epochs without a solution.
+    are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT. weight: (e,) of the pseudolites'
+    ranges, 1 or 1/variance, 0 where none is heard. sites: (p, k, 3) ECEF of the k pseudolites of each placement, m.
+    room: (k, 3, W), work space, and places: (k, 3), lanes, the same memory. out: (3, 3, g), lanes, written: PDOP, HDOP,
+    VDOP by mean, smallest, largest over the epochs that have a solution, nan where none has. lost: (g,), lanes,
+    written: epochs without a solution. Lane l of register g is placement W g + l; lanes past the last placement
+    repeat it.
     """
-    a = np.empty((SAT_N, BLOCK))
-    squares = np.empty((3, BLOCK))
-    for start in range(first, last, BLOCK):
-        count = min(BLOCK, last - start)
-        end = start + count
-        for d in range(3):
-            out[d, MEAN, start:end] = 0.0
-            out[d, SMALLEST, start:end] = math.inf
-            out[d, LARGEST, start:end] = 0.0
-        lost[start:end] = 0
-        for e in range(receiver.shape[0]):
-            heard = sites.shape[0] if weight[e] > 0.0 else 0
-            unknowns = 1 if heard > 0 and satellites[e, SAT_WEIGHT] == 0.0 else 0
-            if spare[e] + heard < unknowns:
-                # rounding would hide that there is nothing to invert
-                lost[start:end] += 1
-                continue
-            for i in range(SAT_N):
-                a[i, :count] = satellites[e, i]
-            x, y, z = receiver[e, 0], receiver[e, 1], receiver[e, 2]
-            for k in range(sites.shape[0]):
-                _add_site(
-                    x, y, z, sites[k, 0, start:end], sites[k, 1, start:end], sites[k, 2, start:end], weight[e], a, count
-                )
-            _solve(up[e, 0], up[e, 1], up[e, 2], a, squares, count)
-            for d in range(3):
-                mean, low, high = out[d, MEAN, start:end], out[d, SMALLEST, start:end], out[d, LARGEST, start:end]
-                square = squares[d]
-                for j in range(count):
-                    root = math.sqrt(square[j])
-                    # comparisons with nan are false: a lost epoch leaves the sums as they are
-                    mean[j] += root if root == root else 0.0
-                    low[j] = root if root < low[j] else low[j]
-                    high[j] = root if root > high[j] else high[j]
-            misses, square = lost[start:end], squares[0]
-            for j in range(count):
-                misses[j] += 1 if square[j] != square[j] else 0
-        for j in range(start, end):
-            solved = receiver.shape[0] - lost[j]
-            for d in range(3):
-                if solved == 0:
-                    out[d, :, j] = math.nan
-                else:
-                    out[d, MEAN, j] /= solved
+    places, out, lost = registers(places), registers(out), registers(lost)
+    count, width = sites.shape[1], room.shape[2]
+    epochs = receiver.shape[0]
+    common = np.empty((epochs, _N))
+    solvable = _common(receiver, up, spare, satellites, weight, count, common)
+    c = small_matrix(places, _TILE, 6)
+    for g in range(first, last):
+        for lane in range(width):
+            p = min(g * width + lane, sites.shape[0] - 1)
+            for k in range(count):
+                for i in range(3):
+                    room[k, i, lane] = sites[p, k, i]
+        solutions = 0.0
+        p_sum, h_sum, v_sum = 0.0, 0.0, 0.0
+        p_low, h_low, v_low = math.inf, math.inf, math.inf
+        p_high, h_high, v_high = 0.0, 0.0, 0.0
+        for begin in range(0, solvable, _TILE):
+            rows = common[begin : min(begin + _TILE, solvable)]
+            for e in range(rows.shape[0]):
+                _eliminated(rows[e], count if rows[e, _HEARD] > 0.0 else 0, places, c[e])
+            for e in range(rows.shape[0]):
+                p_square, v_square, solved = _squares(rows[e], c[e])
+                p, h, v = math.sqrt(p_square), math.sqrt(p_square - v_square), math.sqrt(v_square)
+                solutions = select(solved, solutions + 1.0, solutions)
+                p_sum = select(solved, p_sum + p, p_sum)
+                h_sum = select(solved, h_sum + h, h_sum)
+                v_sum = select(solved, v_sum + v, v_sum)
+                # comparisons with nan are false: a lost epoch leaves the bounds as they are
+                p_low = select(p < p_low, p, p_low)
+                h_low = select(h < h_low, h, h_low)
+                v_low = select(v < v_low, v, v_low)
+                p_high = select(p > p_high, p, p_high)
+                h_high = select(h > h_high, h, h_high)
+                v_high = select(v > v_high, v, v_high)
+        lost[g] = epochs - solutions
+        some = solutions > 0.0
+        for d, total, low, high in (
+            (PDOP, p_sum, p_low, p_high), (HDOP, h_sum, h_low, h_high), (VDOP, v_sum, v_low, v_high)
+        ):  # fmt: skip
+            out[d, MEAN, g] = select(some, total / solutions, math.nan)
+            out[d, SMALLEST, g] = select(some, low, math.nan)
+            out[d, LARGEST, g] = select(some, high, math.nan)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.core.placement import BLOCK, MEAN
+from navsim.core.lanes import WIDTH, WIDTHS, in_lanes
+from navsim.core.placement import MEAN, placement_dops
 from navsim.scenario.load import read
 from navsim.scenario.optimize import Surfaces
 from navsim.simulation.geometry import Geometry, glide_geometry
@@ -55,14 +56,14 @@ def dense(geometry: Geometry, line: np.ndarray, clock: np.ndarray, sites: np.nda
 @pytest.mark.parametrize("clock", ["glonass", "own"])
 @pytest.mark.parametrize("count", [0, 1, 2, 4])
 def test_statistics_equal_dense_algebra(clock: str, count: int) -> None:
-    """A sample of placements, more than a block of them: to 1e-9."""
+    """A sample of placements, not a whole number of registers of them: to 1e-9."""
     geometry, line, clocks = here(f"pseudolites.clock={clock}")
     rng = np.random.default_rng(3)
     centre = geometry.receiver[-1]
-    sites = centre + rng.uniform(-4000, 4000, (BLOCK + 37, count, 3))
+    sites = centre + rng.uniform(-4000, 4000, (20 * WIDTH + 5, count, 3))
     found, lost = geometry.dops(sites)
     own = {"glonass": 0, "own": 2}[clock]
-    for p in (*range(12), BLOCK - 1, BLOCK, BLOCK + 36):
+    for p in (*range(12), *range(20 * WIDTH - 1, 20 * WIDTH + 5)):
         each = dense(geometry, line, clocks, sites[p], own)
         expected = np.stack([each.mean(axis=1), each.min(axis=1), each.max(axis=1)], axis=1)
         np.testing.assert_allclose(found[:, :, p], expected, rtol=1e-9)
@@ -83,6 +84,39 @@ def test_epochs_without_a_solution_are_counted_and_left_out() -> None:
     found, lost = geometry.dops(site)
     assert lost[0] == 0
     np.testing.assert_allclose(found[:, MEAN, 0], dense(geometry, line, clocks, site[0], 0).mean(axis=1), rtol=1e-8)
+
+
+@pytest.mark.parametrize("width", [1, *WIDTHS])
+def test_the_bits_of_a_placement_are_its_own(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever lies beside it, however wide a register is and whoever does what: lost epochs and found ones."""
+    sky = "sky.directions=[{azimuth_deg: 10, elevation_deg: 30}, {azimuth_deg: 130, elevation_deg: 40}, "
+    sky += "{azimuth_deg: 250, elevation_deg: 20}]"
+    geometry, _, _ = here("sky.source=directions", sky, "pseudolites.clock=own")
+    geometry = geometry.at(np.arange(80) % EPOCHS.size)
+    sites = geometry.receiver[-1] + np.random.default_rng(5).uniform(-4000, 4000, (4 * WIDTH + 3, 2, 3))
+    sites[::3, 1] = sites[::3, 0]  # one twice: too few
+    sites[1, 0] = geometry.receiver[3]  # no direction to it there
+    found, lost = geometry.fix_sigmas(sites)
+    assert np.all(lost[::3] == 80)
+    assert lost[1] == np.sum(np.arange(80) % EPOCHS.size == 3)
+    assert not lost[2::3].any()
+    assert not lost[4::3].any()
+    for p in range(len(sites)):
+        np.testing.assert_array_equal(geometry.fix_sigmas(sites[p : p + 1])[0][..., 0], found[..., p])
+    monkeypatch.setattr("navsim.simulation.geometry._SHARE", 80)
+    again, lost_again = geometry.fix_sigmas(sites, workers=3)
+    np.testing.assert_array_equal(again, found)
+    np.testing.assert_array_equal(lost_again, lost)
+
+    groups, near = -(-len(sites) // width), np.empty((2, 3, width))
+    values, missed = np.empty((3, 3, groups, width)), np.empty((groups, width))
+    places, out, no_fix = (a[..., 0] if width == 1 else in_lanes(a) for a in (near, values, missed))
+    placement_dops(
+        geometry.receiver, geometry.up, geometry.spare, geometry.weighted, geometry.pseudolite_weighted, sites,
+        near, places, 0, groups, out, no_fix,
+    )  # fmt: skip
+    np.testing.assert_array_equal(values.reshape(3, 3, -1)[..., : len(sites)], found)
+    np.testing.assert_array_equal(missed.ravel()[: len(sites)], lost)
 
 
 def test_surfaces_rise_outwards_from_the_strip() -> None:
