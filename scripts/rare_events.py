@@ -15,7 +15,7 @@ from scipy.special import ndtr, ndtri
 
 from navsim.core.arrays.sampling import FEW, TWO_SIDED
 from navsim.scenario.load import read
-from navsim.simulation.rare import mixture
+from navsim.simulation.rare import proposal
 from navsim.study.executor import threads
 from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all, prepare, rare
 from navsim.study.statistics import weighted_share
@@ -57,7 +57,7 @@ def boxed(name: str, settings: tuple[str, ...], chance: float, axes: tuple[int, 
     faces."""
     file = ROOT / "scenarios" / f"{name}.yaml"
     case = prepare(*read(file, (*settings, "box={lateral_m: 100}")))
-    sigma = np.sqrt(np.diagonal(rare.prepare(case).tilt.mixture.covariance))
+    sigma = np.sqrt(np.diagonal(rare.prepare(case).tilt.proposal.covariance))
     limits = -ndtri(0.5 * chance / len(axes)) * sigma
     keys = [f"{('lateral_m', 'along_m', 'vertical_m')[axis]}: {float(limits[axis])!r}" for axis in axes]
     case = prepare(*read(file, (*settings, f"box={{{', '.join(keys)}}}")))
@@ -156,7 +156,7 @@ def honesty() -> list[str]:
     ]
     rng = np.random.default_rng(SEED)
     limit = float(-ndtri(COST_AT / 4.0))
-    mix = mixture(np.zeros(2), np.eye(2), np.full(2, limit))
+    mix = proposal(np.zeros(2), np.eye(2), np.full(2, limit))
     for part in PARTS:
         truth = 1.0 - (1.0 - 2.0 * float(ndtr(-limit / math.hypot(1.0, part)))) ** 2
         found = []

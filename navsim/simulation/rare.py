@@ -32,8 +32,8 @@ _EVENLY = 0.5
 
 
 @dataclass(frozen=True)
-class Mixture:
-    """What runs are drawn from in place of the inputs' own density: each is pushed by a component of it.
+class Proposal:
+    """What runs are drawn from in place of the inputs' own density, a mixture: each is pushed by a component of it.
 
     covariance: (K, K) of the errors that a box bounds, to first order. pushes: (C, K) of the components: a push c moves
     the means of the errors by covariance c. shares: (C,) of the components; the last does not push.
@@ -62,8 +62,8 @@ class Mixture:
         return -(most + np.log(self.shares @ np.exp(exponents - most)))
 
 
-def mixture(mean: np.ndarray, covariance: np.ndarray, limits: np.ndarray) -> Mixture:
-    """The mixture for a box with limits (K,) of the sizes of errors, inf for none, that have this mean (K,) and
+def proposal(mean: np.ndarray, covariance: np.ndarray, limits: np.ndarray) -> Proposal:
+    """The proposal for a box with limits (K,) of the sizes of errors, inf for none, that have this mean (K,) and
     covariance (K, K) to first order. Raises ValueError for a limited error that does not vary."""
     from scipy.special import ndtr
 
@@ -82,7 +82,7 @@ def mixture(mean: np.ndarray, covariance: np.ndarray, limits: np.ndarray) -> Mix
     # far faces may be beyond any number: their shares among themselves are even then
     likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(len(faces), 1.0 / len(faces))
     share = _EVENLY / len(faces) + (1.0 - _EVENLY) * likely
-    return Mixture(
+    return Proposal(
         covariance,
         np.concatenate([to_face, 0.5 * to_face, np.zeros((1, limits.size))]),
         np.concatenate([_FULL * share, _HALF * share, [1.0 - _FULL - _HALF]]),
@@ -97,17 +97,17 @@ class Tilt:
     slopes: Slopes
     shifts: Slopes
     mean: np.ndarray
-    mixture: Mixture
+    proposal: Proposal
 
 
 def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, limits: np.ndarray) -> Tilt:
-    """The pushes for a box; slopes: of the K errors that it bounds; mean, limits: see `mixture`, which raises
+    """The pushes for a box; slopes: of the K errors that it bounds; mean, limits: see `proposal`, which raises
     ValueError."""
     shifts = carried(flight, slopes)
     pairs = zip(slopes.members(), shifts.members(), strict=True)
     parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
     covariance = np.sum(parts, axis=0)
-    return Tilt(slopes, shifts, mean, mixture(mean, 0.5 * (covariance + covariance.T), limits))
+    return Tilt(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), limits))
 
 
 def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:
@@ -116,7 +116,7 @@ def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) ->
     what they were."""
     lanes = inputs.initial.shape[-1]
     each = np.array([*components, *[components[-1]] * (lanes - len(components))])
-    pushes = tilt.mixture.pushes[each]
+    pushes = tilt.proposal.pushes[each]
 
     def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
         return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shift, pushes))

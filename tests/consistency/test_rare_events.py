@@ -67,7 +67,7 @@ def test_counting_agrees(chance: float) -> None:
 def test_weights_belong_to_the_pushes() -> None:
     """Their mean is 1, none is above its bound, and a push moves errors to first order by what it says."""
     flown, edge = boxed("landing_gnss_only", "{lateral_m: 3, vertical_m: 5}", *LINEAR)
-    tilt, mix = edge.tilt, edge.tilt.mixture
+    tilt, mix = edge.tilt, edge.tilt.proposal
     assert mix.shares.sum() == pytest.approx(1.0)
     rng = np.random.default_rng(8)
     drawn = rng.choice(mix.shares.size, 200_000, p=mix.shares)

@@ -91,7 +91,7 @@ class RareStudy:
         rows: list[Arrays] = []
         for begin in range(first, first + count, WIDTH):
             runs = range(begin, min(begin + WIDTH, first + count))
-            components = [tilt.mixture.drawn(self.seed, run) for run in runs]
+            components = [tilt.proposal.drawn(self.seed, run) for run in runs]
             inputs, off = pushed(case.flight, tilt, draw(case.flight, self.seed, runs), components)
             flown = fly_inputs(case.flight, inputs, len(runs))
             fixes, outputs = fix_flaws(flown, solvable, case.beliefs.velocity), output_flaws(flown)
@@ -99,7 +99,7 @@ class RareStudy:
                 {
                     "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],
                     "first_order": (tilt.mean[:, None] + off).T[: len(runs)],
-                    "log_weight": tilt.mixture.log_weights(off)[: len(runs)],
+                    "log_weight": tilt.proposal.log_weights(off)[: len(runs)],
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
                 }
@@ -126,7 +126,7 @@ def fly_all(
 def probability(edge: Edge, flown: Ensemble) -> tuple[np.ndarray, float, float]:
     """Of ending outside the box: value with its 95 % interval (3,), relative standard error, effective samples."""
     outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
-    return weighted_share(flown.per_run("log_weight"), outside, edge.tilt.mixture.most_weight)
+    return weighted_share(flown.per_run("log_weight"), outside, edge.tilt.proposal.most_weight)
 
 
 _UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
@@ -184,7 +184,7 @@ def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
     sigmas to first order; inf for errors that are no numbers."""
     some = np.isfinite(edge.box.limits)
     off = (flown.per_run("error") - flown.per_run("first_order"))[:, some]
-    sigma = np.sqrt(np.diagonal(edge.tilt.mixture.covariance))[some]
+    sigma = np.sqrt(np.diagonal(edge.tilt.proposal.covariance))[some]
     return np.where(np.isfinite(off).all(axis=0), off.std(axis=0), np.inf) / sigma
 
 
@@ -198,8 +198,8 @@ def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
     draft["/rare/error"] = error
     draft["/rare/first_order"] = flown.per_run("first_order")
     draft["/rare/log_weight"] = log_weight
-    to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.mixture.covariance)))
-    of_axes = [weighted_share(log_weight, one, tilt.mixture.most_weight) for one in outside.T]
+    to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
+    of_axes = [weighted_share(log_weight, one, tilt.proposal.most_weight) for one in outside.T]
     for name, data in (
         ("probability", value),
         ("axis_probability", where_limited(edge.box, np.stack([each[0] for each in of_axes]))),
