@@ -24,13 +24,13 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.earth import E2, A, short_way
+from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
 from navsim.core.defect import Defect
+from navsim.core.dop import MAX_CLOCKS
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs
 from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
-from navsim.estimation.estimate import in_all_lanes
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, Events, ImuData, start
@@ -76,10 +76,6 @@ _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_ma
 _MARKOV = 6
 """The first of six Markov biases among the states of `true_states`."""
 
-_DIFFERENCE = 0.05
-"""Step of pseudoranges (m) and range rates (m/s) for the receiver's derivatives: a fix is nearly linear in them, and
-rounding of 1e-8 m stays 1e-7 of the step."""
-
 _EXPECTED_NIS = 0.01
 """Largest deviation from 1 of the expected normalised innovation squared, per degree of freedom, of a filter that
 believes what is true."""
@@ -114,38 +110,73 @@ class Analysis:
         return np.trace(np.linalg.solve(believed, second[:, states_, states_]), axis1=1, axis2=2) / believed.shape[1]
 
 
-def _solve(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fixes (e, 3) llh and (e, 3) velocity, and their covariance (e, 6, 6); of measurements of lanes, those of each."""
-    llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
-    return llh, velocity, cov
-
-
-def _slopes(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(
+    world: World, ranges: np.ndarray, rates: np.ndarray, fixes: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of position and velocity fixes (e, 6) by each pseudorange and each range rate, (e, 6, s) each.
 
-    The receiver itself is differentiated, measurement by measurement, so that its weights are in it. Zero for what is
-    not used, and where there is no fix.
+    ranges, rates: (e, s). fixes: llh, velocity and clocks of `receiver_fixes` from them. A fix is where H' W r = 0, r
+    being the residuals, and stays there. Unit vectors in H turn with the place, which counts where residuals are not
+    small beside the way to a source. Zero for what is not used, and where there is no fix.
     """
     s = world.signals
+    llh, velocity, clocks = fixes
     e, n = ranges.shape
-    out = np.zeros((2, e, 6, n))
-    fix = np.isfinite(_solve(world, ranges, rates)[0][:, 0])
-    # a measurement a pair of lanes: up in one, down in the other
-    pairs = [(part, i) for part in (0, 1) for i in range(n)]
-    for first in range(0, len(pairs), WIDTH // 2):
-        some = pairs[first : first + WIDTH // 2]
-        moved = in_all_lanes(ranges), in_all_lanes(rates)
-        for lane, (part, i) in enumerate(some):
-            moved[part][:, i, 2 * lane] += _DIFFERENCE
-            moved[part][:, i, 2 * lane + 1] -= _DIFFERENCE
-        llh, velocity, _ = _solve(world, *moved)
-        for lane, (part, i) in enumerate(some):
-            up, down = 2 * lane, 2 * lane + 1
-            north_east_down = _metres(llh[..., up] - llh[..., down], llh[..., down])
-            slope = np.concatenate([north_east_down, velocity[..., up] - velocity[..., down]], axis=1)
-            here = s.used[:, i] & fix
-            out[part][here, :, i] = slope[here] / (2.0 * _DIFFERENCE)
-    return out[0], out[1]
+    by_range, by_rate = np.zeros((e, 6, n)), np.zeros((e, 6, n))
+    here = np.isfinite(ranges) & np.isfinite(llh[:, :1])
+    c_ne = ned_matrix(np.nan_to_num(llh))
+    way = np.where(here[:, :, None], (s.position - ecef_from_llh(llh)[:, None]) @ np.swapaxes(c_ne, 1, 2), 1.0)
+    distance = np.linalg.norm(way, axis=2)
+    u = way / distance[:, :, None]
+    # what the place does to -u, for each source (e, s, 3, 3)
+    turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
+
+    weight = np.where(here, s.fix_sigma, np.inf) ** -2.0
+    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == np.arange(MAX_CLOCKS), (e, n, MAX_CLOCKS))], axis=2)
+    residual = np.where(here, ranges - distance - clocks[:, s.clock], 0.0)
+    normal, weighed = _normal(h, weight)
+    normal[:, :3, :3] -= np.einsum("es,esij->eij", weight * residual, turning)
+    by_range[:, :3] = np.linalg.solve(normal, weighed)[:, :3]
+
+    here &= np.isfinite(rates) & np.isfinite(velocity[:, :1])
+    weight = np.where(here, s.rate_sigma, np.inf) ** -2.0
+    h = np.concatenate([-u, np.ones((e, n, 1))], axis=2)
+    relative = np.where(here[:, :, None], s.velocity @ np.swapaxes(c_ne, 1, 2) - velocity[:, None], 0.0)
+    residual = np.where(here, rates - np.sum(u * relative, axis=2), 0.0)
+    # the clock's drift takes the mean
+    total = weight.sum(axis=1, keepdims=True)
+    residual -= np.sum(weight * residual, axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
+    normal, weighed = _normal(h, weight)
+    by_rate[:, 3:] = np.linalg.solve(normal, weighed)[:, :3]
+    by_place = weighed @ np.einsum("esi,esij->esj", relative, turning)
+    by_place[:, :3] += np.einsum("es,esij->eij", weight * residual, turning)
+    by_place = np.linalg.solve(normal, by_place)[:, :3]
+    # and the axes that the velocity is given along turn with the place
+    by_place += np.cross(velocity[:, :, None], _turn_of_axes(llh), axis=1)
+    by_range[:, 3:] = np.where(np.isfinite(velocity[:, :1, None]), by_place, 0.0) @ by_range[:, :3]
+    return by_range, by_rate
+
+
+def _normal(h: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """H' W H (e, k, k), with a 1 for an unknown of which no source says anything, and H' W (e, k, s); h: (e, s, k),
+    weight: (e, s)."""
+    weighed = np.swapaxes(h, 1, 2) * weight[:, None, :]
+    normal = weighed @ h
+    unknown = np.arange(normal.shape[1])
+    normal[:, unknown, unknown] += normal[:, unknown, unknown] == 0.0
+    return normal, weighed
+
+
+def _turn_of_axes(llh: np.ndarray) -> np.ndarray:
+    """The turn of north, east, down along themselves, rad, by a step of 1 m along each (e, 3, 3); llh: (e, 3)."""
+    w = 1.0 - E2 * np.sin(llh[:, 0]) ** 2
+    transverse = A / np.sqrt(w)
+    east = 1.0 / (transverse + llh[:, 2])
+    out = np.zeros((llh.shape[0], 3, 3))
+    out[:, 0, 1] = east
+    out[:, 1, 0] = -1.0 / (transverse * (1.0 - E2) / w + llh[:, 2])
+    out[:, 2, 1] = -east * np.tan(llh[:, 0])
+    return out
 
 
 def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -228,21 +259,6 @@ class _Smoothed:
         return self.cov[:, : self.size, : self.size]
 
 
-def _metres(difference: np.ndarray, llh: np.ndarray) -> np.ndarray:
-    """Small differences of geodetic coordinates as NED metres (e, 3)."""
-    w = 1.0 - E2 * np.sin(llh[:, 0]) ** 2
-    meridian = A * (1.0 - E2) / (w * np.sqrt(w))
-    transverse = A / np.sqrt(w)
-    return np.stack(
-        [
-            difference[:, 0] * (meridian + llh[:, 2]),
-            short_way(difference[:, 1]) * (transverse + llh[:, 2]) * np.cos(llh[:, 0]),
-            -difference[:, 2],
-        ],
-        axis=1,
-    )
-
-
 class _Augmented:
     """The state carried and what happens to it: minus the filter's estimates, and the sensor states that there are.
 
@@ -306,7 +322,7 @@ def along_truth(flight: Flight) -> AlongTruth:
     """Fly the filter of a flight along the truth, without noise."""
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     ranges, rates = without_noise(world)
-    llh, velocity, cov = _solve(world, ranges, rates)
+    llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
     true = true_states(gyro, accel)
     truth = states.declared([state.block for state in true])
     mine = flight.model.declared
@@ -325,7 +341,7 @@ def along_truth(flight: Flight) -> AlongTruth:
         in_lanes(np.zeros((1, ROWS))),
         lin,
     )
-    return AlongTruth(steps, lin, *_slopes(world, ranges, rates), true)
+    return AlongTruth(steps, lin, *_slopes(world, ranges, rates, (llh, velocity, clocks)), true)
 
 
 def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None) -> Analysis:
