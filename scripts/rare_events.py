@@ -44,7 +44,6 @@ COSTS: list[tuple[str, str, tuple[str, ...]]] = [
     ("landing.yaml", "landing", ()),
     ("landing_smooth.yaml", "landing_smooth", ()),
     ("landing_gnss_only.yaml, A", "landing_gnss_only", POSITION),
-    ("landing.yaml, lever arm", "landing", LEVER),
 ]
 COST_AT = 1e-6
 PARTS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 1.0)
