@@ -357,6 +357,22 @@ def registers(typing: Any, array: Any) -> Any:
     return kind(array), gen
 
 
+@_intrinsic
+def numbers(typing: Any, array: Any) -> Any:
+    """The numbers (..., n W) of a contiguous array of lanes (..., n), in the same memory: where lanes are no runs."""
+    kind = types.Array(types.float64, array.ndim, types.float64[::1].layout)
+
+    def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        given = context.make_array(sig.args[0])(context, builder, args[0])
+        shape = cgutils.unpack_tuple(builder, given.shape, sig.args[0].ndim)
+        shape[-1] = builder.mul(shape[-1], ir.Constant(ir.IntType(64), sig.args[0].dtype.width))
+        out = _fill_array(context, builder, sig.return_type, given.data, given.meminfo, shape)
+        context.nrt.incref(builder, sig.return_type, out)
+        return out
+
+    return kind(array), gen
+
+
 def _like(like: Any, dimensions: int) -> Any:
     """The type of a new array of what `like` holds."""
     if isinstance(like.dtype, Lanes):

@@ -6,9 +6,9 @@ systematic errors) is then carried through the linearised loop by itself, with w
 covariance, whatever the filter believes, and the terms are the error budget.
 
 State carried: the errors of navigation (9), minus the filter's estimates of its sensor states, the sensor states that
-there really are; the filter's error of a state is the sum of those that mean the same. Noise of carrier-smoothed ranges
-is correlated in time and is carried beside it, see `_Smoothed`; errors of orbits and clocks are constant over a run, so
-what each does to the state is.
+there really are; the filter's error of a state is the sum of those that mean the same. Of errors drawn once a run,
+initial ones, constant biases, orbits and clocks, what one sigma of each does to the state is carried, of noises their
+covariances (`estimation.carried_errors`). Noise of carrier-smoothed ranges is correlated in time: see `_Smoothed`.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """
@@ -24,15 +24,16 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.earth import E2, A, short_way
+from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
 from navsim.core.defect import Defect
-from navsim.core.lanes import WIDTH
+from navsim.core.dop import MAX_CLOCKS
+from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs
-from navsim.estimation.estimate import in_all_lanes
-from navsim.estimation.linearised import NOISES, Linearised, Steps, linearise, room, steps_of
+from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
+from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX
-from navsim.estimation.records import OUTPUT, ImuData, start
+from navsim.estimation.records import OUTPUT, Events, ImuData, start
 from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
@@ -69,12 +70,11 @@ _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
 
-_MARKOV = np.arange(6, 12)
-"""The Markov biases among the states of `true_states`."""
+_NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
+"""The sources that the sensor noises of `estimation.linearised` are."""
 
-_DIFFERENCE = 0.05
-"""Step of pseudoranges (m) and range rates (m/s) for the receiver's derivatives: a fix is nearly linear in them, and
-rounding of 1e-8 m stays 1e-7 of the step."""
+_MARKOV = 6
+"""The first of six Markov biases among the states of `true_states`."""
 
 _EXPECTED_NIS = 0.01
 """Largest deviation from 1 of the expected normalised innovation squared, per degree of freedom, of a filter that
@@ -110,38 +110,73 @@ class Analysis:
         return np.trace(np.linalg.solve(believed, second[:, states_, states_]), axis1=1, axis2=2) / believed.shape[1]
 
 
-def _solve(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fixes (e, 3) llh and (e, 3) velocity, and their covariance (e, 6, 6); of measurements of lanes, those of each."""
-    llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
-    return llh, velocity, cov
-
-
-def _slopes(world: World, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(
+    world: World, ranges: np.ndarray, rates: np.ndarray, fixes: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of position and velocity fixes (e, 6) by each pseudorange and each range rate, (e, 6, s) each.
 
-    The receiver itself is differentiated, measurement by measurement, so that its weights are in it. Zero for what is
-    not used, and where there is no fix.
+    ranges, rates: (e, s). fixes: llh, velocity and clocks of `receiver_fixes` from them. A fix is where H' W r = 0, r
+    being the residuals, and stays there. Unit vectors in H turn with the place, which counts where residuals are not
+    small beside the way to a source. Zero for what is not used, and where there is no fix.
     """
     s = world.signals
+    llh, velocity, clocks = fixes
     e, n = ranges.shape
-    out = np.zeros((2, e, 6, n))
-    fix = np.isfinite(_solve(world, ranges, rates)[0][:, 0])
-    # a measurement a pair of lanes: up in one, down in the other
-    pairs = [(part, i) for part in (0, 1) for i in range(n)]
-    for first in range(0, len(pairs), WIDTH // 2):
-        some = pairs[first : first + WIDTH // 2]
-        moved = in_all_lanes(ranges), in_all_lanes(rates)
-        for lane, (part, i) in enumerate(some):
-            moved[part][:, i, 2 * lane] += _DIFFERENCE
-            moved[part][:, i, 2 * lane + 1] -= _DIFFERENCE
-        llh, velocity, _ = _solve(world, *moved)
-        for lane, (part, i) in enumerate(some):
-            up, down = 2 * lane, 2 * lane + 1
-            north_east_down = _metres(llh[..., up] - llh[..., down], llh[..., down])
-            slope = np.concatenate([north_east_down, velocity[..., up] - velocity[..., down]], axis=1)
-            here = s.used[:, i] & fix
-            out[part][here, :, i] = slope[here] / (2.0 * _DIFFERENCE)
-    return out[0], out[1]
+    by_range, by_rate = np.zeros((e, 6, n)), np.zeros((e, 6, n))
+    here = np.isfinite(ranges) & np.isfinite(llh[:, :1])
+    c_ne = ned_matrix(np.nan_to_num(llh))
+    way = np.where(here[:, :, None], (s.position - ecef_from_llh(llh)[:, None]) @ np.swapaxes(c_ne, 1, 2), 1.0)
+    distance = np.linalg.norm(way, axis=2)
+    u = way / distance[:, :, None]
+    # what the place does to -u, for each source (e, s, 3, 3)
+    turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
+
+    weight = np.where(here, s.fix_sigma, np.inf) ** -2.0
+    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == np.arange(MAX_CLOCKS), (e, n, MAX_CLOCKS))], axis=2)
+    residual = np.where(here, ranges - distance - clocks[:, s.clock], 0.0)
+    normal, weighed = _normal(h, weight)
+    normal[:, :3, :3] -= np.einsum("es,esij->eij", weight * residual, turning)
+    by_range[:, :3] = np.linalg.solve(normal, weighed)[:, :3]
+
+    here &= np.isfinite(rates) & np.isfinite(velocity[:, :1])
+    weight = np.where(here, s.rate_sigma, np.inf) ** -2.0
+    h = np.concatenate([-u, np.ones((e, n, 1))], axis=2)
+    relative = np.where(here[:, :, None], s.velocity @ np.swapaxes(c_ne, 1, 2) - velocity[:, None], 0.0)
+    residual = np.where(here, rates - np.sum(u * relative, axis=2), 0.0)
+    # the clock's drift takes the mean
+    total = weight.sum(axis=1, keepdims=True)
+    residual -= np.sum(weight * residual, axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
+    normal, weighed = _normal(h, weight)
+    by_rate[:, 3:] = np.linalg.solve(normal, weighed)[:, :3]
+    by_place = weighed @ np.einsum("esi,esij->esj", relative, turning)
+    by_place[:, :3] += np.einsum("es,esij->eij", weight * residual, turning)
+    by_place = np.linalg.solve(normal, by_place)[:, :3]
+    # and the axes that the velocity is given along turn with the place
+    by_place += np.cross(velocity[:, :, None], _turn_of_axes(llh), axis=1)
+    by_range[:, 3:] = np.where(np.isfinite(velocity[:, :1, None]), by_place, 0.0) @ by_range[:, :3]
+    return by_range, by_rate
+
+
+def _normal(h: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """H' W H (e, k, k), with a 1 for an unknown of which no source says anything, and H' W (e, k, s); h: (e, s, k),
+    weight: (e, s)."""
+    weighed = np.swapaxes(h, 1, 2) * weight[:, None, :]
+    normal = weighed @ h
+    unknown = np.arange(normal.shape[1])
+    normal[:, unknown, unknown] += normal[:, unknown, unknown] == 0.0
+    return normal, weighed
+
+
+def _turn_of_axes(llh: np.ndarray) -> np.ndarray:
+    """The turn of north, east, down along themselves, rad, by a step of 1 m along each (e, 3, 3); llh: (e, 3)."""
+    w = 1.0 - E2 * np.sin(llh[:, 0]) ** 2
+    transverse = A / np.sqrt(w)
+    east = 1.0 / (transverse + llh[:, 2])
+    out = np.zeros((llh.shape[0], 3, 3))
+    out[:, 0, 1] = east
+    out[:, 1, 0] = -1.0 / (transverse * (1.0 - E2) / w + llh[:, 2])
+    out[:, 2, 1] = -east * np.tan(llh[:, 0])
+    return out
 
 
 def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -224,21 +259,6 @@ class _Smoothed:
         return self.cov[:, : self.size, : self.size]
 
 
-def _metres(difference: np.ndarray, llh: np.ndarray) -> np.ndarray:
-    """Small differences of geodetic coordinates as NED metres (e, 3)."""
-    w = 1.0 - E2 * np.sin(llh[:, 0]) ** 2
-    meridian = A * (1.0 - E2) / (w * np.sqrt(w))
-    transverse = A / np.sqrt(w)
-    return np.stack(
-        [
-            difference[:, 0] * (meridian + llh[:, 2]),
-            short_way(difference[:, 1]) * (transverse + llh[:, 2]) * np.cos(llh[:, 0]),
-            -difference[:, 2],
-        ],
-        axis=1,
-    )
-
-
 class _Augmented:
     """The state carried and what happens to it: minus the filter's estimates, and the sensor states that there are.
 
@@ -256,21 +276,26 @@ class _Augmented:
         means = [np.stack([d["triad"], d["axis"], d["signal"]], axis=1) for d in (mine, truth)]
         same = (means[0][:, None] == means[1][None]).all(axis=2)
         self.to_error[states.SENSORS :, self.n :] = same
-        self.markov = self.n + _MARKOV
+        self.markov = self.n + _MARKOV + np.arange(states.N - states.SENSORS)
 
-    def interval(self, lin: Linearised, i: int, length: float, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transition (S, S) and added covariance (source, S, S) of interval i, length s. density: (source, NOISES)."""
-        phi = np.eye(self.size)
-        phi[: self.n, : self.n] = lin.transition[i]
-        phi[: states.SENSORS, self.n :] = lin.inputs[i]
-        at = np.arange(self.n, self.size)
-        phi[at, at] = np.exp(-self.decay * length)
-        # the sensor rows of what is added are those of the Markov biases themselves
-        place = np.concatenate([np.arange(states.SENSORS), self.markov])
-        added = np.zeros((density.shape[0], self.size, self.size))
-        for source, noise in zip(*np.nonzero(density), strict=True):
-            added[source][np.ix_(place, place)] += density[source, noise] * lin.added[i, noise]
-        return phi, added
+    def route(self, events: Events, steps: Steps, lin: Linearised) -> Route:
+        """What the events do to it."""
+        ends = steps.interval >= 0
+        length = np.zeros(lin.transition.shape[0])
+        length[steps.interval[ends]] = steps.length[ends]
+        own = np.diagonal(lin.transition, axis1=1, axis2=2)[:, states.SENSORS :]
+        has = np.append(lin.have.any(axis=1), False)  # -1 for an event without a measurement
+        return Route(
+            events.ahead,
+            np.where(events.kind == OUTPUT, events.row, -1),
+            steps.interval,
+            np.where(has[steps.measurement], steps.measurement, -1),
+            np.concatenate([lin.transition[:, : states.SENSORS], lin.inputs], axis=2),
+            np.concatenate([own, np.exp(-length[:, None] * self.decay)], axis=1),
+            lin.h @ self.to_error,
+            lin.gain,
+            self.to_error,
+        )
 
 
 class AlongTruth(NamedTuple):
@@ -287,16 +312,22 @@ class AlongTruth(NamedTuple):
     true: tuple[TrueState, ...]
 
 
+def _densities(flight: Flight) -> np.ndarray:
+    """Densities of the sensor noises (NOISES,) that there really are."""
+    gyro, accel = flight.gyro, flight.accel
+    return np.array([gyro.noise_density**2, accel.noise_density**2, gyro.drive(), accel.drive()])
+
+
 def along_truth(flight: Flight) -> AlongTruth:
     """Fly the filter of a flight along the truth, without noise."""
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     ranges, rates = without_noise(world)
-    llh, velocity, cov = _solve(world, ranges, rates)
+    llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
     true = true_states(gyro, accel)
     truth = states.declared([state.block for state in true])
-    markov = states.declared(states.biases((1.0 / gyro.markov_time, 0.0), (1.0 / accel.markov_time, 0.0)))
+    mine = flight.model.declared
     steps = steps_of(float(world.imu_time[0]), flight.events)
-    lin = room(steps, world.filter_time.size, flight.model.declared, truth)
+    lin = empty(steps, world.filter_time.size, mine, truth)
     linearise(
         ImuData(world.imu_time, world.dtheta, world.dv),
         measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), [aid.exact for aid in world.aids]),
@@ -304,11 +335,13 @@ def along_truth(flight: Flight) -> AlongTruth:
         steps,
         start(exact_start(world.at_filter), flight.covariance),
         flight.model,
-        truth,
-        markov,
+        np.concatenate([mine, truth]),
+        mine.size + _MARKOV,
+        _densities(flight) > 0.0,
+        in_lanes(np.zeros((1, ROWS))),
         lin,
     )
-    return AlongTruth(steps, lin, *_slopes(world, ranges, rates), true)
+    return AlongTruth(steps, lin, *_slopes(world, ranges, rates, (llh, velocity, clocks)), true)
 
 
 def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None) -> Analysis:
@@ -318,123 +351,81 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     where the result contradicts itself.
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
-    steps, lin, by_range, by_rate, true = along or along_truth(flight)
-    s, events, outputs = world.signals, flight.events, world.filter_time.size
+    along = along or along_truth(flight)
+    steps, lin, by_range, by_rate, true = along
+    s, events, e, outputs = world.signals, flight.events, world.signals.time.size, world.filter_time.size
     own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
     sources = (*own, *(aid.sensor.name for aid in world.aids))
-    of_kind = {aid.sensor.kind: (len(own) + k, aid) for k, aid in enumerate(world.aids)}
     carried = _Augmented(beliefs.sensors.blocks, [state.block for state in true])
-    n = carried.n
+    n, route = carried.n, carried.route(events, steps, lin)
+    weighed, row = _weighed(events, route, FIX)
+    there = lin.have > 0.0
+    both = there[weighed, :, None] & there[weighed, None, :]
 
-    density = np.zeros((len(sources), NOISES))
-    for row, (name, value) in enumerate(
-        (
-            ("gyro_noise", gyro.noise_density**2),
-            ("accelerometer_noise", accel.noise_density**2),
-            ("gyro_markov", gyro.drive()),
-            ("accelerometer_markov", accel.drive()),
-        )
-    ):
-        density[SOURCES.index(name), row] = value
-    e = s.time.size
-    noise = np.zeros((len(sources), e, MOST, MOST))
-    smoothed = None
-    if s.smoothing is not None:
-        smoothed = _Smoothed(carried.size, s.smoothing, s.sigma, s.used, by_range, of_pseudolites)
+    # what is new at each measurement, by its source: covariance of its noise (w, MOST, MOST)
+    noise = {source: np.zeros((*there.shape, MOST)) for source in (*_RATES, *_RANGES, *range(len(own), len(sources)))}
     for which, chosen in enumerate((~of_pseudolites, of_pseudolites)):
-        noise[_RATES[which]] = _white(by_rate, s.rate_sigma, s.used, chosen)
-        if smoothed is None:
-            noise[_RANGES[which]] = _white(by_range, s.sigma, s.used, chosen)
-    ephemeris = _messages(s, by_range)
+        noise[_RATES[which]][weighed] = np.where(both, _white(by_rate, s.rate_sigma, s.used, chosen)[row], 0.0)
+        if s.smoothing is None:
+            noise[_RANGES[which]][weighed] = np.where(both, _white(by_range, s.sigma, s.used, chosen)[row], 0.0)
+    for k, aid in enumerate(world.aids):
+        at, numbers = _weighed(events, route, aid.sensor.kind)[0], np.arange(aid.sigma.size)
+        noise[len(own) + k][at[:, None], numbers, numbers] = np.where(there[at][:, numbers], aid.sigma**2, 0.0)
+    out = _Sums(np.zeros((len(sources), outputs, n)), np.zeros((outputs, n, n)), np.zeros((*there.shape, MOST)))
+    density = np.zeros((len(sources), NOISES))
+    density[[SOURCES.index(name) for name in _NOISES], np.arange(NOISES)] = _densities(flight)
+    # Markov biases are states of the truth; no other noise acts on one
+    markov = np.flatnonzero(density[:, 2:].any(axis=1)).tolist()
+    others = [*np.flatnonzero(density[:, :2].any(axis=1)).tolist(), *noise]
+    for group, chosen in ((others, np.arange(n)), (markov, np.append(np.arange(n), carried.markov))):
+        for first in range(0, len(group), WIDTH):
+            some = group[first : first + WIDTH]
+            _carry_noises(route.of(chosen), lin.added, some, density[some], [noise.get(k) for k in some], out)
+    if s.smoothing is not None:
+        _carry_smoothed(flight, along, route, of_pseudolites, out)
 
-    variance = np.empty((len(sources), outputs, n))
-    means, sums = np.empty((outputs, n)), np.empty((outputs, n, n))
+    # a column for what is systematic, then one for each thing that is drawn once
+    columns, owner = _at_start(carried, sources, flight.initial, true)
+    messages = _messages(s, by_range)
+    messages = messages[:, :, messages.any(axis=(0, 1))]
+    first = columns.shape[1]
+    columns = np.pad(columns, ((0, 0), (0, messages.shape[2])))
+    owner = np.append(owner, np.full(messages.shape[2], _EPHEMERIS))
+    off = np.zeros((*there.shape, owner.size))
+    off[:, :, 0] = lin.z
+    off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
+    errors, seen = _carry_columns(route, columns, off)
+    for source in set(owner[1:].tolist()):
+        out.variance[source] += np.sum(errors[:, :, owner == source] ** 2, axis=2)
+    out.covariance[...] += errors[:, :, 1:] @ np.swapaxes(errors[:, :, 1:], 1, 2)
+    out.second[...] += seen[:, :, 1:] @ np.swapaxes(seen[:, :, 1:], 1, 2)
+
+    # numbers that are not there are 0, and whatever is expected of them does nothing
+    expected = lin.expected + np.eye(MOST) * ~there[:, :, None]
+    solved = np.linalg.solve(expected, np.concatenate([out.second, seen[:, :, :1]], axis=2))
+    of_mean = np.sum(seen[:, :, 0] * solved[:, :, MOST], axis=1)
+    square = np.trace(solved[:, :, :MOST], axis1=1, axis2=2) + of_mean
     nis, degrees, systematic = np.full(e, np.nan), np.zeros(e, np.int64), np.zeros(e)
-
-    total, mean = _at_start(carried, sources, flight.initial, true)
-    response = np.zeros((carried.size, ephemeris.shape[2]))
-    kept = copied = (total, mean, response)
-    # smoothed ranges are carried on a copy that runs ahead where fixes are weighed there
-    smoothed_ahead = smoothed is not None and bool(np.any(events.ahead & (events.kind == FIX)))
-    copy: _Smoothed | None = None
-    was_ahead = False
-    aided = {aid.sensor.name: np.zeros(2) for aid in world.aids}
-    for i in range(events.time.size):
-        # on a copy of the filter that runs ahead nothing but the answer is kept
-        ahead = bool(events.ahead[i])
-        total, mean, response = copied if ahead and was_ahead else kept
-        if ahead and not was_ahead and smoothed is not None and smoothed_ahead:
-            copy = smoothed.copied()
-        ranges_here = copy if ahead else smoothed
-        was_ahead = ahead
-        interval = steps.interval[i]
-        if interval >= 0:
-            phi, added = carried.interval(lin, interval, steps.length[i], density)
-            total = phi @ total @ phi.T + added
-            mean, response = phi @ mean, phi @ response
-            if ranges_here is not None:
-                ranges_here.carry(phi)
-                total[list(_RANGES)] = ranges_here.state()
-        kind, row, w = int(events.kind[i]), int(events.row[i]), steps.measurement[i]
-        if kind == OUTPUT:
-            error = carried.to_error @ total @ carried.to_error.T
-            one = carried.to_error @ response
-            error[_EPHEMERIS] = one @ one.T
-            variance[:, row] = np.diagonal(error, axis1=1, axis2=2)
-            sums[row] = error.sum(axis=0)
-            means[row] = carried.to_error @ mean
-        if kind == FIX and ranges_here is not None:
-            ranges_here.measure(row)
-        if kind == FIX and not ahead:
-            degrees[row] = int(lin.have[w].sum())
-        if w >= 0 and lin.have[w].any():
-            there = np.flatnonzero(lin.have[w])
-            m = there.size
-            here = lin.h[w, there] @ carried.to_error
-            feedback = np.zeros((carried.size, m))
-            feedback[:n] = lin.gain[w][:, there]
-            keep = np.eye(carried.size) - feedback @ here
-            z, expected = lin.z[w, there], lin.expected[w][np.ix_(there, there)]
-            if kind == FIX:
-                r, message = noise[:, row][:, there[:, None], there], ephemeris[row, there]
-            else:
-                source, aid = of_kind[kind]
-                r, message = np.zeros((len(sources), m, m)), np.zeros((m, response.shape[1]))
-                r[source] = np.diag(aid.sigma[there] ** 2)
-            fixed_off, messages_off = z + here @ mean, here @ response + message
-            correlated = kind == FIX and ranges_here is not None
-            others = (np.delete(total, _RANGES, axis=0) if correlated else total).sum(axis=0)
-            second = here @ others @ here.T + r.sum(axis=0) + messages_off @ messages_off.T
-            total = keep @ total @ keep.T + feedback @ r @ feedback.T
-            if ranges_here is not None:
-                if correlated:
-                    second += ranges_here.fixed(row, here, feedback, there)
-                else:
-                    ranges_here.carry(keep)
-                total[list(_RANGES)] = ranges_here.state()
-            mean = keep @ mean - feedback @ z
-            response = keep @ response - feedback @ message
-            off = fixed_off @ np.linalg.solve(expected, fixed_off)
-            square = np.trace(np.linalg.solve(expected, second)) + off
-            if kind == FIX and not ahead:
-                systematic[row], nis[row] = off, square
-            elif not ahead:
-                aided[aid.sensor.name] += square, m
-        if ahead:
-            copied = (total, mean, response)
-        else:
-            kept = (total, mean, response)
-    out = Analysis(sources, variance, means, sums, lin.believed, nis, degrees, aided)
-    white = smoothed is None and s.space is None and beliefs.sigma_scale == 1.0
+    kept = ~events.ahead
+    weighed, row = _weighed(events, route, FIX, kept)
+    nis[row], systematic[row], degrees[row] = square[weighed], of_mean[weighed], there[weighed].sum(axis=1)
+    aided = {}
+    for aid in world.aids:
+        weighed, _ = _weighed(events, route, aid.sensor.kind, kept)
+        aided[aid.sensor.name] = np.array([square[weighed].sum(), there[weighed].sum()], float)
+    analysis = Analysis(
+        sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
+    )
+    white = s.smoothing is None and s.space is None and beliefs.sigma_scale == 1.0
     white &= all(np.array_equal(aid.sigma, aid.believed) for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     matched &= _same(beliefs.sensors, followed(gyro, accel, n > states.N))
-    begins = np.allclose(lin.believed[0], sums[0], rtol=1e-9, atol=0.0)
+    begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)
     # a constant bias beside a Markov one is more than the filter's one state a bias can follow
     can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
-    _check(out, matched=bool(white and matched and begins and can_follow and np.all(systematic < 1e-3)))
-    return out
+    _check(analysis, matched=bool(white and matched and begins and can_follow and np.all(systematic < 1e-3)))
+    return analysis
 
 
 def _same(a: SensorBeliefs, b: SensorBeliefs) -> bool:
@@ -473,13 +464,15 @@ def _messages(signals: Signals, by_range: np.ndarray) -> np.ndarray:
 def _at_start(
     carried: _Augmented, sources: Sequence[str], initial: InitialErrors, true: Sequence[TrueState]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances (source, S, S) and mean (S,) at time 0."""
-    total = np.zeros((len(sources), carried.size, carried.size))
+    """Columns (S, c) at time 0, the mean first, then 1 sigma of each thing that is drawn, and the source (c,) of each,
+    -1 for the mean."""
     mean = np.zeros(carried.size)
+    columns, owner = [mean], [-1]
 
     def draw(source: str, first: int, sigma: float) -> None:
-        at = range(first, first + 3)
-        total[sources.index(source), at, at] = sigma**2
+        if sigma > 0.0:
+            columns.extend(sigma * np.eye(carried.size)[first : first + 3])
+            owner.extend([sources.index(source)] * 3)
 
     if initial.fixed is None:
         draw("initial_position", states.POS, initial.position)
@@ -493,7 +486,100 @@ def _at_start(
             draw(state.source, first, state.sigma)
         else:
             mean[first : first + 3] = state.fixed
-    return total, mean
+    return np.stack(columns, axis=1), np.array(owner)
+
+
+class _Sums(NamedTuple):
+    """What sources add to: variance (source, o, n) and covariance (o, n, n) of the errors at the outputs; second (w,
+    MOST, MOST) moments of the innovations."""
+
+    variance: np.ndarray
+    covariance: np.ndarray
+    second: np.ndarray
+
+
+def _weighed(
+    events: Events, route: Route, kind: int, chosen: np.ndarray | bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Measurements of a kind that the filter weighs, of chosen events: which of the route's, and their rows (m,)."""
+    at = np.flatnonzero((events.kind == kind) & (route.weighed >= 0) & chosen)
+    return route.weighed[at], events.row[at]
+
+
+def _carry_noises(
+    route: Route, added: np.ndarray, some: list[int], density: np.ndarray, noise: list[np.ndarray | None], out: _Sums
+) -> None:
+    """Add what at most WIDTH sources do that are new all the time. some: which; density: (source, NOISES) of the
+    sensors; noise: of measurements (w, MOST, MOST), if any."""
+    n, size = route.to_error.shape
+    density_of, noise_of = np.zeros((NOISES, WIDTH)), np.zeros((*out.second.shape, WIDTH))
+    density_of[:, : len(some)] = density.T
+    for lane, of_source in enumerate(noise):
+        if of_source is not None:
+            noise_of[..., lane] = of_source
+    variance = np.empty((*out.variance.shape[1:], WIDTH))
+    # the Markov biases come behind the filter's states where they are carried
+    place = np.append(np.arange(states.SENSORS), n + np.arange(states.N - states.SENSORS))
+    carry_covariances(
+        route, added, place, in_lanes(density_of), in_lanes(np.zeros((2, size, size, WIDTH))), in_lanes(noise_of),
+        in_lanes(variance), out.second, out.covariance,
+    )  # fmt: skip
+    out.variance[some] += np.moveaxis(variance, -1, 0)[: len(some)]
+
+
+def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudolites: np.ndarray, out: _Sums) -> None:
+    """Add what the noise of smoothed ranges does."""
+    s, events, lin = flight.world.signals, flight.events, along.lin
+    assert s.smoothing is not None
+    n = lin.believed.shape[1]
+    own = copy = _Smoothed(n, s.smoothing, s.sigma, s.used, along.by_range, of_pseudolites)
+    was_ahead = False
+    for i in range(events.time.size):
+        ahead = bool(events.ahead[i])
+        if ahead and not was_ahead:
+            copy = own.copied()
+        was_ahead = ahead
+        here = copy if ahead else own
+        if route.interval[i] >= 0:
+            here.carry(lin.transition[route.interval[i]])
+        row, w = events.row[i], route.weighed[i]
+        if events.kind[i] == OUTPUT:
+            out.variance[list(_RANGES), row] = np.diagonal(here.state(), axis1=1, axis2=2)
+            out.covariance[row] += here.state().sum(axis=0)
+        if events.kind[i] == FIX:
+            here.measure(row)
+        if w >= 0:
+            there = np.flatnonzero(lin.have[w])
+            h, gain = lin.h[w, there], lin.gain[w][:, there]
+            if events.kind[i] == FIX:
+                moments = here.fixed(row, h, gain, there)
+            else:
+                moments = h @ here.state().sum(axis=0) @ h.T
+                here.carry(np.eye(n) - gain @ h)
+            out.second[w][np.ix_(there, there)] += moments
+
+
+def _carry_columns(route: Route, start_: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Carry columns (S, c) from the start on, measurements being off by `off` (w, MOST, c).
+
+    Returns errors at the outputs (o, n, c) and innovations (w, MOST, c)."""
+    count = start_.shape[1]
+    groups = -(-count // WIDTH)
+
+    def grouped(array: np.ndarray) -> np.ndarray:
+        padded = np.zeros((*array.shape[:-1], groups * WIDTH))
+        padded[..., :count] = array
+        return np.moveaxis(padded.reshape(*array.shape[:-1], groups, WIDTH), -2, -3)
+
+    def together(array: np.ndarray) -> np.ndarray:
+        return np.moveaxis(array, -3, -2).reshape(array.shape[0], array.shape[2], -1)[..., :count]
+
+    n, size = route.to_error.shape
+    x, d = np.zeros((2, groups, size, WIDTH)), np.ascontiguousarray(grouped(off))
+    x[0] = grouped(start_)
+    seen, errors = np.zeros_like(d), np.empty((int(route.output.max(initial=-1)) + 1, groups, n, WIDTH))
+    carry_columns(route, in_lanes(x), in_lanes(d), in_lanes(seen), in_lanes(errors))
+    return together(errors), together(seen)
 
 
 def folded_quantile(probability: float, mean: float, sigma: float) -> float:

@@ -1,0 +1,277 @@
+"""Errors carried through a linearised filter: kernels of the covariance analysis (`simulation.landing_covariance`).
+
+Lanes are no runs here: they are sources of error, or directions of errors. What is constant over a run, or drawn once,
+is carried as columns x, which the filter turns into Phi x over an interval and x - K (H x + d) at a measurement that it
+is off by d; what comes anew all the time, as covariances P.
+
+Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.jit import kernel
+from navsim.core.lanes import fma, numbers, registers, room, small_matrix, small_vector
+from navsim.core.states import MOST, SENSORS
+
+
+class Route(NamedTuple):
+    """What happens to S states carried, of which a filter's n come first.
+
+    Of events (k,): ahead, as of `records.Events`; output, interval, weighed: the row of what it is, or ends, below, -1
+    for none. Of i intervals: phi (i, 9, S) the rows of navigation of Phi; rest (i, S - 9) what is left of the sensor
+    states, which nothing else acts on. Of w measurements: h (w, MOST, S); gain (w, n, MOST). to_error (n, S): the
+    errors of the filter's states.
+    """
+
+    ahead: np.ndarray
+    output: np.ndarray
+    interval: np.ndarray
+    weighed: np.ndarray
+    phi: np.ndarray
+    rest: np.ndarray
+    h: np.ndarray
+    gain: np.ndarray
+    to_error: np.ndarray
+
+    def of(self, chosen: np.ndarray) -> Route:
+        """The same for some of the states, the filter's among them, where the others are always zero."""
+        sensors = chosen[SENSORS:] - SENSORS
+        return self._replace(
+            phi=np.take(self.phi, chosen, axis=-1),
+            rest=np.take(self.rest, sensors, axis=-1),
+            h=np.take(self.h, chosen, axis=-1),
+            to_error=np.take(self.to_error, chosen, axis=-1),
+        )
+
+
+@kernel
+def _carry_column(phi, rest, x):
+    """x (S,) <- Phi x; see `Route`."""
+    out = small_vector(x, SENSORS)
+    for i in range(SENSORS):
+        t = phi[i, 0] * x[0]
+        for j in range(1, x.shape[0]):
+            t = fma(phi[i, j], x[j], t)
+        out[i] = t
+    for i in range(SENSORS):
+        x[i] = out[i]
+    for c in range(rest.shape[0]):
+        x[SENSORS + c] *= rest[c]
+
+
+@kernel
+def _observe_column(h, x, d, seen):
+    """seen (m,) <- H x + d."""
+    for a in range(h.shape[0]):
+        t = d[a]
+        for j in range(x.shape[0]):
+            if h[a, j] != 0.0:
+                t = fma(h[a, j], x[j], t)
+        seen[a] = t
+
+
+@kernel
+def carry_columns(route, x, d, seen, error):
+    """Carry columns in lanes, groups g of them.
+
+    x (2, g, S): at the start, and room for the copy that runs ahead; overwritten. d (w, g, MOST): by how much
+    measurements are off. Out: seen (w, g, MOST) the innovations H x + d; error (o, g, n) at the outputs.
+    """
+    x, d, seen, error = registers(x), registers(d), registers(seen), registers(error)
+    size, n = x.shape[2], route.gain.shape[1]
+    before = 0
+    for i in range(route.ahead.shape[0]):
+        ahead = 1 if route.ahead[i] else 0
+        at, w, row = route.interval[i], route.weighed[i], route.output[i]
+        for g in range(x.shape[1]):
+            if ahead > before:
+                for j in range(size):
+                    x[1, g, j] = x[0, g, j]
+            one = x[ahead, g]
+            if at >= 0:
+                _carry_column(route.phi[at], route.rest[at], one)
+            if row >= 0:
+                for j in range(n):
+                    t = one[j]
+                    for c in range(n, size):
+                        if route.to_error[j, c] != 0.0:
+                            t += one[c]
+                    error[row, g, j] = t
+            if w >= 0:
+                there = seen[w, g]
+                _observe_column(route.h[w], one, d[w, g], there)
+                for j in range(n):
+                    t = one[j]
+                    for a in range(there.shape[0]):
+                        t = fma(-route.gain[w, j, a], there[a], t)
+                    one[j] = t
+        before = ahead
+
+
+@kernel
+def _carry(phi, rest, p, work):
+    """P <- Phi P Phi' (S, S); work: (9, S)."""
+    size = p.shape[0]
+    for i in range(SENSORS):
+        for j in range(size):
+            t = phi[i, 0] * p[0, j]
+            for k in range(1, size):
+                t = fma(phi[i, k], p[k, j], t)
+            work[i, j] = t
+    for i in range(SENSORS):
+        for j in range(i + 1):
+            t = phi[j, 0] * work[i, 0]
+            for k in range(1, size):
+                t = fma(phi[j, k], work[i, k], t)
+            p[i, j] = t
+            p[j, i] = t
+        for c in range(rest.shape[0]):
+            t = work[i, SENSORS + c] * rest[c]
+            p[i, SENSORS + c] = t
+            p[SENSORS + c, i] = t
+    for c in range(rest.shape[0]):
+        for k in range(rest.shape[0]):
+            p[SENSORS + c, SENSORS + k] *= rest[c] * rest[k]
+
+
+@kernel
+def _add(added, place, density, p):
+    """P += density times `added` (15, 15), whose states have these places (15,) in P; the first nine are the first."""
+    for i in range(place.shape[0]):
+        for j in range(place.shape[0]):
+            if added[i, j] != 0.0:
+                p[place[i], place[j]] = fma(density, added[i, j], p[place[i], place[j]])
+
+
+@kernel
+def _weigh(h, gain, r, p, hp, work):
+    """P <- (I - K H) P (I - K H)' + K R K', symmetric; also the second moments of the innovations, H P H' + R.
+
+    h: (m, S). gain: (n, m). r: (m, m), overwritten by these moments. p: (S, S). hp (m, S), work (S, m): space.
+    """
+    size, n, m = p.shape[0], gain.shape[0], h.shape[0]
+    for a in range(m):
+        for j in range(size):
+            hp[a, j] = 0.0
+        for k in range(size):
+            if h[a, k] != 0.0:
+                for j in range(size):
+                    hp[a, j] = fma(h[a, k], p[k, j], hp[a, j])
+    # first V = P - K (H P), then V + (K R - V H') K': twice a difference of like numbers, as the product has it
+    for i in range(size):
+        for a in range(m):
+            work[i, a] = 0.0
+    for i in range(n):
+        for j in range(size):
+            t = p[i, j]
+            for a in range(m):
+                t = fma(-gain[i, a], hp[a, j], t)
+            p[i, j] = t
+        for a in range(m):
+            t = gain[i, 0] * r[0, a]
+            for b in range(1, m):
+                t = fma(gain[i, b], r[b, a], t)
+            work[i, a] = t
+    for i in range(size):
+        for a in range(m):
+            t = work[i, a]
+            for k in range(size):
+                if h[a, k] != 0.0:
+                    t = fma(-h[a, k], p[i, k], t)
+            work[i, a] = t
+    for i in range(size):
+        for j in range(min(i + 1, n)):
+            t = p[i, j]
+            for a in range(m):
+                t = fma(work[i, a], gain[j, a], t)
+            p[i, j] = t
+            p[j, i] = t
+    for a in range(m):
+        for b in range(m):
+            t = r[a, b]
+            for k in range(size):
+                if h[b, k] != 0.0:
+                    t = fma(h[b, k], hp[a, k], t)
+            r[a, b] = t
+
+
+@kernel
+def _errors(to_error, p, work, variance, sums):
+    """variance (n,) <- those of the errors in each lane; sums (n, n) += the covariances of all lanes. work: (n, S)."""
+    n, size = to_error.shape
+    alone = numbers(work)
+    lanes = alone.shape[1] // size
+    for i in range(n):
+        for j in range(size):
+            t = p[i, j]
+            for c in range(n, size):
+                if to_error[i, c] != 0.0:
+                    t += p[c, j]
+            work[i, j] = t
+    for i in range(n):
+        for j in range(i + 1):
+            t = work[i, j]
+            for c in range(n, size):
+                if to_error[j, c] != 0.0:
+                    t += work[i, c]
+            work[i, j] = t
+            total = sums[i, j]
+            for k in range(lanes):
+                total += alone[i, lanes * j + k]
+            sums[i, j] = total
+            sums[j, i] = total
+        variance[i] = work[i, i]
+
+
+@kernel
+def carry_covariances(route, added, place, density, p, r, variance, second, sums):
+    """Carry the covariances of sources in lanes.
+
+    added (i, noises, 15, 15): of intervals, for a unit density; place (15,): its states among those carried; density
+    (noises,), 0 where a source is another. p (2, S, S): at the start, and room for the copy that runs ahead;
+    overwritten. r (w, MOST, MOST): noise of measurements. Out: variance (o, n) of errors at the outputs; sums over the
+    lanes, added to second (w, MOST, MOST), moments of innovations, and to sums (o, n, n), covariances at the outputs.
+    """
+    p, r, density, variance = registers(p), registers(r), registers(density), registers(variance)
+    size, n, noises = p.shape[1], route.gain.shape[1], density.shape[0]
+    work, hp, by = room(p, (n, size)), room(p, (MOST, size)), room(p, (size, MOST))
+    moments = small_matrix(p, MOST, MOST)
+    alone = numbers(moments)
+    lanes = alone.shape[1] // MOST
+    there = np.zeros(noises, np.bool_)
+    numbers_of = numbers(density)
+    for k in range(noises):
+        for c in range(lanes):
+            if numbers_of[k * lanes + c] != 0.0:
+                there[k] = True
+    before = 0
+    for i in range(route.ahead.shape[0]):
+        ahead = 1 if route.ahead[i] else 0
+        if ahead > before:
+            for j in range(size):
+                for k in range(size):
+                    p[1, j, k] = p[0, j, k]
+        before = ahead
+        one, at, w, row = p[ahead], route.interval[i], route.weighed[i], route.output[i]
+        if at >= 0:
+            _carry(route.phi[at], route.rest[at], one, work)
+            for k in range(noises):
+                if there[k]:
+                    _add(added[at, k], place, density[k], one)
+        if row >= 0:
+            _errors(route.to_error, one, work, variance[row], sums[row])
+        if w >= 0:
+            for a in range(MOST):
+                for b in range(MOST):
+                    moments[a, b] = r[w, a, b]
+            _weigh(route.h[w], route.gain[w], moments, one, hp, by)
+            for a in range(MOST):
+                for b in range(MOST):
+                    total = second[w, a, b]
+                    for c in range(lanes):
+                        total += alone[a, lanes * b + c]
+                    second[w, a, b] = total

@@ -1,0 +1,141 @@
+"""What the covariance analysis stands on: errors carried in lanes against dense products, and the slopes of the
+receiver's fixes against differences of fixes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.core.lanes import WIDTH, in_lanes
+from navsim.core.states import MOST, SENSORS
+from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
+from navsim.simulation.landing import receiver_fixes, without_noise
+from navsim.simulation.landing_covariance import along_truth
+from tests.helpers import case
+
+N, SIZE = 15, 21
+AHEAD = np.array([0, 0, 1, 1, 0, 0, 1], bool)
+OUTPUT = np.array([0, -1, -1, 1, -1, 2, 3])
+INTERVAL = np.array([-1, 0, 1, -1, 2, 3, 4])
+WEIGHED = np.array([-1, 0, 1, -1, 2, -1, -1])
+
+
+def a_route(rng: np.random.Generator) -> Route:
+    """Seven events, three of them on copies that run ahead; a sensor state of the truth for each of the filter."""
+    h = np.zeros((3, MOST, SIZE))
+    h[:, :, :N] = rng.standard_normal((3, MOST, N)) * (rng.random((3, MOST, N)) < 0.3)
+    same = np.hstack([np.eye(N), np.vstack([np.zeros((SENSORS, SIZE - N)), np.eye(SIZE - N)])])
+    phi = np.eye(SENSORS, SIZE) + 0.3 * rng.standard_normal((5, SENSORS, SIZE))
+    rest = 0.5 + 0.5 * rng.random((5, SIZE - SENSORS))
+    gain = 0.2 * rng.standard_normal((3, N, MOST))
+    return Route(AHEAD, OUTPUT, INTERVAL, WEIGHED, phi, rest, h[:, :, :N] @ same, gain, same)
+
+
+def dense(route: Route, at: int) -> tuple[np.ndarray, np.ndarray]:
+    """Phi of an interval and I - K H of a measurement (S, S)."""
+    phi, keep = np.eye(SIZE), np.eye(SIZE)
+    if at < route.phi.shape[0]:
+        phi[:SENSORS] = route.phi[at]
+        phi[SENSORS:] *= route.rest[at][:, None]
+    if at < route.h.shape[0]:
+        keep[:N] -= route.gain[at] @ route.h[at]
+    return phi, keep
+
+
+def test_columns() -> None:
+    rng = np.random.default_rng(4)
+    route = a_route(rng)
+    start, off = rng.standard_normal((SIZE, WIDTH)), rng.standard_normal((3, MOST, WIDTH))
+    x, seen, error = np.zeros((2, 1, SIZE, WIDTH)), np.empty((3, 1, MOST, WIDTH)), np.empty((4, 1, N, WIDTH))
+    x[0, 0] = start
+    carry_columns(route, in_lanes(x), in_lanes(off[:, None].copy()), in_lanes(seen), in_lanes(error))
+    own = copy = start
+    for i in range(AHEAD.size):
+        copy = own if AHEAD[i] and not AHEAD[i - 1] else copy
+        one = copy if AHEAD[i] else own
+        if INTERVAL[i] >= 0:
+            one = dense(route, INTERVAL[i])[0] @ one
+        if OUTPUT[i] >= 0:
+            np.testing.assert_allclose(error[OUTPUT[i], 0], route.to_error @ one, atol=1e-12)
+        if (w := WEIGHED[i]) >= 0:
+            np.testing.assert_allclose(seen[w, 0], route.h[w] @ one + off[w], atol=1e-12)
+            one = dense(route, w)[1] @ one
+            one[:N] -= route.gain[w] @ off[w]
+        own, copy = (own, one) if AHEAD[i] else (one, copy)
+
+
+def test_covariances() -> None:
+    """Each lane by itself, and what they add up to."""
+    rng = np.random.default_rng(5)
+    route = a_route(rng)
+
+    def positive(*shape: int) -> np.ndarray:
+        root = rng.standard_normal(shape)
+        return root @ np.swapaxes(root, -1, -2)
+
+    start = np.stack([positive(SIZE, SIZE) for _ in range(WIDTH)], axis=-1)
+    noise = np.stack([positive(3, MOST, MOST) for _ in range(WIDTH)], axis=-1)
+    added, density = positive(5, 4, 15, 15), np.zeros((4, WIDTH))
+    density[1, 0], density[3, 2] = 0.7, 0.4
+    place = np.append(np.arange(SENSORS), np.arange(N, SIZE))
+    p, variance = np.zeros((2, SIZE, SIZE, WIDTH)), np.empty((4, N, WIDTH))
+    p[0] = start
+    second, sums = np.zeros((3, MOST, MOST)), np.zeros((4, N, N))
+    carry_covariances(
+        route, added, place, in_lanes(density), in_lanes(p), in_lanes(noise), in_lanes(variance), second, sums
+    )
+    own = copy = np.moveaxis(start, -1, 0)
+    r = np.moveaxis(noise, -1, 0)
+    for i in range(AHEAD.size):
+        copy = own if AHEAD[i] and not AHEAD[i - 1] else copy
+        one = copy if AHEAD[i] else own
+        if (at := INTERVAL[i]) >= 0:
+            phi = dense(route, at)[0]
+            one = phi @ one @ phi.T
+            one[:, place[:, None], place] += np.einsum("kl,kij->lij", density, added[at])
+        if (o := OUTPUT[i]) >= 0:
+            error = route.to_error @ one @ route.to_error.T
+            np.testing.assert_allclose(variance[o].T, np.diagonal(error, axis1=1, axis2=2), rtol=1e-12)
+            np.testing.assert_allclose(sums[o], error.sum(axis=0), atol=1e-12 * np.abs(sums[o]).max())
+        if (w := WEIGHED[i]) >= 0:
+            h, gain, keep = route.h[w], np.zeros((SIZE, MOST)), dense(route, w)[1]
+            gain[:N] = route.gain[w]
+            expected = (h @ one @ h.T + r[:, w]).sum(axis=0)
+            np.testing.assert_allclose(second[w], expected, atol=1e-12 * np.abs(expected).max())
+            one = keep @ one @ keep.T + gain @ r[:, w] @ gain.T
+        own, copy = (own, one) if AHEAD[i] else (one, copy)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("pseudolites.survey_error_m=[15, -10, 3]", "pseudolites.clock_offset_ns=30"),
+        ("sky.source=nominal", "pseudolites.clock=own"),
+        ("sky.mask_deg=60", "pseudolites.count=0"),
+    ],
+    ids=["as shipped", "large residuals", "three clocks", "no fix"],
+)
+def test_slopes_of_fixes(settings: tuple[str, ...]) -> None:
+    """Within 1e-6 of the largest, where a difference of fixes 0.1 m apart is rounded to 1e-7."""
+    flight = case("duration_s=62", "receiver.rate_hz=1", *settings).flight
+    world, along = flight.world, along_truth(flight)
+    step = 0.05
+    for part, slopes in enumerate((along.by_range, along.by_rate)):
+        within = 1e-6 * np.abs(slopes).max()
+        for source in range(0, slopes.shape[2], 3):
+            moved = []
+            for sign in (1.0, -1.0):
+                measured = without_noise(world)
+                measured[part][:, source] += sign * step
+                moved.append(receiver_fixes(world, *measured))
+            (llh, velocity, *_), (before, velocity_before, *_) = moved
+            fixed = np.isfinite(llh[:, 0]) & world.signals.used[:, source]
+            metres = (llh - before)[:, :2] * np.array([6.40e6, 6.39e6 * np.cos(np.radians(56.0))])
+            slope = np.hstack([-(llh - before)[:, 2:], velocity - velocity_before]) / (2.0 * step)
+            np.testing.assert_allclose(slopes[fixed, 2:, source], slope[fixed], atol=within)
+            # radii of curvature to a few thousandths
+            np.testing.assert_allclose(
+                slopes[fixed, :2, source], metres[fixed] / (2.0 * step), rtol=5e-3, atol=1e2 * within
+            )
+            assert not slopes[~fixed, :, source].any()
