@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from navsim.study.landing import fly_all
 
 GOLDEN_DEG = 137.50776405
 """Azimuth from one source to the next, so that any number of them are spread."""
+
+_TICKS = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Ratios that the figure names."""
 
 
 def ensemble(count: int, *settings: str, workers: int = 1) -> Job:
@@ -75,25 +79,22 @@ def draw(found: list[Curve], path: Path) -> None:
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
-    from matplotlib.ticker import NullFormatter, ScalarFormatter
+    from matplotlib.ticker import NullFormatter
 
-    figure, axes = pyplot.subplots(1, len(found), figsize=(2.6 * len(found), 2.6), layout="constrained", squeeze=False)
+    figure, axes = pyplot.subplots(
+        1, len(found), figsize=(2.6 * len(found), 2.6), sharey=True, layout="constrained", squeeze=False
+    )
     for axis, each in zip(axes[0], found, strict=True):
         sizes = list(each.seconds)
-        all_ = [each.against_first(size) for size in sizes]
-        middle = [sorted(values)[len(values) // 2] for values in all_]
-        axis.errorbar(
-            sizes,
-            middle,
-            [[m - min(v) for m, v in zip(middle, all_, strict=True)],
-             [max(v) - m for m, v in zip(middle, all_, strict=True)]],
-            marker="o", markersize=3, linewidth=1, capsize=2,
-        )  # fmt: skip
+        rounds = [each.against_first(size) for size in sizes]
+        middle = [statistics.median(values) for values in rounds]
+        reach = [[m - min(v), max(v) - m] for m, v in zip(middle, rounds, strict=True)]
+        axis.errorbar(sizes, middle, list(zip(*reach, strict=True)), marker="o", markersize=3, linewidth=1, capsize=2)
         axis.set(xscale="log", yscale="log", xlabel=each.what, title=f"slope {each.slope():.2f}")
         axis.set_xticks(sizes, [f"{size:g}" for size in sizes])
-        axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.yaxis.set_major_formatter(ScalarFormatter())
-        axis.yaxis.set_minor_formatter(NullFormatter())
+        axis.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+        for side in (axis.xaxis, axis.yaxis):
+            side.set_minor_formatter(NullFormatter())
         axis.grid(alpha=0.3)
     axes[0][0].set_ylabel("cost of a run, against the first")
     figure.savefig(path, dpi=100)

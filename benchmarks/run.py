@@ -138,14 +138,16 @@ def main() -> int:
     out.parent.mkdir(parents=True, exist_ok=True)
     lines: list[Line] = []
     found: list[Curve] = []
+    text = ""
     for name in options.only or SECTIONS:
         start = time.perf_counter()
         more, grown = SECTIONS[name](plan)
         lines += more
         found += grown
+        # after every part, so that a later one that fails takes nothing with it
+        text = report(lines, found, plan, out.with_name("curves.png"))
+        out.write_text(text)
         print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr)
-    text = report(lines, found, plan, out.with_name("curves.png"))
-    out.write_text(text)
     print(text)
     return 0 if plan.quick or all(line.holds for line in lines) else 1
 
