@@ -20,9 +20,13 @@ from packaging.requirements import Requirement
 LOCK = "requirements.lock"
 
 
+NOT_A_USERS = ("OPENBLAS_NUM_THREADS", "PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED")
+"""What the benchmarks set for themselves, and what has Python compile every module anew at every start."""
+
+
 def environment(**more: str) -> dict[str, str]:
-    """The environment of a user: without what the benchmarks set for themselves."""
-    return {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | more
+    """The environment of a user."""
+    return {name: value for name, value in os.environ.items() if name not in NOT_A_USERS} | more
 
 
 @dataclass(frozen=True)
