@@ -38,7 +38,7 @@ lint: $(STAMP)           ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(VENV)/.bench    ## speed against rivals, as ratios within one run; writes benchmarks/RESULTS.md
+bench: $(VENV)/.bench    ## speed as ratios within one run: rivals, the version before, C, sizes; 20 minutes; benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py
 
 $(STAMP): pyproject.toml requirements.lock
@@ -53,5 +53,5 @@ $(VENV)/.bench: $(STAMP) requirements-bench.lock
 	touch $@
 
 clean:                   ## remove the environment and everything generated
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture results/bench
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,145 @@
+"""The covariance step alone, by navsim's kernels and by `filter_step.c` wherever there is a compiler of C."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measure import STEPS, Job, Line, Plan, alternate, ratios, seconds, timed
+
+from navsim.core import strapdown
+from navsim.core.covariance import NOISE_ACCEL, NOISE_GYRO, add_white, carry_covariance, gain, joseph, transition
+from navsim.core.jit import kernel
+from navsim.core.lanes import WIDTH, in_lanes, registers, room
+from navsim.core.states import MOST, SENSORS, VEL, N
+from navsim.estimation.estimate import in_all_lanes
+from navsim.simulation.landing import exact_start
+
+SOURCE = Path(__file__).resolve().parent / "filter_step.c"
+OPTIONS = ("-O3", "-march=native")
+EVERY = 100
+"""Steps between two updates: 1 Hz."""
+VARIANCES = (16.0, 0.04)
+"""Of position and velocity fixes, m2, m2/s2."""
+TOLERANCE = 1e-9
+"""Largest difference between the covariances of C and of navsim, in products of their sigmas."""
+
+Run = Callable[[np.ndarray, int], None]
+"""A covariance, in lanes or not, over so many steps, in place."""
+
+
+@kernel
+def one_transition(nav, declared, dtheta, dv, dt, phi):
+    """Phi - I over one interval, phi (9, n)."""
+    increments, c_nb, mid, inverse = np.zeros(6), np.empty((3, 3)), np.empty(strapdown.MID_N), np.empty((2, 3, 3))
+    tx, ty, tz, ux, uy, uz = strapdown.compensated(
+        nav, False, inverse, dtheta[0], dtheta[1], dtheta[2], dv[0], dv[1], dv[2], dt
+    )
+    strapdown.step(nav, tx, ty, tz, ux, uy, uz, increments, dt, c_nb, mid)
+    transition(mid, dt, increments, declared, phi)
+
+
+@kernel
+def covariance_steps(p_, phi_, h_, r_, noise, dt, steps, every):
+    """P (n, n) over so many steps of one Phi, in place, with an update of six numbers each `every` steps."""
+    p, phi, h, r = registers(p_), registers(phi_), registers(h_), registers(r_)
+    n = p.shape[0]
+    a, pht, k, work = room(p, (n, SENSORS)), room(p, (n, MOST)), room(p, (n, MOST)), room(p, (n, MOST))
+    s = room(p, (MOST, MOST))
+    for step in range(1, steps + 1):
+        carry_covariance(p, phi, a)
+        add_white(p, noise, dt)
+        if step % every == 0:
+            gain(p, h, r, MOST, pht, s, k)
+            joseph(p, h, r, MOST, pht, k, work)
+
+
+def compiled(width: int, folder: Path) -> ctypes.CDLL | None:
+    """`filter_step.c` for so many runs side by side; None where no compiler is found."""
+    compiler = os.environ.get("CC") or shutil.which("cc")
+    if compiler is None:
+        return None
+    library = folder / f"filter_step_{width}.so"
+    flags = [*OPTIONS, "-shared", "-fPIC", f"-DWIDTH={width}"]
+    subprocess.run([*compiler.split(), *flags, "-o", str(library), str(SOURCE), "-lm"], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def _pointer(array: np.ndarray) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+def lines_of_c(plan: Plan, flight: Any) -> list[Line]:
+    """navsim's covariance step against C's. flight: of a landing (`simulation.landing`)."""
+    world, declared, noise = flight.world, flight.model.declared, flight.model.noise[0]
+    dt = float(world.imu_time[1])
+    phi = np.zeros((SENSORS, N))
+    one_transition(exact_start(world.at_filter).copy(), declared, world.dtheta[0], world.dv[0], dt, phi)
+    h = np.eye(MOST, N)
+    r = np.diag(np.repeat(VARIANCES, VEL))
+    setting = np.array([noise[NOISE_GYRO], noise[NOISE_ACCEL], dt, *VARIANCES])
+
+    def ours(p: np.ndarray, steps: int) -> None:
+        lanes = p.ndim == 3
+        arrays = (p, *(in_all_lanes(m) if lanes else m for m in (phi, h, r)))
+        covariance_steps(*(in_lanes(m) if lanes else m for m in arrays), noise, dt, steps, EVERY)
+
+    def theirs(function: Any) -> Run:
+        def run(p: np.ndarray, steps: int) -> None:
+            given = in_all_lanes(phi) if p.ndim == 3 else phi
+            function(_pointer(p), _pointer(given), _pointer(setting), ctypes.c_long(steps), ctypes.c_long(EVERY))
+
+        return run
+
+    begin = flight.covariance
+    with tempfile.TemporaryDirectory() as folder:
+        alone, side_by_side = (compiled(width, Path(folder)) for width in (1, WIDTH))
+        if alone is None or side_by_side is None:
+            return [Line("covariance step against C", (), "no compiler of C (`cc`) is found")]
+        runs: dict[str, tuple[Run, bool]] = {
+            "navsim": (ours, True),
+            "navsim's kernel on one run": (ours, False),
+            "C, dense 15×15": (theirs(alone.dense_steps), False),
+            "C, by blocks": (theirs(alone.block_steps), False),
+            f"C, by blocks, {WIDTH} runs in vectors": (theirs(side_by_side.block_steps), True),
+        }
+        expected = begin.copy()
+        ours(expected, STEPS)
+        for name, (run, in_vectors) in runs.items():
+            check(name, run, in_all_lanes(begin) if in_vectors else begin.copy(), expected)
+
+        def job(run: Run, in_vectors: bool) -> Job:
+            p = in_all_lanes(begin) if in_vectors else begin.copy()
+            return timed(lambda: run(p, STEPS))
+
+        jobs = [job(*each) for each in runs.values()]
+        took = alternate(plan.rounds(9), *jobs)
+    each = {
+        name: [s / (WIDTH if in_vectors else 1) for s in taken]
+        for (name, (_, in_vectors)), taken in zip(runs.items(), took, strict=True)
+    }
+    first, *others = each
+    return [
+        Line(
+            f"covariance step alone, {WIDTH} runs at once, against {name}",
+            ratios(each[name], each[first]),
+            f"{seconds('navsim', each[first], STEPS)}, {seconds('it', each[name], STEPS, ' a step')}",
+        )
+        for name in others
+    ]
+
+
+def check(name: str, run: Run, p: np.ndarray, expected: np.ndarray) -> None:
+    """Raises RuntimeError where another covariance comes out."""
+    run(p, STEPS)
+    sigma = np.sqrt(np.diagonal(expected))
+    off = np.abs((p if p.ndim == 3 else p[..., None]) - expected[..., None]) / np.outer(sigma, sigma)[..., None]
+    if not off.max() <= TOLERANCE:
+        raise RuntimeError(f"{name}: the covariance differs by {off.max():.1e} sigma2")

@@ -1,0 +1,207 @@
+"""Whole processes: against the version before, against their own imports, by workers, by memory."""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from measure import SCENARIO, Job, Line, Plan, alternate, ratios, seconds, timed
+from versions import Clock, Spent, Version, before, environment, now, spend
+
+FLOWN = ("--figures", "none")
+BRIEF = ("--set", "filter.kind=eskf", "--set", "duration_s=12")
+"""A short flight for the memory of many runs: what is kept of a run does not grow with its length."""
+
+
+def runs(version: Version, count: int, *arguments: str) -> Job:
+    """So many landings, their statistics and file."""
+    return version.command("run", version.landing, *FLOWN, "--runs", str(count), *arguments)
+
+
+def against_before(plan: Plan) -> list[Line]:
+    """The same work by this version and by the one before."""
+    old, new = before(plan.before), now()
+    if old is None:
+        return [Line(f"against the version before, {plan.before}", (), "git has no such commit here")]
+    lines = []
+    for what, arguments, must, aim in (
+        ("`eskf`", ("--set", "filter.kind=eskf"), 3.5, 6.0),
+        ("by default", (), 1.0, 2.0),
+    ):
+        count = plan.size(1000, 50)
+        jobs = [runs(version, count, *arguments) for version in (old, new)]
+        alternate(1, *(runs(version, 8, *arguments) for version in (old, new)))
+        theirs, ours = alternate(plan.rounds(5), *jobs)
+        beside = f"{seconds('before', theirs)}, {seconds('now', ours)}"
+        lines.append(
+            Line(f"{count} landings, {what}, against the version before", ratios(theirs, ours), beside, must, aim)
+        )
+    for rate, must, aim in ((1, 3.0, 6.0), (10, None, None))[: plan.size(2, 1)]:
+        settings = (str(SCENARIO), f"receiver.rate_hz={rate}", "filter.kind=tfg")
+        clocks = [Clock(version, "analysis_clock.py", *settings) for version in (old, new)]
+        theirs, ours = alternate(plan.rounds(9), *clocks)
+        for clock in clocks:
+            clock.close()
+        beside = f"{seconds('before', theirs)}, {seconds('now', ours)}"
+        what = f"covariance analysis with budget, {rate} Hz fixes, against the version before"
+        lines.append(Line(what, ratios(theirs, ours), beside, must, aim))
+    return lines
+
+
+def python(code: str) -> Job:
+    """A Python that does this and nothing else."""
+    return lambda: spend([sys.executable, "-c", code], environment()).time
+
+
+def start(plan: Plan) -> list[Line]:
+    """Short commands against the imports they cannot do without."""
+    return _against_imports(
+        plan,
+        ("`navsim --help`", ("--help",), "pass", None, None),
+        ("`navsim validate`", ("validate", now().landing), "import pydantic, yaml", 2.0, 1.5),
+    )
+
+
+def one_landing(plan: Plan) -> list[Line]:
+    """A landing once everything is compiled, against its imports."""
+    run = ("run", now().landing)
+    return _against_imports(
+        plan,
+        ("one landing, warm, with file", (*run, *FLOWN), "import numpy, numba, h5py", 2.2, 1.6),
+        ("one landing with its figures", run, "import numpy, numba, h5py, matplotlib", None, None),
+    )
+
+
+def _against_imports(plan: Plan, *commands: tuple[str, tuple[str, ...], str, float | None, float | None]) -> list[Line]:
+    """Commands by name and arguments, each with what a Python does at least, must and aim."""
+    version, lines = now(), []
+    for what, arguments, least, must, aim in commands:
+        jobs = version.command(*arguments), python(least)
+        alternate(1, *jobs)
+        ours, theirs = alternate(plan.rounds(9), *jobs)
+        beside = f"{seconds('it', ours)}, {seconds('imports', theirs)}"
+        whole = f'{what}, against `python -c "{least}"`'
+        lines.append(Line(whole, ratios(ours, theirs), beside, must, aim, at_most=True))
+    return lines
+
+
+def first_run(plan: Plan) -> list[Line]:
+    """A run that has to compile everything against the same run once it has."""
+    if plan.quick:
+        return [Line("first run ever", (), "not with --quick")]
+    lines = []
+    for what, arguments, must, aim in (
+        ("first run ever, with figures, compiling, against the same warm", (), 5.0, 3.0),
+        ("the same without figures", FLOWN, None, None),
+    ):
+        cold, warm = [], []
+        for _ in range(3 if must else 1):
+            with tempfile.TemporaryDirectory() as cache:
+
+                def run(arguments: tuple[str, ...] = arguments, cache: str = cache) -> float:
+                    return now().spend("run", now().landing, *arguments, NUMBA_CACHE_DIR=cache).time
+
+                cold.append(run())
+                warm.append(statistics.median(run() for _ in range(3)))
+        beside = f"{seconds('cold', cold)}, {seconds('warm', warm)}"
+        lines.append(Line(what, ratios(cold, warm), beside, must, aim, at_most=True))
+    return lines
+
+
+def workers(plan: Plan) -> list[Line]:
+    """One worker and two, whole processes; then the engine alone, and what it costs to tell finished work by its
+    checksums."""
+    count = plan.size(4000, 64)
+    jobs = [runs(now(), count, "--workers", str(n)) for n in (1, 2)]
+    one, two = alternate(plan.rounds(3), *jobs)
+    beside = f"{seconds('1', one)}, {seconds('2', two)}"
+    return [
+        Line(f"1 -> 2 workers, whole process, {count} landings", ratios(one, two), beside, 1.85, 1.95),
+        *_engine(plan),
+    ]
+
+
+def _engine(plan: Plan) -> list[Line]:
+    """The same without the process around it; batches are kept on disk as they are finished."""
+    from navsim.scenario.load import read
+    from navsim.study.executor import threads
+    from navsim.study.landing import fly_all, prepare
+    from navsim.study.partial import Store
+
+    case, count = prepare(*read(SCENARIO)), plan.size(1000, 64)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "partial"
+
+        def fly(workers: int) -> Callable[[], object]:
+            return lambda: fly_all(case, 1, 0, count, threads(workers), keep="errors", store=Store(folder, {}, True))
+
+        def tell() -> None:
+            store = Store(folder, {}, False)
+            if any(store.read(name, lambda _: False) is None for name in pieces):
+                raise RuntimeError("a batch just written does not count")
+
+        fly(2)()
+        pieces = sorted(file.stem for file in folder.glob("*.npz"))
+        one, two, told = alternate(plan.rounds(3), timed(fly(1)), timed(fly(2)), timed(tell))
+    return [
+        Line(
+            f"1 -> 2 workers, {count} landings flown and kept, without the process around",
+            ratios(one, two),
+            f"{seconds('1', one)}, {seconds('2', two)}",
+            1.8,
+        ),
+        Line(
+            f"telling their {len(pieces)} batches by checksums, against flying them",
+            ratios(told, one),
+            f"{seconds('checksums', told)}",
+            0.01,
+            at_most=True,
+        ),
+    ]
+
+
+def memory(plan: Plan) -> list[Line]:
+    """The most memory of very many runs, of which nothing is kept but statistics, against that of a thousand."""
+    few, many = plan.size(1000, 256), plan.size(100_000, 1024)
+
+    def fly(count: int) -> Spent:
+        return now().spend("run", now().landing, *FLOWN, *BRIEF, "--runs", str(count), "--keep", "none")
+
+    small, large = (fly(count) for count in (few, many))
+    beside = f"{few}: {small.memory / 1e6:.0f} MB, {many}: {large.memory / 1e6:.0f} MB; {seconds('took', [large.time])}"
+    what = f"memory of {many} runs (`--keep none`, `eskf`, 12 s) against {few}"
+    return [Line(what, (large.memory / small.memory,), beside, 1.3, at_most=True)]
+
+
+def estimates(plan: Plan) -> list[Line]:
+    """How long studies say that they will take, against how long they do, whichever is longer over the other."""
+    from navsim.scenario.load import read
+    from navsim.study.budget.estimate import SPREAD
+    from navsim.study.budget.landing import landing
+    from navsim.study.budget.studies import tables
+    from navsim.study.executor import threads
+    from navsim.study.landing import prepare
+
+    case, cores = prepare(*read(SCENARIO)), threads().workers
+    count, rows = plan.size(1000, 64), plan.size(400, 5)
+    lines = []
+    for what, told, job in (
+        (
+            f"{count} landings",
+            landing(case.scenario, case.environment, count, "errors", cores).time_s,
+            runs(now(), count),
+        ),
+        (
+            f"`navsim table2`, {rows} runs a row",
+            tables(rows, cores).time_s,
+            now().command("table2", "-o", ".", "--runs", str(rows)),
+        ),
+    ):
+        (took,) = alternate(1, job)
+        off = tuple(max(told / s, s / told) for s in took)
+        beside = f"told {told:.3g} s, {seconds('took', took)}"
+        lines.append(Line(f"the estimate of its time: {what}", off, beside, float(SPREAD), at_most=True))
+    return lines
