@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from navsim.scenario.load import read as read_scenario
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.sweep import Sweep
+from navsim.simulation.landing import Run
 from navsim.study import findings as judging
 from navsim.study import landing, sweep
 from navsim.study.ensemble import Batch, Ensemble
@@ -96,7 +98,7 @@ def test_each_flaw_of_a_run() -> None:
     runs.status[0, 45:47] = NOT_USED
 
     class Flown(landing.Case):
-        def fly_runs(self, seed: int, first: int, count: int):  # type: ignore[no-untyped-def]
+        def fly_runs(self, seed: int, first: int, count: int, measured: bool = True) -> Iterator[Run]:
             yield runs
 
     broken = Flown(**vars(c))

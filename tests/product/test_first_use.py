@@ -278,7 +278,7 @@ def test_help_says_what_is_true_of_the_command(command: str) -> None:
 
 def test_help_lists_choices() -> None:
     assert "<errors|all|none>" in help_of("run")
-    assert "<monte-carlo|covariance>" in help_of("run")
+    assert "<monte-carlo|covariance|rare>" in help_of("run")
     assert "<dop|covariance|monte-carlo>" in help_of("sweep")
     assert ", ".join(OF_FILES) in help_of("schema")
     assert ", ".join(shipped.names()) in help_of("init")
