@@ -13,7 +13,7 @@ from measure import SCENARIO, STEPS, Curve, Job, Line, Plan, alternate, ratios, 
 
 from navsim.core import states, strapdown
 from navsim.core.lanes import WIDTH
-from navsim.estimation.estimate import fly, in_all_lanes
+from navsim.estimation.estimate import fly_in_pieces, in_all_lanes
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import ESKF, TFG, ImuData, start
 from navsim.scenario.load import read
@@ -61,7 +61,7 @@ class Flight:
 
         def once() -> None:
             state = start(in_all_lanes(nav), in_all_lanes(covariance))
-            for _ in fly(imu, measured, flight.events, state, model):
+            for _ in fly_in_pieces(imu, measured, flight.events, state, model):
                 pass
 
         return timed(once)

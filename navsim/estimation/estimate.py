@@ -2,7 +2,8 @@
 
 They fly W runs at once, one to a lane (`core.lanes`). One run alone through a filter is a batch of one whose others
 fly the same; a smoother, which keeps its whole flight, takes it as plain numbers: the same kernels, the same bits.
-Histories of filters are made in pieces that stay in the processor's cache.
+Where the truth is known runs leave an account (`fly`), else a history; histories of filters are made in pieces, since
+those of all lanes would take much memory.
 """
 
 from __future__ import annotations
@@ -14,10 +15,13 @@ import numpy as np
 
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation import filter_loop, gaussian_sum, records, smoother
+from navsim.estimation.charts import CHARTS
+from navsim.estimation.judge import judge_into
 from navsim.estimation.observations import Measurements
 from navsim.estimation.records import (
     OUTPUT,
     TIME_TOLERANCE,
+    Account,
     Events,
     FilterModel,
     History,
@@ -60,19 +64,51 @@ def _pieces(events: Events) -> Iterator[slice]:
 
 
 def fly(
+    imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel, account: Account
+) -> None:
+    """An estimator through the events of a flight, W runs at once, beside the truth.
+
+    imu, measurements, state, account: of lanes (`estimation.records`); events, whose outputs come in the order of their
+    rows, and model of them all. state: overwritten by the final one. account: filled in. Raises ValueError for a kind
+    that is none, for a smoother that is given events ahead, and for a state without room for the components of a sum.
+    """
+    if is_smoother(model.kind):
+        for _, _, history in fly_in_pieces(imu, measurements, events, state, model):
+            judge_into(model.kind, history, account)
+            for name in ("innovation_squared", "degrees", "status"):
+                getattr(account, name)[...] = getattr(history, name)
+        return
+    _engine(model, state).run(
+        CHARTS[model.kind], ImuData(imu.time, in_lanes(imu.dtheta), in_lanes(imu.dv)), measurements.each(in_lanes),
+        events, lanes_of(state), _set_out(state.navigation.shape[-1]).each(in_lanes), model, account.each(in_lanes),
+    )  # fmt: skip
+
+
+def _engine(model: FilterModel, state: State) -> Any:
+    """The module whose kernel flies a filter. Raises ValueError as of `fly`."""
+    if model.kind not in records.FILTERS:
+        raise ValueError(f"no kind of estimator: {model.kind}")
+    if model.kind != records.GAUSSIAN_SUM:
+        return filter_loop
+    if state.components.weight.shape[0] != max(1, model.components):
+        raise ValueError(f"room for {state.components.weight.shape[0]} components, not for {model.components}")
+    return gaussian_sum
+
+
+def _set_out(lanes: int) -> Way:
+    """The way of a filter that has not set off."""
+    return Way(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
+
+
+def fly_in_pieces(
     imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel
 ) -> Iterator[tuple[slice, slice, History]]:
-    """An estimator through the events of a flight, W runs at once: pieces of its history, as they come.
+    """The same without a truth: pieces of the history, as they come.
 
-    measurements, state: of lanes (`estimation.records`); imu: of lanes, or of one run, the same for all; events, whose
-    outputs come in the order of their rows, and model of them all. Each piece: which events it is of, which outputs,
-    and what it leaves of them, overwritten by the next. state: overwritten by the final one. A smoother leaves one
-    piece. Raises ValueError for a kind that is none, for a smoother that is given events ahead, and for
-    a state without room for the components of a sum.
+    imu: of lanes, or of one run, the same for all; else as of `fly`. Each piece: which events it is of, which outputs,
+    and what it leaves of them, overwritten by the next. A smoother leaves one piece.
     """
     lanes = state.navigation.shape[-1]
-    if model.kind == records.GAUSSIAN_SUM and state.components.weight.shape[0] != max(1, model.components):
-        raise ValueError(f"room for {state.components.weight.shape[0]} components, not for {model.components}")
     if is_smoother(model.kind):
         _check_smoother(events)
         outputs = _outputs(events)
@@ -84,12 +120,9 @@ def fly(
         )  # fmt: skip
         yield slice(0, events.time.size), slice(0, outputs), history
         return
-    if model.kind not in records.FILTERS:
-        raise ValueError(f"no kind of estimator: {model.kind}")
-    way = Way(np.array([-1.0, 0.0, 0.0]), np.zeros((6, lanes)))
-    kernels_way = Way(way.cursor, in_lanes(way.increments))
+    engine, way = _engine(model, state), _set_out(lanes)
+    kernels_way = way.each(in_lanes)
     tables, kernels_state = measurements.each(in_lanes), lanes_of(state)
-    engine = gaussian_sum if model.kind == records.GAUSSIAN_SUM else filter_loop
     parts = list(_pieces(events))
     is_output = events.kind == OUTPUT
     answers = [int(is_output[part].sum()) for part in parts]
@@ -110,7 +143,7 @@ def fly(
         row = events.row[part] - is_output[part] * output
         way.cursor[0] -= first
         engine.run(
-            filter_loop.CHARTS[model.kind],
+            CHARTS[model.kind],
             ImuData(imu.time[first : last + 1], *sensed),
             tables,
             Events(events.time[part], events.kind[part], row, events.ahead[part]),
@@ -159,7 +192,7 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
         smoother.run(imu, measurements, events, state, model, smoother.PASSES[model.kind], history)
         return _counted(history)
     flown = _each(state, in_all_lanes)
-    for which, rows, piece in fly(imu, measurements.each(in_all_lanes), events, flown, model):
+    for which, rows, piece in fly_in_pieces(imu, measurements.each(in_all_lanes), events, flown, model):
         for name in ("navigation", "covariance"):
             getattr(history, name)[rows] = getattr(piece, name)[..., 0]
         for name in ("innovation", "innovation_sigma", "innovation_squared", "degrees", "status"):

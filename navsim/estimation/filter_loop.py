@@ -8,73 +8,27 @@ A flight may be flown in pieces: what a filter is between two of them is its `St
 lanes: what differs between runs is a mask.
 
 All kinds predict and weigh with the same plain errors d = (dr, dv, theta, sensor states) and their covariance; they
-differ in their chart, the coordinates in which they take the error for Gaussian: how the estimate is fed back and the
-covariance carried to the new estimate, `correct`, and how the error is judged, `own_error`: see `error_state`,
-`invariant`, `tfg`. A chart is a class to kernels, so that only the one in use is compiled.
+differ in their chart (`charts`), in which a filter is corrected. What it leaves is said in `answers`.
 
 Source: `docs/theory/filter.md`, sections 3 to 7.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from navsim.core.covariance import gain, is_varying, joseph, kept, predict, vary
-from navsim.core.jit import in_kernels, kernel, within
+from navsim.core.jit import kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select
 from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
-from navsim.estimation import error_state, invariant, tfg
+from navsim.estimation.answers import answer, keep_decision, keep_innovation, nothing_yet, opened
+from navsim.estimation.charts import correct, turn_axes
 from navsim.estimation.observations import observe
-from navsim.estimation.records import (
-    ESKF,
-    GAUSSIAN_SUM,
-    LEFT_INVARIANT,
-    NOT_USED,
-    OUTPUT,
-    PASS,
-    REJECTED,
-    TFG,
-    TIME_TOLERANCE,
-    USED,
-    History,
-)
-
-
-class Eskf(NamedTuple):
-    """The chart of `kind: eskf`."""
-
-    kind: int = ESKF
-
-
-class LeftInvariant(NamedTuple):
-    """The chart of `kind: left-invariant`."""
-
-    kind: int = LEFT_INVARIANT
-
-
-class Tfg(NamedTuple):
-    """The chart of `kind: tfg`."""
-
-    kind: int = TFG
-
-
-class GaussianSum(NamedTuple):
-    """The chart of the components of `kind: gaussian-sum`, and of their sum: that of `tfg`, whose axes are not held."""
-
-    kind: int = GAUSSIAN_SUM
-
-
-CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
-    chart.kind: chart for chart in (Eskf(), LeftInvariant(), Tfg(), GaussianSum())
-}
-"""The charts of `records.FILTERS`."""
-PLAIN = CHARTS[ESKF]
-"""The chart of plain errors, in which all kinds predict."""
+from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
 
 
 class Workshop(NamedTuple):
@@ -129,16 +83,6 @@ def weighing(nav, n):
         room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
         room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
         room(nav, (n, n)),
-    )  # fmt: skip
-
-
-@within
-def opened(history):
-    """A history as kernels write it."""
-    return History(
-        registers(history.navigation), registers(history.covariance), registers(history.innovation),
-        registers(history.innovation_sigma), registers(history.innovation_squared), registers(history.degrees),
-        registers(history.status),
     )  # fmt: skip
 
 
@@ -209,37 +153,6 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 
 
 @kernel
-def nothing_yet(history, i):
-    """No innovation at event i."""
-    for a in range(MOST):
-        history.innovation[i, a] = math.nan
-        history.innovation_sigma[i, a] = math.nan
-    history.innovation_squared[i] = math.nan
-    history.degrees[i] = 0.0
-    history.status[i] = NOT_USED
-
-
-@kernel
-def keep_innovation(have, weighed, m, z, s, history, i):
-    """Innovations z (m,) and 1 sigma, from the factor s of their covariance, of event i; nan where there is none."""
-    for a in range(m):
-        t = s[a, 0] * s[a, 0]
-        for b in range(1, a + 1):
-            t += s[a, b] * s[a, b]
-        there = weighed & (have[a] > 0.0)
-        history.innovation[i, a] = select(there, z[a], math.nan)
-        history.innovation_sigma[i, a] = select(there, math.sqrt(t), math.nan)
-
-
-@kernel
-def keep_decision(weighed, used, q, degrees, history, i):
-    """What became of event i, and its normalised innovation squared q of so many degrees."""
-    history.innovation_squared[i] = select(weighed, q, math.nan)
-    history.degrees[i] = select(weighed, degrees, 0.0)
-    history.status[i] = select(weighed, select(used, USED, REJECTED), history.status[i])
-
-
-@kernel
 def whitened_square(s, z, m):
     """z' S^-1 z through the Cholesky factor s of S that `gain` left; z (m,) is spoiled."""
     q = 0.0
@@ -287,60 +200,20 @@ def count_rejection(weighed, used, what, rejected):
 
 
 @kernel
-def decide(keep, weighed, degrees, m, gauge, what, model, rejected, history, i):
+def decide(keep, weighed, degrees, m, gauge, what, model, rejected, left, i):
     """Whether what was weighed is used: it passes the gate, or enough before it did not.
 
     gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. rejected (kinds,): counted on.
-    Where `keep`, event i of the history is filled in.
+    Where `keep`, it is left as that of event i.
     """
     if keep:
-        keep_innovation(gauge.have, weighed, m, gauge.z, gauge.s, history, i)
+        keep_innovation(gauge.have, weighed, m, gauge.z, gauge.s, left, i)
     q = whitened_square(gauge.s, gauge.z, m)
     used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
     if keep:
-        keep_decision(weighed, used, q, degrees, history, i)
+        keep_decision(weighed, used, q, degrees, left, i)
     count_rejection(weighed, used, what, rejected)
     return used
-
-
-def turn_axes(chart, nav, p, increments, dt):
-    """What a turn does to the axes of a chart, if it keeps any: see `tfg.hold_axes`."""
-    raise NotImplementedError("turn_axes is for kernels")
-
-
-@in_kernels(turn_axes)
-def _turn_axes(chart, nav, p, increments, dt):
-    if chart.instance_class is Tfg:
-        return lambda chart, nav, p, increments, dt: tfg.hold_axes(nav, p, increments, dt)
-    return lambda chart, nav, p, increments, dt: None
-
-
-def correct(chart, nav, p, x, space):
-    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate, in the chart. space: `workshop`."""
-    raise NotImplementedError("correct is for kernels")
-
-
-@in_kernels(correct)
-def _correct(chart, nav, p, x, space):
-    if chart.instance_class is Eskf:
-        return lambda chart, nav, p, x, space: error_state.correct(nav, p, x, space)
-    if chart.instance_class is LeftInvariant:
-        return lambda chart, nav, p, x, space: invariant.correct(nav, p, x, space)
-    return lambda chart, nav, p, x, space: tfg.correct(nav, p, x, space)
-
-
-def own_error(chart, nav, error, out):
-    """The plain error (n,) in the coordinates of the chart, out (n,)."""
-    raise NotImplementedError("own_error is for kernels")
-
-
-@in_kernels(own_error)
-def _own_error(chart, nav, error, out):
-    if chart.instance_class is Eskf:
-        return lambda chart, nav, error, out: copy(error, out)
-    if chart.instance_class is LeftInvariant:
-        return lambda chart, nav, error, out: invariant.own_error(error, out)
-    return lambda chart, nav, error, out: tfg.own_error(nav, error, out)
 
 
 @kernel
@@ -376,10 +249,11 @@ def update(chart, used, what, row, measurements, declared, nav, p, increments, i
 
 
 @kernel
-def run(chart, imu, measurements, events, state, way, model, history):
+def run(chart, imu, measurements, events, state, way, model, account):
     """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
 
-    chart: of `CHARTS`. state, way: overwritten by those after the last event that was not ahead. history: filled in.
+    chart: of `charts.CHARTS`. state, way: overwritten by those after the last event that was not ahead. account: it, or
+    a history, is filled in.
     """
     declared = model.declared
     n = SENSORS + declared.shape[0]
@@ -389,7 +263,7 @@ def run(chart, imu, measurements, events, state, way, model, history):
         registers(state.rejected),
     )
     way_increments = registers(way.increments)
-    left = opened(history)
+    left = opened(account)
     gauge = weighing(state_nav, n)
     space = workshop(state_nav, n)
     # the filter itself, and its copy that runs ahead
@@ -426,8 +300,7 @@ def run(chart, imu, measurements, events, state, way, model, history):
         nothing_yet(left, i)
         advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
-            copy(nav, left.navigation[row])
-            copy_matrix(p, left.covariance[row])
+            answer(chart, nav, p, left, row)
         elif what != PASS:
             m = observe(
                 what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z, gauge.h,

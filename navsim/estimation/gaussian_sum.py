@@ -32,15 +32,14 @@ from navsim.core.lanes import any_lane, no, registers, room, select, small_matri
 from navsim.core.linear import cholesky, copy, copy_matrix, invert3
 from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, SENSORS
 from navsim.estimation import tfg
+from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.error_state import between
 from navsim.estimation.filter_loop import (
     advance,
     decide,
     errors_from,
     held,
-    nothing_yet,
     numbers_in,
-    opened,
     set_off,
     start_axes,
     update,
@@ -458,7 +457,7 @@ def weigh(used, weight, squares, sizes):
 
 
 @kernel
-def run(chart, imu, measurements, events, state, way, model, history):
+def run(chart, imu, measurements, events, state, way, model, account):
     """Fly a sum through the events; arguments are those of `filter_loop.run`.
 
     Of `state` the components go on; its navigation and covariance become the moments of those after the last event that
@@ -471,7 +470,7 @@ def run(chart, imu, measurements, events, state, way, model, history):
         registers(state.covariance),
         registers(state.rejected),
     )
-    left = opened(history)
+    left = opened(account)
     own = Mixture(
         registers(state.components.navigation), registers(state.components.covariance),
         registers(state.components.increments), registers(state.components.weight),
@@ -519,7 +518,8 @@ def run(chart, imu, measurements, events, state, way, model, history):
             )  # fmt: skip
         copy(cursor, cursors[ahead])
         if what == OUTPUT:
-            moments(now, left.navigation[row], left.covariance[row], space, bench)
+            moments(now, gauge.nav, gauge.p, space, bench)
+            answer(chart, gauge.nav, gauge.p, left, row)
         elif what != PASS:
             m = 0
             for a in range(MOST):

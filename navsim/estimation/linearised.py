@@ -40,7 +40,8 @@ from navsim.core.states import (
     N,
 )
 from navsim.core.strapdown import MID_N
-from navsim.estimation.filter_loop import PLAIN, advance, set_off, workshop
+from navsim.estimation.charts import PLAIN
+from navsim.estimation.filter_loop import advance, set_off, workshop
 from navsim.estimation.observations import observe
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Events
 

@@ -1,9 +1,9 @@
 """What goes into an estimator and what comes out of it, as few records that kernels take whole.
 
-    IMU, measurements, events, state, model -> history
+    IMU, measurements, events, state, model -> history, or account
 
-The truth is in none of them: `estimation.judge` compares a history with one. An `Events` list says in what order things
-happen; a measurement is a row of the table of its kind (`estimation.observations`).
+The truth is in what comes out alone: an account is what a history would be worth (`estimation.answers`). An `Events`
+list says in what order things happen; a measurement is a row of the table of its kind (`estimation.observations`).
 
 Numbers are those of one run, or of W runs in the lanes of a register (`core.lanes`): then what differs between runs has
 a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model, lever arms
@@ -13,6 +13,7 @@ and the route of the truth are the same for all.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,6 +87,10 @@ class Way(NamedTuple):
     cursor: np.ndarray
     increments: np.ndarray
 
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Way:
+        """The way with the array changed that differs between runs."""
+        return self._replace(increments=change(self.increments))
+
 
 class FilterModel(NamedTuple):
     """What a filter does and believes: kind (`estimation.estimate.FILTER_KINDS`); noise (1, 2) or (n, 2) white
@@ -133,6 +138,10 @@ class Truth(NamedTuple):
     quaternion: np.ndarray
     sensors: np.ndarray
 
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Truth:
+        """The truth with the array changed that differs between runs."""
+        return self._replace(sensors=change(self.sensors))
+
 
 class Judgement(NamedTuple):
     """A history against a truth: plain errors (o, n), truth minus estimate; normalised squared errors: nees (o,) of all
@@ -142,6 +151,39 @@ class Judgement(NamedTuple):
     nees: np.ndarray
     nees_position_velocity: np.ndarray
     nees_group: np.ndarray
+
+
+class Account(NamedTuple):
+    """What an estimator leaves where the truth is known: outputs are judged as they come, and not kept.
+
+    At its outputs: truth; judgement; sigma (o, n) of the errors, nan where a variance is negative; cross (o, 6), what
+    else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude. Of its events:
+    innovation_squared, degrees, status as of a `History`.
+    """
+
+    truth: Truth
+    judgement: Judgement
+    sigma: np.ndarray
+    cross: np.ndarray
+    innovation_squared: np.ndarray
+    degrees: np.ndarray
+    status: np.ndarray
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Account:
+        """The account with every array changed that differs between runs."""
+        return Account(self.truth.each(change), Judgement(*map(change, self.judgement)), *map(change, self[2:]))
+
+
+def empty_account(truth: Truth, states: int, events: int, *lanes: int) -> Account:
+    """Room for what an estimator of so many states leaves beside a truth, of one run or of so many lanes."""
+    o, n = truth.llh.shape[0], states
+    judgement = Judgement(
+        np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, n // 3, *lanes))
+    )
+    return Account(
+        truth, judgement, np.empty((o, n, *lanes)), np.empty((o, 6, *lanes)),
+        *(np.empty((events, *lanes)) for _ in range(3)),
+    )  # fmt: skip
 
 
 def empty_history(outputs: int, events: int, declared: np.ndarray, *lanes: int) -> History:

@@ -31,16 +31,14 @@ from navsim.core.states import (
     SENSORS,
 )
 from navsim.estimation import error_state
+from navsim.estimation.answers import keep_decision, keep_innovation, opened
+from navsim.estimation.charts import PLAIN
 from navsim.estimation.filter_loop import (
-    PLAIN,
     advance,
     count_rejection,
     errors_from,
-    keep_decision,
-    keep_innovation,
     limit_of,
     numbers_in,
-    opened,
     set_off,
     whitened_square,
     workshop,

@@ -24,10 +24,9 @@ from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import fly as fly_filter
 from navsim.estimation.estimate import in_all_lanes, is_smoother
-from navsim.estimation.judge import empty_judgement, judge
 from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.receiver import fixes
-from navsim.estimation.records import Events, FilterModel, ImuData, Judgement, Truth, schedule, start
+from navsim.estimation.records import Events, FilterModel, ImuData, Truth, empty_account, schedule, start
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver
@@ -367,32 +366,18 @@ def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -
 def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = False) -> Run:
     """The landings with these inputs; the first `count` of them are kept, their measurements where they are wanted."""
     world, beliefs = flight.world, flight.beliefs
-    n, o = flight.covariance.shape[0], world.filter_time.size
+    n = flight.covariance.shape[0]
     nav = initial_estimate(flight, inputs.initial)
     ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
     llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
     tables = measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), inputs.aided)
 
-    judgement = empty_judgement(o, n, WIDTH)
-    sigma, cross = np.empty((o, n, WIDTH)), np.empty((o, 6, WIDTH))
-    squared, degrees, status = (np.empty((flight.events.time.size, WIDTH)) for _ in range(3))
     truth = world.at_filter
+    account = empty_account(
+        Truth(truth.llh, truth.velocity_ned, truth.quaternion, inputs.sensors), n, flight.events.time.size, WIDTH
+    )
     start_ = start(nav, in_all_lanes(flight.covariance), flight.model.components)
-    for which, rows, history in fly_filter(
-        ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model
-    ):
-        judge(
-            beliefs.kind,
-            history,
-            Truth(truth.llh[rows], truth.velocity_ned[rows], truth.quaternion[rows], inputs.sensors[rows]),
-            Judgement(*(m[rows] for m in judgement)),
-        )
-        sigma[rows] = history.sigma()
-        for k, first in enumerate((states.POS, states.ATT)):
-            cross[rows, 3 * k : 3 * k + 2] = history.covariance[:, first, first + 1 : first + 3]
-            cross[rows, 3 * k + 2] = history.covariance[:, first + 1, first + 2]
-        squared[which], degrees[which] = history.innovation_squared, history.degrees
-        status[which] = history.status
+    fly_filter(ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(np.moveaxis(lanes, -1, 0)[:count])
@@ -402,12 +387,12 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
 
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
-        of_runs(judgement.error),
-        of_runs(sigma), of_runs(cross), of_runs(judgement.nees), of_runs(judgement.nees_position_velocity),
-        of_runs(judgement.nees_group),
+        of_runs(account.judgement.error), of_runs(account.sigma), of_runs(account.cross),
+        of_runs(account.judgement.nees), of_runs(account.judgement.nees_position_velocity),
+        of_runs(account.judgement.nees_group),
         **_of_events(
-            flight, [of_runs(m) for m in inputs.aided], of_runs(squared), of_runs(degrees).astype(np.int64),
-            of_runs(status).astype(np.int64),
+            flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
+            of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
         ),
     )  # fmt: skip
 

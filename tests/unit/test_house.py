@@ -97,8 +97,8 @@ def test_states_are_named_and_not_counted() -> None:
         *(
             PACKAGE / "estimation" / f"{name}.py"
             for name in (
-                "error_state", "invariant", "tfg", "filter_loop", "gaussian_sum", "smoother", "linearised", "judge",
-                "observations", "estimate", "records", "beliefs",
+                "error_state", "invariant", "tfg", "charts", "answers", "filter_loop", "gaussian_sum", "smoother",
+                "linearised", "judge", "observations", "estimate", "records", "beliefs",
             )
         ),
         *(PACKAGE / "simulation" / f"{name}.py" for name in (

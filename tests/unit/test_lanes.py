@@ -223,7 +223,7 @@ def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]]
     if kind in estimate.records.SMOOTHERS:
         events = _without_ahead(events)
     out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, "nees", "nees_group", "error")}
-    for _, rows, piece in estimate.fly(imu, measurements, events, state, model):
+    for _, rows, piece in estimate.fly_in_pieces(imu, measurements, events, state, model):
         mine = Truth(*(m[rows] for m in truth[:3]), np.repeat(truth.sensors[rows, :, None], width, axis=2))
         judged = judge.judge(kind, piece, mine)
         for name, kept in out.items():

@@ -1,0 +1,89 @@
+"""The charts of the filters: the coordinates in which each kind takes the error for Gaussian.
+
+A chart says how an estimate is fed back and the covariance carried to the new one, `correct`; how an error is judged,
+`own_error`; and what a turn does to its axes, `turn_axes`: see `error_state`, `invariant`, `tfg`. It is a class to
+kernels, so that only the one in use is compiled.
+
+Source: `docs/theory/filter.md`, sections 4 to 6.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from navsim.core.jit import in_kernels
+from navsim.core.linear import copy
+from navsim.estimation import error_state, invariant, tfg
+from navsim.estimation.records import ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG
+
+
+class Eskf(NamedTuple):
+    """The chart of `kind: eskf`."""
+
+    kind: int = ESKF
+
+
+class LeftInvariant(NamedTuple):
+    """The chart of `kind: left-invariant`."""
+
+    kind: int = LEFT_INVARIANT
+
+
+class Tfg(NamedTuple):
+    """The chart of `kind: tfg`."""
+
+    kind: int = TFG
+
+
+class GaussianSum(NamedTuple):
+    """The chart of the components of `kind: gaussian-sum`, and of their sum: that of `tfg`, whose axes are not held."""
+
+    kind: int = GAUSSIAN_SUM
+
+
+CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
+    chart.kind: chart for chart in (Eskf(), LeftInvariant(), Tfg(), GaussianSum())
+}
+"""The charts of `records.FILTERS`."""
+PLAIN = CHARTS[ESKF]
+"""The chart of plain errors, in which all kinds predict."""
+
+
+def turn_axes(chart, nav, p, increments, dt):
+    """What a turn does to the axes of a chart, if it keeps any: see `tfg.hold_axes`."""
+    raise NotImplementedError("turn_axes is for kernels")
+
+
+@in_kernels(turn_axes)
+def _turn_axes(chart, nav, p, increments, dt):
+    if chart.instance_class is Tfg:
+        return lambda chart, nav, p, increments, dt: tfg.hold_axes(nav, p, increments, dt)
+    return lambda chart, nav, p, increments, dt: None
+
+
+def correct(chart, nav, p, x, space):
+    """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate, in the chart. space: `workshop`."""
+    raise NotImplementedError("correct is for kernels")
+
+
+@in_kernels(correct)
+def _correct(chart, nav, p, x, space):
+    if chart.instance_class is Eskf:
+        return lambda chart, nav, p, x, space: error_state.correct(nav, p, x, space)
+    if chart.instance_class is LeftInvariant:
+        return lambda chart, nav, p, x, space: invariant.correct(nav, p, x, space)
+    return lambda chart, nav, p, x, space: tfg.correct(nav, p, x, space)
+
+
+def own_error(chart, nav, error, out):
+    """The plain error (n,) in the coordinates of the chart, out (n,)."""
+    raise NotImplementedError("own_error is for kernels")
+
+
+@in_kernels(own_error)
+def _own_error(chart, nav, error, out):
+    if chart.instance_class is Eskf:
+        return lambda chart, nav, error, out: copy(error, out)
+    if chart.instance_class is LeftInvariant:
+        return lambda chart, nav, error, out: invariant.own_error(error, out)
+    return lambda chart, nav, error, out: tfg.own_error(nav, error, out)
