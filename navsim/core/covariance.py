@@ -461,16 +461,29 @@ def joseph(p, h, r, m, pht, k, work):
 
     Arguments as left by `gain`; work: (n, m') space.
     """
+    # of the most measurements the compiler knows how many they are, and keeps their numbers in registers
+    if m == MOST:
+        _joseph(p, h, r, MOST, pht, k, work)
+    else:
+        _joseph(p, h, r, m, pht, k, work)
+
+
+@inlined
+def _joseph(p, h, r, m, pht, k, work):
     n = h.shape[1]
     # with A = P - K (P H')': the Joseph form is A + (K R - A H') K'. A H' is that of the A computed, whose rounding it
     # takes away
     _add_products(p, -1.0, k, pht, m)
-    for a in range(m):
-        for i in range(n):
-            t = k[i, 0] * r[0, a]
+    row = small_vector(p, MOST)
+    for i in range(n):
+        for a in range(m):
+            row[a] = k[i, a]
+        for a in range(m):
+            t = row[0] * r[0, a]
             for b in range(1, m):
-                t = fma(k[i, b], r[b, a], t)
+                t = fma(row[b], r[b, a], t)
             work[i, a] = t
+    for a in range(m):
         for j in range(n):
             c = h[a, j]
             if any_lane(c != 0.0):
@@ -479,31 +492,22 @@ def joseph(p, h, r, m, pht, k, work):
     _add_products(p, 1.0, work, k, m)
 
 
-@kernel
+@inlined
 def _add_products(p, sign, a, b, m):
     """p <- p + sign a b' (n, n) for a, b (n, m'), where that is symmetric but for rounding: its lower half stands for
     both."""
     n = p.shape[0]
-    if m == MOST:
-        # what belongs to two rows stays in registers; of an odd number of rows the first is taken with itself
-        for i in range(-(n % 2), n, 2):
-            one, two = max(i, 0), i + 1
-            a0, a1, a2 = sign * a[one, 0], sign * a[one, 1], sign * a[one, 2]
-            a3, a4, a5 = sign * a[one, 3], sign * a[one, 4], sign * a[one, 5]
-            b0, b1, b2 = sign * a[two, 0], sign * a[two, 1], sign * a[two, 2]
-            b3, b4, b5 = sign * a[two, 3], sign * a[two, 4], sign * a[two, 5]
-            for j in range(two + 1):
-                x0, x1, x2, x3, x4, x5 = b[j, 0], b[j, 1], b[j, 2], b[j, 3], b[j, 4], b[j, 5]
-                s = fma(a2, x2, fma(a1, x1, fma(a0, x0, p[one, j])))
-                t = fma(b2, x2, fma(b1, x1, fma(b0, x0, p[two, j])))
-                p[one, j] = fma(a5, x5, fma(a4, x4, fma(a3, x3, s)))
-                p[two, j] = fma(b5, x5, fma(b4, x4, fma(b3, x3, t)))
-    else:
-        for i in range(n):
+    first, second = small_vector(p, MOST), small_vector(p, MOST)
+    # two rows at once; of an odd number of rows the first is taken with itself
+    for pair in range(-(n % 2), n, 2):
+        one, two = max(pair, 0), pair + 1
+        for c in range(m):
+            first[c], second[c] = sign * a[one, c], sign * a[two, c]
+        for j in range(two + 1):
+            s, t = p[one, j], p[two, j]
             for c in range(m):
-                d = sign * a[i, c]
-                for j in range(i + 1):
-                    p[i, j] = fma(d, b[j, c], p[i, j])
+                s, t = fma(first[c], b[j, c], s), fma(second[c], b[j, c], t)
+            p[one, j], p[two, j] = s, t
     for i in range(n):
         for j in range(i):
             p[j, i] = p[i, j]

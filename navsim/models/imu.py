@@ -57,8 +57,8 @@ def sample_sigma_from_density(density: float, rate: float) -> float:
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """The errors that a run's measured increments have, but for white noise: bias (n + 1, 6) of gyros and
-    accelerometers, at the start of every interval and at the end, rad/s, m/s2; scale (6,) of their scale factors."""
+    """The errors that measured increments have, but for white noise: bias (o, 6) of gyros and accelerometers, at the
+    start of some intervals, rad/s, m/s2; scale (6,) of their scale factors. Of several runs along a last axis."""
 
     bias: np.ndarray
     scale: np.ndarray
@@ -67,41 +67,45 @@ class SensorErrors:
 def simulate(
     rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
-    """Measured increments dtheta, dv (n, 3) and the errors behind them, for one run."""
-    out = np.empty((2, *dtheta.shape, 1))
-    errors = simulate_lane(rng, dtheta, dv, dt, gyro, accel, out[0], out[1], 0)
-    return out[0, ..., 0], out[1, ..., 0], errors
+    """Measured increments dtheta, dv (n, 3) of one run, and the errors behind them at the start of every interval and
+    at the end (n + 1, 6)."""
+    every = np.arange(dtheta.shape[0] + 1)
+    out_dtheta, out_dv, errors = simulate_lanes((rng,), 1, dtheta, dv, dt, gyro, accel, every)
+    return out_dtheta[..., 0], out_dv[..., 0], SensorErrors(errors.bias[..., 0], errors.scale[..., 0])
 
 
-def simulate_lane(
-    rng: np.random.Generator,
+def simulate_lanes(
+    rngs: tuple[np.random.Generator, ...],
+    count: int,
     dtheta: np.ndarray,
     dv: np.ndarray,
     dt: float,
     gyro: Triad,
     accel: Triad,
-    out_dtheta: np.ndarray,
-    out_dv: np.ndarray,
-    lane: int,
-) -> SensorErrors:
-    """Measured increments of one run, from exact ones dtheta, dv (n, 3), into a lane of out_dtheta, out_dv (n, 3, W);
-    returns the errors behind them."""
+    at: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
+    """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), and the errors
+    behind them at the start of the intervals `at` (o,), in order: bias (o, 6, W), scale (6, W)."""
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
 
-    constant = np.zeros(6)
-    for first, triad in ((0, gyro), (3, accel)):
-        drawn = triad.bias * rng.standard_normal(3)
-        constant[first : first + 3] = drawn if triad.fixed_bias is None else triad.fixed_bias
+    lanes = len(rngs)
+    constant, scale = np.zeros((6, lanes)), np.zeros((6, lanes))
+    for lane, rng in enumerate(rngs[:count]):
+        for first, triad in ((0, gyro), (3, accel)):
+            drawn = triad.bias * rng.standard_normal(3)
+            constant[first : first + 3, lane] = drawn if triad.fixed_bias is None else triad.fixed_bias
+        for first, triad in ((0, gyro), (3, accel)):
+            if triad.scale > 0.0:
+                scale[first : first + 3, lane] = triad.scale * rng.standard_normal(3)
     white = math.sqrt(dt) * np.array([gyro.noise_density, accel.noise_density])
     markov = np.array([gyro.markov, accel.markov])
     decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
-    bias = np.empty((dtheta.shape[0] + 1, 6))
-    scale = np.zeros(6)
-    for first, triad in ((0, gyro), (3, accel)):
-        if triad.scale > 0.0:
-            scale[first : first + 3] = triad.scale * rng.standard_normal(3)
-    corrupt(rng, dtheta, dv, dt, constant, 1.0 + scale, white, markov, decay, out_dtheta, out_dv, lane, bias)
-    return SensorErrors(bias, scale)
+    out_dtheta, out_dv = np.empty((*dtheta.shape, lanes)), np.empty((*dv.shape, lanes))
+    bias = np.empty((at.size, 6, lanes))
+    corrupt(
+        rngs, count, dtheta, dv, dt, constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
+    )  # fmt: skip
+    return out_dtheta, out_dv, SensorErrors(bias, scale)
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:

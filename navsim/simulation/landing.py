@@ -178,15 +178,8 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
-    ranges, rates, phases = _measurement_room(world, 1)
-    _measure_lane(world, seed, run, ranges, rates, phases, 0)
+    ranges, rates, phases = _measure(world, seed, (run,), 1)
     return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
-
-
-def _measurement_room(world: World, lanes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Empty arrays (e, s, lanes) for pseudoranges, range rates, and carrier phases where they smooth the code."""
-    shape = (*world.signals.range.shape, lanes)
-    return np.empty(shape), np.empty(shape), None if world.signals.smoothing is None else np.empty(shape)
 
 
 def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
@@ -197,23 +190,35 @@ def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.
     return np.stack([code_loop.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
 
 
-def _measure_lane(
-    world: World, seed: int, run: int, ranges: np.ndarray, rates: np.ndarray, phases: np.ndarray | None, lane: int
-) -> None:
-    """Measurements of a run into a lane of arrays (e, s, W), see `Inputs`."""
+def _measure(
+    world: World, seed: int, runs: Sequence[int], lanes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`."""
     signals = world.signals
     e, s = signals.range.shape
-    delay = signals.delay
+    ranges, rates = np.empty((e, s, lanes)), np.empty((e, s, lanes))
+    delay = signals.delay[..., None]
     if signals.space is not None:
-        delay = delay + np.einsum("esk,sk->es", signals.space, generator(seed, run, "space").standard_normal((s, 4)))
+        of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
+        late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
+        delay = np.stack(late, axis=-1)
     noise.measure(
-        generator(seed, run, "measurements"),
-        signals.range, delay, signals.sigma, signals.range_rate, signals.rate_sigma, signals.used, world.clock,
-        ranges, rates, lane,
+        _generators(seed, runs, "measurements", lanes), len(runs), signals.range, delay, signals.sigma,
+        signals.range_rate, signals.rate_sigma, signals.used, world.clock, ranges, rates,
     )  # fmt: skip
-    if phases is not None:
+    if signals.smoothing is None:
+        return ranges, rates, None
+    phases = np.empty((e, s, lanes))
+    for lane, run in enumerate(runs):
         drawn = generator(seed, run, "carrier").standard_normal((e, s))
-        phases[..., lane] = carrier(world, delay) + CARRIER_SIGMA * drawn
+        phases[..., lane] = carrier(world, delay[..., min(lane, delay.shape[2] - 1)]) + CARRIER_SIGMA * drawn
+    return ranges, rates, phases
+
+
+def _generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple[np.random.Generator, ...]:
+    """A stream of each run, and for lanes that are left over the last one again, which nobody draws from."""
+    own = [generator(seed, run, stream) for run in runs]
+    return (*own, *(own[-1] for _ in range(lanes - len(own))))
 
 
 def carrier(world: World, delay: np.ndarray) -> np.ndarray:
@@ -336,22 +341,19 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     world, beliefs = flight.world, flight.beliefs
-    o, samples = world.filter_time.size, world.dtheta.shape[0]
     initial = np.empty((states.SENSORS, WIDTH))
-    dtheta, dv = np.empty((samples, 3, WIDTH)), np.empty((samples, 3, WIDTH))
-    sensors = np.empty((o, flight.covariance.shape[0] - states.SENSORS, WIDTH))
-    ranges, rates, phases = _measurement_room(world, WIDTH)
     aided = tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids)
-    dt = world.imu_time[1] - world.imu_time[0]
     for lane, run in enumerate(runs):
         initial[:, lane] = initial_errors(flight, seed, run)
-        errors = imu.simulate_lane(
-            generator(seed, run, "imu"), world.dtheta, world.dv, dt, flight.gyro, flight.accel, dtheta, dv, lane
-        )
-        sensors[..., lane] = true_values(beliefs.sensors.blocks, errors, world.filter_index)
-        _measure_lane(world, seed, run, ranges, rates, phases, lane)
         for aid, of_aid in zip(world.aids, aided, strict=True):
             of_aid[..., lane] = aid.measured(seed, run)
+    dt = world.imu_time[1] - world.imu_time[0]
+    dtheta, dv, errors = imu.simulate_lanes(
+        _generators(seed, runs, "imu", WIDTH), len(runs), world.dtheta, world.dv, dt, flight.gyro, flight.accel,
+        world.filter_index,
+    )  # fmt: skip
+    sensors = true_values(beliefs.sensors.blocks, errors)
+    ranges, rates, phases = _measure(world, seed, runs, WIDTH)
     for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
     return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, sensors)

@@ -70,10 +70,11 @@ def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
     )
 
 
-def true_values(blocks: Sequence[Block], errors: SensorErrors, at: np.ndarray) -> np.ndarray:
-    """What the states that a filter follows really are (o, k), at these samples (o,) of the IMU."""
+def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
+    """What the states that a filter follows really are (o, k, W): of errors with a bias (o, 6, W)."""
     columns = []
     for block in blocks:
         part = slice(3 * block.triad, 3 * block.triad + 3)
-        columns.append(np.tile(errors.scale[part], (at.size, 1)) if block.scaled else errors.bias[at, part])
+        bias = errors.bias[:, part]
+        columns.append(np.broadcast_to(errors.scale[part], bias.shape) if block.scaled else bias)
     return np.concatenate(columns, axis=1)
