@@ -31,6 +31,7 @@ from navsim.estimation.records import (
     ImuData,
     State,
     Truth,
+    empty_account,
     schedule,
     start,
 )
@@ -212,8 +213,11 @@ def _model(kind: int, model: FilterModel) -> FilterModel:
     return model._replace(kind=kind, components=7 if kind == GAUSSIAN_SUM else 0, widest=0.03)
 
 
-def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]], None]) -> dict[str, np.ndarray]:
-    """Histories and judgements of lanes that fly the same, but for what `spoil` makes of them."""
+Spoil = Callable[[State, dict[str, np.ndarray]], None]
+
+
+def _before(width: int, kind: int, spoil: Spoil) -> tuple[ImuData, Measurements, Events, State, FilterModel, Truth]:
+    """What lanes fly with that fly the same, but for what `spoil` makes of them; and beside what truth."""
     imu, fixes, events, nav, covariance, model, truth = _flight()
     tables = {name: _tiled(getattr(fixes, name), width) for name in ("llh", "velocity", "covariance")}
     model = _model(kind, model)
@@ -222,10 +226,15 @@ def _flown(width: int, kind: int, spoil: Callable[[State, dict[str, np.ndarray]]
     measurements = Measurements.of({FIX: FixTable(**tables, lever_arm=fixes.lever_arm)}, width)
     if kind in estimate.records.SMOOTHERS:
         events = _without_ahead(events)
+    return imu, measurements, events, state, model, truth.each(lambda sensors: _tiled(sensors, width))
+
+
+def _flown(width: int, kind: int, spoil: Spoil) -> dict[str, np.ndarray]:
+    """Histories of such lanes, and what they are worth."""
+    imu, measurements, events, state, model, truth = _before(width, kind, spoil)
     out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, "nees", "nees_group", "error")}
     for _, rows, piece in estimate.fly_in_pieces(imu, measurements, events, state, model):
-        mine = Truth(*(m[rows] for m in truth[:3]), np.repeat(truth.sensors[rows, :, None], width, axis=2))
-        judged = judge.judge(kind, piece, mine)
+        judged = judge.judge(kind, piece, Truth(*(m[rows] for m in truth)))
         for name, kept in out.items():
             kept.append((getattr(piece, name) if name in piece._fields else getattr(judged, name)).copy())
     return {
@@ -295,6 +304,26 @@ def test_a_run_of_one_component_among_runs_of_many() -> None:
     assert there[:, 0].sum() > 3
     for name, values in among.items():
         np.testing.assert_array_equal(values[..., 2], alone[name][..., 2], err_msg=name)
+
+
+@pytest.mark.parametrize("kind", estimate.FILTER_KINDS)
+def test_an_account_is_what_the_history_is_worth(kind: str) -> None:
+    number = estimate.FILTER_KINDS[kind]
+    history = _flown(lanes.WIDTH, number, _bad_company(0))
+    imu, measurements, events, state, model, truth = _before(lanes.WIDTH, number, _bad_company(0))
+    account = empty_account(truth, history["error"].shape[1], events.time.size, lanes.WIDTH)
+    every = _tiled(imu.dtheta, lanes.WIDTH), _tiled(imu.dv, lanes.WIDTH)
+    estimate.fly(ImuData(imu.time, *every), measurements, events, state, model, account)
+    for name in ("error", "nees", "nees_group"):
+        np.testing.assert_array_equal(getattr(account.judgement, name), history[name], err_msg=name)
+    for name in ("innovation_squared", "degrees", "status"):
+        np.testing.assert_array_equal(getattr(account, name), history[name], err_msg=name)
+    with np.errstate(invalid="ignore"):
+        sigma = np.sqrt(np.einsum("oiil->oil", history["covariance"]))
+    np.testing.assert_array_equal(account.sigma, sigma)
+    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2), (6, 7), (6, 8), (7, 8))):
+        np.testing.assert_array_equal(account.cross[:, k], history["covariance"][:, i, j])
+    np.testing.assert_array_equal(state.navigation, history["state"])
 
 
 @pytest.mark.parametrize("kind", ["eskf", "gaussian-sum", "rts", "map"])
