@@ -17,6 +17,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +26,7 @@ import numpy as np
 
 from navsim.io import files
 from navsim.io.schema import CHECKSUMS
-from navsim.io.seal import Damaged, blocks, seal
+from navsim.io.seal import Damaged, seal
 from navsim.io.whole import clean, destination, partial_folder, replacing, settle, write_whole
 
 if TYPE_CHECKING:
@@ -214,13 +215,14 @@ def write(path: Path, result: Result) -> None:
     try:
         if size < IN_MEMORY:
             image = _image(result)
-            write_whole(path, image, seal(blocks(image)))
+            write_whole(path, image, seal(len(image), lambda start, end: image[start:end]))
         else:
             with replacing(path) as temporary:
                 _claim(temporary, int(1.05 * size + IN_MEMORY))
                 _fill(temporary, result)
                 with open(temporary, "r+b") as file:
-                    file.write(seal(blocks(file)))
+                    size = file.seek(0, os.SEEK_END)
+                    file.write(seal(size, lambda start, end: os.pread(file.fileno(), end - start, start)))
         settle(path)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -275,11 +277,21 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
         text = data.dtype.kind in "UO"
         values = data.astype(object) if text else data
         return made(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
-    pieces = iter(data.blocks())
+    pieces = _ahead(data.blocks())
     first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
     stored = made(data.dtype, **_checked(data, first))
     _fill_numbers(stored, first, pieces)
     return stored
+
+
+def _ahead(blocks: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """The same blocks, each made on another thread while the one before it is in use."""
+    source = iter(blocks)
+    with ThreadPoolExecutor(1) as maker:
+        coming = maker.submit(next, source, None)
+        while (block := coming.result()) is not None:
+            coming = maker.submit(next, source, None)
+            yield block
 
 
 def _fill_numbers(stored: Any, first: np.ndarray, others: Iterator[np.ndarray]) -> None:

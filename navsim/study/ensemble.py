@@ -8,16 +8,15 @@ order, so no number depends on workers, order or interruptions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from navsim.study.executor import Executor
-from navsim.study.partial import Arrays, Store, array_of
+from navsim.study.partial import Arrays, Kept, Store
 
 BATCH = 32
 """Runs a batch: some tenths of a second of work, a few megabytes of histories."""
@@ -33,19 +32,16 @@ class Study(Protocol):
 
 @dataclass(frozen=True)
 class Batch:
-    """One finished batch; histories are in memory, or in `file` where there is one."""
+    """One finished batch; histories are in memory, or on disk."""
 
     per_run: dict[str, np.ndarray]
     sums: dict[str, np.ndarray]
-    kept: dict[str, np.ndarray] | None
-    file: Path | None = None
+    kept: Mapping[str, np.ndarray | Kept]
 
     def history(self, name: str) -> np.ndarray:
         """A kept history (runs of the batch, ...). Raises PartialError where its file is no longer whole."""
-        if self.kept is not None:
-            return self.kept[name]
-        assert self.file is not None
-        return array_of(self.file, f"k:{name}")
+        kept = self.kept[name]
+        return kept.read() if isinstance(kept, Kept) else kept
 
 
 @dataclass(frozen=True)
@@ -82,28 +78,30 @@ def _piece(first: int) -> str:
 
 
 def _load(store: Store, first: int) -> Batch | None:
-    """The batch that begins with run `first`, its histories left on disk; None where it must be flown."""
-    arrays = store.read(_piece(first), lambda name: not name.startswith("k:"))
-    if arrays is None:
+    """The batch that begins with run `first`, its histories left on disk; None where it must be flown. Raises
+    PartialError where it was damaged just now."""
+    found = store.find(_piece(first))
+    if found is None:
         return None
-    groups: dict[str, Arrays] = {"r": {}, "s": {}}
-    for name, array in arrays.items():
-        group, _, member = name.partition(":")
-        groups[group][member] = array
-    return Batch(groups["r"], groups["s"], None, store.file(_piece(first)))
+    per_run, sums = ({name: kept.read() for name, kept in _group(found, group).items()} for group in "rs")
+    return Batch(per_run, sums, _group(found, "k"))
 
 
-def _save(store: Store, first: int, batch: Batch) -> Batch:
+def _save(store: Store, first: int, **groups: Arrays) -> dict[str, Kept]:
     """Keep a finished batch; its histories are on disk from then on. Raises PartialError."""
-    groups = {"r": batch.per_run, "s": batch.sums, "k": batch.kept or {}}
     arrays = {f"{group}:{name}": array for group, members in groups.items() for name, array in members.items()}
-    return Batch(batch.per_run, batch.sums, None, store.write(_piece(first), arrays))
+    return _group(store.write(_piece(first), arrays), "k")
+
+
+def _group(found: dict[str, Kept], group: str) -> dict[str, Kept]:
+    """The arrays of a piece that are of one group."""
+    return {name[2:]: kept for name, kept in found.items() if name.startswith(f"{group}:")}
 
 
 def _fly(study: Study, store: Store | None, first: int, count: int) -> tuple[int, Batch]:
     """What a worker does."""
-    batch = Batch(*study.batch(first, count))
-    return first, _save(store, first, batch) if store else batch
+    per_run, sums, kept = study.batch(first, count)
+    return first, Batch(per_run, sums, _save(store, first, r=per_run, s=sums, k=kept) if store else kept)
 
 
 def fly_all(

@@ -1,9 +1,11 @@
 """Partial work on disk: what a study has finished, so that after a kill the same command goes on from there.
 
-The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is; every piece is a file of arrays
-and beside it a checksum of its content, its name and the study, so a piece that is damaged, of another study or under
-another name does not count. Files are written whole, a piece's checksum last; the key comes first, and folders go by
-one renaming, so there are no pieces without a key.
+The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is; every piece is a file of arrays,
+written whole or not at all. The key comes first, and folders go by one renaming, so there are no pieces without a key.
+
+A piece is a `.npz`, that is a zip archive, which holds a CRC-32 of each array. Its comment is the SHA-256 of the study,
+the piece's name and the names, sizes and CRC-32 of all arrays. Nothing of a piece is used that the comment and the
+CRC-32 do not vouch for, so one that is damaged, of another study or under another name does not count.
 """
 
 from __future__ import annotations
@@ -14,19 +16,19 @@ import io
 import json
 import os
 import re
+import struct
 import zipfile
 import zlib
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 import navsim
 from navsim.core.jit import digest
-from navsim.io.whole import discard, write_whole
+from navsim.io.whole import discard, replacing, write_whole
 
-_CHECKSUM = ".sha256"
 _HASHED = {
     "scenario_sha256": "settings of the scenario",
     "study_sha256": "settings of the study",
@@ -39,8 +41,14 @@ _KEY_FILE = "key.json"
 JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
 
-_OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+(\.npz|{re.escape(_CHECKSUM)})|\..*")
-"""Names that partial work has, and those that begin with a dot: temporary files, and what file managers leave."""
+_OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+\.(npz|sha256)|\..*")
+"""Names that partial work has (`.sha256` in earlier versions), and those that begin with a dot: temporary files, and
+what file managers leave."""
+
+_LOCAL_HEADER = struct.Struct("<26xHH")
+"""What stands before an array in a zip archive: at its end the lengths of the name and the extra field that follow."""
+_NPY_LENGTH = slice(8, 10)
+"""Where an array's own header, of version 1.0, says how long the rest of it is; little-endian."""
 
 Arrays = dict[str, np.ndarray]
 
@@ -56,6 +64,39 @@ def code_key() -> dict[str, object]:
     for source in sorted(package.rglob("*.py")):  # what a piece holds is decided by more than the kernels
         sources.update(f"{source.relative_to(package)}\0".encode() + source.read_bytes())
     return {"navsim_version": navsim.__version__, "kernels": digest(), "sources": sources.hexdigest()[:16]}
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """An array of a piece that was found whole, or written, by this process.
+
+    start, size: where its bytes lie in the file. crc: their CRC-32.
+    """
+
+    piece: Path
+    start: int
+    size: int
+    crc: int
+
+    def read(self) -> np.ndarray:
+        """The array. Raises PartialError where it is no more what it was."""
+        try:
+            with open(self.piece, "rb") as file:
+                return self.read_from(file)
+        except (OSError, ValueError) as error:
+            what = f"was damaged or removed while the study ran ({error})"
+            raise PartialError(f"{self.piece}: {what}; the same command computes it again") from None
+
+    def read_from(self, file: io.BufferedReader) -> np.ndarray:
+        """The array, of the piece that was opened. Raises OSError, ValueError where it is damaged."""
+        content = np.empty(self.size, np.uint8)
+        file.seek(self.start)
+        if file.readinto(content.data) != self.size or zlib.crc32(content.data) != self.crc:
+            raise ValueError("a checksum does not fit")
+        header = io.BytesIO(content.data[: _NPY_LENGTH.stop + int.from_bytes(content.data[_NPY_LENGTH], "little")])
+        np.lib.format.read_magic(header)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(header)
+        return content[header.tell() :].view(dtype).reshape(shape)
 
 
 class Store:
@@ -78,14 +119,14 @@ class Store:
                 )
             if fresh:
                 discard(folder)
-            if any(file.stat().st_size for kind in (f"*{_CHECKSUM}", JOURNAL) for file in folder.glob(kind)):
+            if any(file.stat().st_size for kind in ("*.npz", JOURNAL) for file in folder.glob(kind)):
                 _compare(folder, mine, key)
             else:  # at most a key, perhaps cut: nobody's work
                 folder.mkdir(parents=True, exist_ok=True)
                 write_whole(folder / _KEY_FILE, mine.encode())
             for leftover in folder.glob(".*.tmp"):
                 leftover.unlink()
-            self._known = {file.name for file in folder.glob(f"*{_CHECKSUM}")}
+            self._known = {file.name for file in folder.glob("*.npz")}
         except OSError as error:
             raise PartialError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
 
@@ -93,35 +134,44 @@ class Store:
         """Where a piece is kept."""
         return self.folder / f"{name}.npz"
 
-    def read(self, name: str, wanted: Callable[[str], bool] = lambda _: True) -> Arrays | None:
-        """The wanted arrays of a piece; None where there is none that counts."""
+    def find(self, name: str) -> dict[str, Kept] | None:
+        """The arrays of a piece, which was read as a whole; None where there is none that counts."""
         path = self.file(name)
-        if path.with_suffix(_CHECKSUM).name not in self._known:
+        if path.name not in self._known:
             return None
         try:
-            content = path.read_bytes()
-            if path.with_suffix(_CHECKSUM).read_text() == self._checksum(name, content):
-                return _arrays(io.BytesIO(content), wanted)
-        except (OSError, UnicodeDecodeError):  # lost or unreadable: as good as damaged
-            pass
-        self.redone += 1
-        return None
+            with open(path, "rb") as file:
+                found = self._found(name, file)
+                for kept in found.values():
+                    kept.read_from(file)
+            return found
+        # lost or unreadable is as good as damaged; the last three: of a directory that is none
+        except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, struct.error):
+            self.redone += 1
+            return None
 
-    def write(self, name: str, arrays: Arrays) -> Path:
+    def read(self, name: str) -> Arrays | None:
+        """The arrays of a piece in memory; None where there is none that counts. Raises PartialError where it was
+        damaged just now."""
+        found = self.find(name)
+        return None if found is None else {array: kept.read() for array, kept in found.items()}
+
+    def write(self, name: str, arrays: Arrays) -> dict[str, Kept]:
         """Keep a finished piece. Raises PartialError where the disk does not take it."""
         path = self.file(name)
-        memory = io.BytesIO()
-        np.savez(memory, allow_pickle=False, **arrays)
-        content = memory.getbuffer()
         try:
-            write_whole(path, content)
-            write_whole(path.with_suffix(_CHECKSUM), self._checksum(name, content).encode())
+            with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+                for member, array in arrays.items():
+                    with archive.open(f"{member}.npy", "w", force_zip64=True) as file:
+                        _write_array(file, np.asarray(array, order="C"))
+                archive.comment = self._checksum(name, archive)
+            with open(path, "rb") as written:
+                return self._found(name, written)
         except OSError as error:
             raise PartialError(
                 f"{path}: cannot be written: {error.strerror or error}; what was finished before is kept and the same "
                 "command goes on from there"
             ) from None
-        return path
 
     def remove(self) -> None:
         """Delete the folder: the result is complete."""
@@ -129,37 +179,32 @@ class Store:
             if not _others(self.folder):
                 discard(self.folder)
 
-    def _checksum(self, name: str, content: bytes | memoryview) -> str:
-        digest = hashlib.sha256(self.identity)
-        digest.update(name.encode() + b"\0")
-        digest.update(content)
-        return digest.hexdigest()
+    def _checksum(self, name: str, archive: zipfile.ZipFile) -> bytes:
+        """What the comment of an archive is to be."""
+        members = [(member.filename, member.file_size, member.CRC) for member in archive.infolist()]
+        return hashlib.sha256(self.identity + repr((name, members)).encode()).hexdigest().encode()
+
+    def _found(self, name: str, file: io.BufferedReader) -> dict[str, Kept]:
+        """The arrays that a piece says it has. Raises OSError, ValueError where the comment does not vouch for it, and
+        what `zipfile` does with what is no archive."""
+        found = {}
+        with zipfile.ZipFile(file) as archive:
+            if archive.comment != self._checksum(name, archive):
+                raise ValueError("the checksum does not fit")
+            for member in archive.infolist():
+                file.seek(member.header_offset)
+                lengths = _LOCAL_HEADER.unpack(file.read(_LOCAL_HEADER.size))
+                start = member.header_offset + _LOCAL_HEADER.size + sum(lengths)
+                found[member.filename.removesuffix(".npy")] = Kept(self.file(name), start, member.file_size, member.CRC)
+        return found
 
 
-def _arrays(content: io.BytesIO | Path, wanted: Callable[[str], bool]) -> Arrays:
-    with np.load(content, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files if wanted(name)}
-
-
-def array_of(piece: Path, name: str) -> np.ndarray:
-    """One array of a piece that was found whole, or written, by this process. Raises PartialError where it is so no
-    more: the file holds a checksum of each array."""
-    try:
-        return _arrays(piece, lambda member: member == name)[name]
-    # the last three: of a header that says there were more, or other, than there is
-    except (
-        OSError,
-        EOFError,
-        KeyError,
-        ValueError,
-        zipfile.BadZipFile,
-        zlib.error,
-        RuntimeError,
-        MemoryError,
-    ) as error:
-        raise PartialError(
-            f"{piece}: was damaged or removed while the study ran ({error}); the same command computes it again"
-        ) from None
+def _write_array(file: IO[bytes], array: np.ndarray) -> None:
+    """As `numpy.save` does, which copies all it writes. Raises ValueError for objects."""
+    if array.dtype.hasobject:
+        raise ValueError("partial work holds numbers and text, no objects")
+    np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(array))
+    file.write(array.reshape(-1).view(np.uint8).data)
 
 
 def _others(folder: Path) -> list[str]:

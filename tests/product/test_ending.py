@@ -43,7 +43,7 @@ def until(condition: Callable[[], bool]) -> None:
 @pytest.mark.parametrize("number", list(ending.WORDS))
 def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> None:
     process = start(tmp_path, *LONG)
-    until(lambda: any(tmp_path.glob("long.h5.partial/*.sha256")))
+    until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 128 + number
@@ -56,7 +56,7 @@ def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> N
 
 def test_signals_in_a_row_show_no_traceback(tmp_path: Path) -> None:
     process = start(tmp_path, *LONG)
-    until(lambda: any(tmp_path.glob("long.h5.partial/*.sha256")))
+    until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
     sent = 0
     while process.poll() is None:  # until it has ended, whatever it is at
         process.send_signal(signal.SIGINT)
@@ -139,7 +139,7 @@ def test_ignored_signals_stay_ignored(tmp_path: Path) -> None:
 
 def test_the_second_on_one_output_is_told_who_is_there(tmp_path: Path) -> None:
     first = start(tmp_path, *LONG)
-    until(lambda: any(tmp_path.glob("long.h5.partial/*.sha256")))
+    until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
     second = start(tmp_path, *LONG)
     _, err = second.communicate(timeout=60)
     assert second.returncode == 2

@@ -347,7 +347,7 @@ def signalled(number: signal.Signals, file: Path, cwd: Path) -> tuple[int, str]:
     command = [sys.executable, "-m", "navsim", *map(str, arguments)]
     process = subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120.0
-    while not any(cwd.glob(f"{file.name}.partial/*.sha256")):
+    while not any(cwd.glob(f"{file.name}.partial/*.npz")):
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.01)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from navsim.io.results import (
 )
 from navsim.study import landing
 from navsim.study.executor import threads
+from navsim.study.partial import PartialError
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 
@@ -166,6 +168,37 @@ def test_a_large_result_is_written_like_a_small_one(file: Path, monkeypatch: pyt
     write(file, small())
     assert agree(small(), read(file))
     assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_blocks_that_cannot_be_made_leave_the_earlier_result(file: Path) -> None:
+    before = file.read_bytes()
+
+    def blocks() -> Iterator[np.ndarray]:
+        yield np.zeros((3, 10_000))
+        raise PartialError("a piece was damaged")
+
+    wrong = Variable(("run", "time"), Stream((6, 10_000), np.dtype(float), blocks), "m", "errors")
+    with pytest.raises(PartialError, match="a piece was damaged"):
+        write(file, replace(small(), variables=small().variables | {"/flown/error": wrong}))
+    assert file.read_bytes() == before
+    assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+@pytest.mark.parametrize("size", [0, 1, seal.BLOCK, 9_000_000])
+def test_a_seal_is_of_each_block_in_its_place(size: int, tmp_path: Path) -> None:
+    content = np.random.default_rng(1).bytes(size)
+    sealed = content + seal.seal(size, lambda start, end: content[start:end])
+    table = b"".join(hashlib.sha256(content[at : at + seal.BLOCK]).digest() for at in range(0, size, seal.BLOCK))
+    assert sealed[size:].startswith(table)
+    (tmp_path / "f").write_bytes(sealed)
+    with seal.Reader((tmp_path / "f").open("rb")) as reader:
+        assert reader.sealed
+        assert reader.read(size) == content
+
+
+def test_a_content_that_ends_early_is_not_sealed() -> None:
+    with pytest.raises(seal.Damaged, match="became shorter"):
+        seal.seal(100, lambda start, end: b"x" * (end - start - 1))
 
 
 def test_what_hdf5_does_not_take_harms_nothing(file: Path) -> None:

@@ -160,13 +160,13 @@ def test_killed_three_times_with_damage_on_the_way(place: Path, grid: Path) -> N
     )
     for attempt in range(3):
         arguments = ["sweep", str(file), "-o", str(target), "-q", "--workers", "1"]
-        before = len(list(folder.glob("*.sha256")))
+        before = len(list(folder.glob("*.npz")))
         process = subprocess.Popen([sys.executable, "-c", slow, *arguments], cwd=place, stderr=subprocess.PIPE)
         deadline = time.monotonic() + 120
-        while len(list(folder.glob("*.sha256"))) <= before and time.monotonic() < deadline:
+        while len(list(folder.glob("*.npz"))) <= before and time.monotonic() < deadline:
             assert process.poll() is None, process.stderr and process.stderr.read()
             time.sleep(0.01)
-        assert len(list(folder.glob("*.sha256"))) > before
+        assert len(list(folder.glob("*.npz"))) > before
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
         assert not target.exists()
@@ -196,7 +196,7 @@ def test_another_study_is_refused(place: Path) -> None:
     folder = Path(f"{target}.partial")
     folder.mkdir()
     (folder / "key.json").write_text(json.dumps({"study_sha256": "x", "seed": 1}))
-    (folder / "0000000.sha256").write_text("of a piece")
+    (folder / "0000000.npz").write_text("of a piece")
     file = study(place, "other", GRID)
     done = navsim("sweep", file, "-o", target, cwd=place, code=2)
     assert "--fresh" in done.stderr
