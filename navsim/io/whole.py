@@ -41,9 +41,9 @@ def destination(path: Path) -> Path:
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
     """A name to write a file under, which takes the place of `path`, and its mode, when all went well; it is on the
-    disk by then.
+    disk by then where it is to be `durable`, else it may be cut by a loss of power.
 
     Raises OSError.
     """
@@ -54,8 +54,9 @@ def replacing(path: Path) -> Iterator[Path]:
         if mode is not None:  # nobody reads what is being written who could not read what was
             os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600))
         yield temporary
-        with open(temporary, "rb") as file:
-            os.fsync(file.fileno())
+        if durable:
+            with open(temporary, "rb") as file:
+                os.fsync(file.fileno())
         if mode is not None:
             with contextlib.suppress(PermissionError):  # some file systems have no modes
                 temporary.chmod(mode)
