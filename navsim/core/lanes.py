@@ -27,6 +27,7 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.arraydecl import GetItemBuffer, SetItemBuffer
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import models, register_model
+from numba.np.arrayobj import populate_array
 
 _Function = Callable[..., Any]
 
@@ -318,8 +319,6 @@ def array_type(width: int, dimensions: int) -> Any:
 
 def _fill_array(context: Any, builder: Any, kind: Any, data: Any, meminfo: Any, shape: Any) -> Any:
     """An array over `data`, which lives as long as meminfo."""
-    from numba.np.arrayobj import populate_array  # with what it imports only the compiler needs it
-
     array = context.make_array(kind)(context, builder)
     element = context.get_data_type(kind.dtype)
     size = context.get_abi_sizeof(element)
