@@ -1,29 +1,73 @@
-"""The commands of `navsim`. Heavy imports happen inside the commands, so that `--help` answers at once."""
+"""The commands of `navsim`. Heavy imports happen inside the commands, so that `--help` answers at once; a command that
+is not asked for is not even read."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from navsim.cli.ending import OK, ending
-from navsim.cli.files import init, schema, validate
 from navsim.cli.options import grouped
-from navsim.cli.recorded import live, replay
-from navsim.cli.results import export, plot, show
-from navsim.cli.run import run
-from navsim.cli.studies import optimize, sweep, table2
+from navsim.kinds import named
+
+_PLACES = {
+    "run": "navsim.cli.run:run",
+    "table2": "navsim.cli.studies:table2",
+    "sweep": "navsim.cli.studies:sweep",
+    "optimize": "navsim.cli.studies:optimize",
+    "replay": "navsim.cli.recorded:replay",
+    "live": "navsim.cli.recorded:live",
+    "show": "navsim.cli.results:show",
+    "plot": "navsim.cli.results:plot",
+    "export": "navsim.cli.results:export",
+    "validate": "navsim.cli.files:validate",
+    "schema": "navsim.cli.files:schema",
+    "init": "navsim.cli.files:init",
+}
+"""The commands in the order of `--help`."""
+
+
+@cache
+def _command(name: str) -> Any:
+    """A command as typer has it."""
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(name)(ending(grouped(named(_PLACES[name]))))
+    return typer.main.get_command(alone)
+
+
+class _Commands(Mapping[str, Any]):
+    """All commands by name, each made when it is asked for."""
+
+    def __getitem__(self, name: str) -> Any:
+        return _command(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_PLACES)
+
+    def __len__(self) -> int:
+        return len(_PLACES)
+
+
+class _Group(TyperGroup):
+    """What chooses among them."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings | {"commands": _Commands()})
+
 
 app = typer.Typer(
     name="navsim",
+    cls=_Group,
     help="Plan and prove a landing navigation system: INS corrected by GNSS and ground pseudolites.",
     no_args_is_help=True,
     rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
-for command in (run, table2, sweep, optimize, replay, live, show, plot, export, validate, schema, init):
-    app.command()(ending(grouped(command)))
 
 
 def _version(wanted: bool) -> None:

@@ -21,7 +21,6 @@ from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import quaternion_from_dcm, roll_pitch_yaw
 from navsim.models.path import Path
 
-_GAUSS = np.polynomial.legendre.leggauss(4)
 EARTH_RATE = np.array([0.0, 0.0, earth.RATE])
 _GRADIENT_STEP = 100.0
 """Baseline of the central difference of gravity along the path, m: exact to 1e-15 m/s2 per metre."""
@@ -218,9 +217,10 @@ def integrate(
     # a cut at a sample time, or within rounding of one, would make an empty interval
     cuts = cuts[np.concatenate([[True], np.diff(cuts) > 1e-12])]
     half = 0.5 * np.diff(cuts)
-    nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * _GAUSS[0]
+    points, shares = np.polynomial.legendre.leggauss(4)
+    nodes = (0.5 * (cuts[:-1] + cuts[1:]))[:, None] + half[:, None] * points
     moving = motion(nodes.ravel())
-    weights = half[:, None] * _GAUSS[1]
+    weights = half[:, None] * shares
     owner = np.searchsorted(t, 0.5 * (cuts[:-1] + cuts[1:])) - 1
     sums = []
     for values in (moving.angular_rate, moving.specific_force):

@@ -216,6 +216,7 @@ OF_OTHER_KINDS = {
     for name in (
         "scenario.sweep", "scenario.optimize", "scenario.replay", "scenario.tracking", "tracking", "study.sweep",
         "study.search", "study.replay", "study.live", "simulation.replay", "report.sweep", "report.figures",
+        "cli.recorded", "cli.studies", "cli.results",
     )
 }  # fmt: skip
 
