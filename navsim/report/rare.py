@@ -9,14 +9,17 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
+from navsim.io.findings import several
 from navsim.io.results import Result
 from navsim.report.table import ABSENT, Cell, Table, cell
-from navsim.report.tables import runs_of
+from navsim.report.tables import box_head, box_to_first_order, runs_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_FAR = 1e-12
+"""Probabilities below this are told to rest on the tails that inputs are drawn from."""
 _LEAST = 1e-12
 """Probabilities below this are not drawn."""
 
@@ -30,49 +33,57 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
 
     axes = list(enumerate(map(str, results[0][1]["/axis"])))
     row("pushed runs", runs_of)
-    row("height above the runway, m", lambda r: cell("{:g}", float(r["/summary/box/height"])))
-    row("time, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
-    out.head("Outside the box", *("probability [95 %]" for _ in results))
+    out.head("Outside the box", *(box_head(result, flown=True) for _, result in results))
     row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"], _effective(r)))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _of_axis(r, i))  # type: ignore[misc]
-    out.head("What it rests on")
-    row("  relative error, 1 sigma", lambda r: cell("{:.1f} %", 100.0 * float(r["/summary/rare/relative_error"])))
-    row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
-    row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
-    out.head("To first order", *("limit; mean, 1 sigma, m; probability if Gaussian" for _ in results))
+    out.head("The same to first order", *(box_head(result, flown=False) for _, result in results))
+    row("  any limit exceeded", lambda r: box_to_first_order(r, None))
+    for i, axis in axes:
+        row(f"  {axis}", lambda r, i=i: box_to_first_order(r, i))  # type: ignore[misc]
+    out.head("Errors there to first order, m", *("mean, 1 sigma" for _ in results))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _first_order(r, i))  # type: ignore[misc]
+    out.head("What it rests on")
+    row("  relative error, 1 sigma", _relative_error)
+    row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
+    row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
+    row("  time of the box, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
     return out
 
 
-def _probability(values: np.ndarray, effective: float) -> Cell:
+def _probability(values: np.ndarray, effective: float, beyond: str = "") -> Cell:
     value, low, high = map(float, values)
+    few = f"  ({several(round(effective), 'effective sample')})" if effective < FEW else ""
+    tails = "  (if tails are Gaussian)" if not value >= _FAR else ""
     if effective == 0.0:
-        return cell("none found; below {:.2g}", high)
-    few = "" if effective >= FEW else "  ({:.0f} effective samples)"
-    return Cell("{:.3g}  [{:.3g}, {:.3g}]" + few, (value, low, high, effective), whole=True)
+        return cell("none found; below {:.2g}" + beyond, high)
+    if np.isnan(value):
+        return cell("below {:.2g}" + beyond + tails + few, high)
+    if value == 1.0:
+        return cell("all found; above {:.3g}" + beyond + few, low)
+    return cell("{:.3g}  [{:.3g}, {:.3g}]" + beyond + tails + few, value, low, high)
 
 
 def _of_axis(result: Result, i: int) -> Cell | str:
-    limited = np.isfinite(result["/summary/box/limit"][i])
-    if not limited:
+    limit = float(result["/summary/box/limit"][i])
+    if not np.isfinite(limit):
         return ABSENT
     effective = float(result["/summary/rare/axis_effective_samples"][i])
-    return _probability(result["/summary/rare/axis_probability"][i], effective)
+    return _probability(result["/summary/rare/axis_probability"][i], effective, f"  (beyond {limit:g} m)")
 
 
 def _effective(result: Result) -> float:
     return float(result["/summary/rare/effective_samples"])
 
 
+def _relative_error(result: Result) -> Cell:
+    return Cell("{:.1f} %", (100.0 * float(result["/summary/rare/relative_error"]),), whole=True)
+
+
 def _first_order(result: Result, i: int) -> Cell:
-    limit, mean, sigma, chance = (
-        float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma", "axis_first_order")
-    )
-    if not np.isfinite(limit):
-        return cell("none; {:+.3f}, {:.3f}", mean, sigma)
-    return cell("{:g}; {:+.3f}, {:.3f}; {:.3g}", limit, mean, sigma, chance)
+    mean, sigma = (float(result[f"/summary/box/axis_{name}"][i]) for name in ("mean", "sigma"))
+    return cell("{:+.3f}, {:.3f}", round(mean, 3) + 0.0, sigma)  # no negative zero
 
 
 def figures(result: Result) -> dict[str, Figure]:

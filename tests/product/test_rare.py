@@ -70,14 +70,44 @@ def test_beside_other_results(place: Path) -> None:
 def test_none_outside_is_said(place: Path) -> None:
     """Of these runs; and nothing is said of none where some are outside with weights beyond any number."""
     done = navsim(*RARE, "--runs", 1, "--first-run", NOT_PUSHED, "-o", "far.h5", cwd=place)
-    assert "none of 1 runs ended outside the box: its probability is below" in done.stderr
+    assert "none of 1 run ended outside the box: its probability is below" in done.stderr
     far = ("--set", "box={lateral_m: 60, vertical_m: 90}")
     done = navsim(*RARE, *far, "--runs", 16, "-o", "far.h5", "--force", cwd=place)
     assert "none of" not in done.stderr
     assert read(place / "far.h5")["/summary/rare/outside"] > 0
-    assert read(place / "far.h5")["/summary/rare/probability"][0] == 0.0
+    value, low, high = read(place / "far.h5")["/summary/rare/probability"]
+    assert np.isnan(value)
+    assert (low, high) == (0.0, 1e-300)
+    assert "below 1e-300  (if tails are Gaussian)" in done.stdout
+    assert "[0, 0]" not in done.stdout
+    assert "RuntimeWarning" not in done.stderr
     done = navsim(*RARE, "--runs", 40, "-o", "few.h5", cwd=place)
     assert "effective samples of 40 runs" in done.stderr
+
+
+def test_all_outside_is_said(place: Path) -> None:
+    """With what so many runs exclude; a study goes on until that is as narrow as asked for."""
+    box = ("--set", "box={lateral_m: 0.05, along_m: 0.05, vertical_m: 0.05}")
+    done = navsim(*RARE, *box, "--runs", 32, "-o", "all.h5", "--force", cwd=place)
+    assert "all of 32 runs ended outside the box: its probability is above 0.89" in done.stderr
+    assert "all found; above 0.89" in done.stdout
+    result = read(place / "all.h5")
+    assert np.isnan(result["/summary/rare/relative_error"])
+    assert navsim(*RARE, *box, "--until", "probability within 5%", "-o", "all.h5", "-q", cwd=place).returncode == 0
+    result = read(place / "all.h5")
+    value, low, high = result["/summary/rare/probability"]
+    assert low >= 0.95 * value
+    assert high <= 1.05 * value
+    assert result["/run"].size > 32
+
+
+def test_rejected_fixes_are_reported(place: Path) -> None:
+    """They speak against fixes where runs without a push have too many of them too."""
+    tight = ("--set", "filter.fix_sigma_scale=0.3", "--runs", 32, "-o", "tight.h5", "--require-fix")
+    done = navsim(*RARE, *tight, cwd=place, code=3)
+    assert "fixes were rejected by the innovation gate, in 32 of 32 runs" in done.stderr
+    assert "error: --require-fix:" in done.stderr
+    assert "pushes may" not in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -88,7 +118,11 @@ def test_none_outside_is_said(place: Path) -> None:
         (("--set", "box.height_m=5000"), "the aircraft never comes down through 5000 m above the runway"),
         (("--set", "filter.kind=rts"), "on which method rare rests too, is that of a filter, rts is a smoother"),
         (("--keep", "all"), "--keep: only for method monte-carlo"),
-        (("--until", "rms_horizontal within 2%"), "expected `probability within 20%`"),
+        (("--require-consistent",), "--require-consistent: only for method monte-carlo; errors and innovations of"),
+        (("--until", "rms_horizontal within 2%"), "with method rare expected `probability within 20%`"),
+        (("--until", "probability within 0.05%"), "0.05 % is not within 0.1 to 50 percent"),
+        (("--until", "probability within 1.2.3%"), "'1.2.3' is no number"),
+        (("--method", "monte-carlo", "--until", "probability within 9%"), "a probability goes with --method rare"),
     ],
 )
 def test_refused(words: tuple[str, ...], message: str, place: Path) -> None:
