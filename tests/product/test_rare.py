@@ -60,6 +60,8 @@ def test_beside_other_results(place: Path) -> None:
         as_declared(read(place / file))
     said = navsim("show", "some.h5", "rare.h5", "cov.h5", cwd=place).stdout
     assert said.count("Outside the box") == 2
+    assert said.count("probability [95 %], 0 m above") == 2
+    assert "at most " in said
     first, rare = (read(place / file)["/summary/box/axis_first_order"] for file in ("cov.h5", "rare.h5"))
     np.testing.assert_allclose(first, rare, rtol=0.15)  # of errors between outputs the analysis blurs covariances
     assert read(place / "some.h5")["/summary/box/probability"][2] == pytest.approx(1.0 - 0.025**0.125)
@@ -101,6 +103,30 @@ def test_all_outside_is_said(place: Path) -> None:
     assert result["/run"].size > 32
 
 
+def test_figures_of_far_and_of_common_errors(place: Path) -> None:
+    """An axis ends where the curves do, which says where the limit is; what is common has its curve too."""
+    from navsim.report.rare import exceedance
+
+    for name, lateral, vertical in (("wide.h5", 500, 0.02), ("narrow.h5", 2.4, 3.6)):
+        box = ("--set", f"box={{lateral_m: {lateral}, vertical_m: {vertical}}}", "--runs", 64)
+        assert navsim(*RARE, *box, "-q", "-o", name, cwd=place).returncode == 0
+        far, common = exceedance(read(place / name)).axes
+        for ax, limit in ((far, lateral), (common, vertical)):
+            assert ax.get_xlabel()
+            x, chance = map(np.asarray, ax.lines[0].get_data())
+            left, end = ax.get_xlim()
+            low, top = ax.get_ylim()
+            assert ((x >= left) & (x <= end) & (chance >= low) & (chance <= top)).sum() > 5
+            assert ax.texts[0].get_text() == f"limit {limit:g} m" + (" →" if limit > end else "")
+    assert "→" not in common.texts[0].get_text()
+
+
+def test_box_before_any_fix_is_warned_of(place: Path) -> None:
+    for height, warned in ((153, True), (140, False)):
+        done = navsim(*RARE, "--set", f"box.height_m={height}", "--dry-run", "-o", "start.h5", cwd=place)
+        assert ("before the first fix: the errors there are those that the filter begins with" in done.stderr) == warned
+
+
 def test_rejected_fixes_are_reported(place: Path) -> None:
     """They speak against fixes where runs without a push have too many of them too."""
     tight = ("--set", "filter.fix_sigma_scale=0.3", "--runs", 32, "-o", "tight.h5", "--require-fix")
@@ -114,9 +140,14 @@ def test_rejected_fixes_are_reported(place: Path) -> None:
     ("words", "message"),
     [
         (("--set", "box=null"), "box: method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`"),
-        (("--set", "box={}"), "box.lateral_m: limits nothing: give lateral_m, along_m or vertical_m"),
+        (("--set", "box={}"), "error: --set box={}: box: limits nothing: give lateral_m, along_m or vertical_m"),
         (("--set", "box.height_m=5000"), "the aircraft never comes down through 5000 m above the runway"),
-        (("--set", "filter.kind=rts"), "on which method rare rests too, is that of a filter, rts is a smoother"),
+        (
+            ("--set", "filter.kind=rts"),
+            "on which method rare rests too, is that of a filter, rts is a smoother; use method monte-carlo, or",
+        ),
+        (("--set", "box={lateral_m: .inf}"), "box.lateral_m: a finite number is needed, not .inf"),
+        (("--set", "box={lateral_m: .nan}"), "box.lateral_m: a finite number is needed, not nan"),
         (("--keep", "all"), "--keep: only for method monte-carlo"),
         (("--require-consistent",), "--require-consistent: only for method monte-carlo; errors and innovations of"),
         (("--until", "rms_horizontal within 2%"), "with method rare expected `probability within 20%`"),
