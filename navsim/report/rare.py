@@ -60,11 +60,11 @@ def _probability(values: np.ndarray, effective: float, beyond: str = "") -> Cell
     few = f"  ({several(round(effective), 'effective sample')})" if effective < FEW else ""
     tails = "  (if tails are Gaussian)" if not value >= _FAR else ""
     if effective == 0.0:
-        return cell("none found; below {:.2g}" + beyond, high)
+        return cell("none outside; below {:.2g}" + beyond, high)
     if np.isnan(value):
         return cell("below {:.2g}" + beyond + tails + few, high)
     if value == 1.0:
-        return cell("all found; above {:.3g}" + beyond + few, low)
+        return cell("all outside; above {:.3g}" + beyond + few, low)
     return cell("{:.3g}  [{:.3g}, {:.3g}]" + beyond + tails + few, value, low, high)
 
 
