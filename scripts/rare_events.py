@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from navsim.core.arrays.sampling import FEW, TWO_SIDED
 from navsim.scenario.load import read
 from navsim.simulation.rare import proposal
 from navsim.study.executor import threads
@@ -164,8 +163,11 @@ def honesty() -> list[str]:
             log_weights = mix.log_weights(first.T)
             outside = (np.abs(first + part * rng.standard_normal((MOST, 2))) > limit).any(axis=1)
             for runs in (*range(512, MOST, 512), MOST):
-                value, relative, effective = weighted_share(log_weights[:runs], outside[:runs], mix.most_weight)
-                if TWO_SIDED * relative <= rare.USUAL and effective >= FEW:
+                # of chances that are rare the rest is never looked at
+                value, _, effective = weighted_share(
+                    log_weights[:runs], outside[:runs], mix.most_weight, mix.most_weight
+                )
+                if rare.narrow(value, effective, rare.USUAL):
                     break
             found.append((runs, value[0] / truth, value[2] < truth, effective))
         runs, over, missed, effective = np.array(found, float).T

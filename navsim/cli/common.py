@@ -237,4 +237,5 @@ def print_shown(result: Result, target: Path, written: Written, quiet: bool, as_
         print(f"result   {', '.join(map(str, (target, *written.texts)))}")
         if written.figures:
             names = ",".join(path.stem.removeprefix(f"{target.stem}_") for path in written.figures)
-            print(f"figures  {written.figures[0].parent}/{target.stem}_{{{names}}}.png")
+            names = f"{{{names}}}" if len(written.figures) > 1 else names
+            print(f"figures  {written.figures[0].parent}/{target.stem}_{names}.png")

@@ -93,7 +93,7 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
     assigned, suffix = method_given(scenario, given.set_, given.method)
     options = Options(
         given.seed, given.runs, given.first_run, given.until, given.keep, given.method, given.workers,
-        fresh=given.fresh, require_fix=required.require_fix,
+        fresh=given.fresh, require_fix=required.require_fix, require_consistent=required.require_consistent,
     )  # fmt: skip
     job = opened("run", scenario, [*(given.set_ or []), *assigned], options)
     wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)

@@ -34,6 +34,11 @@ class Finding:
     first: float = math.nan
 
 
+def several(count: int, noun: str) -> str:
+    """`1 run`, `2 runs`."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
 def kept(found: list[Finding]) -> dict[str, Variable]:
     """The group `/findings` of a result of any sort."""
     out = Draft(LANDING)

@@ -337,13 +337,14 @@ _SUMMARY = Chapter(
     ),
 )  # fmt: skip
 
+_BOX_AXES = "position errors in axes of the runway: lateral (right), along (forward), vertical (up)"
 _BOX_WHEN = "where the scenario has a box"
 _BOX = Chapter(
     "Leaving a box",
     "How often a landing ends outside the scenario's box: counted, by the covariance analysis, or by runs that were "
     "pushed towards its edge and weighed.",
     (
-        _labels("/axis", "axes of the runway: right, along, up", RARE, *_RUNWAY),
+        _labels("/axis", _BOX_AXES, RARE, *_RUNWAY),
         _a("/rare/error", "run axis", "m", "position error at the height of the box, truth minus estimate", RARE),
         _a("/rare/first_order", "run axis", "m", "the same error to first order, from all that was drawn", RARE),
         _a("/rare/log_weight", "run", "1",
@@ -351,7 +352,7 @@ _BOX = Chapter(
         *(
             _a(path, dims, units, meaning, layouts, of, when=dict.fromkeys(_FLOWN, _BOX_WHEN))
             for path, dims, units, meaning, layouts, of in (
-                ("/summary/box/axis", "axis", "1", "axes of the runway: right, along, up", _FLOWN, TEXT),
+                ("/summary/box/axis", "axis", "1", _BOX_AXES, _FLOWN, TEXT),
                 ("/summary/box/height", "", "m", "true height above the runway at which errors are judged",
                  (*_FLOWN, RARE), NUMBER),
                 ("/summary/box/time", "", "s", "when the aircraft last comes down through it", (*_FLOWN, RARE), NUMBER),
@@ -371,10 +372,12 @@ _BOX = Chapter(
                  NUMBER),
             )
         ),
-        _a("/summary/rare/probability", "interval", "1", "probability that a landing ends outside the box", RARE),
+        _a("/summary/rare/probability", "interval", "1",
+           "probability that a landing ends outside the box; nan, its interval from 0, where it is below 1e-300", RARE),
         _a("/summary/rare/axis_probability", "axis interval", "1",
-           "probability that this error exceeds its limit, nan for none", RARE),
-        _a("/summary/rare/relative_error", "", "1", "1 sigma of the probability over itself", RARE),
+           "the same of this error beyond its limit, nan for no limit", RARE),
+        _a("/summary/rare/relative_error", "", "1",
+           "1 sigma of the probability over itself; nan where no run, or every one, is outside", RARE),
         _a("/summary/rare/effective_samples", "", "1",
            "number of equally weighted runs outside the box that would tell as much", RARE),
         _a("/summary/rare/axis_effective_samples", "axis", "1", "the same of each error, nan for none", RARE),

@@ -9,16 +9,22 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
+from navsim.io.findings import several
 from navsim.io.results import Result
 from navsim.report.table import ABSENT, Cell, Table, cell
-from navsim.report.tables import runs_of
+from navsim.report.tables import box_head, box_to_first_order, runs_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_FAR = 1e-12
+"""Probabilities below this are told to rest on the tails that inputs are drawn from."""
 _LEAST = 1e-12
 """Probabilities below this are not drawn."""
+_COMMON = 0.1
+"""Probabilities above this need no logarithm."""
+_POINTS = 300
 
 
 def table(results: Sequence[tuple[str, Result]]) -> Table:
@@ -30,49 +36,57 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
 
     axes = list(enumerate(map(str, results[0][1]["/axis"])))
     row("pushed runs", runs_of)
-    row("height above the runway, m", lambda r: cell("{:g}", float(r["/summary/box/height"])))
-    row("time, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
-    out.head("Outside the box", *("probability [95 %]" for _ in results))
+    out.head("Outside the box", *(box_head(result, flown=True) for _, result in results))
     row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"], _effective(r)))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _of_axis(r, i))  # type: ignore[misc]
-    out.head("What it rests on")
-    row("  relative error, 1 sigma", lambda r: cell("{:.1f} %", 100.0 * float(r["/summary/rare/relative_error"])))
-    row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
-    row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
-    out.head("To first order", *("limit; mean, 1 sigma, m; probability if Gaussian" for _ in results))
+    out.head("The same to first order", *(box_head(result, flown=False) for _, result in results))
+    row("  any limit exceeded", lambda r: box_to_first_order(r, None))
+    for i, axis in axes:
+        row(f"  {axis}", lambda r, i=i: box_to_first_order(r, i))  # type: ignore[misc]
+    out.head("Errors there to first order, m", *("mean, 1 sigma" for _ in results))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _first_order(r, i))  # type: ignore[misc]
+    out.head("What it rests on")
+    row("  relative error, 1 sigma", _relative_error)
+    row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
+    row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
+    row("  time of the box, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
     return out
 
 
-def _probability(values: np.ndarray, effective: float) -> Cell:
+def _probability(values: np.ndarray, effective: float, beyond: str = "") -> Cell:
     value, low, high = map(float, values)
+    few = f"  ({several(round(effective), 'effective sample')})" if effective < FEW else ""
+    tails = "  (if tails are Gaussian)" if not value >= _FAR else ""
     if effective == 0.0:
-        return cell("none found; below {:.2g}", high)
-    few = "" if effective >= FEW else "  ({:.0f} effective samples)"
-    return Cell("{:.3g}  [{:.3g}, {:.3g}]" + few, (value, low, high, effective), whole=True)
+        return cell("none outside; below {:.2g}" + beyond, high)
+    if np.isnan(value):
+        return cell("below {:.2g}" + beyond + tails + few, high)
+    if value == 1.0:
+        return cell("all outside; above {:.3g}" + beyond + few, low)
+    return cell("{:.3g}  [{:.3g}, {:.3g}]" + beyond + tails + few, value, low, high)
 
 
 def _of_axis(result: Result, i: int) -> Cell | str:
-    limited = np.isfinite(result["/summary/box/limit"][i])
-    if not limited:
+    limit = float(result["/summary/box/limit"][i])
+    if not np.isfinite(limit):
         return ABSENT
     effective = float(result["/summary/rare/axis_effective_samples"][i])
-    return _probability(result["/summary/rare/axis_probability"][i], effective)
+    return _probability(result["/summary/rare/axis_probability"][i], effective, f"  (beyond {limit:g} m)")
 
 
 def _effective(result: Result) -> float:
     return float(result["/summary/rare/effective_samples"])
 
 
+def _relative_error(result: Result) -> Cell:
+    return Cell("{:.1f} %", (100.0 * float(result["/summary/rare/relative_error"]),), whole=True)
+
+
 def _first_order(result: Result, i: int) -> Cell:
-    limit, mean, sigma, chance = (
-        float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma", "axis_first_order")
-    )
-    if not np.isfinite(limit):
-        return cell("none; {:+.3f}, {:.3f}", mean, sigma)
-    return cell("{:g}; {:+.3f}, {:.3f}; {:.3g}", limit, mean, sigma, chance)
+    mean, sigma = (float(result[f"/summary/box/axis_{name}"][i]) for name in ("mean", "sigma"))
+    return cell("{:+.3f}, {:.3f}", round(mean, 3) + 0.0, sigma)  # no negative zero
 
 
 def figures(result: Result) -> dict[str, Figure]:
@@ -89,33 +103,77 @@ def exceedance(result: Result) -> Figure:
     axes = fig.subplots(some.size, 1, squeeze=False)[:, 0]
     for ax, i in zip(axes, some, strict=True):
         _curve(ax, result, int(i))
-    axes[-1].set_xlabel("size x of the error, m")
+        ax.set_xlabel("size x of the error, m")
     legend_above(fig, axes[0], 3)
     return fig
 
 
 def _curve(ax: Axes, result: Result, i: int) -> None:
-    from navsim.report.figures import COLOURS, SMALL
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+
+    from navsim.report.figures import COLOURS
 
     limit, mean, sigma = (float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma"))
-    error = result["/rare/error"][:, i]
-    size = np.where(np.isfinite(error), np.abs(error), np.inf)  # what is no number exceeds everything
-    order = np.argsort(-size)
-    weight = np.exp(result["/rare/log_weight"][order])
-    total = np.cumsum(weight)
-    chance = total / size.size
-    shown = np.isfinite(size[order]) & (chance < 0.5) & (np.cumsum(weight**2) > 0.0)
-    x, chance = size[order][shown], chance[shown]
-    reach = np.exp(TWO_SIDED * relative_error(total[shown], np.cumsum(weight**2)[shown], max(size.size, 2)))
-    ax.fill_between(x, chance / reach, np.minimum(chance * reach, 1.0), color=COLOURS[0], alpha=0.25, lw=0)
-    ax.plot(x, chance, color=COLOURS[0], label=f"{size.size} pushed runs, 95 %")
-    grid = np.linspace(0.0, 1.1 * limit, 300)
-    ax.plot(grid, normal.exceedance(grid, mean, sigma), color=COLOURS[1], ls="--", label="first order")
-    ax.axvline(limit, color=COLOURS[-1], lw=0.6)
-    ax.annotate("limit", (limit, 1.0), (-3, -9), textcoords="offset points", fontsize=SMALL, ha="right")
+    x, chance, low, high = _exceeded(result["/rare/error"][:, i], result["/rare/log_weight"])
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
     least = min((p for p in at_limit if p > 0.0), default=_LEAST)
-    ax.set_yscale("log")
-    ax.set_ylim(max(0.05 * least, _LEAST), 1.0)
-    ax.set_xlim(0.0, 1.1 * limit)
+    bottom = 0.0 if least > _COMMON else max(0.3 * least, _LEAST)
+    grid = np.linspace(0.0, max(1.1 * limit, abs(mean) + 3.0 * sigma), _POINTS)
+    if bottom:  # only as far as curves are
+        grid = np.linspace(0.0, min(grid[-1], abs(mean) - sigma * normal.quantile(0.5 * bottom)), _POINTS)
+    ax.fill_between(x, low, high, step="post", color=COLOURS[0], alpha=0.25, lw=0)
+    runs = result["/run"].size
+    ax.plot(x, chance, drawstyle="steps-post", color=COLOURS[0], label=f"{several(runs, 'pushed run')}, 95 %")
+    ax.plot(grid, normal.exceedance(grid, mean, sigma), color=COLOURS[1], ls="--", label="first order")
+    if bottom:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(numticks=8))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+        if bottom < 1e-4:
+            ax.yaxis.set_minor_locator(NullLocator())
+    ax.set_ylim(bottom, 1.0)
+    ax.set_xlim(0.0, grid[-1])
     ax.set_ylabel(f"P(|{result['/axis'][i]} error| > x)")
+    _mark(ax, limit, float(grid[-1]))
+
+
+def _mark(ax: Axes, limit: float, end: float) -> None:
+    """The limit, m, on an axis that ends at `end`, or where it is beyond that."""
+    from matplotlib.patheffects import withStroke
+
+    from navsim.report.figures import COLOURS, SMALL
+
+    beyond, left = limit > end, limit < 0.5 * end
+    if not beyond:
+        ax.axvline(limit, color=COLOURS[-1], lw=0.6)
+    text = f"limit {limit:g} m" + (" →" if beyond else "")
+    place, side = ((3, -9), "left") if left else ((-3, -9), "right")
+    ax.annotate(
+        text, (min(limit, end), 1.0), place, xycoords=("data", "axes fraction"), textcoords="offset points",
+        fontsize=SMALL, ha=side, path_effects=[withStroke(linewidth=1.5, foreground="white")],
+    )  # fmt: skip
+
+
+def _exceeded(error: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sizes of the errors of runs (n,), from the largest on, how often they are reached and the ends of 95 % intervals;
+    above 1/2 by the runs that do not, as `/summary/rare/probability`."""
+    size = np.where(np.isfinite(error), np.abs(error), np.inf)  # what is no number exceeds everything
+    order = np.argsort(-size)
+    weight, runs = np.exp(log_weight[order]), max(size.size, 2)
+
+    def share(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the first 1, 2, ... of some weights: chance, and the factor to the end of its interval."""
+        total, square = np.cumsum(some), np.cumsum(some**2)
+        known = square > 0.0
+        reach = np.exp(TWO_SIDED * relative_error(np.where(known, total, 1.0), np.where(known, square, 1.0), runs))
+        return np.where(known, total / size.size, np.nan), reach
+
+    beyond, reach = share(weight)
+    rest, reach_of_rest = (np.append(each[::-1][1:], np.nan) for each in share(weight[::-1]))
+    low, high = beyond / reach, beyond * reach
+    common = beyond > 0.5
+    beyond = np.where(common, 1.0 - rest, beyond)
+    low = np.where(common, 1.0 - rest * reach_of_rest, low)
+    high = np.where(common, 1.0 - rest / reach_of_rest, high)
+    shown = np.isfinite(size[order]) & np.isfinite(beyond)
+    return size[order][shown], beyond[shown], np.maximum(low[shown], 0.0), np.minimum(high[shown], 1.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from navsim.core.arrays.sampling import LEAST
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
@@ -127,10 +128,25 @@ def _coverage(result: Result, i: int) -> Cell | str:
     return cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", value, low, high, expected)
 
 
-def _box_height(result: Result) -> str:
+def box_head(result: Result, flown: bool) -> str:
+    """What stands over the chances of leaving a box: with an interval where it is of runs."""
     if "/summary/box/limit" not in result:
         return ""
-    return f"probability, {float(result['/summary/box/height']):g} m above the runway"
+    interval = " [95 %]" if flown else ""
+    return f"probability{interval}, {float(result['/summary/box/height']):g} m above the runway"
+
+
+def box_to_first_order(result: Result, i: int | None) -> Cell | str:
+    """The chance that a Gaussian error exceeds its limit; i None: any of them does, at most."""
+    chances = result["/summary/box/axis_first_order"]
+    value = min(1.0, float(np.nansum(chances))) if i is None else float(chances[i])
+    if not np.isfinite(value):
+        return ABSENT
+    shown = "below {:g}" if value < LEAST else "{:.3g}"
+    value = max(value, LEAST)
+    if i is None:
+        return cell("at most {:.3g}  (if Gaussian)" if value > LEAST else shown, value)
+    return cell(shown + "  (beyond {:g} m, if Gaussian)", value, float(result["/summary/box/limit"][i]))
 
 
 def _box(result: Result, i: int | None) -> Cell | str:
@@ -139,7 +155,7 @@ def _box(result: Result, i: int | None) -> Cell | str:
         return ABSENT
     if i is None:
         if "/summary/box/probability" not in result:
-            return ABSENT
+            return box_to_first_order(result, None)
         return cell("{:.3g}  [{:.3g}, {:.3g}]", *map(float, result["/summary/box/probability"]))
     limit = float(result["/summary/box/limit"][i])
     if not np.isfinite(limit):
@@ -148,7 +164,7 @@ def _box(result: Result, i: int | None) -> Cell | str:
         return cell(
             "{:.3g}  [{:.3g}, {:.3g}]  (beyond {:g} m)", *map(float, result["/summary/box/axis_probability"][i]), limit
         )
-    return cell("{:.3g}  (beyond {:g} m, if Gaussian)", float(result["/summary/box/axis_first_order"][i]), limit)
+    return box_to_first_order(result, i)
 
 
 def summary_table(results: list[tuple[str, Result]]) -> Table:
@@ -210,7 +226,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
     boxed = [r for _, r in results if "/summary/box/limit" in r]
     if boxed:
-        section("Outside the box", lambda r: _box_height(r))
+        section("Outside the box", lambda r: box_head(r, "/summary/box/probability" in r))
         row("  any limit exceeded", lambda r: _box(r, None))
         for i, name in enumerate(("lateral", "along", "vertical")):
             row(f"  {name}", lambda r, i=i: _box(r, i))

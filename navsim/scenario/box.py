@@ -28,7 +28,7 @@ class BoxSection(Section):
     @model_validator(mode="after")
     def _some(self) -> Self:
         if not any(self.limits()):
-            raise reject("limits nothing: give lateral_m, along_m or vertical_m", "lateral_m")
+            raise reject("limits nothing: give lateral_m, along_m or vertical_m")
         return self
 
     def limits(self) -> tuple[float | None, float | None, float | None]:

@@ -126,7 +126,7 @@ class Landing(Section):
         if self.filter.kind in SMOOTHERS:
             raise reject(
                 f"the covariance analysis, on which method rare rests too, is that of a filter, {self.filter.kind} is "
-                "a smoother; fly runs",
+                "a smoother; use method monte-carlo, or another filter.kind",
                 "filter",
                 "kind",
             )

@@ -12,7 +12,7 @@ import copy
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +163,8 @@ def _number(text: str) -> int | float:
         value = float(plain.replace(".inf", "inf").replace(".nan", "nan"))
     if math.isnan(value):
         raise ValueError("a finite number is needed, not nan")
+    if plain.endswith("inf"):
+        raise ValueError(f"a finite number is needed, not {text}")
     vanished = value == 0 and any(digit in plain.partition("e")[0] for digit in "123456789")
     if vanished or abs(value) > LARGEST or 0 < abs(value) < SMALLEST:
         raise ValueError(f"a finite number is needed, 0 or of a size from {SMALLEST:g} to {LARGEST:g}, not {text}")
@@ -326,7 +328,11 @@ def assign(document: Document, assignment: str) -> None:
     if not equals:
         raise InputError([Problem(label, "", "expected dotted.key=value")])
     value = Document(str(label), Path.cwd(), None)
-    _built(text, value, lambda line, column: label)
+    try:
+        _built(text, value, lambda line, column: label)
+    except InputError as error:
+        within = [replace(p, key=f"{key}.{p.key}") if p.key else p for p in error.problems]
+        raise InputError(within) from None
     set_value(document, key, value.data, label, Path.cwd())
 
 

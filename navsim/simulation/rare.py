@@ -29,6 +29,10 @@ _FULL, _HALF = 0.8, 0.1
 """Shares of the runs pushed to a face and half the way; the rest is not pushed."""
 _EVENLY = 0.5
 """Share of the pushes that goes to all faces alike; the rest goes by their probabilities to first order."""
+_MOST_EXPONENT = 700.0
+"""Of a number."""
+_STEPS = 1001
+"""Places between two faces at which weights are looked at."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,18 @@ class Proposal:
     def most_weight(self) -> float:
         """No weight is above this."""
         return float(1.0 / self.shares[-1])
+
+    def most_weight_between(self, low: np.ndarray, high: np.ndarray) -> float:
+        """No weight is above this where the errors to first order are from low to high (K,) off their means; where
+        either is not finite nothing is known of that error."""
+        density = float(self.shares[~self.pushes.any(axis=1)].sum())
+        for k in np.flatnonzero(np.isfinite(low) & np.isfinite(high)):
+            along = self.pushes[:, k] != 0.0  # a push is along one error
+            push = self.pushes[along, k, None]
+            exponents = push * np.linspace(low[k], high[k], _STEPS) - 0.5 * push**2 * self.covariance[k, k]
+            # far faces have pushes beyond any number at their own side, where the least is not
+            density += float((self.shares[along] @ np.exp(np.minimum(exponents, _MOST_EXPONENT))).min())
+        return 1.0 / density
 
     def drawn(self, seed: int, run: int) -> int:
         """The component of a run."""

@@ -39,6 +39,7 @@ class Options:
     time_limit: float | None = None
     fresh: bool = False
     require_fix: bool = False
+    require_consistent: bool = False
 
     def foreign(self, *taken: str) -> list[str]:
         """Those given that are not among the ones taken, as the command line has them."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.core.arrays.sampling import TWO_SIDED, relative_error
+from navsim.core.arrays.sampling import LEAST, TWO_SIDED, relative_error
 
 CONFIDENCE = 0.95
 _TAIL = 0.5 * (1.0 - CONFIDENCE)
@@ -74,30 +74,49 @@ def share_interval(count: int, runs: int) -> np.ndarray:
     return np.array([count / runs, low, high])
 
 
-def weighted_share(log_weights: np.ndarray, hits: np.ndarray, most: float) -> tuple[np.ndarray, float, float]:
+def weighted_share(
+    log_weights: np.ndarray, hits: np.ndarray, most: float, most_else: float
+) -> tuple[np.ndarray, float, float]:
     """The chance of a hit from runs of another density: value with its two-sided 95 % interval (3,), its relative
     standard error, and how many hits of one weight would tell as much (Kish).
 
-    log_weights: (run,) of the density in question over that of the runs, nowhere above that of `most`. hits: (run,)
-    bool. The interval is symmetric on the logarithm of the smaller of the chance and its complement; without a hit it
-    reaches to what so many runs exclude even where all of them weigh most.
+    log_weights: (run,) of the density in question over that of the runs, nowhere above that of `most` for hits, of
+    `most_else` for others. hits: (run,) bool. The interval is symmetric on the logarithm of the chance, or of its
+    complement where that is the smaller; without a hit, or with nothing else, it reaches to what so many runs exclude
+    even where all of them weigh most, and the relative error is nan. A chance below `LEAST` is nan, its interval from
+    0 to no less than that.
     """
+    runs = hits.size
     weights = np.exp(log_weights)
-    if weights @ hits > weights @ ~hits:  # what is left is the rarer
-        (value, low, high), relative, _ = weighted_share(log_weights, ~hits, most)
-        error = 0.0 if value == 0.0 else relative * value / (1.0 - value)
-        return 1.0 - np.array([value, high, low]), error, _kish(log_weights[hits])
+    # hits that weigh little do not make the rest rare, even where there is no rest
+    if weights @ hits > max(weights @ ~hits, 0.5 * runs):
+        return *_of_the_rest(*_rare_share(log_weights, ~hits, most_else)), _kish(log_weights[hits])
+    value, relative = _rare_share(log_weights, hits, most)
+    effective = _kish(log_weights[hits]) if hits.any() else 0.0
+    if 0.0 <= value[0] < LEAST and effective > 0.0:
+        value = np.array([np.nan, 0.0, np.fmax(value[2], LEAST)])
+    return value, relative, effective
+
+
+def _of_the_rest(value: np.ndarray, relative: float) -> tuple[np.ndarray, float]:
+    """The complement of a chance with its interval (3,) and relative standard error."""
+    error = relative * value[0] / (1.0 - value[0]) if value[0] < 1.0 else np.nan
+    return 1.0 - value[[0, 2, 1]], float(error)
+
+
+def _rare_share(log_weights: np.ndarray, hits: np.ndarray, most: float) -> tuple[np.ndarray, float]:
+    """Value and interval (3,) of `weighted_share` for a chance that is not near 1, and its relative standard error."""
     runs = hits.size
     if not hits.any():
-        return np.array([0.0, 0.0, min(1.0, most * (1.0 - _TAIL ** (1.0 / runs)))]), np.nan, 0.0
+        return np.array([0.0, 0.0, min(1.0, most * (1.0 - _TAIL ** (1.0 / runs)))]), np.nan
     largest = float(log_weights[hits].max())
     scaled = np.exp(log_weights[hits] - largest)
-    value = float(np.exp(largest) * (scaled.sum() / runs))
+    value = min(1.0, float(np.exp(largest) * (scaled.sum() / runs)))
     if runs < 2:
-        return np.array([value, np.nan, np.nan]), np.nan, 1.0
+        return np.array([value, np.nan, np.nan]), np.nan
     relative = float(relative_error(scaled.sum(), (scaled**2).sum(), runs))
     reach = np.exp(TWO_SIDED * relative)
-    return np.array([value, value / reach, min(1.0, value * reach)]), relative, _kish(log_weights[hits])
+    return np.array([value, value / reach, min(1.0, value * reach)]), relative
 
 
 def _kish(log_weights: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.special import ndtri
 
 from navsim.core.lanes import WIDTH
 from navsim.simulation.landing import draw
-from navsim.simulation.rare import pushed
+from navsim.simulation.rare import proposal, pushed
 from navsim.study.executor import threads
 from navsim.study.landing import Case, covariance_analysis, covariance_result, fly_all, rare
 from navsim.study.landing.rare import Edge
@@ -113,7 +114,7 @@ def test_intervals_hold_what_they_promise() -> None:
         sign = rng.choice((-1.0, 1.0), 300)
         x = rng.standard_normal(300) + sign * limit
         log_weights = 0.5 * limit**2 - np.log(np.cosh(limit * x))
-        (_, low, high), _, _ = weighted_share(log_weights, np.abs(x) > limit, math.inf)
+        (_, low, high), _, _ = weighted_share(log_weights, np.abs(x) > limit, math.inf, 1.0)
         held += low < 1e-6 < high
     assert 0.92 < held / trials < 0.98
     value, low, high = share_interval(3, 1000)
@@ -124,13 +125,64 @@ def test_intervals_hold_what_they_promise() -> None:
 
 
 def test_no_hit_gives_a_bound() -> None:
-    (value, low, high), relative, effective = weighted_share(np.zeros(1000), np.zeros(1000, bool), 10.0)
+    (value, low, high), relative, effective = weighted_share(np.zeros(1000), np.zeros(1000, bool), 10.0, 1.0)
     assert (value, low, effective) == (0.0, 0.0, 0.0)
     assert math.isnan(relative)
     assert high == pytest.approx(10.0 * (1.0 - 0.025**1e-3))
-    (value, low, high), relative, effective = weighted_share(np.zeros(1000), np.ones(1000, bool), 1.0)
+    (value, low, high), relative, effective = weighted_share(np.zeros(1000), np.ones(1000, bool), 10.0, 1.0)
     assert (value, high, effective) == (1.0, 1.0, 1000.0)
     assert low == pytest.approx(0.025**1e-3)
+    assert math.isnan(relative)
+
+
+def test_one_inside_after_none_moves_the_interval_down() -> None:
+    """Of 128 runs all, 127, 126, ... outside: never is one more inside a reason to believe in fewer of them."""
+    ends = []
+    for inside in range(6):
+        (value, low, high), _, _ = weighted_share(np.zeros(128), np.arange(128) >= inside, 10.0, 1.0)
+        assert low <= value <= high
+        ends.append((value, low, high))
+    assert all(later[:2] < earlier[:2] and later[2] <= earlier[2] for earlier, later in itertools.pairwise(ends))
+
+
+def test_no_run_inside_is_no_certainty() -> None:
+    """Runs that are all outside with small weights are of something rare; total weights above the number of runs make
+    no chance above 1."""
+    (value, low, high), relative, _ = weighted_share(
+        np.full(8, -12.0) + 0.1 * np.arange(8), np.ones(8, bool), 10.0, 1.0
+    )
+    assert 0.0 < low < value < high < 1e-4
+    assert relative > 0.0
+    heavy = np.log(np.array([3.0, 3.0, 2.0, 2.0]))
+    for hits in (np.array([True, True, False, False]), np.array([False, False, True, True])):
+        (value, low, high), _, _ = weighted_share(heavy, hits, 10.0, 10.0)
+        assert 0.0 <= low <= value <= high <= 1.0
+
+
+def test_a_study_ends_by_the_interval_that_it_prints() -> None:
+    """On both sides, and never where nothing is known of what is left."""
+    assert rare.narrow(np.array([1e-6, 0.82e-6, 1.2e-6]), 50.0, 0.2)
+    assert not rare.narrow(np.array([1e-6, 0.9e-6, 1.21e-6]), 50.0, 0.2)
+    assert not rare.narrow(np.array([1e-6, 0.79e-6, 1.1e-6]), 50.0, 0.2)
+    assert not rare.narrow(np.array([1e-6, 0.9e-6, 1.1e-6]), 29.0, 0.2)
+    assert not rare.narrow(np.array([1.0, 0.0, 1.0]), 32.0, 0.01)
+    assert not rare.narrow(np.array([1.0, math.nan, math.nan]), 32.0, 0.5)
+    assert rare.narrow(np.array([math.nan, 0.0, 1e-300]), 32.0, 0.01)
+
+
+def test_weights_within_a_box_are_bounded() -> None:
+    """By what the pushes leave there, as no draw of it contradicts; the bound is close where the box is small."""
+    mean, covariance = np.array([0.02, -0.1, 0.0]), np.diag([0.16, 0.15, 0.24]) ** 2
+    rng = np.random.default_rng(6)
+    for limits in ([0.05, 0.05, 0.05], [0.05, math.inf, math.inf], [0.3, math.inf, 0.4], [2.0, math.inf, math.inf]):
+        size = np.array(limits)
+        mix = proposal(mean, covariance, size)
+        bound = mix.most_weight_between(-size - mean, size - mean)
+        errors = rng.uniform(-np.minimum(size, 3.0), np.minimum(size, 3.0), (20_000, 3))
+        found = float(np.exp(mix.log_weights((errors - mean).T)).max())
+        assert found <= bound * (1.0 + 1e-9)
+        assert bound <= 1.02 * found
+        assert bound <= mix.most_weight * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("chance", [0.3, 0.5, 0.9, 0.999])
@@ -141,18 +193,21 @@ def test_chances_that_are_not_rare(chance: float) -> None:
     for _ in range(400):
         hits = rng.random(2000) < chance
         doubled = rng.random(2000) < 0.5
-        (value, low, high), relative, _ = weighted_share(np.log(np.where(doubled, 1.5, 0.5)), hits, 1.5)
+        (value, low, high), relative, _ = weighted_share(np.log(np.where(doubled, 1.5, 0.5)), hits, 1.5, 1.5)
         assert 0.0 <= low <= value <= high <= 1.0
-        assert relative >= 0.0
+        assert relative >= 0.0 or value == 1.0
         held += low <= chance <= high
     assert held > 0.9 * 400
 
 
 def test_far_beyond_any_number() -> None:
-    """Weights of 1e-400 are no chance, and no error; those of 1e-200 are."""
+    """Weights of 1e-400 or 1e-310 are of a chance below 1e-300, and no error; those of 1e-200 are of one."""
     hits = np.array([True, True, False, False])
-    assert weighted_share(np.full(4, -921.0), hits, 10.0)[0][0] == 0.0
-    (value, low, high), relative, effective = weighted_share(np.full(4, -460.0), hits, 10.0)
+    for log_weight in (-921.0, -714.0):
+        (value, low, high), _, effective = weighted_share(np.full(4, log_weight), hits, 10.0, 10.0)
+        assert math.isnan(value)
+        assert (low, high, effective) == (0.0, 1e-300, 2.0)
+    (value, low, high), relative, effective = weighted_share(np.full(4, -460.0), hits, 10.0, 10.0)
     assert 0.0 < low < value < high < 1e-198
     assert effective == pytest.approx(2.0)
     assert relative > 0.5

@@ -60,6 +60,8 @@ def test_beside_other_results(place: Path) -> None:
         as_declared(read(place / file))
     said = navsim("show", "some.h5", "rare.h5", "cov.h5", cwd=place).stdout
     assert said.count("Outside the box") == 2
+    assert said.count("probability [95 %], 0 m above") == 2
+    assert "at most " in said
     first, rare = (read(place / file)["/summary/box/axis_first_order"] for file in ("cov.h5", "rare.h5"))
     np.testing.assert_allclose(first, rare, rtol=0.15)  # of errors between outputs the analysis blurs covariances
     assert read(place / "some.h5")["/summary/box/probability"][2] == pytest.approx(1.0 - 0.025**0.125)
@@ -70,25 +72,88 @@ def test_beside_other_results(place: Path) -> None:
 def test_none_outside_is_said(place: Path) -> None:
     """Of these runs; and nothing is said of none where some are outside with weights beyond any number."""
     done = navsim(*RARE, "--runs", 1, "--first-run", NOT_PUSHED, "-o", "far.h5", cwd=place)
-    assert "none of 1 runs ended outside the box: its probability is below" in done.stderr
+    assert "none of 1 run ended outside the box: its probability is below" in done.stderr
     far = ("--set", "box={lateral_m: 60, vertical_m: 90}")
     done = navsim(*RARE, *far, "--runs", 16, "-o", "far.h5", "--force", cwd=place)
     assert "none of" not in done.stderr
     assert read(place / "far.h5")["/summary/rare/outside"] > 0
-    assert read(place / "far.h5")["/summary/rare/probability"][0] == 0.0
+    value, low, high = read(place / "far.h5")["/summary/rare/probability"]
+    assert np.isnan(value)
+    assert (low, high) == (0.0, 1e-300)
+    assert "below 1e-300  (if tails are Gaussian)" in done.stdout
+    assert "[0, 0]" not in done.stdout
+    assert "RuntimeWarning" not in done.stderr
     done = navsim(*RARE, "--runs", 40, "-o", "few.h5", cwd=place)
     assert "effective samples of 40 runs" in done.stderr
+
+
+def test_all_outside_is_said(place: Path) -> None:
+    """With what so many runs exclude; a study goes on until that is as narrow as asked for."""
+    box = ("--set", "box={lateral_m: 0.05, along_m: 0.05, vertical_m: 0.05}")
+    done = navsim(*RARE, *box, "--runs", 32, "-o", "all.h5", "--force", cwd=place)
+    assert "all of 32 runs ended outside the box: its probability is above 0.89" in done.stderr
+    assert "all outside; above 0.89" in done.stdout
+    result = read(place / "all.h5")
+    assert np.isnan(result["/summary/rare/relative_error"])
+    assert navsim(*RARE, *box, "--until", "probability within 5%", "-o", "all.h5", "-q", cwd=place).returncode == 0
+    result = read(place / "all.h5")
+    value, low, high = result["/summary/rare/probability"]
+    assert low >= 0.95 * value
+    assert high <= 1.05 * value
+    assert result["/run"].size > 32
+
+
+def test_figures_of_far_and_of_common_errors(place: Path) -> None:
+    """An axis ends where the curves do, which says where the limit is; what is common has its curve too."""
+    from navsim.report.rare import exceedance
+
+    for name, lateral, vertical in (("wide.h5", 500, 0.02), ("narrow.h5", 2.4, 3.6)):
+        box = ("--set", f"box={{lateral_m: {lateral}, vertical_m: {vertical}}}", "--runs", 64)
+        assert navsim(*RARE, *box, "-q", "-o", name, cwd=place).returncode == 0
+        far, common = exceedance(read(place / name)).axes
+        for ax, limit in ((far, lateral), (common, vertical)):
+            assert ax.get_xlabel()
+            x, chance = map(np.asarray, ax.lines[0].get_data())
+            left, end = ax.get_xlim()
+            low, top = ax.get_ylim()
+            assert ((x >= left) & (x <= end) & (chance >= low) & (chance <= top)).sum() > 5
+            assert ax.texts[0].get_text() == f"limit {limit:g} m" + (" →" if limit > end else "")
+    assert "→" not in common.texts[0].get_text()
+
+
+def test_box_before_any_fix_is_warned_of(place: Path) -> None:
+    for height, warned in ((153, True), (140, False)):
+        done = navsim(*RARE, "--set", f"box.height_m={height}", "--dry-run", "-o", "start.h5", cwd=place)
+        assert ("before the first fix: the errors there are those that the filter begins with" in done.stderr) == warned
+
+
+def test_rejected_fixes_are_reported(place: Path) -> None:
+    """They speak against fixes where runs without a push have too many of them too."""
+    tight = ("--set", "filter.fix_sigma_scale=0.3", "--runs", 32, "-o", "tight.h5", "--require-fix")
+    done = navsim(*RARE, *tight, cwd=place, code=3)
+    assert "fixes were rejected by the innovation gate, in 32 of 32 runs" in done.stderr
+    assert "error: --require-fix:" in done.stderr
+    assert "pushes may" not in done.stderr
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("--set", "box=null"), "box: method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`"),
-        (("--set", "box={}"), "box.lateral_m: limits nothing: give lateral_m, along_m or vertical_m"),
+        (("--set", "box={}"), "error: --set box={}: box: limits nothing: give lateral_m, along_m or vertical_m"),
         (("--set", "box.height_m=5000"), "the aircraft never comes down through 5000 m above the runway"),
-        (("--set", "filter.kind=rts"), "on which method rare rests too, is that of a filter, rts is a smoother"),
+        (
+            ("--set", "filter.kind=rts"),
+            "on which method rare rests too, is that of a filter, rts is a smoother; use method monte-carlo, or",
+        ),
+        (("--set", "box={lateral_m: .inf}"), "box.lateral_m: a finite number is needed, not .inf"),
+        (("--set", "box={lateral_m: .nan}"), "box.lateral_m: a finite number is needed, not nan"),
         (("--keep", "all"), "--keep: only for method monte-carlo"),
-        (("--until", "rms_horizontal within 2%"), "expected `probability within 20%`"),
+        (("--require-consistent",), "--require-consistent: only for method monte-carlo; errors and innovations of"),
+        (("--until", "rms_horizontal within 2%"), "with method rare expected `probability within 20%`"),
+        (("--until", "probability within 0.05%"), "0.05 % is not within 0.1 to 50 percent"),
+        (("--until", "probability within 1.2.3%"), "'1.2.3' is no number"),
+        (("--method", "monte-carlo", "--until", "probability within 9%"), "a probability goes with --method rare"),
     ],
 )
 def test_refused(words: tuple[str, ...], message: str, place: Path) -> None:

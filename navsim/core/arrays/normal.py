@@ -10,3 +10,10 @@ def exceedance(limit: np.ndarray, mean: np.ndarray | float, sigma: np.ndarray | 
     from scipy.special import ndtr
 
     return np.asarray(ndtr((mean - limit) / sigma) + ndtr((-limit - mean) / sigma))
+
+
+def quantile(chance: float) -> float:
+    """What a normal value of mean 0 and sigma 1 is below with this chance."""
+    from scipy.special import ndtri
+
+    return float(ndtri(chance))

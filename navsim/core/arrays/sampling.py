@@ -8,6 +8,8 @@ TWO_SIDED = 1.959963984540054
 """Standard errors to either side of a two-sided 95 % interval."""
 FEW = 30
 """Effective samples below which an interval is no more than a hint."""
+LEAST = 1e-300
+"""Chances below this are not told apart: the numbers end soon after it."""
 
 
 def relative_error(total: np.ndarray, square: np.ndarray, runs: int) -> np.ndarray:

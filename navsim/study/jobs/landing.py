@@ -106,7 +106,7 @@ class CovarianceJob(_Prepared):
 
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)
-        if foreign := options.foreign("method", "require_fix"):
+        if foreign := options.foreign("method", "require_fix", "require_consistent"):
             text = "only for method monte-carlo; a covariance analysis has no runs"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.seed = options.seed
@@ -135,6 +135,9 @@ class RareJob(_Prepared):
         super().__init__(section, document)
         if options.keep is not None:
             raise OptionError("--keep: only for method monte-carlo; of pushed runs only the errors at the box are kept")
+        if options.require_consistent:
+            text = "only for method monte-carlo; errors and innovations of pushed runs are off on purpose"
+            raise OptionError(f"--require-consistent: {text}")
         self.seed, self.first = options.seed, options.first_run or 0
         # a number of runs alone is flown whole
         usual = f"probability within {100.0 * rare.USUAL:g}%" if options.runs is None else None

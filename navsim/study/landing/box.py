@@ -12,6 +12,9 @@ from navsim.io.draft import Draft
 from navsim.study.landing.case import Case, box_time
 from navsim.study.statistics import share_interval
 
+AXES = ("lateral", "along", "vertical")
+"""The errors that a box may limit."""
+
 
 @dataclass(frozen=True)
 class Box:
@@ -39,7 +42,7 @@ def box_of(case: Case) -> Box | None:
 def described(draft: Draft, box: Box) -> None:
     """What the box is."""
     if "/axis" not in draft:
-        draft["/summary/box/axis"] = np.array(("lateral", "along", "vertical"))
+        draft["/summary/box/axis"] = np.array(AXES)
     draft["/summary/box/height"] = box.height
     draft["/summary/box/time"] = box.time
     draft["/summary/box/limit"] = box.limits

@@ -57,15 +57,21 @@ class Case:
 
     @property
     def warnings(self) -> list[str]:
-        """What the input has to be warned of: its sky, and a landing that does not end on the ground."""
+        """What the input has to be warned of: its sky, a landing that does not end on the ground, a box before any
+        fix."""
+        out = [*self.sky_warnings]
         touchdown = self.trajectory.path.events.get(TOUCHDOWN, -math.inf)
-        if touchdown <= self.scenario.duration_s:
-            return self.sky_warnings
-        return [
-            *self.sky_warnings,
-            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
-            f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined",
-        ]
+        if touchdown > self.scenario.duration_s:
+            out.append(
+                f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
+                f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined"
+            )
+        if self.scenario.box is not None and (self.world.filter_time[1:2] > (when := box_time(self))).any():
+            out.append(
+                f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
+                "the first fix: the errors there are those that the filter begins with"
+            )
+        return out
 
     def over(self, world: World) -> Case:
         """The same in another world."""

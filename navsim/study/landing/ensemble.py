@@ -178,13 +178,11 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
     Raises ValueError for anything else.
     """
     match = _UNTIL.fullmatch(expression)
-    try:
-        share = float(match.group(2)) / 100.0 if match else 0.0
-    except ValueError:
-        share = 0.0
-    if match is None or not 1e-5 <= share <= 10.0:
+    if match is None:
+        rare = "; a probability goes with --method rare" if "probability" in expression else ""
         form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
-        raise ValueError(f"{expression!r}: expected {form}, with 0.001 to 1000 percent")
+        raise ValueError(f"{expression!r}: expected {form}{rare}")
+    share = percent(match.group(2), expression, 0.001, 1000.0)
     columns = [0, 1] if match.group(1) == "rms_horizontal" else [2]
 
     def enough(ensemble: Ensemble) -> bool:
@@ -192,6 +190,18 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
         return bool(0.5 * (high - low) <= share * value)
 
     return enough
+
+
+def percent(text: str, expression: str, least: float, most: float) -> float:
+    """The share that a text says in percent. Raises ValueError for one that is no number from least to most, percent;
+    expression: that it stands in."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"{expression!r}: {text!r} is no number") from None
+    if not least <= value <= most:
+        raise ValueError(f"{expression!r}: {text} % is not within {least:g} to {most:g} percent")
+    return value / 100.0
 
 
 def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> dict[str, object]:

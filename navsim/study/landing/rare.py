@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.core.arrays.sampling import FEW, TWO_SIDED
+from navsim.core.arrays.sampling import FEW
 from navsim.core.lanes import WIDTH
 from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept
+from navsim.io.findings import Finding, kept, several
 from navsim.io.results import Result
 from navsim.io.schema import RARE
 from navsim.simulation.landing import draw, fly_inputs
@@ -27,17 +27,20 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
-from navsim.study.landing.box import Box, box_of, to_first_order, where_limited
+from navsim.study.landing.box import AXES, Box, box_of, to_first_order, where_limited
 from navsim.study.landing.case import Case
 from navsim.study.landing.ensemble import (
     FAR_OFF,
     FLAW_PARTS,
+    GATED,
     at_heights,
     between_outputs,
     fix_flaws,
+    of_aids,
     of_fixes,
     of_outputs,
     output_flaws,
+    percent,
     to_runway,
 )
 from navsim.study.landing.tree import attributes
@@ -100,6 +103,9 @@ class RareStudy:
                     "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],
                     "first_order": (tilt.mean[:, None] + off).T[: len(runs)],
                     "log_weight": tilt.proposal.log_weights(off)[: len(runs)],
+                    "still": np.logical_not(tilt.proposal.pushes[components].any(axis=1)),
+                    "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
+                    "aided_rejected": of_aids(case, flown)["aided_rejected"],
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
                 }
@@ -126,27 +132,44 @@ def fly_all(
 def probability(edge: Edge, flown: Ensemble) -> tuple[np.ndarray, float, float]:
     """Of ending outside the box: value with its 95 % interval (3,), relative standard error, effective samples."""
     outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
-    return weighted_share(flown.per_run("log_weight"), outside, edge.tilt.proposal.most_weight)
+    return _share(edge, flown, outside, edge.box.limits)
+
+
+def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
+    """The same of exceeding each limit alone."""
+    outside = edge.box.beyond(flown.per_run("error"))
+    own = np.where(np.eye(3, dtype=bool), edge.box.limits, np.inf)
+    return [_share(edge, flown, one, limits) for one, limits in zip(outside.T, own, strict=True)]
+
+
+def _share(edge: Edge, flown: Ensemble, outside: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Of runs outside (run,) some limits (3,); see `study.statistics.weighted_share`."""
+    mean, mix = edge.tilt.mean, edge.tilt.proposal
+    inside = mix.most_weight_between(-limits - mean, limits - mean)
+    return weighted_share(flown.per_run("log_weight"), outside, mix.most_weight, inside)
+
+
+def narrow(value: np.ndarray, effective: float, share: float) -> bool:
+    """Whether an interval (3,) is within a share of its value on both sides and rests on no fewer than `FEW` effective
+    samples; a chance too small to be told needs no interval."""
+    reaches = (1.0 - share) * value[0] <= value[1] and value[2] <= (1.0 + share) * value[0]
+    return effective >= FEW and bool(reaches or np.isnan(value[0]))
 
 
 _UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
 
 
 def stopping_rule(edge: Callable[[], Edge], expression: str) -> Callable[[Ensemble], bool]:
-    """`probability within 20%`: true once the 95 % interval reaches no further than that from its value, to first
-    order, and rests on no fewer than `FEW` effective samples. edge: known once runs are. Raises ValueError for anything
-    else."""
+    """`probability within 20%`: true once the 95 % interval is `narrow` by that share. edge: known once runs are.
+    Raises ValueError for anything else."""
     match = _UNTIL.fullmatch(expression)
-    try:
-        share = float(match.group(1)) / 100.0 if match else 0.0
-    except ValueError:
-        share = 0.0
-    if match is None or not 1e-3 <= share <= 0.5:
-        raise ValueError(f"{expression!r}: expected `probability within 20%`, with 0.1 to 50 percent")
+    if match is None:
+        raise ValueError(f"{expression!r}: with method rare expected `probability within 20%`")
+    share = percent(match.group(1), expression, 0.1, 50.0)
 
     def enough(flown: Ensemble) -> bool:
-        _, relative, effective = probability(edge(), flown)
-        return TWO_SIDED * relative <= share and effective >= FEW
+        value, _, effective = probability(edge(), flown)
+        return narrow(value, effective, share)
 
     return enough
 
@@ -157,26 +180,54 @@ def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
         Flaws(*(flown.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
     outputs.count[:, FAR_OFF] = 0  # pushed runs are far off on purpose
-    out = judging.notes(case.warnings) + of_fixes(case, fixes) + of_outputs(case, outputs)
-    (_, _, high), relative, effective = probability(edge, flown)
+    out = judging.notes(case.warnings) + of_fixes(case, fixes) + _rejections(case, fixes, flown)
+    out += of_outputs(case, outputs)
+    (value, low, high), relative, effective = probability(edge, flown)
     if effective == 0.0:
-        text = f"none of {flown.runs} runs ended outside the box: its probability is below {high:.2g} (95 %)"
+        text = f"none of {several(flown.runs, 'run')} ended outside the box: its probability is below {high:.2g} (95 %)"
         out.append(Finding("none_outside", text, (), 0, flown.runs, flown.runs))
+    elif value == 1.0:
+        text = f"all of {several(flown.runs, 'run')} ended outside the box: its probability is above {low:.3g} (95 %)"
+        out.append(Finding("all_outside", text, (), flown.runs, flown.runs, flown.runs))
     elif effective < FEW:
         known = f" (relative error {100.0 * relative:.0f} %)" if math.isfinite(relative) else ""
         text = (
-            f"the probability rests on {effective:.0f} effective samples of {flown.runs} runs{known}: its interval is "
-            "a hint; fly more runs"
+            f"the probability rests on {several(round(effective), 'effective sample')} of "
+            f"{several(flown.runs, 'run')}{known}: its interval is a hint; fly more runs"
         )
         out.append(Finding("few_effective_samples", text, (), int(effective), flown.runs, flown.runs))
-    off = float(not_linear(edge, flown).max())
-    if off > LINEAR:
+    off = not_linear(edge, flown)
+    if off.max() > LINEAR:
+        axis = AXES[np.flatnonzero(np.isfinite(edge.box.limits))[off.argmax()]]
         text = (
-            f"the error at the box is not linear in what is drawn: {off:.2g} sigma of it is not; the interval is too "
-            "narrow more often than it says (docs/rare-events.md)"
+            f"the {axis} error at the box is not linear in what is drawn: {off.max():.2g} sigma of it is not; the "
+            "interval is too narrow more often than it says (docs/rare-events.md)"
         )
         out.append(Finding("not_linear", text, (), flown.runs, flown.runs, flown.runs))
     return out
+
+
+def _rejections(case: Case, fixes: Flaws, flown: Ensemble) -> list[Finding]:
+    """What the gate rejected in all runs, more than chance makes it; it speaks against fixes where runs that are not
+    pushed have too many as well."""
+    still, probability = flown.per_run("still"), case.scenario.filter.gate.probability
+    rejected, fixed = fixes.count[:, GATED], flown.per_run("fixes")
+    found = judging.spread(fixes, GATED, case.world.signals.time)
+    out = judging.rejections(found, int(fixed.sum()), probability, flown.runs)
+    if not judging.too_many(int(rejected[still].sum()), int(fixed[still].sum()) * probability):
+        out = [_by_pushes(each) for each in out]
+    for k, aid in enumerate(case.world.aids):
+        of_aid, size = flown.per_run("aided_rejected")[:, k], aid.time.size
+        of_all = judging.rejected_of(aid.sensor.name, int(of_aid.sum()), flown.runs * size, probability)
+        if not judging.too_many(int(of_aid[still].sum()), int(still.sum()) * size * probability):
+            of_all = [_by_pushes(each) for each in of_all]
+        out += of_all
+    return out
+
+
+def _by_pushes(found: Finding) -> Finding:
+    """A finding that runs without a push do not bear out."""
+    return replace(found, text=f"{found.text}; pushes may have caused it", against=())
 
 
 def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
@@ -199,7 +250,7 @@ def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
     draft["/rare/first_order"] = flown.per_run("first_order")
     draft["/rare/log_weight"] = log_weight
     to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
-    of_axes = [weighted_share(log_weight, one, tilt.proposal.most_weight) for one in outside.T]
+    of_axes = axis_probabilities(edge, flown)
     for name, data in (
         ("probability", value),
         ("axis_probability", where_limited(edge.box, np.stack([each[0] for each in of_axes]))),
