@@ -13,9 +13,9 @@ from measure import SCENARIO, STEPS, Curve, Job, Line, Plan, alternate, ratios, 
 
 from navsim.core import states, strapdown
 from navsim.core.lanes import WIDTH
-from navsim.estimation.estimate import fly_in_pieces, in_all_lanes
+from navsim.estimation.estimate import fly, in_all_lanes
 from navsim.estimation.observations import FIX, Measurements
-from navsim.estimation.records import ESKF, TFG, ImuData, start
+from navsim.estimation.records import ESKF, TFG, ImuData, Truth, empty_account, start
 from navsim.scenario.load import read
 from navsim.simulation.landing import exact_start, table_of_fixes
 from navsim.study.landing import Case, prepare
@@ -59,10 +59,13 @@ class Flight:
         )
         nav = exact_start(world.at_filter)
 
+        at = world.at_filter
+        sensors = np.zeros((at.time.size, n - states.SENSORS, WIDTH))
+        truth = Truth(at.llh, at.velocity_ned, at.quaternion, sensors)
+        account = empty_account(truth, n, flight.events.time.size, WIDTH)
+
         def once() -> None:
-            state = start(in_all_lanes(nav), in_all_lanes(covariance))
-            for _ in fly_in_pieces(imu, measured, flight.events, state, model):
-                pass
+            fly(imu, measured, flight.events, start(in_all_lanes(nav), in_all_lanes(covariance)), model, account)
 
         return timed(once)
 

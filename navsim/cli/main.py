@@ -53,9 +53,11 @@ class _Commands(Mapping[str, Any]):
 
 
 class _Group(TyperGroup):
-    """What chooses among them."""
+    """What chooses among them; `_PLACES` is the only way in."""
 
     def __init__(self, **settings: Any) -> None:
+        if settings.get("commands"):
+            raise ValueError(f"commands belong in _PLACES: {', '.join(settings['commands'])}")
         super().__init__(**settings | {"commands": _Commands()})
 
 

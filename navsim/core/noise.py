@@ -2,7 +2,7 @@
 
 Inside a kernel a Generator gives numpy's own stream, several times faster than from Python. The order of
 draws is part of what a seed means: changing it changes every result. Runs take turns after some intervals, so that
-what they write to lies in the processor's cache: a run is a lane of it, every eighth number.
+what they write to lies in the processor's cache: a run is a lane of it, every W-th number.
 Models: `navsim.models.imu` and `navsim.models.pseudorange`.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from navsim.core.jit import kernel
 
 _INTERVALS = 64
-"""Intervals of the IMU, or epochs, after which it is the next run's turn: of 1.5 to 12 kB each."""
+"""Intervals of the IMU, or epochs, after which it is the next run's turn: 12 kB of increments at W = 8."""
 
 
 @kernel
@@ -37,7 +37,7 @@ def corrupt(
             if markov_sigma[sensor] > 0.0:
                 for axis in range(3 * sensor, 3 * sensor + 3):
                     drift[axis, lane] = markov_sigma[sensor] * rng.standard_normal()
-    kept = row = 0
+    row = 0
     for first in range(0, n, _INTERVALS):
         kept = row
         for lane in range(count):

@@ -70,8 +70,11 @@ def fly(
 
     imu, measurements, state, account: of lanes (`estimation.records`); events, whose outputs come in the order of their
     rows, and model of them all. state: overwritten by the final one. account: filled in. Raises ValueError for a kind
-    that is none, for a smoother that is given events ahead, and for a state without room for the components of a sum.
+    that is none, for a smoother that is given events ahead, for a state without room for the components of a sum, and
+    for an account that has not the rows of the events.
     """
+    if account.sigma.shape[0] != _outputs(events) or account.status.shape[0] != events.time.size:
+        raise ValueError("the account has not the rows of the events")
     if is_smoother(model.kind):
         for _, _, history in fly_in_pieces(imu, measurements, events, state, model):
             judge_into(model.kind, history, account)

@@ -61,7 +61,8 @@ def workshop(nav, n):
 
 class Weighing(NamedTuple):
     """Work space to weigh a measurement: have, z (MOST,), h (MOST, n), r, s (MOST, MOST), k, pht, work (n, MOST), as of
-    `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n) what a lane had before."""
+    `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n): what a lane had before, or what is
+    answered."""
 
     have: np.ndarray
     z: np.ndarray

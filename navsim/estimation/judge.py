@@ -21,7 +21,9 @@ def judge(kind: int, history: History, truth: Truth) -> Judgement:
 
 
 def judge_into(kind: int, history: History, account: Account) -> None:
-    """The same into the outputs of an account."""
+    """The same into the outputs of an account. Raises ValueError for one of another number of outputs, too."""
+    if account.sigma.shape[0] != history.navigation.shape[0]:
+        raise ValueError("the truth has not the outputs of the history")
     if kind not in (*FILTERS, *SMOOTHERS):
         raise ValueError(f"no kind of estimator: {kind}")
     chart = CHARTS[TFG if kind in SMOOTHERS else kind]

@@ -16,7 +16,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -221,8 +221,8 @@ def write(path: Path, result: Result) -> None:
                 _claim(temporary, int(1.05 * size + IN_MEMORY))
                 _fill(temporary, result)
                 with open(temporary, "r+b") as file:
-                    size = file.seek(0, os.SEEK_END)
-                    file.write(seal(size, lambda start, end: os.pread(file.fileno(), end - start, start)))
+                    length = file.seek(0, os.SEEK_END)
+                    file.write(seal(length, lambda start, end: os.pread(file.fileno(), end - start, start)))
         settle(path)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -277,14 +277,14 @@ def _store(tree: Writer, path: str, variable: Variable) -> Any:
         text = data.dtype.kind in "UO"
         values = data.astype(object) if text else data
         return made(data.dtype, data=values if data.size else None, **({} if text else _checked(data, data)))
-    pieces = _ahead(data.blocks())
-    first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
-    stored = made(data.dtype, **_checked(data, first))
-    _fill_numbers(stored, first, pieces)
+    with contextlib.closing(_ahead(data.blocks())) as pieces:
+        first = next(pieces, np.empty((0, *data.shape[1:]), data.dtype))
+        stored = made(data.dtype, **_checked(data, first))
+        _fill_numbers(stored, first, pieces)
     return stored
 
 
-def _ahead(blocks: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+def _ahead(blocks: Iterable[np.ndarray]) -> Generator[np.ndarray, None, None]:
     """The same blocks, each made on another thread while the one before it is in use."""
     source = iter(blocks)
     with ThreadPoolExecutor(1) as maker:

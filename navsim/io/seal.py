@@ -24,7 +24,7 @@ _FOOTER = struct.Struct(f"<Q{_DIGEST}s{len(MARK)}s")
 _STRETCH = 64 * BLOCK
 """Bytes that a thread takes on at once."""
 _THREADS = 4
-"""So many compute checksums; more would not go faster, for what they read comes from one file."""
+"""So many compute checksums for a tenth of a second, however many workers flew."""
 _REMEMBERED = 64
 """So many blocks are kept, since HDF5 reads what describes data in small pieces."""
 

@@ -85,7 +85,10 @@ def simulate_lanes(
     at: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
     """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), and the errors
-    behind them at the start of the intervals `at` (o,), in order: bias (o, 6, W), scale (6, W)."""
+    behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W). Raises ValueError for intervals
+    out of order, or that are none."""
+    if at.size and (at[0] < 0 or at[-1] > dtheta.shape[0] or np.any(np.diff(at) < 0)):
+        raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
 
     lanes = len(rngs)

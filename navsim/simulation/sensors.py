@@ -77,4 +77,4 @@ def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
         part = slice(3 * block.triad, 3 * block.triad + 3)
         bias = errors.bias[:, part]
         columns.append(np.broadcast_to(errors.scale[part], bias.shape) if block.scaled else bias)
-    return np.concatenate(columns, axis=1)
+    return np.ascontiguousarray(np.concatenate(columns, axis=1))

@@ -50,6 +50,9 @@ _LOCAL_HEADER = struct.Struct("<26xHH")
 _NPY_LENGTH = slice(8, 10)
 """Where an array's own header, of version 1.0, says how long the rest of it is; little-endian."""
 
+_DAMAGED = (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, struct.error)
+"""What reading raises of a piece that is lost, unreadable or damaged; the last three of a directory that is none."""
+
 Arrays = dict[str, np.ndarray]
 
 
@@ -145,8 +148,7 @@ class Store:
                 for kept in found.values():
                     kept.read_from(file)
             return found
-        # lost or unreadable is as good as damaged; the last three: of a directory that is none
-        except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, struct.error):
+        except _DAMAGED:
             self.redone += 1
             return None
 
@@ -166,12 +168,17 @@ class Store:
                     with archive.open(f"{member}.npy", "w", force_zip64=True) as file:
                         _write_array(file, np.asarray(array, order="C"))
                 archive.comment = self._checksum(name, archive)
-            with open(path, "rb") as written:
-                return self._found(name, written)
         except OSError as error:
             raise PartialError(
                 f"{path}: cannot be written: {error.strerror or error}; what was finished before is kept and the same "
                 "command goes on from there"
+            ) from None
+        try:
+            with open(path, "rb") as written:
+                return self._found(name, written)
+        except _DAMAGED as error:
+            raise PartialError(
+                f"{path}: was damaged or removed while the study ran ({error}); the same command computes it again"
             ) from None
 
     def remove(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -170,7 +171,11 @@ def test_a_large_result_is_written_like_a_small_one(file: Path, monkeypatch: pyt
     assert [path.name for path in file.parent.iterdir()] == [file.name]
 
 
-def test_blocks_that_cannot_be_made_leave_the_earlier_result(file: Path) -> None:
+@pytest.mark.parametrize("in_memory", [6e7, 0])
+def test_blocks_that_cannot_be_made_leave_the_earlier_result(
+    in_memory: float, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("navsim.io.results.IN_MEMORY", in_memory)
     before = file.read_bytes()
 
     def blocks() -> Iterator[np.ndarray]:
@@ -182,6 +187,24 @@ def test_blocks_that_cannot_be_made_leave_the_earlier_result(file: Path) -> None
         write(file, replace(small(), variables=small().variables | {"/flown/error": wrong}))
     assert file.read_bytes() == before
     assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_blocks_that_do_not_fit_leave_no_thread(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("navsim.io.results.IN_MEMORY", 0)
+    threads = threading.active_count()
+
+    def blocks() -> Iterator[np.ndarray]:
+        yield np.zeros((3, 10))
+        for _ in range(100):
+            yield np.zeros((3, 11))
+
+    wrong = Variable(("run", "time"), Stream((6, 10), np.dtype(float), blocks), "m", "errors")
+    other = {path: v for path, v in small().variables.items() if "time" not in v.dims}
+    time = Variable(("time",), np.zeros(10), "s", "time")
+    with pytest.raises(TypeError) as caught:  # while the error is held, and with it all that it came through
+        write(file, replace(small(), variables=other | {"/flown/error": wrong, "/flown/time": time}))
+    assert "broadcast" in str(caught.value)
+    assert threading.active_count() == threads
 
 
 @pytest.mark.parametrize("size", [0, 1, seal.BLOCK, 9_000_000])

@@ -29,6 +29,7 @@ from navsim.estimation.records import (
     FilterModel,
     History,
     ImuData,
+    Judgement,
     State,
     Truth,
     empty_account,
@@ -232,7 +233,7 @@ def _before(width: int, kind: int, spoil: Spoil) -> tuple[ImuData, Measurements,
 def _flown(width: int, kind: int, spoil: Spoil) -> dict[str, np.ndarray]:
     """Histories of such lanes, and what they are worth."""
     imu, measurements, events, state, model, truth = _before(width, kind, spoil)
-    out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, "nees", "nees_group", "error")}
+    out: dict[str, list[np.ndarray]] = {name: [] for name in (*History._fields, *Judgement._fields)}
     for _, rows, piece in estimate.fly_in_pieces(imu, measurements, events, state, model):
         judged = judge.judge(kind, piece, Truth(*(m[rows] for m in truth)))
         for name, kept in out.items():
@@ -308,13 +309,14 @@ def test_a_run_of_one_component_among_runs_of_many() -> None:
 
 @pytest.mark.parametrize("kind", estimate.FILTER_KINDS)
 def test_an_account_is_what_the_history_is_worth(kind: str) -> None:
+    """Of smoothers, whose histories are judged either way, only what is copied is tried."""
     number = estimate.FILTER_KINDS[kind]
     history = _flown(lanes.WIDTH, number, _bad_company(0))
     imu, measurements, events, state, model, truth = _before(lanes.WIDTH, number, _bad_company(0))
     account = empty_account(truth, history["error"].shape[1], events.time.size, lanes.WIDTH)
     every = _tiled(imu.dtheta, lanes.WIDTH), _tiled(imu.dv, lanes.WIDTH)
     estimate.fly(ImuData(imu.time, *every), measurements, events, state, model, account)
-    for name in ("error", "nees", "nees_group"):
+    for name in Judgement._fields:
         np.testing.assert_array_equal(getattr(account.judgement, name), history[name], err_msg=name)
     for name in ("innovation_squared", "degrees", "status"):
         np.testing.assert_array_equal(getattr(account, name), history[name], err_msg=name)
