@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core.covariance import gain, is_varying, joseph, kept, predict, vary
-from navsim.core.jit import kernel, within
+from navsim.core.jit import inlined, kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select
 from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
@@ -104,6 +104,13 @@ def set_off(imu, nav, declared, cursor, increments):
     cursor[2] = imu.time[1] - imu.time[0]
     dtheta, dv = registers(imu.dtheta), registers(imu.dv)
     first_increments(nav, declared, dtheta[0], dv[0], cursor[2], increments)
+
+
+@inlined
+def is_ahead(time, cursor):
+    """Whether a time is later than the present of a filter: where not there is nowhere to `advance` to, and a call of
+    so many arrays costs as much as an interval."""
+    return cursor[1] < time - TIME_TOLERANCE
 
 
 @kernel
@@ -299,7 +306,8 @@ def run(chart, imu, measurements, events, state, way, model, account):
         )
         what, row = events.kind[i], events.row[i]
         nothing_yet(left, i)
-        advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
+        if is_ahead(events.time[i], cursor):
+            advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
             answer(chart, nav, p, left, row)
         elif what != PASS:

@@ -39,6 +39,7 @@ from navsim.estimation.filter_loop import (
     decide,
     errors_from,
     held,
+    is_ahead,
     numbers_in,
     set_off,
     start_axes,
@@ -510,13 +511,15 @@ def run(chart, imu, measurements, events, state, way, model, account):
         if any_lane(turn > 0.0):
             arrange(now, turn, model.widest, space, bench)
         count = _count(weight)
-        for j in range(count):
-            copy(cursors[ahead], cursor)
-            advance(
-                chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
-                space,
-            )  # fmt: skip
-        copy(cursor, cursors[ahead])
+        copy(cursors[ahead], cursor)
+        if is_ahead(events.time[i], cursor):
+            for j in range(count):
+                copy(cursors[ahead], cursor)
+                advance(
+                    chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
+                    space,
+                )  # fmt: skip
+            copy(cursor, cursors[ahead])
         if what == OUTPUT:
             moments(now, gauge.nav, gauge.p, space, bench)
             answer(chart, gauge.nav, gauge.p, left, row)
