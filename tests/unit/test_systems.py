@@ -27,6 +27,7 @@ OTHER_MEANINGS = {
     ("io/text.py", "E"): "exponents",
     ("report/figures.py", "E"): "east",
     ("study/diagnosis.py", "R"): "right",
+    ("study/partial.py", "C"): "order of an array",
 }
 """Where a literal like a system's letter is none."""
 
