@@ -17,6 +17,7 @@ import numpy as np
 
 from navsim.core import noise, states
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
+from navsim.core.jit import kernel
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST
 from navsim.core.streams import generator
@@ -304,7 +305,8 @@ def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
 def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
     """Fixes (m, 3), (m, 3), (m, 6, 6) as the filter takes them."""
     used = velocity if beliefs.velocity else np.full_like(velocity, np.nan)
-    return FixTable(llh, used, beliefs.sigma_scale**2 * covariance, beliefs.lever_arm)
+    believed = covariance if beliefs.sigma_scale == 1.0 else beliefs.sigma_scale**2 * covariance
+    return FixTable(llh, used, believed, beliefs.lever_arm)
 
 
 def measurements(flight: Flight, fixes: FixTable, aided: Sequence[np.ndarray]) -> Measurements:
@@ -365,6 +367,20 @@ def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -
     return fly_inputs(flight, draw(flight, seed, runs), len(runs), measured)
 
 
+_ROWS = 64
+"""Numbers of a run that are taken out of its lane before those of the next: 4 kB of eight lanes."""
+
+
+@kernel
+def _take_apart(lanes, runs):
+    """Runs (r, m) out of the first lanes of (m, W)."""
+    count, numbers = runs.shape
+    for first in range(0, numbers, _ROWS):
+        for run in range(count):
+            for row in range(first, min(first + _ROWS, numbers)):
+                runs[run, row] = lanes[row, run]
+
+
 def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = False) -> Run:
     """The landings with these inputs; the first `count` of them are kept, their measurements where they are wanted."""
     world, beliefs = flight.world, flight.beliefs
@@ -382,7 +398,9 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     fly_filter(ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(np.moveaxis(lanes, -1, 0)[:count])
+        runs = np.empty((count, *lanes.shape[:-1]))
+        _take_apart(lanes.reshape(-1, WIDTH), runs.reshape(count, -1))
+        return runs
 
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
