@@ -437,22 +437,33 @@ def gain(p, h, r, m, pht, s, k):
                 for b in range(a + 1):
                     s[a, b] = fma(c, pht[j, b], s[a, b])
     good = cholesky(s, m)
-    # K S = P H', all rows at once; m divisions instead of 2 m a row
-    reciprocal = small_vector(p, MOST)
+    # of the most measurements the compiler knows how many they are, and keeps the factor in registers
+    if m == MOST:
+        _solve_rows(s, MOST, pht, k)
+    else:
+        _solve_rows(s, m, pht, k)
+    return good
+
+
+@inlined
+def _solve_rows(s, m, pht, k):
+    """K S = P H' for all rows of K (n, m'), S by its factor; with m divisions instead of 2 m a row."""
+    reciprocal, row = small_vector(k, MOST), small_vector(k, MOST)
     for a in range(m):
         reciprocal[a] = 1.0 / s[a, a]
-    for i in range(n):
+    for i in range(k.shape[0]):
         for a in range(m):
             t = pht[i, a]
             for b in range(a):
-                t = fma(-s[a, b], k[i, b], t)
-            k[i, a] = t * reciprocal[a]
+                t = fma(-s[a, b], row[b], t)
+            row[a] = t * reciprocal[a]
         for a in range(m - 1, -1, -1):
-            t = k[i, a]
+            t = row[a]
             for b in range(a + 1, m):
-                t = fma(-s[b, a], k[i, b], t)
-            k[i, a] = t * reciprocal[a]
-    return good
+                t = fma(-s[b, a], row[b], t)
+            row[a] = t * reciprocal[a]
+        for a in range(m):
+            k[i, a] = row[a]
 
 
 @kernel

@@ -43,19 +43,21 @@ def cholesky(a, n):
     singular to working precision, is taken for 1, so that what follows stays finite.
     """
     good = a[0, 0] > 0.0
-    for i in range(n):
-        floor = 1e-14 * a[i, i]
-        for j in range(i):
+    # by columns: what is below a pivot waits for nothing but it
+    for j in range(n):
+        floor = 1e-14 * a[j, j]
+        t = a[j, j]
+        for k in range(j):
+            t -= a[j, k] * a[j, k]
+        positive = (t > floor) & (t > 0.0)
+        pivot = math.sqrt(select(positive, t, 1.0))
+        a[j, j] = pivot
+        good = good & positive
+        for i in range(j + 1, n):
             t = a[i, j]
             for k in range(j):
                 t -= a[i, k] * a[j, k]
-            a[i, j] = t / a[j, j]
-        t = a[i, i]
-        for k in range(i):
-            t -= a[i, k] * a[i, k]
-        positive = (t > floor) & (t > 0.0)
-        a[i, i] = math.sqrt(select(positive, t, 1.0))
-        good = good & positive
+            a[i, j] = t / pivot
     return good
 
 
