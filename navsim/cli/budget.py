@@ -9,16 +9,15 @@ from navsim.cli.common import leave
 from navsim.cli.ending import BAD_INPUT, say
 
 if TYPE_CHECKING:
-    from navsim.io.results import Sort
     from navsim.study.budget.estimate import Budget
 
 
 def afford(
-    name: object, estimate: Budget, sort: Sort, target: Path, *, over_budget: bool, shown: bool, at_most: bool = False
+    name: object, estimate: Budget, kernels: str, target: Path, *, over_budget: bool, shown: bool, at_most: bool = False
 ) -> None:
     """Tell the estimate where it is to be shown; leave where the machine lacks memory or disk, unless `over_budget`.
 
-    name: of the scenario or study. sort, target: the result's, and its path. at_most: the work may end
+    name: of the scenario or study. kernels: see `study.job.Job`. target: the result's path. at_most: the work may end
     earlier by itself, so the estimate alone refuses nothing.
     """
     from navsim.core import jit
@@ -28,7 +27,7 @@ def afford(
     here = machine(target.parent)
     if shown:
         say(f"{name}: {'at most ' if at_most else ''}{said(estimate, here)}")
-        if not jit.is_warm(sort.work):
+        if not jit.is_warm(kernels):
             say("compiling the kernels, once, takes up to a minute more")
     lack = lacking(estimate, here, _kept(target) if estimate.partial_bytes else 0.0)
     wanting = f"{name}: needs {', and '.join(lack)}"

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from navsim.cli.budget import afford
@@ -98,10 +100,11 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
 
     def allow(budget: Any, final: bool = True, at_most: bool = False) -> None:
         shown = wanted.dry_run and final
-        afford(name, budget, job.sort, target, over_budget=wanted.care.over_budget, shown=shown, at_most=at_most)
+        afford(name, budget, job.kernels, target, over_budget=wanted.care.over_budget, shown=shown, at_most=at_most)
 
     if not wanted.dry_run:
-        begin(target, job.sort)
+        begin(target, job.kernels)
+        _load_ahead(job.kernels, printed=not (wanted.care.quiet or wanted.json))
     with failures(name):
         job.prepare(executor, allow)
     for warning in job.warnings:
@@ -124,7 +127,7 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
             say(f"{store.redone} damaged piece(s) of an earlier attempt were computed again")
         if not outcome.stopped:
             store.remove()
-    jit.mark_warm(job.sort.work)
+    jit.mark_warm(job.kernels)
     print_shown(outcome.result, target, written, wanted.care.quiet, wanted.json)
     for warning in outcome.warnings:
         say(f"warning: {warning}")
@@ -137,6 +140,19 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
         raise KeyboardInterrupt
     require(outcome.result, target, wanted.required)
     return outcome.result
+
+
+def _load_ahead(kernels: str, printed: bool) -> None:
+    """Load what comes later beside what comes first: these kernels (`study.job.Job`), and what writes files and tables.
+    Making machine code ready, and numpy's work, leave the interpreter to others."""
+    from navsim.core import jit
+
+    def load() -> None:
+        jit.load_ahead(kernels)
+        for module in ("navsim.io.netcdf", *["rich.console"] * printed):
+            import_module(module)
+
+    Thread(target=load).start()
 
 
 def _store(job: Job, target: Path, fresh: bool) -> Store | None:

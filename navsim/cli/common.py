@@ -125,9 +125,9 @@ def refuse_other(target: Path, sort: Sort, force: bool) -> None:
         )
 
 
-def begin(target: Path, sort: Sort) -> None:
-    """The computing of a result of this sort begins: no other process works on it until the command ends,
-    leftovers of killed ones are cleaned, and why the first work of the sort ever takes longer is said."""
+def begin(target: Path, kernels: str) -> None:
+    """The computing of a result begins: no other process works on it until the command ends, leftovers of killed ones
+    are cleaned, and why the first work with these kernels (`study.job.Job`) ever takes longer is said."""
     from navsim.core import jit
     from navsim.io.whole import Occupied, clean, locked
 
@@ -139,7 +139,7 @@ def begin(target: Path, sort: Sort) -> None:
         say(f"warning: {target} cannot be locked ({error.strerror or error}): let no other process write it")
     else:
         clean(target, owned=True)
-    if not jit.is_warm(sort.work):
+    if not jit.is_warm(kernels):
         say(f"compiling the kernels, once, up to a minute; kept in {jit.cache_place()}")
 
 

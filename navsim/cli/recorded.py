@@ -34,8 +34,10 @@ from navsim.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from navsim.io.results import Sort
     from navsim.study.live import Session
+
+_KERNELS = "live"
+"""The name of those that a live session takes, as of `study.job.Job`."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
     from navsim.io.findings import kept
     from navsim.study import live as flying
 
-    session = _session(scenario, given, care, target, sort)
+    session = _session(scenario, given, care, target)
     session.tell = lambda message: None if care.quiet and not message.startswith("warning") else say(message)
     extent = math.ceil(session.case.scenario.duration_s)
     try:
@@ -146,7 +148,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         leave(BAD_INPUT, error)
     except ResultError as error:
         leave(RUN_FAILED, error)
-    jit.mark_warm(sort.work)
+    jit.mark_warm(_KERNELS)
     print_shown(result, target, written, care.quiet, given.json_)
     session.tell(f"ended: {why}")
     warn(result)
@@ -158,7 +160,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
         leave(RUN_FAILED, f"what was flown is no result; what came is kept in {target}")
 
 
-def _session(scenario: Path, given: LiveOptions, care: Care, target: Path, sort: Sort) -> Session:
+def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Session:
     """The landing ready to be flown with what comes."""
     from navsim.scenario.filter import SMOOTHERS
     from navsim.scenario.load import read
@@ -168,7 +170,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path, sort:
     from navsim.study.live import Session
 
     def ask(section: Any, sources: Any) -> None:
-        afford(scenario, estimated(section, sources), sort, target, over_budget=care.over_budget, shown=False)
+        afford(scenario, estimated(section, sources), _KERNELS, target, over_budget=care.over_budget, shown=False)
 
     try:
         section, document = read(scenario, given.set_ or [])
@@ -177,7 +179,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path, sort:
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
-        begin(target, sort)
+        begin(target, _KERNELS)
         case = landing.prepare(section, document, ask)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")

@@ -19,7 +19,7 @@ import llvmlite
 import numba
 from numba.extending import overload, register_jitable
 
-from navsim.core.kernel_cache import CacheAtFirstCall
+from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, remember
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -56,17 +56,24 @@ if _CACHE is not None:
     _CONFIG.CACHE_DIR = str(_CACHE)
 
 
-def is_warm(work: str) -> bool:
-    """Whether work of this name has been done with this very code before, so that little is left to compile."""
-    return _CACHE is not None and (_CACHE / f"{_WARM_MARK}-{work}").exists()
+def is_warm(name: str) -> bool:
+    """Whether work with kernels of this name has been done with this very code before: little is left to compile."""
+    return _CACHE is not None and (_CACHE / f"{_WARM_MARK}-{name}").exists()
 
 
-def mark_warm(work: str) -> None:
-    """Remember that the kernels for work of this name are in the cache, and drop folders unused for a month."""
+def load_ahead(name: str) -> None:
+    """Load the kernels that the last work of this name has loaded, so that they are there when they are called."""
+    if _CACHE is not None:
+        load_remembered(_CACHE / f"{_WARM_MARK}-{name}")
+
+
+def mark_warm(name: str) -> None:
+    """Remember that the kernels of this name are in the cache, and which they are, and drop folders unused for a
+    month."""
     if _CACHE is None:
         return
     try:
-        (_CACHE / f"{_WARM_MARK}-{work}").touch()
+        remember(_CACHE / f"{_WARM_MARK}-{name}")
         for folder in _CACHE.parent.glob("kernels-*"):
             used = [mark.stat().st_mtime for mark in folder.glob(f"{_WARM_MARK}*")]
             if used and max(used) < time.time() - 30 * 86400.0:

@@ -4,6 +4,8 @@ numba loads what it finds. A file cut by a power failure, or with a flipped bit,
 code or with a traceback, at every start until somebody removes the folder. Here each file begins with the SHA-256 of
 its name and the rest, and is not looked into before that fits. Machine code is named by what it was compiled for,
 without an index: of two processes at once, one could lose the other's entries or put its code under the other's name.
+
+What a process has loaded can be remembered (`remember`), so that the next one that does the same loads it beforehand.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import pickle
 import uuid
 from collections.abc import Callable, Iterator
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,8 @@ _DIGEST = 32
 
 notes: list[str] = []
 """What went wrong with the cache in this process, in words; each once."""
+_loaded: list[tuple[str, str, Any]] = []
+"""What this process has loaded: module and name of a kernel, and the types of its arguments."""
 
 
 def note(text: str) -> None:
@@ -41,17 +46,6 @@ class DamagedCode(OSError):
 
 class _CheckedFiles(IndexDataCacheFile):
     """The files of one kernel."""
-
-    def _content(self, path: str) -> bytes:
-        """What was written to a file. Raises FileNotFoundError, OSError, DamagedCode."""
-        with open(path, "rb") as file:
-            digest, content = file.read(_DIGEST), file.read()
-        if _digest(path, content) != digest:
-            with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
-                os.unlink(path)
-            note(f"damaged machine code in {self._cache_path} was dropped and compiled again")
-            raise DamagedCode(path)
-        return content
 
     def _name(self, key: Any) -> str:
         made_for = hashlib.sha256(repr((self._version, self._source_stamp, key)).encode())
@@ -69,20 +63,37 @@ class _CheckedFiles(IndexDataCacheFile):
         self._save_data(self._name(key), data)
 
     def _load_data(self, name: str) -> Any:
-        return pickle.loads(self._content(self._data_path(name)))
+        return pickle.loads(_content(self._data_path(name)))
 
     @contextlib.contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
         content = io.BytesIO()
         yield content
-        temporary = Path(f"{filepath}.tmp.{uuid.uuid4().hex[:16]}")
-        try:
-            with open(temporary, "wb") as file:
-                file.write(_digest(filepath, content.getbuffer()))
-                file.write(content.getbuffer())
-            temporary.replace(filepath)
-        finally:
-            temporary.unlink(missing_ok=True)
+        _write(filepath, content.getbuffer())
+
+
+def _content(path: str) -> bytes:
+    """What was written to a file. Raises FileNotFoundError, OSError, DamagedCode."""
+    with open(path, "rb") as file:
+        digest, content = file.read(_DIGEST), file.read()
+    if _digest(path, content) != digest:
+        with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
+            os.unlink(path)
+        note(f"damaged machine code in {os.path.dirname(path)} was dropped and compiled again")
+        raise DamagedCode(path)
+    return content
+
+
+def _write(path: str, content: bytes | memoryview) -> None:
+    """Write a file that `_content` reads, whole or not at all. Raises OSError."""
+    temporary = Path(f"{path}.tmp.{uuid.uuid4().hex[:16]}")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(_digest(path, content))
+            file.write(content)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _digest(path: str, content: bytes | memoryview) -> bytes:
@@ -96,6 +107,7 @@ class CheckedCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
+        self._kernel = function.__module__, function.__qualname__
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _CheckedFiles(self._cache_path, self._impl.filename_base, stamp)
 
@@ -103,7 +115,10 @@ class CheckedCache(FunctionCache):
         """Machine code that was kept, None where there is none. numba's own method loads all that the compiler knows
         before it looks, scipy's linear algebra too; what is kept is compiled, and the compiler does that by itself."""
         rtsys.initialize(target)  # code that makes arrays asks for its memory there
-        return self._load_overload(signature, target)
+        found = self._load_overload(signature, target)
+        if found is not None:
+            _loaded.append((*self._kernel, signature))
+        return found
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep machine code; where the disk does not take it, it lives in memory alone."""
@@ -127,3 +142,18 @@ class CacheAtFirstCall:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._opened, name)
+
+
+def remember(path: Path) -> None:
+    """Write down what this process has loaded. Raises OSError."""
+    _write(str(path), pickle.dumps(_loaded))
+
+
+def load_remembered(path: Path) -> None:
+    """Load what a process wrote down that had the same code; nothing where there is no such file."""
+    try:
+        kernels = pickle.loads(_content(str(path)))
+    except OSError:
+        return
+    for module, name, signature in kernels:
+        getattr(import_module(module), name).compile(signature)

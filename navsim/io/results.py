@@ -142,11 +142,6 @@ class Sort:
     method: str = ""
     runs: str = ""
 
-    @property
-    def work(self) -> str:
-        """What makes such results, as a word."""
-        return f"{self.kind}-{self.method}" if self.method else self.kind
-
     def __str__(self) -> str:
         method = f"method {self.method}" if self.method else ""
         return ", ".join(part for part in (f"kind {self.kind}", method, self.runs) if part)

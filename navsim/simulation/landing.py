@@ -372,7 +372,7 @@ _ROWS = 64
 
 
 @kernel
-def _take_apart(lanes, runs):
+def _take_apart(lanes: np.ndarray, runs: np.ndarray) -> None:
     """Runs (r, m) out of the first lanes of (m, W)."""
     count, numbers = runs.shape
     for first in range(0, numbers, _ROWS):

@@ -74,13 +74,15 @@ class Outcome:
 class Job(Protocol):
     """The work of one file.
 
-    sort: of its result. suffix: of the result's name where it is not the usual work of the file. extent, unit: of
+    sort: of its result. kernels: a name for those that the work takes, the same for work that takes the same, as far
+    as is known before. suffix: of the result's name where it is not the usual work of the file. extent, unit: of
     progress, what it counts; an extent of 0 is told in words. pieces: of the work that a store keeps, named `work` in
     words; 0 where nothing is kept, more than one where their number is not known before. warnings: of the input. The
     last three count once the job is prepared.
     """
 
     sort: Sort
+    kernels: str
     suffix: str
     unit: str
     work: str

@@ -126,3 +126,27 @@ def test_what_is_kept_is_loaded_without_the_compiler(tmp_path: Path) -> None:
     assert compiled.endswith("True")
     assert loaded == compiled.replace("True", "False")
     assert others[0] == f"{RIGHT} 0"
+
+
+def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Path) -> None:
+    """Without being called; of a list that is damaged or not there, nothing."""
+    memo = tmp_path / "complete-work"
+    result(cache)
+    writing = CODE + f"; from pathlib import Path; kernel_cache.remember(Path({str(memo)!r}))"
+    loading = (
+        "from pathlib import Path; from navsim.core import attitude, kernel_cache;"
+        f"kernel_cache.load_remembered(Path({str(memo)!r})); print(len(attitude.dcm.overloads))"
+    )
+
+    def said(code: str) -> str:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+        return subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=True
+        ).stdout.strip()
+
+    assert said(loading) == "0"
+    said(writing)
+    assert said(loading) == "1"
+    flip(memo)
+    assert said(loading) == "0"
+    assert not memo.exists()

@@ -27,7 +27,7 @@ class OptimizeJob:
     """Placements, their neighbourhoods, maps. The time limit counts from the preparation; an interrupt ends the work
     with what was found."""
 
-    suffix, unit, extent, work = "", "placements", 0, "analyses"
+    kernels, suffix, unit, extent, work = "optimize", "", "placements", 0, "analyses"
     pieces = 2
     posed: PlacementProblem
 

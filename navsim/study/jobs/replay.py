@@ -21,6 +21,7 @@ class ReplayJob:
     def __init__(self, section: Replay, document: Document, options: Options) -> None:
         self.section, self.document = section, document
         self.sort = Sort("replay")
+        self.kernels = f"replay-{section.filter.kind}"
 
     @property
     def extent(self) -> int:

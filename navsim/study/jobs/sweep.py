@@ -25,6 +25,7 @@ class SweepJob:
         self.section, self.document, self.seed = section, document, options.seed
         self.base = base_of(section, document)
         self.sort = Sort("sweep", section.method)
+        self.kernels = f"sweep-{section.method}"
 
     @property
     def extent(self) -> int:

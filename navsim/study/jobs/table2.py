@@ -14,7 +14,7 @@ class Table2Job:
     """All rows under every calibration, so many runs of each; none of the work is kept."""
 
     sort = Sort("table2")
-    suffix, unit, work, pieces = "", "rows", "", 0
+    kernels, suffix, unit, work, pieces = "table2", "", "rows", "", 0
     extent = len(table2.CALIBRATIONS) * len(table2.ROWS)
 
     def __init__(self, seed: int, runs: int) -> None:

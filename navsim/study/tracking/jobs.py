@@ -37,7 +37,7 @@ class CompanionJob:
             text = f"only for `kind: landing`; {document.file} is of kind {section.kind}"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.section, self.options = section, options
-        self.sort = Sort(section.kind)
+        self.sort, self.kernels = Sort(section.kind), section.kind
         self.unit, self.extent = unit, extent
         self._compute, self._budget = compute, budget
 
