@@ -23,7 +23,7 @@ from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, remember
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
-_KERNEL_ROOMS = ("core", "models", "estimation", "simulation", "tracking")
+_KERNEL_ROOMS = ("core", "models", "estimation", "simulation", "tracking", "integrity")
 _WARM_MARK = "complete"
 """Begin of the names of the files that say what has been compiled."""
 

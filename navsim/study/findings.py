@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.core.arrays import chi_square
 from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import CONSISTENT, FIX, Finding
 from navsim.io.results import Result
-from navsim.study.statistics import chi_square_quantile, poisson_exceedance
+from navsim.study.statistics import poisson_exceedance
 
 FALSE_ALARM = 1e-6
 """Chance that a filter which is right causes a finding that rests on chance."""
@@ -84,7 +85,7 @@ def among(marked: np.ndarray, what: str, label: Callable[[int], str]) -> list[Fi
 def limit(degrees: float) -> float:
     """The mean normalised square per degree of freedom, of so many independent ones (inf: an expectation), from which
     on a filter is doubted: what one with sigmas off by a factor of two exceeds with the chance `FALSE_ALARM`."""
-    chance = 1.0 if math.isinf(degrees) else chi_square_quantile(1.0 - FALSE_ALARM, degrees) / degrees
+    chance = 1.0 if math.isinf(degrees) else chi_square.quantile(1.0 - FALSE_ALARM, degrees) / degrees
     return DOUBTED * chance
 
 

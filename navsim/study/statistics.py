@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from navsim.core.arrays import chi_square
 from navsim.core.arrays.sampling import LEAST, TWO_SIDED, relative_error
 
 CONFIDENCE = 0.95
@@ -16,20 +17,6 @@ _TAIL = 0.5 * (1.0 - CONFIDENCE)
 SIGMA_TOLERANCE = 0.05
 """A sigma that is off by no more than this share serves as well as the right one: an ensemble large enough finds
 smaller errors significant that nobody has to mend."""
-
-
-def chi_square_quantile(probability: float, degrees: float) -> float:
-    """Quantile of the chi-square distribution; scipy.special only, since scipy.stats takes half a second."""
-    from scipy.special import gammaincinv
-
-    return float(2.0 * gammaincinv(0.5 * degrees, probability))
-
-
-def chi_square_exceedance(probability: float, degrees: int) -> float:
-    """The value a chi-square variable exceeds with this small probability; inf for 0."""
-    from scipy.special import gammainccinv
-
-    return float(2.0 * gammainccinv(0.5 * degrees, probability)) if probability > 0.0 else np.inf
 
 
 def poisson_exceedance(count: int, expected: float) -> float:
@@ -41,7 +28,7 @@ def poisson_exceedance(count: int, expected: float) -> float:
 
 def gate_limits(probability: float) -> np.ndarray:
     """The largest normalised innovation squared that a gate lets pass, by the number of measurements (7,)."""
-    return np.array([np.inf, *(chi_square_exceedance(probability, m) for m in range(1, 7))])
+    return np.array([np.inf, *(chi_square.exceeded(probability, m) for m in range(1, 7))])
 
 
 def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
@@ -60,8 +47,8 @@ def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
         return np.zeros(3)
     degrees = mean_squares.shape[0] * total**2 / float(np.sum(per_component**2))
     tail = 0.5 * (1.0 - CONFIDENCE)
-    low = chi_square_quantile(1.0 - tail, degrees)
-    high = chi_square_quantile(tail, degrees)
+    low = chi_square.quantile(1.0 - tail, degrees)
+    high = chi_square.quantile(tail, degrees)
     return np.sqrt(total * np.array([1.0, degrees / low, degrees / high]))
 
 
@@ -128,12 +115,12 @@ def consistency_band(degrees: int, runs: int) -> tuple[float, float]:
     """Two-sided 95 % band of the ensemble mean of a normalised square per degree of freedom [1]."""
     total = degrees * runs
     tail = 0.5 * (1.0 - CONFIDENCE)
-    return chi_square_quantile(tail, total) / total, chi_square_quantile(1.0 - tail, total) / total
+    return chi_square.quantile(tail, total) / total, chi_square.quantile(1.0 - tail, total) / total
 
 
 def ellipsoid_probability(level: float, dimensions: int) -> float:
     """Chance that a Gaussian error lies within its `level`-sigma ellipsoid."""
-    return chi_square_probability(level**2, dimensions)
+    return chi_square.probability_below(level**2, dimensions)
 
 
 def mean_interval(values: np.ndarray) -> np.ndarray:
@@ -177,10 +164,3 @@ def verdict(error: np.ndarray, tolerance: float = SIGMA_TOLERANCE) -> str:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.{0 if share >= 0.0095 else 1}f} %"
-
-
-def chi_square_probability(value: float, degrees: float) -> float:
-    """Chance that a chi-square variable stays below a value."""
-    from scipy.special import gammainc
-
-    return float(gammainc(0.5 * degrees, 0.5 * value))

@@ -17,6 +17,7 @@ ALLOWED = {
     "estimation": {"core"},
     "simulation": {"models", "estimation", "core"},
     "tracking": {"core"},
+    "integrity": {"core"},
     "scenario": {"models", "estimation", "tracking", "core", "io", "kinds"},
     "io": {"core", "models"},
     "study": {"simulation", "tracking", "scenario", "io", "models", "estimation", "core"},

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.core.arrays import chi_square
 from navsim.core.streams import generator
 from navsim.io.draft import Draft
 from navsim.io.findings import CONSISTENT, Finding, kept
@@ -18,7 +19,6 @@ from navsim.io.schema import ELEVATION
 from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.findings import doubted, positive
 from navsim.study.root import root_attributes
-from navsim.study.statistics import chi_square_probability
 from navsim.tracking import mls
 from navsim.tracking.elevation import Model, fly, follow, model
 from navsim.tracking.kalman import covariance_sequence, driven_covariance, singer_sigma, steady_state
@@ -42,7 +42,8 @@ def band_limits(band: str, delta: float) -> tuple[float, float]:
 def coverage(band: str, delta: float, degrees: int) -> float:
     """Chance that a sample variance of so many degrees of freedom lies within the band, where the filter is right."""
     low, high = band_limits(band, delta)
-    return chi_square_probability(high * degrees, degrees) - chi_square_probability(low * degrees, degrees)
+    reach_low, reach_high = (chi_square.probability_below(limit * degrees, degrees) for limit in (low, high))
+    return reach_high - reach_low
 
 
 def smallest_number(band: str, delta: float, confidence: float) -> int:

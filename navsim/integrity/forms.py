@@ -1,0 +1,54 @@
+"""Protection levels of other systems, for comparison: SBAS and GBAS, by their standards' forms.
+
+Source: `docs/theory/integrity.md`, section 5; RTCA DO-229 appendix J (SBAS), ICAO Annex 10 volume I (GBAS).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navsim.core.arrays import normal
+from navsim.integrity.solution import Solution
+
+SBAS_HORIZONTAL, SBAS_VERTICAL = 6.0, 5.33
+"""Factors of precision approaches [DO-229]; 5.33 is the rounded 5.327 that a chance of 5e-8 a side has."""
+
+
+def sbas(solution: Solution) -> np.ndarray:
+    """Horizontal and vertical levels (e, 2), m; nan without a fix."""
+    c = solution.covariance
+    east, north, cross = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
+    longest = np.sqrt(0.5 * (east + north) + np.hypot(0.5 * (east - north), cross))
+    return np.stack([SBAS_HORIZONTAL * longest, SBAS_VERTICAL * np.sqrt(c[:, 2, 2])], axis=1)
+
+
+def gbas_factors(receivers: int) -> tuple[float, float]:
+    """K_ffmd and K_md of a ground station with so many reference receivers; the standard has three decimals of them."""
+    return -normal.quantile(2.5e-8 / (receivers + 1) / 2.0), -normal.quantile(2.5e-3 * receivers / (receivers + 1))
+
+
+def gbas_projection(solution: Solution, course: float, glide: float) -> np.ndarray:
+    """What range errors do across the track (right) and to height over the glide path (e, 2, s), of an approach on a
+    course, rad from north, down a glide path, rad."""
+    east, north, up = (solution.estimator[:, i] for i in range(3))
+    along, across = (
+        east * math.sin(course) + north * math.cos(course),
+        east * math.cos(course) - north * math.sin(course),
+    )
+    return np.stack([across, up + along * math.tan(glide)], axis=1)
+
+
+def gbas(
+    projection: np.ndarray, sigma: np.ndarray, ground: np.ndarray, b: np.ndarray, receivers: int,
+    factors: tuple[float, float],
+) -> np.ndarray:  # fmt: skip
+    """Lateral and vertical levels (e, 2, 2), m, with none of the reference receivers faulty, and with the one whose B
+    values, m, are b (e, s). projection: (e, 2, s). sigma, ground: (e, s) m of ranges, and of it the ground's. factors:
+    K_ffmd and K_md."""
+    free, missed = factors
+    without = free * np.sqrt(((projection * sigma[:, None]) ** 2).sum(axis=2))
+    variance = sigma**2 + ground**2 / (receivers - 1)  # the ground's with a receiver less
+    off = np.abs((projection * b[:, None]).sum(axis=2))
+    return np.stack([without, off + missed * np.sqrt((projection**2 * variance[:, None]).sum(axis=2))], axis=2)

@@ -1,0 +1,99 @@
+"""Snapshot RAIM: the square of the residuals against a threshold, and the levels that it protects.
+
+Source: `docs/theory/integrity.md`, section 2; Brown & Chin (1994), Walter & Enge (1995).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from navsim.core.arrays import chi_square, normal
+from navsim.integrity.solution import Solution
+
+BLIND = 1e-9
+"""A range of less redundancy than this is not checked by the others."""
+
+
+@dataclass(frozen=True)
+class ChiSquareTest:
+    """The chi-square test of residuals. p_fa: probability of an alarm without a fault, p_md: of none with the bias that
+    the levels are of."""
+
+    p_fa: float
+    p_md: float
+
+    def threshold(self, degrees: np.ndarray) -> np.ndarray:
+        """What the sum of squares may be (e,); inf without redundancy."""
+        return _by_degrees(degrees, lambda n: chi_square.exceeded(self.p_fa, n), np.inf)
+
+    def bias(self, degrees: np.ndarray) -> np.ndarray:
+        """The root of the noncentrality that is missed with p_md (e,); inf without redundancy."""
+        return _by_degrees(
+            degrees,
+            lambda n: chi_square.noncentrality(chi_square.exceeded(self.p_fa, n), n, self.p_md) ** 0.5,
+            np.inf,
+        )
+
+
+def _by_degrees(degrees: np.ndarray, value: Callable[[int], float], without: float) -> np.ndarray:
+    out = np.full(degrees.shape, without)
+    for n in np.unique(degrees[degrees > 0]):
+        out[degrees == n] = value(int(n))
+    return out
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """The test of the residuals of solutions, and what it protects."""
+
+    solution: Solution
+    test: ChiSquareTest
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """Error of position (e, s, 2), horizontal and vertical, by the bias in the residuals, both of a fault of one
+        range; inf for a fault that the residuals do not show, 0 for one that moves nothing."""
+        of_fault = self.solution.estimator
+        moved = np.stack([np.hypot(of_fault[:, 0], of_fault[:, 1]), np.abs(of_fault[:, 2])], axis=2)
+        seen = (self.solution.redundancy > BLIND)[..., None]
+        shown = np.sqrt(np.where(seen, self.solution.visibility[..., None], 1.0))
+        return np.where(seen, moved / shown, np.where(moved > 0.0, np.inf, 0.0))
+
+    @property
+    def minimal_bias(self) -> np.ndarray:
+        """The smallest bias of each range (e, s), m, that is missed with no more than p_md; inf where none is seen, nan
+        for what is not used."""
+        seen = self.solution.redundancy > BLIND
+        shown = np.sqrt(np.where(seen, self.solution.visibility, 1.0))
+        bias = self.test.bias(self.solution.degrees)[:, None]
+        return np.where(self.solution.used, np.where(seen, bias / shown, np.inf), np.nan)
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Protection levels (e, 2), m, horizontal and vertical: the largest slope times the bias that is missed with
+        p_md; inf where a range is not checked, nan without a fix."""
+        largest = self.slopes.max(axis=1)
+        bias = self.test.bias(self.solution.degrees)[:, None]
+        return np.where(self.solution.solved[:, None], np.where(largest > 0.0, largest, 0.0) * bias, np.nan)
+
+    @property
+    def weighted_vertical(self) -> np.ndarray:
+        """The vertical level (e,), m, by Walter & Enge: threshold along the largest slope, and the noise beyond."""
+        sigma = np.sqrt(self.solution.covariance[:, 2, 2])
+        reach = self.slopes[..., 1].max(axis=1) * np.sqrt(self.test.threshold(self.solution.degrees))
+        return np.asarray(np.where(self.solution.solved, reach - normal.quantile(self.test.p_md) * sigma, np.nan))
+
+    def statistic(self, errors: np.ndarray) -> np.ndarray:
+        """Sums of squares (e, m) of the whitened residuals of range errors (e, s, m), m."""
+        return np.asarray((self.solution.residuals(errors) ** 2).sum(axis=1))
+
+    def each(self, errors: np.ndarray) -> np.ndarray:
+        """What speaks for a fault of each range (e, s, m), standard normal without one, of range errors (e, s, m); nan
+        where nothing can."""
+        seen = self.solution.redundancy > BLIND
+        size = np.sqrt(np.where(seen, self.solution.visibility, np.nan))
+        return np.asarray(self.solution.shown.swapaxes(1, 2) @ self.solution.residuals(errors) / size[..., None])

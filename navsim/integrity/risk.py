@@ -1,0 +1,44 @@
+"""The risk that a monitor leaves: the position is off by more than a limit, and nothing is said.
+
+Source: `docs/theory/integrity.md`, section 4. The estimate of a least-squares fix and its residuals are independent, so
+the risk of one biased range under the chi-square test is a product.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navsim.core.arrays import chi_square, normal
+from navsim.integrity.residuals import Monitor
+from navsim.integrity.solution import Solution
+
+
+def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float) -> float:
+    """The probability of a vertical error beyond a limit, m, without an alarm, where a range has a bias, m."""
+    solution = monitor.solution
+    degrees = int(solution.degrees[epoch])
+    threshold = float(monitor.test.threshold(solution.degrees)[epoch])
+    seen = bias * bias * float(solution.visibility[epoch, source])
+    beyond = _beyond(solution, epoch, source, bias, limit)
+    return beyond * chi_square.probability_below(threshold, degrees, seen)
+
+
+def silent_apart(
+    main: Solution, separation: np.ndarray, epoch: int, source: int, bias: float, limits: tuple[float, float]
+) -> float:
+    """The same under the test that the fix without the source is no further than a threshold from the whole one.
+
+    limits: of the error, and of that difference, m. separation: (3, s) what makes the difference of range errors.
+    """
+    limit, threshold = limits
+    moved = main.estimator[epoch, 2, source] * bias
+    spread = float(np.sqrt(main.noise.variance(separation[None])[0, 2]))
+    told = float(normal.exceedance(np.array(threshold), moved, spread))
+    return _beyond(main, epoch, source, bias, limit) * (1.0 - told)
+
+
+def _beyond(solution: Solution, epoch: int, source: int, bias: float, limit: float) -> float:
+    """The probability of a vertical error beyond a limit, m, with a bias on a range."""
+    moved = solution.estimator[epoch, 2, source] * bias
+    sigma = float(np.sqrt(solution.covariance[epoch, 2, 2]))
+    return float(normal.exceedance(np.array(limit), moved, sigma))

@@ -1,0 +1,200 @@
+"""Protection levels by solution separation: what each fault could do before the fix without its sources tells.
+
+Source: `docs/theory/integrity.md`, section 3; Blanch et al., IEEE Transactions on Aerospace and Electronic Systems 51
+(2015); WG-C ARAIM Technical Subgroup, Reference Airborne Algorithm Description Document v3.0 (2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.integrity.solution import Noise, Solution, solve
+
+EAST, NORTH, UP = 0, 1, 2
+_MOST_STEPS = 100
+_SMALL = 1e-9
+"""A step of a level's solution that is small enough, m."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Sources that fail together, the indices of their ranges, with the probability that they have."""
+
+    sources: tuple[int, ...]
+    prior: float
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """Probabilities that the levels and tests share, those of LPV-200 where nothing else is said.
+
+    p_hmi: of misleading information, vertical and horizontal. p_fa: of an alarm without a fault. p_unmonitored: that is
+    tolerated of what is not monitored. p_emt: faults of no less count for the effective monitor threshold. samples:
+    effective ones of an exposure, by which the budgets are divided.
+    """
+
+    p_hmi_vertical: float = 9.8e-8
+    p_hmi_horizontal: float = 2e-9
+    p_fa_vertical: float = 3.9e-6
+    p_fa_horizontal: float = 9e-8
+    p_unmonitored: float = 8e-8
+    p_emt: float = 1e-5
+    samples: float = 1.0
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What solution separation says of epochs; axes east, north, up; nan where there is none.
+
+    available: (e,) whether there is a level. unmonitored: (e,) probability of what is not monitored. monitored: (k, e)
+    faults. sigma: (e, 3), separate_sigma: (k, e, 3) of the fixes, without each fault. threshold: (k, e, 3) of their
+    differences. bias: (e, 3), separate_bias: (k, e, 3) that nominal biases reach. level: (e, 3). accuracy: (e, 3) 1
+    sigma of what the fix is without a fault.
+    """
+
+    available: np.ndarray
+    unmonitored: np.ndarray
+    monitored: np.ndarray
+    sigma: np.ndarray
+    separate_sigma: np.ndarray
+    threshold: np.ndarray
+    bias: np.ndarray
+    separate_bias: np.ndarray
+    level: np.ndarray
+    accuracy: np.ndarray
+    emt: np.ndarray
+
+    @property
+    def horizontal(self) -> np.ndarray:
+        """HPL (e,), m."""
+        return np.hypot(self.level[:, EAST], self.level[:, NORTH])
+
+    @property
+    def vertical(self) -> np.ndarray:
+        """VPL (e,), m."""
+        return self.level[:, UP]
+
+
+def levels(
+    rows: np.ndarray,
+    used: np.ndarray,
+    noise: Noise,
+    accuracy: Noise,
+    nominal: np.ndarray,
+    faults: Sequence[Fault],
+    allocation: Allocation,
+    unlisted: float | None = None,
+) -> Levels:
+    """The levels of epochs.
+
+    rows (e, s, u), used (e, s): see `solution.solve`. noise: that bounds the errors of ranges; accuracy: that they have
+    without faults. nominal: (e, s) m, bound of their biases. unlisted: probability of what `faults` do not name, where
+    it is not that of several of them at once.
+    """
+    whole = solve(rows, used, noise)
+    priors = np.array([fault.prior for fault in faults])
+    without = [_without(rows, used, noise, fault) for fault in faults]
+    touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults]).reshape(len(faults), -1)
+    monitored = touched & np.array([s.solved for s in without]).reshape(touched.shape)
+    unmonitored = _several_at_once(priors, touched) if unlisted is None else np.full(used.shape[0], unlisted)
+    unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
+
+    sigma, bias = _sigma(whole), _reach(whole, nominal)
+    separate_sigma = np.array([_sigma(s) for s in without]).reshape(*monitored.shape, 3)
+    separate_bias = np.array([_reach(s, nominal) for s in without]).reshape(*monitored.shape, 3)
+    apart = [np.sqrt(accuracy.variance(s.estimator - whole.estimator)) for s in without]
+    threshold = _factors(allocation, monitored.sum(axis=0)) * np.array(apart).reshape(*monitored.shape, 3)
+    threshold[~monitored] = np.nan
+
+    p_hmi = np.array([*[0.5 * allocation.p_hmi_horizontal] * 2, allocation.p_hmi_vertical]) / allocation.samples
+    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
+    left = 1.0 - unmonitored / total
+    available = whole.solved & (unmonitored <= allocation.p_unmonitored) & (left > 0.0)
+    level = np.full((used.shape[0], 3), np.nan)
+    at = np.flatnonzero(available)
+    for axis in (EAST, NORTH, UP):
+        level[at, axis] = _level(
+            p_hmi[axis] * left[at], bias[at, axis], sigma[at, axis], np.where(monitored, priors[:, None], 0.0)[:, at],
+            (threshold + separate_bias)[:, at, axis], separate_sigma[:, at, axis],
+        )  # fmt: skip
+    counted = np.where(monitored & (priors[:, None] >= allocation.p_emt), threshold[..., UP], 0.0)
+    return Levels(
+        available, unmonitored, monitored, sigma, separate_sigma, threshold, bias, separate_bias, level,
+        np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan),
+        np.where(whole.solved, counted.max(axis=0, initial=0.0), np.nan),
+    )  # fmt: skip
+
+
+def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> Solution:
+    left = used.copy()
+    left[:, list(fault.sources)] = False
+    return solve(rows, left, noise)
+
+
+def _several_at_once(priors: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Probability (e,) that more than one of the faults (k, e) that are there is; of independent ones."""
+    each = np.where(there, priors[:, None], 0.0)
+    # 1 - (none + one of them), by logarithms: it is as small as the square of a prior
+    at_most_one = np.log1p(-each).sum(axis=0) + np.log1p((each / (1.0 - each)).sum(axis=0))
+    return np.asarray(-np.expm1(at_most_one))
+
+
+def _sigma(solution: Solution) -> np.ndarray:
+    """1 sigma of position (e, 3); nan without a fix."""
+    return np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2))
+
+
+def _reach(solution: Solution, nominal: np.ndarray) -> np.ndarray:
+    """How far biases of ranges (e, s) can move the position (e, 3); nan without a fix."""
+    reach = (np.abs(solution.estimator) * nominal[:, None]).sum(axis=2)
+    return np.where(solution.solved[:, None], reach, np.nan)
+
+
+def _factors(allocation: Allocation, monitored: np.ndarray) -> np.ndarray:
+    """How many sigmas (e, 3) a difference of fixes may be, by the number of faults that are monitored (e,)."""
+    from scipy.special import ndtri
+
+    count = np.maximum(monitored, 1)[:, None] * np.array([4.0, 4.0, 2.0])
+    p_fa = np.array([*[allocation.p_fa_horizontal] * 2, allocation.p_fa_vertical]) / allocation.samples
+    return np.asarray(-ndtri(p_fa / count))
+
+
+def _level(
+    budget: np.ndarray, bias: np.ndarray, sigma: np.ndarray, priors: np.ndarray, reach: np.ndarray, spread: np.ndarray
+) -> np.ndarray:
+    """Where 2 Q((x - bias)/sigma) + sum of priors Q((x - reach)/spread) is the budget (e,).
+
+    bias, sigma: (e,). priors, reach, spread: (k, e); faults of prior 0 do not count.
+    """
+    from scipy.special import ndtr, ndtri
+
+    count = (priors > 0.0).sum(axis=0) + 1.0
+    counts = priors > 0.0
+    reach, spread = np.where(counts, reach, 0.0), np.where(counts, spread, 1.0)
+
+    def alone(share: np.ndarray) -> np.ndarray:
+        """Where every term is below this share of the budget, and the largest of them is it."""
+        own = bias - sigma * ndtri(0.5 * budget * share)
+        with np.errstate(divide="ignore"):
+            chance = np.where(counts, budget * share / priors, 1.0)
+        others = np.where(chance < 1.0, reach - spread * ndtri(np.minimum(chance, 1.0 - 1e-16)), -np.inf)
+        return np.maximum(own, others.max(axis=0, initial=-np.inf))
+
+    low, high = alone(np.ones_like(budget)), alone(1.0 / count)
+    x = low
+    for _ in range(_MOST_STEPS):
+        a, b = (x - bias) / sigma, (x - reach) / spread
+        value = 2.0 * ndtr(-a) + (priors * ndtr(-b)).sum(axis=0)
+        slope = 2.0 * np.exp(-0.5 * a * a) / sigma + (priors * np.exp(-0.5 * b * b) / spread).sum(axis=0)
+        above = value > budget
+        low, high = np.where(above, x, low), np.where(above, high, x)
+        # Newton's step of the logarithm; where it leaves what is known to hold the root, the middle of that
+        step = x + np.log(value / budget) * value / (slope / np.sqrt(2.0 * np.pi))
+        nearer = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        if (np.abs(nearer - x) < _SMALL).all():
+            return nearer
+        x = nearer
+    return x

@@ -1,0 +1,389 @@
+"""Integrity monitors against published worked examples, closed forms and outside programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.core.arrays import chi_square, normal
+from navsim.core.dop import geometry_covariance
+from navsim.integrity import forms
+from navsim.integrity.claims import possible
+from navsim.integrity.residuals import ChiSquareTest, Monitor
+from navsim.integrity.risk import silent, silent_apart
+from navsim.integrity.separation import Allocation, Fault, Levels, levels
+from navsim.integrity.solution import Correlated, Independent, Solution, rows_of, solve
+from navsim.models.sky import unit_vector
+from tests.conftest import DATA, Within
+
+EAST, NORTH, UP = range(3)
+CASE = "raim_weighted_6_satellites_2_pseudolites"
+
+
+@pytest.fixture(scope="module")
+def cases() -> dict[str, Any]:
+    return json.loads((DATA / "integrity.json").read_text())
+
+
+def rows_towards(azimuth_elevation_deg: list[list[float]], clock: list[int] | None = None) -> np.ndarray:
+    azimuth, elevation = np.radians(np.array(azimuth_elevation_deg, float)).T
+    return rows_of(unit_vector(azimuth, elevation)[None], np.array(clock or [0] * azimuth.size))
+
+
+def solved(rows: np.ndarray, sigma: list[float]) -> Solution:
+    return solve(rows, np.ones(rows.shape[:2], bool), Independent(np.array(sigma, float)[None]))
+
+
+def raim(cases: dict[str, Any], p_fa: float | None = None) -> Monitor:
+    given = cases[CASE]["inputs"]
+    solution = solved(rows_towards(given["azimuth_elevation_deg"], given["clock"]), given["sigma_m"])
+    return Monitor(solution, ChiSquareTest(p_fa or given["p_fa"], given["p_md"]))
+
+
+@pytest.mark.validates(
+    "square root of the chi-square threshold", "L3NAV (Brown & Chin 1994)", printed="5e-4", computed="1e-8"
+)
+def test_thresholds(cases: dict[str, Any], within: Within) -> None:
+    entry = cases["chi2_threshold_sqrt"]
+    for case in entry["cases"]:
+        ours = [math.sqrt(chi_square.exceeded(case["p_fa"], n)) for n in case["dof"]]
+        np.testing.assert_allclose(ours, case["published"], rtol=0, atol=within["printed"])
+        np.testing.assert_allclose(ours, case["expected"], rtol=0, atol=within["computed"])
+
+
+@pytest.mark.validates("chi-square thresholds at 1e-3", "RTKLIB, table of pntpos", printed="0.051")
+def test_table_of_rtklib(cases: dict[str, Any], within: Within) -> None:
+    entry = cases["chi2_table_rtklib"]
+    ours = [chi_square.exceeded(1e-3, n) for n in entry["dof"]]
+    np.testing.assert_allclose(ours, entry["published"], rtol=0, atol=within["printed"])
+
+
+@pytest.mark.validates("bias in the residuals that is missed", "SciPy ncx2 (kshana), quadrature", bias="1e-6")
+def test_missed_bias(cases: dict[str, Any], within: Within) -> None:
+    entry = cases["pbias"]
+    for spot in entry["spot"]:
+        ours = ChiSquareTest(spot["p_fa"], spot["p_md"]).bias(np.array([spot["dof"]]))[0]
+        assert ours == pytest.approx(spot["expected"], abs=within["bias"])
+    for name, row in entry["table_dof_1_to_12"].items():
+        p_fa, p_md = (float(part.split("=")[1]) for part in name.split(","))
+        np.testing.assert_allclose(ChiSquareTest(p_fa, p_md).bias(np.arange(1, 13)), row, rtol=0, atol=within["bias"])
+
+
+@pytest.mark.validates(
+    "noncentrality of Baarda's reliability", "Baarda 1968, Teunissen 2024", computed="1e-9", printed="5e-4"
+)
+def test_baarda(cases: dict[str, Any], within: Within) -> None:
+    """His test is of one range, two-sided; what is missed on the far side does not count."""
+    entry = cases["baarda_noncentrality"]
+    root = -normal.quantile(0.5 * entry["alpha"]) - normal.quantile(entry["beta"])
+    assert root == pytest.approx(entry["delta0"], abs=within["computed"])
+    assert root**2 == pytest.approx(entry["published"]["lambda0"], abs=within["printed"])
+    ours = chi_square.noncentrality(chi_square.exceeded(entry["alpha"], 1), 1, entry["beta"])
+    assert ours == pytest.approx(entry["lambda0"], abs=within["printed"])
+
+
+@pytest.mark.validates(
+    "RAIM of 6 satellites and 2 pseudolites", "sidereon 3.0.4 (reliability); own numbers", "(relative)", numbers="1e-8"
+)
+def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
+    entry = cases[CASE]
+    monitor, expected = raim(cases), entry["expected"]
+    solution = monitor.solution
+    close = {"rtol": within["numbers"], "atol": 1e-12}
+    assert solution.degrees[0] == expected["dof"]
+    np.testing.assert_allclose(solution.redundancy[0], expected["redundancy"], **close)
+    np.testing.assert_allclose(monitor.test.threshold(solution.degrees), expected["threshold2"], **close)
+    np.testing.assert_allclose(monitor.test.bias(solution.degrees), expected["pbias"], **close)
+    np.testing.assert_allclose(monitor.slopes[0], np.transpose([expected["slope_h"], expected["slope_v"]]), **close)
+    np.testing.assert_allclose(monitor.levels[0], [expected["hpl"], expected["vpl"]], **close)
+    np.testing.assert_allclose(monitor.weighted_vertical, expected["vpl_we"], **close)
+    np.testing.assert_allclose(monitor.minimal_bias[0], expected["mdb"], **close)
+    sigma = np.sqrt(np.diag(solution.covariance[0]))
+    np.testing.assert_allclose(sigma, [expected["sigma_e"], expected["sigma_n"], expected["sigma_u"]], **close)
+
+    errors = np.array(entry["inputs"]["range_errors_m"])
+    biased = errors.copy()
+    biased[entry["inputs"]["biased"]["index"]] += entry["inputs"]["biased"]["add_m"]
+    both = np.stack([errors, biased], axis=1)[None]
+    np.testing.assert_allclose((solution.estimator @ both)[0, :, 0], expected["x"][:3], **close)
+    assert monitor.statistic(both)[0] == pytest.approx(
+        [expected["wsse"], entry["expected_biased"]["wsse"]], rel=within["numbers"]
+    )
+    np.testing.assert_allclose(monitor.each(both)[0, :, 0], expected["w_test"], **close)
+    np.testing.assert_allclose(monitor.each(both)[0, :, 1], entry["expected_biased"]["w_test"], **close)
+    assert np.abs(monitor.each(both)[0, :, 1]).argmax() == entry["expected_biased"]["largest"]
+
+
+def ring(count: int, elevation_deg: float, first_deg: float) -> list[list[float]]:
+    return [[first_deg + 360.0 * i / count, elevation_deg] for i in range(count)]
+
+
+def lpv(p_unmonitored: float = 8e-8) -> Allocation:
+    return Allocation(p_unmonitored=p_unmonitored)
+
+
+@pytest.mark.parametrize("name", ["two_rings", "two_rings_with_ground"])
+@pytest.mark.validates(
+    "RAIM and separation levels of two rings of sources", "closed form", "(m, no unit)", numbers="1e-7"
+)
+def test_two_rings(name: str, cases: dict[str, Any], within: Within) -> None:
+    given, expected = cases[name]["inputs"], cases[name]["expected"]
+    places = ring(given["n1"], given["elevation1_deg"], given["azimuth1_first_deg"]) + ring(
+        given["n2"], given["elevation2_deg"], given["azimuth2_first_deg"]
+    )
+    count = len(places)
+    rows, used = rows_towards(places), np.ones((1, count), bool)
+    noise = Independent(np.full((1, count), given["sigma_m"]))
+    monitor = Monitor(solve(rows, used, noise), ChiSquareTest(given["p_fa"], given["p_md"]))
+    near = {"rtol": 0, "atol": within["numbers"]}
+    np.testing.assert_allclose(monitor.levels[0], [expected["hpl_slope"], expected["vpl_slope"]], **near)
+    for which, at in (("1", 0), ("2", given["n1"])):
+        assert monitor.solution.redundancy[0, at] == pytest.approx(
+            expected[f"redundancy_{which}"], abs=within["numbers"]
+        )
+        slopes = [expected[f"slope_{axis}_{which}"] for axis in "hv"]
+        np.testing.assert_allclose(monitor.slopes[0, at], slopes, **near)
+    wanted = expected["mhss"]
+    faults = [Fault((i,), wanted["p_sat"]) for i in range(count)]
+    found = levels(rows, used, noise, noise, np.zeros((1, count)), faults, lpv(), unlisted=0.0)
+    np.testing.assert_allclose(found.level[0], [wanted["pl_e"], wanted["pl_n"], wanted["vpl"]], **near)
+    assert found.horizontal[0] == pytest.approx(wanted["hpl"], abs=within["numbers"])
+
+
+@pytest.mark.validates(
+    "solution separation (ARAIM)",
+    "ADD v3.0, appendix D",
+    printed_sigma="5e-5 m",
+    printed_level="0.1 m",
+    computed="2e-4 m",
+)
+def test_worked_example_of_araim(cases: dict[str, Any], within: Within) -> None:
+    entry = cases["araim_add_v3_appendix_d"]
+    given, expected, published = entry["inputs"], entry["expected"], entry["published"]
+    rows = np.array(given["G"])[None]
+    count = rows.shape[1]
+    faults = [Fault((i,), given["p_sat"]) for i in range(count)]
+    faults += [Fault(tuple(members), given["p_const"]) for members in given["constellations"]]
+    found = levels(
+        rows, np.ones((1, count), bool),
+        *(Independent(np.sqrt(given[name])[None]) for name in ("c_int_m2", "c_acc_m2")),
+        np.full((1, count), given["b_nom_m"]), faults, lpv(given["p_threshold"]),
+    )  # fmt: skip
+    assert found.monitored.sum() == expected["n_fault_modes"]
+    assert found.unmonitored[0] == pytest.approx(expected["p_unmonitored"], rel=1e-6)
+    apart = found.threshold[-2:, 0, UP] / expected["k_fa_v"]
+    for i, (ours, wanted, printed) in enumerate(
+        zip(np.transpose([found.separate_sigma[-2:, 0, UP], apart, found.separate_bias[-2:, 0, UP]]),
+            expected["constellation_modes"], published["constellation_modes"], strict=True)
+    ):  # fmt: skip
+        names = ("sigma_u", "sigma_ss_u", "bias_u")
+        np.testing.assert_allclose(ours, [wanted[n] for n in names], rtol=0, atol=within["computed"], err_msg=str(i))
+        np.testing.assert_allclose(ours, [printed[n] for n in names], rtol=0, atol=within["printed_sigma"])
+    ours = [found.vertical[0], found.horizontal[0], *found.level[0, :2], found.emt[0], found.accuracy[0, UP]]
+    wanted = [expected[n] for n in ("vpl", "hpl", "pl_e", "pl_n", "emt", "sigma_v_acc")]
+    np.testing.assert_allclose(ours, wanted, rtol=0, atol=within["computed"])
+    assert [found.vertical[0], found.emt[0]] == pytest.approx(
+        [published["vpl"], published["emt"]], abs=within["printed_level"]
+    )
+
+
+def separated(cases: dict[str, Any], satellites: int, pseudolites: int, ground: float | None) -> Levels:
+    """The levels of the first satellites and pseudolites of the case."""
+    given = cases["mhss_6_satellites_2_pseudolites"]["inputs"]
+    kept = [*range(satellites), *range(6, 6 + pseudolites)]
+    rows = rows_towards([given["azimuth_elevation_deg"][i] for i in kept])
+    noise, accuracy = (Independent(np.array(given[f"sigma_{n}_m"])[kept][None]) for n in ("int", "acc"))
+    faults = [Fault((i,), given["p_satellite"]) for i in range(satellites)]
+    faults += [Fault((satellites + i,), given["p_pseudolite"]) for i in range(pseudolites)]
+    if ground is not None:
+        faults.append(Fault(tuple(range(satellites, len(kept))), ground))
+    nominal = np.array(given["b_nom_m"])[kept][None]
+    return levels(rows, np.ones((1, len(kept)), bool), noise, accuracy, nominal, faults, lpv(), unlisted=0.0)
+
+
+@pytest.mark.validates(
+    "separation levels with pseudolites and their group", "own numbers, general matrices", levels="1e-6 m"
+)
+def test_pseudolites_in_separation(cases: dict[str, Any], within: Within) -> None:
+    entry = cases["mhss_6_satellites_2_pseudolites"]
+    ground = entry["inputs"]["p_ground_group"]
+    for name, made in (
+        ("single_faults_only", (6, 2, None)),
+        ("with_ground_group", (6, 2, ground)),
+        ("satellites_only", (6, 0, None)),
+    ):
+        found, wanted = separated(cases, *made), entry["expected"][name]
+        assert found.monitored.sum() == wanted["n_modes"]
+        ours = [found.horizontal[0], found.vertical[0], *found.level[0, :2], found.emt[0], found.accuracy[0, UP]]
+        expected = [wanted[n] for n in ("hpl", "vpl", "pl_e", "pl_n", "emt", "sigma_v_acc")]
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=within["levels"], err_msg=name)
+
+
+@pytest.mark.validates("separation where few satellites are left", "own numbers, general matrices", levels="1e-5 m")
+def test_few_satellites(cases: dict[str, Any], within: Within) -> None:
+    for name, wanted in cases["mhss_few_satellites"]["expected"].items():
+        satellites, ground = int(name.split()[0]), float(name.split()[-1])
+        found = separated(cases, satellites, 2, ground)
+        assert found.monitored.sum() == wanted["n_modes"], name
+        assert found.available[0] == wanted["available"], name
+        assert found.unmonitored[0] == pytest.approx(wanted["p_unmonitored"], rel=1e-12), name
+        if wanted["available"]:
+            ours = [found.horizontal[0], found.vertical[0]]
+            assert ours == pytest.approx([wanted["hpl"], wanted["vpl"]], abs=within["levels"]), name
+        else:
+            assert np.isnan([found.horizontal[0], found.vertical[0]]).all()
+
+
+@pytest.mark.validates(
+    "risk of a biased range under the chi-square test", "closed form, quadrature", "(relative)", risk="1e-6"
+)
+def test_exact_risk(cases: dict[str, Any], within: Within) -> None:
+    monitor, entry = raim(cases, 1e-5), cases["integrity_risk_exact"]
+    source, expected = entry["inputs"]["fault_index"], entry["expected"]
+
+    def risk(bias: float, limit: float) -> float:
+        return silent(monitor, 0, source, bias, limit)
+
+    for (limit, bias), name in (
+        ((20, 20), "at_20_m_bias_20"),
+        ((35, 30), "at_35_m_bias_30"),
+        ((45, 30), "at_45_m_bias_30"),
+    ):
+        assert risk(bias, limit) == pytest.approx(expected[name], rel=within["risk"]), name
+    worst = expected["at_vpl_we"]
+    at = risk(worst["worst_bias_m"], worst["vpl"])
+    assert at == pytest.approx(worst["p_hmi"], rel=within["risk"])
+    assert max(risk(worst["worst_bias_m"] + d, worst["vpl"]) for d in (-0.5, 0.5)) < at
+    limit = expected["vpl_for_worst_p_hmi_1e_7"]
+    assert max(risk(bias, limit) for bias in np.linspace(20, 60, 4001)) == pytest.approx(1e-7, rel=1e-4)
+
+
+@pytest.mark.validates(
+    "risk of a biased range under one separation test", "closed form, counted at 25 m", "(relative)", risk="1e-5"
+)
+def test_risk_under_a_separation_test(cases: dict[str, Any], within: Within) -> None:
+    entry, solution = cases["integrity_risk_separation_one_mode"], raim(cases).solution
+    source = entry["inputs"]["fault_index"]
+    left = solution.used.copy()
+    left[:, source] = False
+    given = cases[CASE]["inputs"]
+    without = solve(rows_towards(given["azimuth_elevation_deg"]), left, solution.noise)
+    apart = without.estimator - solution.estimator
+    assert np.sqrt(solution.noise.variance(apart))[0, UP] == pytest.approx(entry["sigma_ss"], rel=1e-9)
+    for row in entry["expected"]:
+        for bias, name in ((row["worst_bias_m"], "p_hmi"), (40.0, "at_bias_40")):
+            ours = silent_apart(solution, apart[0], 0, source, bias, (row["level_m"], entry["threshold_m"]))
+            assert ours == pytest.approx(row[name], rel=within["risk"]), name
+
+
+@pytest.mark.validates("what residuals see of spoofed satellites", "closed form", "(relative)", numbers="1e-6")
+def test_spoofed_satellites(cases: dict[str, Any], within: Within) -> None:
+    entry, monitor = cases["spoofing_snapshot"], raim(cases)
+    rows = rows_towards(cases[CASE]["inputs"]["azimuth_elevation_deg"])[0]
+    threshold = monitor.test.threshold(monitor.solution.degrees)[0]
+    for case in entry["cases"]:
+        what, size, _ = case["satellites_spoofed_by"].split()
+        by = float(size) * np.array([what == "east", what == "north", what == "up", what == "clock"])
+        fault = np.where(np.arange(8) < 6, rows @ by, 0.0)[None, :, None]
+        seen = monitor.statistic(fault)[0, 0]
+        assert seen == pytest.approx(case["lam"], rel=within["numbers"])
+        told = 1.0 - chi_square.probability_below(threshold, 4, seen)
+        assert told == pytest.approx(case["p_detect"], rel=within["numbers"])
+        moved = (monitor.solution.estimator @ fault)[0, :, 0]
+        np.testing.assert_allclose(moved, case["position_error_enu"], rtol=within["numbers"])
+    everything = (rows @ np.array([30.0, -10.0, 20.0, 5.0]))[None, :, None]
+    assert monitor.statistic(everything)[0, 0] == pytest.approx(0.0, abs=1e-18)
+
+
+@pytest.mark.validates("SBAS protection levels", "RTKLIB on EGNOS data (DO-229 J)", levels="2e-4 m")
+def test_sbas(cases: dict[str, Any], within: Within) -> None:
+    for case in cases["sbas_do229_appendix_j"]["cases"]:
+        elevation, azimuth, sigma = np.transpose(case["elevation_azimuth_sigma"])
+        solution = solved(rows_towards(np.transpose([azimuth, elevation]).tolist()), sigma.tolist())
+        assert forms.sbas(solution)[0] == pytest.approx([case["hpl"], case["vpl"]], abs=within["levels"])
+
+
+@pytest.mark.validates("GBAS factors", "ICAO Annex 10", printed="6e-4")
+def test_gbas_factors(cases: dict[str, Any], within: Within) -> None:
+    for case in cases["gbas_k_factors"]["cases"]:
+        printed = (case["k_ffmd_published"], case["k_md_published"])
+        assert forms.gbas_factors(case["m"]) == pytest.approx(printed, abs=within["printed"])
+        assert forms.gbas_factors(case["m"]) == pytest.approx((case["k_ffmd"], case["k_md"]), abs=1e-9)
+
+
+@pytest.mark.validates("GBAS protection levels", "own numbers, formula of Annex 10", levels="1e-6 m")
+def test_gbas(cases: dict[str, Any], within: Within) -> None:
+    entry = cases["gbas_protection_level"]
+    given, expected = entry["inputs"], entry["expected"]
+    elevation, azimuth, sigma = np.transpose(given["elevation_azimuth_sigma"])
+    solution = solved(rows_towards(np.transpose([azimuth, elevation]).tolist()), sigma.tolist())
+    projection = forms.gbas_projection(
+        solution, math.radians(given["course_deg"]), math.radians(given["glide_path_deg"])
+    )
+    b = np.array(given["b_values_one_receiver_m"])[None]
+    row = next(row for row in cases["gbas_k_factors"]["cases"] if row["m"] == given["m"])
+    printed = (row["k_ffmd_published"], row["k_md_published"])
+    found = forms.gbas(
+        projection, sigma[None], np.full((1, sigma.size), given["sigma_pr_gnd_m"]), b, given["m"], printed
+    )[0]
+    assert found[0] == pytest.approx([expected["lpl_h0"], expected["lpl_h1"]], abs=within["levels"])
+    assert found[1] == pytest.approx([expected["vpl_h0"], expected["vpl_h1"]], abs=within["levels"])
+
+
+@pytest.mark.validates("what numbers of sources make possible", "ranks", cells="0")
+def test_table_of_sources(cases: dict[str, Any], within: Within) -> None:
+    wrong = 0
+    for system, cells in cases["sources_table"]["rows"].items():
+        for name, wanted in cells.items():
+            satellites, pseudolites = map(int, name.split("+"))
+            clocks = tuple(i % 2 if system == "two_systems" else 0 for i in range(satellites))
+            ground = (7 if system == "pseudolites_own_shared_clock" else 0,) * pseudolites
+            wrong += str(possible(clocks, ground)) != wanted.ljust(4, "-")
+    assert wrong <= within["cells"]
+
+
+def test_covariance_is_that_of_the_geometry() -> None:
+    """The normal matrix of `core.dop` and this one are of the same equations."""
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        count = int(rng.integers(4, 14))
+        los = unit_vector(rng.uniform(0, 2 * np.pi, (4, count)), rng.uniform(-0.1, 1.5, (4, count)))
+        clock, sigma, used = (
+            rng.integers(0, 3, count),
+            rng.uniform(0.3, 5.0, (4, count)),
+            rng.uniform(size=(4, count)) < 0.8,
+        )
+        ours = solve(rows_of(los, clock), used, Independent(sigma)).covariance
+        theirs, unknowns = geometry_covariance(np.where(used[..., None], los, np.nan), clock, sigma**-2)
+        np.testing.assert_array_equal(np.isnan(ours[:, 0, 0]), unknowns == 0)
+        np.testing.assert_allclose(ours, theirs[:, :3, :3], rtol=1e-8)
+
+
+def test_correlated_ranges_are_whitened() -> None:
+    """A diagonal covariance is that of independent ranges; a full one, that of the whitened problem."""
+    rng = np.random.default_rng(6)
+    los = unit_vector(rng.uniform(0, 2 * np.pi, (3, 9)), rng.uniform(0.1, 1.4, (3, 9)))
+    rows, used = rows_of(los, np.zeros(9, int)), np.ones((3, 9), bool)
+    used[1, 4] = False
+    sigma = rng.uniform(0.5, 3.0, (3, 9))
+    plain, same = (
+        solve(rows, used, Independent(sigma)),
+        solve(rows, used, Correlated(sigma[:, :, None] ** 2 * np.eye(9))),
+    )
+    for name in ("covariance", "estimator", "visibility", "redundancy"):
+        np.testing.assert_allclose(getattr(plain, name), getattr(same, name), rtol=1e-9, atol=1e-12, err_msg=name)
+    factor = rng.standard_normal((3, 9, 9))
+    full = factor @ factor.swapaxes(1, 2) + np.eye(9)
+    found = solve(rows, used, Correlated(full))
+    for e in range(3):
+        there = used[e]
+        r, h = full[e][np.ix_(there, there)], rows[e][there]
+        p = np.linalg.inv(h.T @ np.linalg.solve(r, h))
+        np.testing.assert_allclose(found.covariance[e], p[:3, :3], rtol=1e-8)
+        np.testing.assert_allclose(found.estimator[e][:, there], (p @ h.T @ np.linalg.inv(r))[:3], rtol=1e-7, atol=1e-9)
+        m = np.linalg.inv(r) - np.linalg.inv(r) @ h @ p @ h.T @ np.linalg.inv(r)
+        np.testing.assert_allclose(found.visibility[e][there], np.diag(m), rtol=1e-6, atol=1e-10)
