@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
     from navsim.io.results import Result
     from navsim.study.job import Job, Options
     from navsim.study.partial import Store
+
+
+_OBJECTS = 20_000
+"""New objects between two looks for cycles among them while work is done: every random stream that a kernel has drawn
+from leaves one, a few kilobytes a run."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +119,8 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
         say(f"{name}: {job.described()}; would write {target}")
         return None
     store = _store(job, target, wanted.options.fresh)
+    gc.freeze()  # what is loaded stays
+    gc.set_threshold(_OBJECTS)
     try:
         with failures(name):
             with progress(job.extent, job.unit, not wanted.care.quiet) as tell:

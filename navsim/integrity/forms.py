@@ -10,13 +10,13 @@ import math
 import numpy as np
 
 from navsim.core.arrays import normal
-from navsim.integrity.solution import Solution
+from navsim.integrity.solution import MonitoredFix
 
 SBAS_HORIZONTAL, SBAS_VERTICAL = 6.0, 5.33
 """Factors of precision approaches [DO-229]; 5.33 is the rounded 5.327 that a chance of 5e-8 a side has."""
 
 
-def sbas(solution: Solution) -> np.ndarray:
+def sbas(solution: MonitoredFix) -> np.ndarray:
     """Horizontal and vertical levels (e, 2), m; nan without a fix."""
     c = solution.covariance
     east, north, cross = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
@@ -29,7 +29,7 @@ def gbas_factors(receivers: int) -> tuple[float, float]:
     return -normal.quantile(2.5e-8 / (receivers + 1) / 2.0), -normal.quantile(2.5e-3 * receivers / (receivers + 1))
 
 
-def gbas_projection(solution: Solution, course: float, glide: float) -> np.ndarray:
+def gbas_projection(solution: MonitoredFix, course: float, glide: float) -> np.ndarray:
     """What range errors do across the track (right) and to height over the glide path (e, 2, s), of an approach on a
     course, rad from north, down a glide path, rad."""
     east, north, up = (solution.estimator[:, i] for i in range(3))

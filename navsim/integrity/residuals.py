@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.core.arrays import chi_square, normal
-from navsim.integrity.solution import Solution
+from navsim.integrity.solution import MonitoredFix
 
 BLIND = 1e-9
 """A range of less redundancy than this is not checked by the others."""
@@ -50,7 +50,7 @@ def _by_degrees(degrees: np.ndarray, value: Callable[[int], float], without: flo
 class Monitor:
     """The test of the residuals of solutions, and what it protects."""
 
-    solution: Solution
+    solution: MonitoredFix
     test: ChiSquareTest
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square, normal
 from navsim.integrity.residuals import Monitor
-from navsim.integrity.solution import Solution
+from navsim.integrity.solution import MonitoredFix
 
 
 def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float) -> float:
@@ -24,7 +24,7 @@ def silent(monitor: Monitor, epoch: int, source: int, bias: float, limit: float)
 
 
 def silent_apart(
-    main: Solution, separation: np.ndarray, epoch: int, source: int, bias: float, limits: tuple[float, float]
+    main: MonitoredFix, separation: np.ndarray, epoch: int, source: int, bias: float, limits: tuple[float, float]
 ) -> float:
     """The same under the test that the fix without the source is no further than a threshold from the whole one.
 
@@ -37,7 +37,7 @@ def silent_apart(
     return _beyond(main, epoch, source, bias, limit) * (1.0 - told)
 
 
-def _beyond(solution: Solution, epoch: int, source: int, bias: float, limit: float) -> float:
+def _beyond(solution: MonitoredFix, epoch: int, source: int, bias: float, limit: float) -> float:
     """The probability of a vertical error beyond a limit, m, with a bias on a range."""
     moved = solution.estimator[epoch, 2, source] * bias
     sigma = float(np.sqrt(solution.covariance[epoch, 2, 2]))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.integrity.solution import Noise, Solution, solve
+from navsim.integrity.solution import MonitoredFix, Noise, solve
 
 EAST, NORTH, UP = 0, 1, 2
 _MOST_STEPS = 100
@@ -128,7 +128,7 @@ def levels(
     )  # fmt: skip
 
 
-def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> Solution:
+def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> MonitoredFix:
     left = used.copy()
     left[:, list(fault.sources)] = False
     return solve(rows, left, noise)
@@ -142,12 +142,12 @@ def _several_at_once(priors: np.ndarray, there: np.ndarray) -> np.ndarray:
     return np.asarray(-np.expm1(at_most_one))
 
 
-def _sigma(solution: Solution) -> np.ndarray:
+def _sigma(solution: MonitoredFix) -> np.ndarray:
     """1 sigma of position (e, 3); nan without a fix."""
     return np.sqrt(np.diagonal(solution.covariance, axis1=1, axis2=2))
 
 
-def _reach(solution: Solution, nominal: np.ndarray) -> np.ndarray:
+def _reach(solution: MonitoredFix, nominal: np.ndarray) -> np.ndarray:
     """How far biases of ranges (e, s) can move the position (e, 3); nan without a fix."""
     reach = (np.abs(solution.estimator) * nominal[:, None]).sum(axis=2)
     return np.where(solution.solved[:, None], reach, np.nan)

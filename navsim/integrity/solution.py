@@ -102,7 +102,7 @@ Noise = Independent | Correlated
 
 
 @dataclass(frozen=True)
-class Solution:
+class MonitoredFix:
     """Fixes of epochs, each of its own sources.
 
     used: (e, s). noise: of the ranges. rows: (e, s, u) whitened, 0 where not used. cofactor: (e, u, u) covariance of
@@ -167,7 +167,7 @@ class Solution:
         return np.asarray(whitened - self.rows @ estimated)
 
 
-def solve(rows: np.ndarray, used: np.ndarray, noise: Noise) -> Solution:
+def solve(rows: np.ndarray, used: np.ndarray, noise: Noise) -> MonitoredFix:
     """The fixes of epochs.
 
     rows: (e, s, u) minus the unit vector from receiver to source, ENU, and 1 at the clock it belongs to; unknowns that
@@ -177,7 +177,7 @@ def solve(rows: np.ndarray, used: np.ndarray, noise: Noise) -> Solution:
     whitened = np.where(there, noise.whiten(np.where(there, rows, 0.0), used), 0.0)
     cofactor, degrees = np.empty((*used.shape[:1], *rows.shape[2:] * 2)), np.empty(used.shape[0], np.int64)
     _cofactors(np.ascontiguousarray(whitened), np.ascontiguousarray(used), cofactor, degrees)
-    return Solution(used, noise, whitened, cofactor, degrees)
+    return MonitoredFix(used, noise, whitened, cofactor, degrees)
 
 
 def rows_of(los: np.ndarray, clock: np.ndarray) -> np.ndarray:

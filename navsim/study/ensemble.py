@@ -44,28 +44,41 @@ class Batch:
         return kept.read() if isinstance(kept, Kept) else kept
 
 
-@dataclass(frozen=True)
 class Ensemble:
-    """All runs, first_run, first_run + 1, ...; what statistics need is in memory, histories come batch by batch."""
+    """Runs first_run, first_run + 1, ..., so many as came so far; what statistics need is in memory, histories come
+    batch by batch."""
 
-    first_run: int
-    runs: int
-    batches: list[Batch]
+    def __init__(self, first_run: int, most: int) -> None:
+        """most: runs that will come; room for them is taken at once, and is no memory before they do."""
+        self.first_run, self.runs, self._most = first_run, 0, most
+        self._columns: dict[str, np.ndarray] = {}
+        self._sums: dict[str, np.ndarray] = {}
+        self._histories: list[Batch] = []
+
+    def add(self, batch: Batch) -> None:
+        """The next batch, in the order of runs. Of the batch itself only its histories stay: there may be thousands."""
+        count = self.runs
+        for name, values in batch.per_run.items():
+            count = self.runs + values.shape[0]
+            if name not in self._columns:
+                self._columns[name] = np.empty((self._most, *values.shape[1:]), values.dtype)
+            self._columns[name][self.runs : count] = values
+        for name, values in batch.sums.items():
+            self._sums[name] = self._sums[name] + values if name in self._sums else values
+        self._histories.append(Batch({}, {}, batch.kept))
+        self.runs = count
 
     def per_run(self, name: str) -> np.ndarray:
-        """A per-run statistic (runs, ...)."""
-        return np.concatenate([b.per_run[name] for b in self.batches])
+        """A per-run statistic (runs, ...), not to be changed."""
+        return self._columns[name][: self.runs]
 
     def mean(self, name: str) -> np.ndarray:
         """A sum over runs, divided by their number."""
-        total = np.zeros_like(self.batches[0].sums[name])
-        for batch in self.batches:
-            total = total + batch.sums[name]
-        return total / self.runs
+        return self._sums[name] / self.runs
 
     def blocks(self, name: str) -> Iterator[np.ndarray]:
         """A kept history, batch by batch."""
-        for batch in self.batches:
+        for batch in self._histories:
             yield batch.history(name)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -123,37 +136,34 @@ def fly_all(
     are kept.
     """
     starts = range(first_run, first_run + runs, size)
+    ensemble = Ensemble(first_run, runs)
     finished: dict[int, Batch] = {}
     flown = 0
+
+    def count(first: int) -> int:
+        return min(size, first_run + runs - first)
 
     def finish(first: int, batch: Batch) -> None:
         nonlocal flown
         finished[first] = batch
         flown += count(first)
 
-    def count(first: int) -> int:
-        return min(size, first_run + runs - first)
-
-    checked = 0
-
-    def settled() -> Ensemble | None:
-        """The shortest ensemble that will do, as far as batches are finished without a gap."""
-        nonlocal checked
-        while enough and checked < len(starts) and starts[checked] in finished:
-            checked += 1
-            so_far = Ensemble(first_run, min(checked * size, runs), [finished[first] for first in starts[:checked]])
-            if enough(so_far):
-                return so_far
-        return None
+    def settled() -> bool:
+        """Whether the batches that are finished without a gap will do, in the order of runs."""
+        while (first := first_run + ensemble.runs) in finished:
+            ensemble.add(finished.pop(first))
+            if enough and enough(ensemble):
+                return True
+        return False
 
     if store is not None:
         for first in starts:
             if (known := _load(store, first)) is not None:
                 finish(first, known)
     done(flown)
-    if (ended := settled()) is not None:
-        return ended
-    todo = (first for first in starts if first not in finished)
+    todo = iter([first for first in starts if first not in finished])
+    if settled():
+        return ensemble
     with executor.pool(executor.workers) as pool:
         flying: set[Future[tuple[int, Batch]]] = set()
         try:
@@ -167,12 +177,12 @@ def fly_all(
                 for future in ready:
                     finish(*future.result())
                 done(flown)
-                if (ended := settled()) is not None:
+                if settled():
                     for future in flying:
                         future.cancel()
-                    return ended
+                    return ensemble
         except BaseException:
             for future in flying:
                 future.cancel()
             raise
-    return Ensemble(first_run, runs, [finished[first] for first in starts])
+    return ensemble

@@ -35,17 +35,24 @@ def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
     """Root mean square over runs and components with its two-sided 95 % interval: value, low, high.
 
     mean_squares: (run, component) each the mean square of one error component of one run, over whatever was
-    averaged within the run. Errors within a run are taken as fully correlated, so only runs and components
-    count as independent: the interval is exact for errors that stay constant over a run and cautious else.
-    Components of different size share the degrees of freedom of [2]. All nan where nothing is defined.
+    averaged within the run. See `rms_interval_of_means`.
     """
-    per_component = np.mean(mean_squares, axis=0)
+    return rms_interval_of_means(np.mean(mean_squares, axis=0), mean_squares.shape[0])
+
+
+def rms_interval_of_means(per_component: np.ndarray, runs: int) -> np.ndarray:
+    """The same of the means (component,) over so many runs.
+
+    Errors within a run are taken as fully correlated, so only runs and components count as independent: the interval is
+    exact for errors that stay constant over a run and cautious else. Components of different size share the degrees of
+    freedom of [2]. All nan where nothing is defined.
+    """
     total = float(np.sum(per_component))
     if not np.isfinite(total):
         return np.full(3, np.nan)
     if total == 0.0:
         return np.zeros(3)
-    degrees = mean_squares.shape[0] * total**2 / float(np.sum(per_component**2))
+    degrees = runs * total**2 / float(np.sum(per_component**2))
     tail = 0.5 * (1.0 - CONFIDENCE)
     low = chi_square.quantile(1.0 - tail, degrees)
     high = chi_square.quantile(tail, degrees)

@@ -141,7 +141,7 @@ def compute(
         drawn = i in CURVES
         ensemble = fly_all(case, seed, 0, runs, executor, keep="errors" if drawn else "none")
         found.append(marks(f.name for f in findings(case, ensemble)))
-        error[i] = rms_interval(ensemble.per_run("mean_square")[:, :2])
+        error[i] = rms_interval(ensemble.per_run("position_square")[:, :2])
         if drawn:
             curves.append(_curve(case, ensemble))
         done(i + 1)

@@ -16,7 +16,7 @@ from navsim.integrity.claims import possible
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
-from navsim.integrity.solution import Correlated, Independent, Solution, rows_of, solve
+from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
 from navsim.models.sky import unit_vector
 from tests.conftest import DATA, Within
 
@@ -34,7 +34,7 @@ def rows_towards(azimuth_elevation_deg: list[list[float]], clock: list[int] | No
     return rows_of(unit_vector(azimuth, elevation)[None], np.array(clock or [0] * azimuth.size))
 
 
-def solved(rows: np.ndarray, sigma: list[float]) -> Solution:
+def solved(rows: np.ndarray, sigma: list[float]) -> MonitoredFix:
     return solve(rows, np.ones(rows.shape[:2], bool), Independent(np.array(sigma, float)[None]))
 
 

@@ -36,6 +36,14 @@ def case(*assignments: str, name: str = "landing") -> landing.Case:
     return landing.prepare(*read_scenario(SCENARIOS / f"{name}.yaml", assignments))
 
 
+def ensemble(first_run: int, *batches: Batch) -> Ensemble:
+    """An ensemble of these batches."""
+    flown = Ensemble(first_run, sum(batch.per_run["fixes"].size for batch in batches))
+    for batch in batches:
+        flown.add(batch)
+    return flown
+
+
 def found_in(c: landing.Case, runs: int = 1) -> dict[str, Finding]:
     ensemble = landing.fly_all(c, 1, 0, runs, threads(1), keep="none")
     return {f.name: f for f in landing.findings(c, ensemble) if f.name != "input"}
@@ -103,7 +111,7 @@ def test_each_flaw_of_a_run() -> None:
 
     broken = Flown(**vars(c))
     batch = Batch(*LandingStudy(broken, 1, "none").batch(0, 1))
-    found = {f.name: f for f in landing.findings(broken, Ensemble(0, 1, [batch]))}
+    found = {f.name: f for f in landing.findings(broken, ensemble(0, batch))}
     expected = {
         "not_finite": (1, 51, 1.0, (CONSISTENT,)),
         "covariance_not_positive": (3, 51, 2.0, (CONSISTENT,)),
@@ -122,8 +130,8 @@ def test_no_false_alarm_of_a_shipped_scenario(name: str) -> None:
     study = LandingStudy(c, 1, "none")
     batches = [Batch(*study.batch(k, 1)) for k in range(20)]
     for k, batch in enumerate(batches):
-        assert [f.text for f in landing.findings(c, Ensemble(k, 1, [batch])) if f.text not in c.warnings] == []
-    assert [f.text for f in landing.findings(c, Ensemble(0, 20, batches)) if f.text not in c.warnings] == []
+        assert [f.text for f in landing.findings(c, ensemble(k, batch)) if f.text not in c.warnings] == []
+    assert [f.text for f in landing.findings(c, ensemble(0, *batches)) if f.text not in c.warnings] == []
 
 
 def test_thresholds() -> None:

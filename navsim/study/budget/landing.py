@@ -30,7 +30,7 @@ SIGNAL_MEMORY = 300
 """A source of signals at an epoch, bytes."""
 ANALYSED_MEMORY = 12_000
 """An epoch of a covariance analysis, bytes."""
-STATISTICS = 544
+STATISTICS = 288
 """What is kept of every run for its statistics, bytes; three times while they are computed."""
 PUSHED = 8
 """Numbers that a result keeps of a pushed run."""

@@ -110,21 +110,21 @@ class LandingStudy:
         sums["nis"][0] = np.nan
         n = len(self.case.states)
         sums["nees_group"] = np.zeros((self.case.world.filter_time.size, n // 3))
+        sums["mean_square"], sums["variance"] = np.zeros(n), np.zeros(n)
+        sums["rpy_square"], sums["rpy_variance"] = np.zeros(3), np.zeros(3)
+        sums["at_variance"] = np.zeros((len(crossings), 3))
         kept: Arrays = {}
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
         for runs in self.case.fly_runs(self.seed, first, count, measured):
             fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs.velocity), output_flaws(runs)
             error = runs.error[:, window]
+            squares = _mean_square(error)
             rows.append(
                 {
-                    "mean_square": _mean_square(error),
-                    "rpy_square": _mean_square(rpy_error(rpy, error[..., states.SLICES["attitude"]])),
-                    "variance": _mean_square(runs.sigma[:, window]),
-                    "rpy_variance": _mean(turned_variances(to_rpy, covariances(runs, "attitude", window))),
+                    "position_square": squares[:, states.SLICES["position"]],
                     "at_height": at_heights(self.case, crossings, runs.error),
                     "at_box": at_heights(self.case, self.box_time, runs.error),
-                    "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
                     "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
@@ -137,8 +137,17 @@ class LandingStudy:
                     "inside": _inside(runs),
                 }
             )
+            added = {
+                "mean_square": squares,
+                "rpy_square": _mean_square(rpy_error(rpy, error[..., states.SLICES["attitude"]])),
+                "variance": _mean_square(runs.sigma[:, window]),
+                "rpy_variance": _mean(turned_variances(to_rpy, covariances(runs, "attitude", window))),
+                "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
+            }
             # one run after the other, so that the sums do not depend on how many fly at once
             for i in range(runs.nees.shape[0]):
+                for name, values in added.items():
+                    sums[name] += values[i]
                 sums["nees"] += runs.nees[i] / n
                 sums["nees_position_velocity"] += runs.nees_position_velocity[i] / 6
                 sums["nees_group"] += runs.nees_group[i] / 3
@@ -186,7 +195,7 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
     columns = [0, 1] if match.group(1) == "rms_horizontal" else [2]
 
     def enough(ensemble: Ensemble) -> bool:
-        value, low, high = rms_interval(ensemble.per_run("mean_square")[:, columns])
+        value, low, high = rms_interval(ensemble.per_run("position_square")[:, columns])
         return bool(0.5 * (high - low) <= share * value)
 
     return enough

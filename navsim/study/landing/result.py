@@ -23,6 +23,7 @@ from navsim.study.statistics import (
     ellipsoid_probability,
     mean_interval,
     rms_interval,
+    rms_interval_of_means,
     sigma_error,
     verdict,
 )
@@ -112,17 +113,20 @@ def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> Non
 
 
 def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
-    squares = ensemble.per_run("mean_square")
-    at = ensemble.per_run("at_height")
+    squares, at = ensemble.per_run("position_square"), ensemble.per_run("at_height")
+
+    def each(mean_squares: np.ndarray) -> np.ndarray:
+        return np.stack([rms_interval_of_means(square, ensemble.runs) for square in mean_squares[:, None]])
+
     accuracy(
         draft,
-        np.stack([rms_interval(squares[:, [i]]) for i in range(states.SENSORS)]),
-        np.stack([rms_interval(ensemble.per_run("rpy_square")[:, [i]]) for i in range(3)]),
+        each(ensemble.mean("mean_square")[: states.SENSORS]),
+        each(ensemble.mean("rpy_square")),
         rms_interval(squares[:, :2]),
         rms_interval(squares[:, 2:3]),
         np.stack([[rms_interval(at[:, h, [i]] ** 2) for h in range(at.shape[1])] for i in range(3)]),
     )
-    belief(draft, *(ensemble.per_run(name).mean(axis=0) for name in ("variance", "rpy_variance", "at_variance")))
+    belief(draft, *(ensemble.mean(name) for name in ("variance", "rpy_variance", "at_variance")))
     draft["/summary/percentile"] = np.array(PERCENTILES)
     for i, name in enumerate(("lateral", "along", "vertical")):
         draft[f"/summary/at/{name}_run"] = at[:, :, i]
