@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from measure import SCENARIO, Job, Line, Plan, alternate, ratios, seconds, timed
-from versions import Clock, Spent, Version, before, environment, now, spend
+from versions import Clock, Version, before, environment, now, spend
 
 FLOWN = ("--figures", "none")
 BRIEF = ("--set", "filter.kind=eskf", "--set", "duration_s=12")
@@ -53,7 +53,7 @@ def against_before(plan: Plan) -> list[Line]:
 
 def python(code: str) -> Job:
     """A Python that does this and nothing else."""
-    return lambda: spend([sys.executable, "-c", code], environment()).time
+    return lambda: spend([sys.executable, "-c", code], environment())
 
 
 def start(plan: Plan) -> list[Line]:
@@ -102,7 +102,7 @@ def first_run(plan: Plan) -> list[Line]:
             with tempfile.TemporaryDirectory() as cache:
 
                 def run(arguments: tuple[str, ...] = arguments, cache: str = cache) -> float:
-                    return now().spend("run", now().landing, *arguments, NUMBA_CACHE_DIR=cache).time
+                    return now().spend("run", now().landing, *arguments, NUMBA_CACHE_DIR=cache)
 
                 cold.append(run())
                 warm.append(statistics.median(run() for _ in range(3)))
@@ -167,14 +167,14 @@ def memory(plan: Plan) -> list[Line]:
     """The most memory of very many runs, of which nothing is kept but statistics, against that of a thousand."""
     few, many = plan.size(1000, 256), plan.size(100_000, 1024)
 
-    def fly(count: int) -> Spent:
-        return now().spend("run", now().landing, *FLOWN, *BRIEF, "--runs", str(count), "--keep", "none")
+    def fly(count: int) -> float:
+        return now().most_memory("run", now().landing, *FLOWN, *BRIEF, "--runs", str(count), "--keep", "none")
 
     fly(few)  # nothing is left to compile, which takes a hundred megabytes
     small, large = (fly(count) for count in (few, many))
-    beside = f"{few}: {small.memory / 1e6:.0f} MB, {many}: {large.memory / 1e6:.0f} MB; {seconds('took', [large.time])}"
+    beside = f"{few}: {small / 1e6:.0f} MB, {many}: {large / 1e6:.0f} MB"
     what = f"memory of {many} runs (`--keep none`, `eskf`, 12 s) against {few}"
-    return [Line(what, (large.memory / small.memory,), beside, 1.3, at_most=True)]
+    return [Line(what, (large / small,), beside, 1.3, at_most=True)]
 
 
 def estimates(plan: Plan) -> list[Line]:

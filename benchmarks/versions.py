@@ -29,26 +29,37 @@ def environment(**more: str) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in NOT_A_USERS} | more
 
 
-@dataclass(frozen=True)
-class Spent:
-    """What a process took: seconds from start to end, and the most memory it held, bytes."""
+_BETWEEN = """
+import os, sys
+_, status, usage = os.wait4(os.posix_spawnp(sys.argv[1], sys.argv[1:], os.environ), 0)
+print(usage.ru_maxrss)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+"""What starts a command whose memory is asked for: the most that a process held counts from before it became the
+command, when it was a copy of whoever started it."""
 
-    time: float
-    memory: float
+
+def spend(words: list[str], environ: dict[str, str]) -> float:
+    """Carry out a command in an empty folder, its output thrown away; its time from start to end, s. Raises
+    RuntimeError where it fails."""
+    start = time.perf_counter()
+    _carry_out(words, environ)
+    return time.perf_counter() - start
 
 
-def spend(words: list[str], environ: dict[str, str]) -> Spent:
-    """Carry out a command in an empty folder, its output thrown away. Raises RuntimeError where it fails."""
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as errors:
-        start = time.perf_counter()
-        process = subprocess.Popen(words, cwd=folder, env=environ, stdout=subprocess.DEVNULL, stderr=errors)
-        _, status, usage = os.wait4(process.pid, 0)
-        spent = time.perf_counter() - start
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            errors.seek(0)
-            raise RuntimeError(f"{words} ended with {process.returncode}: {errors.read()[-2000:].decode()}")
-    return Spent(spent, usage.ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0))
+def most_memory(words: list[str], environ: dict[str, str]) -> float:
+    """The same; the most memory it held, bytes."""
+    printed = _carry_out([sys.executable, "-I", "-S", "-c", _BETWEEN, *words], environ)
+    return float(printed.split()[-1]) * (1.0 if sys.platform == "darwin" else 1024.0)
+
+
+def _carry_out(words: list[str], environ: dict[str, str]) -> str:
+    """What a command prints. Raises RuntimeError where it fails."""
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(words, cwd=folder, env=environ, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{words} ended with {done.returncode}: {done.stderr[-2000:]}")
+    return done.stdout
 
 
 @dataclass(frozen=True)
@@ -70,13 +81,17 @@ class Version:
         """Its main scenario."""
         return str(self.root / "scenarios" / "landing.yaml")
 
-    def spend(self, *arguments: str, **more: str) -> Spent:
-        """What a command of it takes; more: variables of its environment."""
+    def spend(self, *arguments: str, **more: str) -> float:
+        """The time of a command of it; more: variables of its environment."""
         return spend([self.python, "-m", "navsim", *arguments], self.environ | more)
+
+    def most_memory(self, *arguments: str) -> float:
+        """The most memory of a command of it."""
+        return most_memory([self.python, "-m", "navsim", *arguments], self.environ)
 
     def command(self, *arguments: str) -> Job:
         """A command of it as a job."""
-        return lambda: self.spend(*arguments).time
+        return lambda: self.spend(*arguments)
 
 
 class Clock:
