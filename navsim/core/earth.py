@@ -1,7 +1,7 @@
 """The WGS-84 Earth inside kernels: radii of curvature, normal gravity, geodetic coordinates.
 
-Sources: [1] NIMA TR8350.2, eq. 4-1 (Somigliana). [2] Groves (2013), eqs. 2.105, 2.106 (radii), 2.150
-(ECEF to local axes). [3] Bowring (1985).
+Sources: [1] NIMA TR8350.2, eq. 4-1 (Somigliana). [2] Groves (2013), eqs. 2.105, 2.106 (radii), 2.112
+(geodetic to ECEF), 2.150 (ECEF to local axes). [3] Bowring (1985).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from navsim.core.arrays.earth import E2, EP2, G_EQUATOR, RATE, SOMIGLIANA, A, B,
 from navsim.core.elementary import atan2, sincos
 from navsim.core.jit import kernel
 
-__all__ = ["RATE", "ecef_to_llh", "gravity", "ned_axes", "radii", "short_way"]
+__all__ = ["RATE", "ecef_to_llh", "gravity", "llh_to_ecef", "ned_axes", "radii", "short_way"]
 
 
 @kernel
@@ -56,6 +56,18 @@ def ecef_to_llh(x, y, z, out):
     out[1] = atan2(y, x)
     # the form without division by cos(lat) or sin(lat) is exact at the poles and on the equator
     out[2] = p * cos_lat + z * sin_lat - A * math.sqrt(1.0 - E2 * sin_lat * sin_lat)
+
+
+@kernel
+def llh_to_ecef(llh, out):
+    """Geodetic (rad, rad, m) to ECEF (m), into out[0:3] [2, eq. 2.112]."""
+    sin_lat, cos_lat = sincos(llh[0])
+    sin_lon, cos_lon = sincos(llh[1])
+    transverse = A / math.sqrt(1.0 - E2 * sin_lat * sin_lat)
+    across = (transverse + llh[2]) * cos_lat
+    out[0] = across * cos_lon
+    out[1] = across * sin_lon
+    out[2] = ((1.0 - E2) * transverse + llh[2]) * sin_lat
 
 
 @kernel

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from navsim.core.dop import MAX_CLOCKS, MAX_UNKNOWNS
-from navsim.core.earth import ecef_to_llh, ned_axes
+from navsim.core.earth import ecef_to_llh, llh_to_ecef, ned_axes
 from navsim.core.jit import kernel
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.least_squares import solve_position, solve_velocity
@@ -103,3 +103,25 @@ def fixes(start, position, velocity, sigma, rate_sigma, clock, pseudorange, rang
             # the next epoch begins anew
             for i in range(3):
                 x[i] = select(fixed, x[i], start[i])
+
+
+@kernel
+def residuals(position, clock, antenna, axes, pseudorange, llh, clocks, residual, off):
+    """What the fixes of one run, or of lanes, leave of their pseudoranges, and how far off they are.
+
+    position (e, s, 3), clock (s,), pseudorange (e, s), llh (e, 3), clocks (e, MAX_CLOCKS): as of `fixes`. antenna:
+    (e, 3) where it truly is, ECEF. axes: (e, 3, 3) rows to resolve errors along. Out: residual (e, s) m, nan where a
+    range is not used; off (e, 3) fix minus truth, m; both nan without a fix.
+    """
+    pseudorange, llh, clocks = registers(pseudorange), registers(llh), registers(clocks)
+    residual, off = registers(residual), registers(off)
+    epochs, sources = pseudorange.shape
+    here = small_vector(llh, 3)
+    for e in range(epochs):
+        llh_to_ecef(llh[e], here)
+        for s in range(sources):
+            dx, dy, dz = position[e, s, 0] - here[0], position[e, s, 1] - here[1], position[e, s, 2] - here[2]
+            residual[e, s] = pseudorange[e, s] - math.sqrt(dx * dx + dy * dy + dz * dz) - clocks[e, clock[s]]
+        dx, dy, dz = here[0] - antenna[e, 0], here[1] - antenna[e, 1], here[2] - antenna[e, 2]
+        for i in range(3):
+            off[e, i] = axes[e, i, 0] * dx + axes[e, i, 1] * dy + axes[e, i, 2] * dz

@@ -84,12 +84,22 @@ class Monitor:
     def weighted_vertical(self) -> np.ndarray:
         """The vertical level (e,), m, by Walter & Enge: threshold along the largest slope, and the noise beyond."""
         sigma = np.sqrt(self.solution.covariance[:, 2, 2])
-        reach = self.slopes[..., 1].max(axis=1) * np.sqrt(self.test.threshold(self.solution.degrees))
+        reach = self.slopes[..., 1].max(axis=1) * np.sqrt(self.threshold)
         return np.asarray(np.where(self.solution.solved, reach - normal.quantile(self.test.p_md) * sigma, np.nan))
 
-    def statistic(self, errors: np.ndarray) -> np.ndarray:
-        """Sums of squares (e, m) of the whitened residuals of range errors (e, s, m), m."""
-        return np.asarray((self.solution.residuals(errors) ** 2).sum(axis=1))
+    @property
+    def threshold(self) -> np.ndarray:
+        """What `statistic` may be without an alarm (e,)."""
+        return self.test.threshold(self.solution.degrees)
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Where there are residuals to test (e,)."""
+        return self.solution.degrees > 0
+
+    def statistic(self, residuals: np.ndarray) -> np.ndarray:
+        """Sums of squares (e, m) of the residuals of fixes (e, s, m), m."""
+        return np.asarray((self.solution.whitened(residuals) ** 2).sum(axis=1))
 
     def each(self, errors: np.ndarray) -> np.ndarray:
         """What speaks for a fault of each range (e, s, m), standard normal without one, of range errors (e, s, m); nan

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from navsim.core.defect import Defect
+from navsim.core.jit import kernel
+from navsim.core.lanes import WIDTH, in_lanes, registers, select
 from navsim.integrity.solution import MonitoredFix, Noise, solve
 
 EAST, NORTH, UP = 0, 1, 2
@@ -50,9 +54,10 @@ class Levels:
     """What solution separation says of epochs; axes east, north, up; nan where there is none.
 
     available: (e,) whether there is a level. unmonitored: (e,) probability of what is not monitored. monitored: (k, e)
-    faults. sigma: (e, 3), separate_sigma: (k, e, 3) of the fixes, without each fault. threshold: (k, e, 3) of their
-    differences. bias: (e, 3), separate_bias: (k, e, 3) that nominal biases reach. level: (e, 3). accuracy: (e, 3) 1
-    sigma of what the fix is without a fault.
+    faults. sigma: (e, 3), separate_sigma: (k, e, 3) of the fixes, without each fault. separator: (k, e, 3, s) the
+    difference of the fixes by errors of ranges, threshold: (k, e, 3) what it may be, m. bias: (e, 3), separate_bias:
+    (k, e, 3) that nominal biases reach, m. level: (e, 3) m. accuracy: (e, 3) 1 sigma of what the fix is without a
+    fault, m. emt: (e,) effective monitor threshold, m.
     """
 
     available: np.ndarray
@@ -60,6 +65,7 @@ class Levels:
     monitored: np.ndarray
     sigma: np.ndarray
     separate_sigma: np.ndarray
+    separator: np.ndarray
     threshold: np.ndarray
     bias: np.ndarray
     separate_bias: np.ndarray
@@ -105,8 +111,9 @@ def levels(
     sigma, bias = _sigma(whole), _reach(whole, nominal)
     separate_sigma = np.array([_sigma(s) for s in without]).reshape(*monitored.shape, 3)
     separate_bias = np.array([_reach(s, nominal) for s in without]).reshape(*monitored.shape, 3)
-    apart = [np.sqrt(accuracy.variance(s.estimator - whole.estimator)) for s in without]
-    threshold = _factors(allocation, monitored.sum(axis=0)) * np.array(apart).reshape(*monitored.shape, 3)
+    separator = np.array([s.estimator - whole.estimator for s in without]).reshape(*monitored.shape, 3, used.shape[1])
+    apart = np.array([np.sqrt(accuracy.variance(one)) for one in separator]).reshape(*monitored.shape, 3)
+    threshold = _factors(allocation, monitored.sum(axis=0)) * apart
     threshold[~monitored] = np.nan
 
     p_hmi = np.array([*[0.5 * allocation.p_hmi_horizontal] * 2, allocation.p_hmi_vertical]) / allocation.samples
@@ -122,7 +129,7 @@ def levels(
         )  # fmt: skip
     counted = np.where(monitored & (priors[:, None] >= allocation.p_emt), threshold[..., UP], 0.0)
     return Levels(
-        available, unmonitored, monitored, sigma, separate_sigma, threshold, bias, separate_bias, level,
+        available, unmonitored, monitored, sigma, separate_sigma, separator, threshold, bias, separate_bias, level,
         np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan),
         np.where(whole.solved, counted.max(axis=0, initial=0.0), np.nan),
     )  # fmt: skip
@@ -197,4 +204,55 @@ def _level(
         if (np.abs(nearer - x) < _SMALL).all():
             return nearer
         x = nearer
-    return x
+    raise Defect(f"a level was not found in {_MOST_STEPS} steps")
+
+
+@kernel
+def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
+    """The largest size (e,) of what separators (k, e, 3, s) make of residuals (e, s) of one run, or of lanes."""
+    residual, out = registers(residual), registers(out)
+    faults, epochs, axes, sources = separator.shape
+    for e in range(epochs):
+        farthest = 0.0 * residual[e, 0]
+        for k in range(faults):
+            for q in range(axes):
+                apart = 0.0 * farthest
+                for s in range(sources):
+                    apart += separator[k, e, q, s] * residual[e, s]
+                size = select(apart < 0.0, -apart, apart)
+                farthest = select(size > farthest, size, farthest)
+        out[e] = farthest
+
+
+class SeparationMonitor:
+    """The test whether fixes without the sources of a fault are too far from the whole ones."""
+
+    def __init__(self, found: Levels) -> None:
+        self.found = found
+        there = found.monitored[..., None] & (found.threshold > 0.0)
+        # residuals instead of errors serve as well: of those the whole fix makes nothing
+        by_threshold = found.separator / np.where(there, found.threshold, np.inf)[..., None]
+        self._separator = np.ascontiguousarray(by_threshold)
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Protection levels (e, 2), m, horizontal and vertical; nan where there are none."""
+        return np.stack([self.found.horizontal, self.found.vertical], axis=1)
+
+    @property
+    def threshold(self) -> np.ndarray:
+        """What `statistic` may be without an alarm (e,)."""
+        return np.ones(self.tested.size)
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Where there is a fault that is monitored (e,)."""
+        return np.asarray(self.found.monitored.any(axis=0))
+
+    def statistic(self, residuals: np.ndarray) -> np.ndarray:
+        """The largest difference of fixes, by its threshold, of residuals (e, s, WIDTH) of fixes, m."""
+        out = np.zeros((residuals.shape[0], WIDTH))
+        if residuals.shape[1]:
+            left = np.ascontiguousarray(np.where(np.isnan(residuals), 0.0, residuals))
+            _farthest(self._separator, in_lanes(left), in_lanes(out))
+        return out

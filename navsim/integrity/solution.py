@@ -145,7 +145,7 @@ class MonitoredFix:
     def redundancy(self) -> np.ndarray:
         """The part of a bias on each range that the residuals show (e, s), of its whitened square: 0 where the others
         do not check it; nan for what is not used."""
-        alone = self._whiten(self._biases)
+        alone = self.whitened(self._biases)
         with np.errstate(invalid="ignore"):
             part = self.visibility / (alone**2).sum(axis=1)
         return np.where(self.used & self.solved[:, None], part, np.nan)
@@ -155,14 +155,14 @@ class MonitoredFix:
         """1 m on each range (e, s, f)."""
         return np.broadcast_to(np.eye(self.used.shape[1]), (*self.used.shape, self.used.shape[1]))
 
-    def _whiten(self, errors: np.ndarray) -> np.ndarray:
-        """Whitened range errors (e, s, m), 0 for what is not used."""
+    def whitened(self, errors: np.ndarray) -> np.ndarray:
+        """Errors, or residuals, of ranges (e, s, m), m, whitened; 0 for what is not used."""
         there = self.used[..., None]
         return np.where(there, self.noise.whiten(np.where(there, errors, 0.0), self.used), 0.0)
 
     def residuals(self, errors: np.ndarray) -> np.ndarray:
         """Whitened residuals (e, s, m) of range errors (e, s, m), m; 0 for what is not used."""
-        whitened = self._whiten(errors)
+        whitened = self.whitened(errors)
         estimated = self.cofactor @ (self.rows.swapaxes(1, 2) @ whitened)
         return np.asarray(whitened - self.rows @ estimated)
 

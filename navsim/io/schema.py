@@ -387,6 +387,64 @@ _BOX = Chapter(
     ),
 )  # fmt: skip
 
+_WATCHED = "where the scenario has `integrity`"
+_WATCHED_KEPT = f"{_WATCHED}, {_KEPT}"
+_SEPARATED = f"{_WATCHED} with method mhss"
+_ASKED = f"{_WATCHED} with limits"
+_INTEGRITY = Chapter(
+    "Integrity",
+    "What watches the fixes: protection levels by the geometry, and what was said of the fixes that were flown. Shares "
+    "of epochs have the interval that runs give them, since epochs of a run go together.",
+    (
+        _a("/integrity/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_WATCHED),
+        _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all that is used; inf where a "
+           "range is not checked, nan where there is none", _FLOWN, when=_WATCHED),
+        _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
+        _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
+        _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
+           when=_SEPARATED),
+        _a("/integrity/prior", "fault", "1", "their probabilities", _FLOWN, when=_SEPARATED),
+        _a("/integrity/monitored", "fault time", "1", "1 where the fix without the fault is compared", _FLOWN, WHOLE,
+           when=_SEPARATED),
+        _a("/integrity/unmonitored", "time", "1", "probability of what is not monitored", _FLOWN, when=_SEPARATED),
+        _a("/integrity/emt", "time", "m", "effective monitor threshold", _FLOWN, when=_SEPARATED),
+        _a("/integrity/statistic", "run time", "1", "square of the residuals in sigmas (chi2), or the largest "
+           "difference of fixes by its threshold (mhss); nan without a fix", LANDING, when=_WATCHED_KEPT),
+        _a("/integrity/status", "run time", "1", "0 no fix, 1 nothing to test it by, 2 nothing wrong, 3 alarm", LANDING,
+           WHOLE, when=_WATCHED_KEPT),
+        _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix", LANDING,
+           when=_WATCHED_KEPT, axis=("horizontal", "vertical")),
+        _a("/summary/integrity/{level}", "statistic", "m", "{level} on the glide, where there is one", _FLOWN,
+           when=_WATCHED, level=("hpl", "vpl")),
+        _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
+           when=_WATCHED),
+        _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none", _FLOWN, when=_ASKED),
+        _a("/summary/integrity/val", "", "m", "vertical alert limit, inf for none", _FLOWN, when=_ASKED),
+        _a("/summary/integrity/tta", "", "s", "time to alert that is asked for", _FLOWN, when=_ASKED),
+        _a("/summary/integrity/tested", "", "1", "fixes on the glide that were tested, of all runs", LANDING, WHOLE,
+           when=_WATCHED),
+        _a("/summary/integrity/alarms", "", "1", "those of them with an alarm", LANDING, WHOLE, when=_WATCHED),
+        _a("/summary/integrity/alarm_share", "interval", "1", "their share", LANDING, when=_WATCHED),
+        _a("/summary/integrity/availability", "interval", "1", "share of the epochs of the glide with a tested fix, no "
+           "alarm, and levels within their limits", LANDING, when=_ASKED),
+        _a("/summary/integrity/approaches", "interval", "1", "share of runs with that at every epoch from "
+           "integrity.decision_height_m to touchdown", LANDING, when=_ASKED),
+        _a("/summary/integrity/continuity_risk", "interval", "1", "share of stretches of 15 s on the glide that begin "
+           "available and do not stay so; nan where there is none", LANDING, when=_ASKED),
+        _a("/summary/integrity/hmi", "interval", "1", "share of runs with hazardously misleading information: an error "
+           "beyond its limit for longer than the time to alert, or to the end, no alarm, the level within it", LANDING,
+           when=_ASKED),
+        _a("/summary/integrity/hmi_{axis}", "interval", "1", "the same of the {axis} error", LANDING, when=_ASKED,
+           axis=("horizontal", "vertical")),
+        _a("/summary/integrity/time_to_alert", "", "s", "longest wait for an alarm while an error was beyond its limit "
+           "and the level within it; nan where there was none", LANDING, when=_ASKED),
+        _a("/summary/integrity/region", "region", "1", "regions of a Stanford diagram, and epochs with an alarm",
+           LANDING, TEXT, when=_ASKED),
+        _a("/summary/integrity/stanford_{axis}", "region", "1", "epochs of the glide in it, of all runs, by {axis} "
+           "error and level", LANDING, WHOLE, when=_ASKED, axis=("horizontal", "vertical")),
+    ),
+)  # fmt: skip
+
 _MESSAGE = "{field} of the navigation message"
 _MESSAGES = "where the orbits of the system are broadcast, or an almanac whose messages an export makes"
 
@@ -804,8 +862,8 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _NAVIGATION, _REPLAY, _LIVE, _SWEEP, _OPTIMIZE,
-    _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTEGRITY, _NAVIGATION, _REPLAY, _LIVE, _SWEEP,
+    _OPTIMIZE, _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

@@ -16,9 +16,10 @@ from navsim.core.defect import Defect
 from navsim.models import atmosphere, code_loop, pseudorange, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
+from navsim.models.events import PSEUDOLITES, Event, Scene, happened
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
-from navsim.models.systems import GPS
+from navsim.models.systems import CLOCKS, GPS
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
@@ -75,8 +76,8 @@ class ErrorLaw:
 
 @dataclass(frozen=True)
 class Environment:
-    """All sources of signals, what becomes of them, and the antenna that hears them; lever_arm (3,) IMU to antenna,
-    body, m."""
+    """All sources of signals, what becomes of them, the antenna that hears them, and what happens; lever_arm (3,) IMU
+    to antenna, body, m."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -85,6 +86,20 @@ class Environment:
     law: ErrorLaw
     lever_arm: np.ndarray
     effects: Effects = NO_EFFECTS
+    events: tuple[Event, ...] = ()
+
+    @property
+    def systems(self) -> tuple[str, ...]:
+        """What each source belongs to (s,), by name: its satellite system, in listed directions the clock it keeps, or
+        `PSEUDOLITES`."""
+        of_satellites = [group.constellation.system.name for group in self.satellites for _ in group.names]
+        of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
+        return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
+
+    @property
+    def singled_out(self) -> bool:
+        """Whether something happens to one pseudolite and not to another."""
+        return any(set(event.sources) & set(self.pseudolites.names) for event in self.events)
 
 
 def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
@@ -178,6 +193,10 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         fix_sigma=np.empty((e, s)),
         smoothing=None,
     )
+    if environment.events:
+        scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
+        longer, faster, silent = happened(environment.events, scene)
+        built = replace(built, used=used & ~silent, delay=built.delay + longer, range_rate=built.range_rate + faster)
     finished = _affected(built, when, motion.llh, environment, is_pseudolite)
     unfinished = finished.unfinished()
     if unfinished:

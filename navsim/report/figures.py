@@ -116,7 +116,8 @@ def _in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
     return in_heading_axes(ecef_from_llh(llh), threshold, heading) * np.array([1.0, 1.0, -1.0])
 
 
-def _touchdown(result: Result) -> float:
+def touchdown(result: Result) -> float:
+    """When the aircraft touches down, s; nan where it does not."""
     names = list(result["/truth/event"])
     return float(result["/truth/event_time"][names.index("touchdown")]) if "touchdown" in names else np.nan
 
@@ -149,9 +150,9 @@ def track(result: Result) -> Figure:
     legend_above(fig, plan, 3)
 
     profile.plot(path[:, 0], result["/truth/position_llh"][:, 2], color=_BLUE)
-    touchdown = _touchdown(result)
-    if np.isfinite(touchdown):
-        at = np.interp(touchdown, result["/truth/time"], path[:, 0])
+    landed = touchdown(result)
+    if np.isfinite(landed):
+        at = np.interp(landed, result["/truth/time"], path[:, 0])
         profile.axvline(at, color=_ORANGE, lw=0.8, ls="--")
         profile.annotate("touchdown", (at, 0.85), xycoords=("data", "axes fraction"), xytext=(4, 0),
                          textcoords="offset points", color=_ORANGE, fontsize=SMALL)  # fmt: skip
@@ -210,9 +211,9 @@ def dop(result: Result) -> Figure:
     t = result["/geometry/time"]
     for name, colour in (("pdop", _BLUE), ("vdop", _ORANGE), ("hdop", _GREEN)):
         ax.plot(t, result[f"/geometry/{name}"], color=colour, label=name.upper())
-    touchdown = _touchdown(result)
-    if np.isfinite(touchdown):
-        ax.axvline(touchdown, color=_GREY, lw=0.8, ls="--", label="touchdown")
+    landed = touchdown(result)
+    if np.isfinite(landed):
+        ax.axvline(landed, color=_GREY, lw=0.8, ls="--", label="touchdown")
     ax.set_ylim(bottom=0)
     ax.set_xlabel("time, s")
     ax.set_ylabel("DOP")
@@ -265,7 +266,7 @@ _ROWS: tuple[tuple[str, float], ...] = (
 )
 
 
-def _blocks(result: Result, path: str) -> Iterator[np.ndarray]:
+def blocks(result: Result, path: str) -> Iterator[np.ndarray]:
     """A variable along its first axis block by block, as it is kept: an ensemble need not fit into memory."""
     data = result.variables[path].data
     yield from data.blocks() if isinstance(data, Stream) else [np.asarray(data)]
@@ -273,14 +274,14 @@ def _blocks(result: Result, path: str) -> Iterator[np.ndarray]:
 
 def _rms_over_runs(result: Result, path: str) -> np.ndarray:
     """Root mean square over runs (t, n)."""
-    total = sum(np.sum(block**2, axis=0) for block in _blocks(result, path))
+    total = sum(np.sum(block**2, axis=0) for block in blocks(result, path))
     return np.sqrt(total / result["/run"].size)
 
 
 def _first_runs(result: Result, path: str) -> np.ndarray:
     """As many runs as are drawn one by one (r, t, n)."""
     found: list[np.ndarray] = []
-    for block in _blocks(result, path):
+    for block in blocks(result, path):
         found.append(block[: MOST_RUNS - sum(len(b) for b in found)])
         if sum(len(b) for b in found) >= MOST_RUNS:
             break

@@ -37,7 +37,14 @@ def _figures(result: Result) -> dict[str, Figure]:
         return rare.figures(result)
     from navsim.report import figures
 
-    return figures.landing(result)
+    drawn = figures.landing(result)
+    if "/integrity/hpl" in result:
+        from navsim.report import integrity
+
+        drawn["integrity"] = integrity.levels(result)
+        if "/integrity/status" in result:
+            drawn["stanford"] = integrity.stanford(result)
+    return drawn
 
 
 VIEW = View(_tables, 116, _figures, ("/summary/",), width_more=60)

@@ -167,6 +167,68 @@ def _box(result: Result, i: int | None) -> Cell | str:
     return box_to_first_order(result, i)
 
 
+def _share(result: Result, path: str) -> Cell | str:
+    """A share with its interval, where the result has it."""
+    if path not in result:
+        return ABSENT
+    value, low, high = map(float, result[path])
+    if not np.isfinite(value):
+        return ABSENT
+    return cell("{:.4g}  [{:.4g}, {:.4g}]", value, low, high) if np.isfinite(low) else cell("{:.4g}", value)
+
+
+def _protection(result: Result, name: str) -> Cell | str:
+    """A protection level on the glide, beside its limit."""
+    path = f"/summary/integrity/{name}"
+    if path not in result or not np.isfinite(result[path]).all():
+        return ABSENT
+    mean, low, high = map(float, result[path][:3])
+    limit = float(result[f"/summary/integrity/{name[0]}al"]) if "/summary/integrity/tta" in result else np.inf
+    if not np.isfinite(limit):
+        return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True)
+    return Cell("{:.2f}  ({:.2f} - {:.2f}), limit {:g}", (mean, low, high, limit), whole=True)
+
+
+def _level_share(result: Result) -> Cell | str:
+    path = "/summary/integrity/level_share"
+    return number(float(result[path]), 3) if path in result else ABSENT
+
+
+def _alarms(result: Result) -> Cell | str:
+    if "/summary/integrity/alarms" not in result:
+        return ABSENT
+    alarms, tested = (int(result[f"/summary/integrity/{name}"]) for name in ("alarms", "tested"))
+    return cell("{} of {}", alarms, tested)
+
+
+_INTEGRITY = {
+    "epochs available": "availability",
+    "approaches available throughout": "approaches",
+    "continuity risk in 15 s": "continuity_risk",
+    "misleading information, of runs": "hmi",
+}
+"""Labels of shares, and their names in the result."""
+
+
+def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
+    """What the monitor of the fixes came to."""
+
+    def row(label: str, shown: Callable[[Result], Cell | str]) -> None:
+        table.add(f"  {label}", *(shown(result) for _, result in results))
+
+    flown = any("/summary/integrity/alarms" in result for _, result in results)
+    asked = any("/summary/integrity/hmi" in result for _, result in results)
+    table.head("Integrity of the fixes on the glide", *("mean (min - max), m" for _ in results))
+    for name in ("hpl", "vpl"):
+        row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
+    row("share of epochs with levels", _level_share)
+    if flown:
+        row("alarms, of tested fixes", _alarms)
+    if asked:
+        for label, name in _INTEGRITY.items():
+            row(label, lambda r, n=name: _share(r, f"/summary/integrity/{n}"))  # type: ignore[misc]
+
+
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
     table = Table("", ("", *(name for name, _ in results)), labelled=True)
@@ -230,6 +292,8 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         row("  any limit exceeded", lambda r: _box(r, None))
         for i, name in enumerate(("lateral", "along", "vertical")):
             row(f"  {name}", lambda r, i=i: _box(r, i))
+    if any("/summary/integrity/level_share" in r for _, r in results):
+        _integrity(table, results)
     section("Consistency (mean per degree of freedom, 1 is right)")
     counts = sorted(
         {int(r.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"]) for _, r in results}

@@ -2,7 +2,7 @@
 
 Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its
 parameters; where a key may be left out, its default is written there and nowhere else. Sections: `approach`, `sensors`,
-`sky`, `signals`, `filter`.
+`sky`, `signals`, `filter`, `integrity`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,17 @@ from pydantic import Field, model_validator
 from navsim.scenario.approach import PaperApproach, RecordedApproach, Runway, SmoothApproach, STurn, WindSection
 from navsim.scenario.base import (
     DEG,
+    KeyedError,
     Section,
     Utc,
     Version,
+    list_of,
     reject,
 )
 from navsim.scenario.box import BoxSection
+from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
+from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
 from navsim.scenario.signals import PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
@@ -58,10 +62,14 @@ class Landing(Section):
     sky: Sky = Sky()
     pseudolites: PseudolitesSection = PseudolitesSection()
     signals: SignalsSection = SignalsSection()
+    events: Annotated[list_of(AnyEvent), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    """what happens to signals, and when"""
     receiver: ReceiverSection = ReceiverSection()
     filter: FilterSection = FilterSection()
     box: BoxSection | None = None
     """where the position error has to be at the end of a landing; null: anywhere"""
+    integrity: IntegritySection | None = None
+    """what watches the fixes; null: nothing"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -84,6 +92,16 @@ class Landing(Section):
             self.check_analysable()
         if self.method == "rare" and self.box is None:
             raise reject("method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`", "box")
+        if self.integrity is not None:
+            if self.method == "rare":
+                raise reject("method rare watches no fixes; leave it out, or use another method", "integrity")
+            try:
+                self.integrity.check_names(self.pseudolites.names())
+            except KeyedError as error:
+                raise reject(str(error), "integrity", *error.path) from None
+        for i, event in enumerate(self.events):
+            if event.at_s >= self.duration_s:
+                raise reject(f"is not within duration_s, {self.duration_s:g} s", "events", i, "at_s")
         if self.duration_s * self.imu.rate_hz < 2.0:
             raise reject("shorter than two samples of the IMU", "duration_s")
         if isinstance(self.approach, RecordedApproach):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core import noise, states
+from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import MAX_CLOCKS, dops, geometry_covariance
 from navsim.core.jit import kernel
 from navsim.core.lanes import WIDTH, in_lanes
@@ -26,12 +27,14 @@ from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import fly as fly_filter
 from navsim.estimation.estimate import in_all_lanes, is_smoother
 from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.receiver import fixes
+from navsim.estimation.receiver import fixes, residuals
 from navsim.estimation.records import Events, FilterModel, ImuData, Truth, empty_account, schedule, start
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver
 from navsim.models.signals import Environment, build_signals
+from navsim.models.sky import enu_matrix
+from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.sensors import true_values
 
@@ -80,6 +83,11 @@ class World:
     def dop(self) -> np.ndarray:
         """`dops` of the signals (e, 5)."""
         return dops(self.signals.los, self.signals.clock)
+
+    @cached_property
+    def antenna_enu(self) -> np.ndarray:
+        """Rows (e, 3, 3) that resolve ECEF along east, north and up at the antenna."""
+        return enu_matrix(llh_from_ecef(self.signals.antenna))
 
     @cached_property
     def fix_covariance(self) -> np.ndarray:
@@ -147,6 +155,9 @@ class Run:
     aided_squared: np.ndarray
     aided_degrees: np.ndarray
     aided_status: np.ndarray
+    monitor_statistic: np.ndarray
+    monitor_status: np.ndarray
+    fix_error: np.ndarray
 
     def one(self, which: int) -> Run:
         """One of several runs."""
@@ -263,7 +274,8 @@ class Flight:
     """A landing ready to be flown by a filter any number of times.
 
     initial, gyro, accel: the truth. beliefs: the filter's. covariance: (n, n) it starts from. events: what happens in
-    the order of the filter. weighed: (e,) the event of each fix. model: `beliefs` as kernels take them.
+    the order of the filter. weighed: (e,) the event of each fix. model: `beliefs` as kernels take them. watching: how
+    fixes are watched, if they are.
     """
 
     world: World
@@ -275,6 +287,17 @@ class Flight:
     events: Events
     weighed: np.ndarray
     model: FilterModel
+    watching: monitoring.Monitoring | None = None
+
+    @cached_property
+    def monitor(self) -> monitoring.Snapshot | None:
+        """What watches the fixes, if anything does."""
+        return None if self.watching is None else self.watching.over(self.world.signals)
+
+    @property
+    def expected(self) -> tuple[monitoring.ExpectedFault, ...]:
+        """The faults that it expects."""
+        return () if self.watching is None else self.watching.expected(self.world.signals)
 
     def over(self, world: World) -> Flight:
         """The same in another world."""
@@ -283,11 +306,17 @@ class Flight:
 
 
 def prepare(
-    world: World, initial: InitialErrors, gyro: imu.Triad, accel: imu.Triad, beliefs: Beliefs, start: InitialErrors
+    world: World,
+    initial: InitialErrors,
+    gyro: imu.Triad,
+    accel: imu.Triad,
+    beliefs: Beliefs,
+    start: InitialErrors,
+    watching: monitoring.Monitoring | None = None,
 ) -> Flight:
     """A flight; start: 1 sigma of the initial errors that the filter believes in."""
     covariance = beliefs.covariance(start.position, start.velocity, start.attitude)
-    return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), beliefs.model())
+    return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), beliefs.model(), watching)
 
 
 def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
@@ -405,6 +434,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
+    watched = Watched.of(flight, ranges, llh, clocks)
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
         of_runs(account.judgement.error), of_runs(account.sigma), of_runs(account.cross),
@@ -414,7 +444,36 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
             flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
             of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
         ),
+        monitor_statistic=of_runs(watched.statistic), monitor_status=of_runs(watched.status).astype(np.int64),
+        fix_error=of_runs(watched.error),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a monitor says of the fixes of lanes, statistic and status (e, W), and the sizes of their errors, horizontal
+    and vertical (e, 2, W), m; of no size where nothing watches."""
+
+    statistic: np.ndarray
+    status: np.ndarray
+    error: np.ndarray
+
+    @classmethod
+    def of(cls, flight: Flight, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray) -> Watched:
+        """Of fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) from ranges (e, s, W)."""
+        monitor, signals = flight.monitor, flight.world.signals
+        if monitor is None:
+            return cls(np.empty((0, WIDTH)), np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
+        left, off = np.empty_like(ranges), np.empty_like(llh)
+        residuals(
+            signals.position, signals.clock, signals.antenna, flight.world.antenna_enu,
+            *(in_lanes(m) for m in (ranges, llh, clocks, left, off)),
+        )  # fmt: skip
+        fixed = ~np.isnan(llh[:, 0])
+        statistic = np.where(fixed, monitor.statistic(left), np.nan)
+        said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
+        sizes = np.stack([np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2), np.abs(off[:, 2])], axis=1)
+        return cls(statistic, said.astype(float), sizes)
 
 
 def _of_events(

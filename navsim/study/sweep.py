@@ -202,7 +202,7 @@ class Plan:
     def geometry_alone(self) -> bool:
         """Whether all combinations only move pseudolites, without effect on what else is heard, and fly no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
-        return moves and not self.sources.effects.placed
+        return moves and not self.sources.effects.placed and not self.sources.singled_out
 
     @cached_property
     def geometry(self) -> Geometry | None:

@@ -95,6 +95,13 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "sky.interference": st.sampled_from(
         [[{"azimuth_deg": [300, 80]}], [{"azimuth_deg": [90, 200]}, {"elevation_deg": [40, 90]}]]
     ),
+    "events": st.sampled_from(
+        [
+            [{"what": "silence", "sources": ["pseudolites"], "at_s": 3.0, "until_s": 20.0}],
+            [{"what": "silence", "sources": ["all"], "at_s": 5.0, "until_s": 7.0}],
+            [{"what": "spoof", "sources": ["all"], "offset_ned_m": [9.0, -5.0, 3.0]}],
+        ]
+    ),
     "sky.exclude": st.sampled_from([["R05", "G02"], ["X01"]]),
     "sky.use_unhealthy": FLAG,
     "pseudolites.frame": st.sampled_from(["table1", "runway"]),
@@ -156,7 +163,8 @@ PLACE = st.tuples(st.sampled_from([-2000.0, -80.0, 300.0]), st.sampled_from([-10
 EXAMPLES, PHASES = 15, (Phase.explicit, Phase.generate)
 ALIKE = {
     "kind": "a name", "version": "a name", "title": "a name",
-    "method": "how the filter is judged", "box.": "the same", "imu.": "inertial sensors",
+    "method": "how the filter is judged", "box.": "the same", "integrity.": "how fixes are watched",
+    "imu.": "inertial sensors",
     "altimeter.": "a sensor beside the receiver",
     "initial_errors.": "of the filter", "filter.": "the filter",
     "approach.profile": "by the shipped scenarios",

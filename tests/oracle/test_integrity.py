@@ -18,6 +18,8 @@ from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
 from navsim.models.sky import unit_vector
+from navsim.simulation.monitoring import QUIET
+from navsim.study.landing.integrity import REGIONS, Asked, regions
 from tests.conftest import DATA, Within
 
 EAST, NORTH, UP = range(3)
@@ -86,6 +88,12 @@ def test_baarda(cases: dict[str, Any], within: Within) -> None:
     assert ours == pytest.approx(entry["lambda0"], abs=within["printed"])
 
 
+def left_of(monitor: Monitor, errors: np.ndarray) -> np.ndarray:
+    """Residuals (e, s, m), m, of fixes from ranges with these errors, which are independent."""
+    assert isinstance(monitor.solution.noise, Independent)
+    return monitor.solution.residuals(errors) * monitor.solution.noise.sigma[..., None]
+
+
 @pytest.mark.validates(
     "RAIM of 6 satellites and 2 pseudolites", "sidereon 3.0.4 (reliability); own numbers", "(relative)", numbers="1e-8"
 )
@@ -110,7 +118,7 @@ def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
     biased[entry["inputs"]["biased"]["index"]] += entry["inputs"]["biased"]["add_m"]
     both = np.stack([errors, biased], axis=1)[None]
     np.testing.assert_allclose((solution.estimator @ both)[0, :, 0], expected["x"][:3], **close)
-    assert monitor.statistic(both)[0] == pytest.approx(
+    assert monitor.statistic(left_of(monitor, both))[0] == pytest.approx(
         [expected["wsse"], entry["expected_biased"]["wsse"]], rel=within["numbers"]
     )
     np.testing.assert_allclose(monitor.each(both)[0, :, 0], expected["w_test"], **close)
@@ -289,14 +297,14 @@ def test_spoofed_satellites(cases: dict[str, Any], within: Within) -> None:
         what, size, _ = case["satellites_spoofed_by"].split()
         by = float(size) * np.array([what == "east", what == "north", what == "up", what == "clock"])
         fault = np.where(np.arange(8) < 6, rows @ by, 0.0)[None, :, None]
-        seen = monitor.statistic(fault)[0, 0]
+        seen = monitor.statistic(left_of(monitor, fault))[0, 0]
         assert seen == pytest.approx(case["lam"], rel=within["numbers"])
         told = 1.0 - chi_square.probability_below(threshold, 4, seen)
         assert told == pytest.approx(case["p_detect"], rel=within["numbers"])
         moved = (monitor.solution.estimator @ fault)[0, :, 0]
         np.testing.assert_allclose(moved, case["position_error_enu"], rtol=within["numbers"])
     everything = (rows @ np.array([30.0, -10.0, 20.0, 5.0]))[None, :, None]
-    assert monitor.statistic(everything)[0, 0] == pytest.approx(0.0, abs=1e-18)
+    assert monitor.statistic(left_of(monitor, everything))[0, 0] == pytest.approx(0.0, abs=1e-18)
 
 
 @pytest.mark.validates("SBAS protection levels", "RTKLIB on EGNOS data (DO-229 J)", levels="2e-4 m")
@@ -387,3 +395,23 @@ def test_correlated_ranges_are_whitened() -> None:
         np.testing.assert_allclose(found.estimator[e][:, there], (p @ h.T @ np.linalg.inv(r))[:3], rtol=1e-7, atol=1e-9)
         m = np.linalg.inv(r) - np.linalg.inv(r) @ h @ p @ h.T @ np.linalg.inv(r)
         np.testing.assert_allclose(found.visibility[e][there], np.diag(m), rtol=1e-6, atol=1e-10)
+
+
+class Levelled:
+    """A monitor with one level at one epoch."""
+
+    def __init__(self, level: float) -> None:
+        self.levels, self.threshold, self.tested = np.full((1, 2), level), np.ones(1), np.ones(1, bool)
+
+    def statistic(self, residuals: np.ndarray) -> np.ndarray:
+        raise NotImplementedError
+
+
+@pytest.mark.validates("regions of a Stanford diagram", "Stanford-ESA diagram")
+def test_regions(cases: dict[str, Any]) -> None:
+    for point in cases["stanford"]["points"]:
+        limit, level, error = (float(point[name]) for name in ("al", "pl", "error"))
+        every = np.ones(1, bool)
+        asked = Asked(np.full(2, limit), 1.0, np.zeros(1), every, every)
+        found = regions(asked, Levelled(level), np.array([[QUIET]]), np.full((1, 1, 2), error))
+        assert REGIONS[found[0, 0, 0]].replace("_", "-") == point["region"]

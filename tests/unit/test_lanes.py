@@ -373,7 +373,7 @@ def test_the_hot_loop_is_vector_code() -> None:
 
 def test_statistics_of_a_run_are_those_it_has_alone() -> None:
     """Nothing that is kept of a run, or said of it, depends on how many fly with it."""
-    c = case("duration_s=20", "altimeter={}", "filter.gate.probability=0.05")
+    c = case("duration_s=20", "altimeter={}", "filter.gate.probability=0.05", "integrity={p_constellation: 1.0e-8}")
     study = LandingStudy(c, 3, "all")
     together, _, kept = study.batch(0, lanes.WIDTH + 1)
     for run in (0, 2, lanes.WIDTH):

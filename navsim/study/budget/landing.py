@@ -59,7 +59,7 @@ _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
-    while the filter waits for late fixes."""
+    while the filter waits for late fixes, fixes that are watched."""
 
     samples: int
     epochs: int
@@ -68,12 +68,13 @@ class Extent:
     states: int
     aided: int
     ahead: float
+    watched: int
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
-            "group": self.states // 3, "aided": self.aided,
+            "group": self.states // 3, "aided": self.aided, "watched": self.watched,
         }  # fmt: skip
 
 
@@ -92,6 +93,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         1 if sources.effects.one_clock else len(clocks), len(scenario.filter.states()),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
+        0 if scenario.integrity is None else fixes.size,
     )  # fmt: skip
 
 
@@ -169,8 +171,10 @@ def _stored(here: Extent, keep: str) -> float:
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
+        + of("monitor_statistic", "fix_error")
         + here.epochs
         + here.aided
+        + here.watched
     )
     if keep == "errors":
         return errors

@@ -17,12 +17,14 @@ from navsim.io import files
 from navsim.io.results import ResultError, read
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
+from navsim.models.events import EVERY, PSEUDOLITES
 from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded_trajectory import recorded_trajectory
 from navsim.models.signals import Environment, Pseudolites, Satellites
 from navsim.scenario.approach import RecordedApproach
-from navsim.scenario.base import DEG, KeyedError
+from navsim.scenario.base import DEG, KeyedError, hint
+from navsim.scenario.events import EventSection
 from navsim.scenario.landing import Landing
 from navsim.scenario.sensors import believed
 from navsim.scenario.sky import SOURCES_FROM_FILES
@@ -37,6 +39,7 @@ from navsim.simulation.landing import (
 )
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.sensors import followed
+from navsim.study.landing.faults import watching
 from navsim.study.landing.sky import read_satellites
 from navsim.study.statistics import gate_limits
 
@@ -71,7 +74,18 @@ class Case:
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
                 "the first fix: the errors there are those that the filter begins with"
             )
+        out += [
+            f"events[{i}]: {event.what} of {', '.join(event.sources)}: none of them is received then"
+            for i, event in enumerate(self.scenario.events)
+            if event.what != "silence" and not self._received(event)
+        ]
         return out
+
+    def _received(self, event: EventSection) -> bool:
+        """Whether any source of an event is, while it lasts."""
+        signals, model = self.world.signals, event.model()
+        lasting = (signals.time >= model.begin) & (signals.time < model.end)
+        return bool(signals.used[np.ix_(lasting, model.concerns(signals.names, self.environment.systems))].any())
 
     def over(self, world: World) -> Case:
         """The same in another world."""
@@ -207,8 +221,27 @@ def environment(
         scenario.signals.law(),
         lever_arm,
         scenario.effects(pseudolites),
+        tuple(event.model() for event in scenario.events),
     )
+    _check_events(scenario, document, sources)
     return sources, scenario, warnings
+
+
+def _check_events(scenario: Landing, document: Document, sources: Environment) -> None:
+    """Raise InputError for sources of events that are none."""
+    known = {EVERY, PSEUDOLITES, *sources.systems, *sources.pseudolites.names}
+    known |= {name for group in sources.satellites for name in group.names}
+    known |= set(() if sources.listed is None else sources.listed.names)
+    problems = []
+    for i, event in enumerate(scenario.events):
+        for j, name in enumerate(event.sources):
+            if name not in known:
+                path = ("events", i, "sources", j)
+                problems.append(
+                    Problem(document.place(path), dotted(path), f"{name!r} is no source; {hint(name, sorted(known))}")
+                )
+    if problems:
+        raise InputError(problems)
 
 
 Ask = Callable[[Landing, Environment], None]
@@ -231,7 +264,8 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
     accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
     world = world_of(scenario, trajectory, sources)
-    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel))
+    watched = watching(scenario, sources)
+    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel), watched)
     case = Case(scenario, trajectory, sources, flight, warnings)
     if scenario.box is not None and math.isnan(box_time(case)):
         (when,), last = _passed(case, [scenario.box.height_m]), float(world.filter_time[-1])

@@ -21,6 +21,7 @@ from navsim.study.findings import (
     positive,
     tally,
 )
+from navsim.study.landing import integrity
 from navsim.study.landing.box import box_of, to_first_order
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
 from navsim.study.landing.ensemble import (
@@ -68,6 +69,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
         draft[f"/{group}/time"] = case.world.filter_time
         draft.put(f"/{group}/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     _summary(draft, case, analysis, square)
+    integrity.described(draft, case)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(covariance_findings(case, analysis)))
     return out
@@ -86,7 +88,8 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
     outputs[NOT_POSITIVE] = ~positive(analysis.believed)
     outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
-    found = notes(case.warnings) + of_fixes(case, _one(fixes)) + of_outputs(case, _one(outputs))
+    found = notes([*case.warnings, *integrity.told(case)])
+    found += of_fixes(case, _one(fixes)) + of_outputs(case, _one(outputs))
     if outputs[NOT_POSITIVE].any():
         return found  # no normalised square is defined
     for name, states_, words in (

@@ -27,6 +27,7 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
+from navsim.study.landing import integrity
 from navsim.study.landing.case import Case, box_time, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
@@ -46,6 +47,9 @@ HISTORIES = {
         "status",
         "aided_squared",
         "aided_status",
+        "monitor_statistic",
+        "monitor_status",
+        "fix_error",
     ),
     "all": tuple(Run.__dataclass_fields__),
 }
@@ -57,7 +61,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "sigma": ("output", "state"), "cross": ("output", 6), "nees": ("output",), "nees_position_velocity": ("output",),
     "nees_group": ("output", "group"), "innovation_squared": ("epoch",), "degrees": ("epoch",),
     "status": ("epoch",), "aided": ("aided", MOST), "aided_squared": ("aided",), "aided_degrees": ("aided",),
-    "aided_status": ("aided",),
+    "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
+    "fix_error": ("watched", 2),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -133,6 +138,7 @@ class LandingStudy:
                     "innovations": np.nansum(runs.innovation_squared, axis=1),
                     "weighed": runs.degrees.sum(axis=1),
                     **of_aids(self.case, runs),
+                    **integrity.tally(self.case, runs),
                     "degrees": runs.degrees.max(axis=1, initial=0),
                     "inside": _inside(runs),
                 }
@@ -291,7 +297,7 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         Flaws(*(ensemble.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
     runs = ensemble.runs
-    out = judging.notes(case.warnings)
+    out = judging.notes([*case.warnings, *integrity.told(case)])
     out += of_fixes(case, fixes)
     epochs = case.world.signals.time
     fixed, probability = int(ensemble.per_run("fixes").sum()), case.scenario.filter.gate.probability

@@ -13,6 +13,7 @@ from navsim.io.results import Result, Stream
 from navsim.io.schema import LANDING
 from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
+from navsim.study.landing import integrity
 from navsim.study.landing.box import box_of, counted
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
@@ -43,6 +44,9 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     if keep != "none":
         _filter(draft, case, ensemble)
         _aiding(draft, case, ensemble, keep == "all")
+        _watched(draft, case, ensemble)
+    integrity.described(draft, case)
+    integrity.counted(draft, case, ensemble)
     _summary(draft, case, ensemble)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(findings(case, ensemble)))
@@ -110,6 +114,16 @@ def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> Non
             draft.put(f"{branch}/measured", of("aided", numbers=numbers), unit=aid.sensor.unit)
         draft.put(f"{branch}/innovation_squared", of("aided_squared"), {"degrees_of_freedom": numbers})
         draft[f"{branch}/status"] = of("aided_status", kind=np.int8)
+
+
+def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+    """What the monitor of the fixes said, and how far off they were."""
+    if case.flight.monitor is None:
+        return
+    draft["/integrity/statistic"] = _history(ensemble, "monitor_statistic")
+    draft["/integrity/status"] = _history(ensemble, "monitor_status", lambda block: block.astype(np.int8))
+    for i, name in enumerate(("horizontal", "vertical")):
+        draft[f"/integrity/error_{name}"] = _history(ensemble, "fix_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
 
 
 def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:

@@ -1,0 +1,114 @@
+"""What watches the fixes of a landing, and what is asked of it: section `integrity`.
+
+Source of structure and defaults: `docs/theory/integrity.md`, section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from navsim.scenario.base import NonNegative, Section, list_of, reject
+
+Prior = Annotated[float, Field(ge=0.0, le=0.1)]
+"""A probability that a fault is there."""
+Chance = Annotated[float, Field(ge=1e-15, le=0.1)]
+"""A probability that is allowed."""
+AlertLimit = Annotated[float, Field(ge=0.1, le=1e4)] | None
+Bias = Annotated[float, Field(ge=0.0, le=1e3)]
+"""A bound of a bias, m."""
+
+OPERATIONS = {
+    "NPA": (556.0, None),
+    "APV-I": (40.0, 50.0),
+    "APV-II": (40.0, 20.0),
+    "LPV-200": (40.0, 35.0),
+    "CAT-I": (40.0, 10.0),
+    "GBAS-D": (17.0, 10.0),
+}
+"""Horizontal and vertical alert limits, m: ICAO Annex 10, volume I, table 3.7.2.4-1, note 2 (NPA, APV, of CAT I the
+smaller of 10 to 15 m); doi:10.1186/s43020-020-00010-2, table 1 (LPV-200); RTCA DO-245A table 2-1 as in Pullen 2014
+(GBAS D)."""
+
+
+class LimitsSection(Section):
+    """What position errors and protection levels are not to exceed, and how soon an alarm is due."""
+
+    operation: Literal["NPA", "APV-I", "APV-II", "LPV-200", "CAT-I", "GBAS-D"] | None = None
+    """its alert limits; or give hal_m, val_m or both"""
+    hal_m: AlertLimit = None
+    """horizontal alert limit"""
+    val_m: AlertLimit = None
+    """vertical alert limit"""
+    tta_s: Annotated[float, Field(ge=0.0, le=60.0)]
+    """time to alert: how long an error may exceed its limit before an alarm"""
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        given = self.hal_m is not None or self.val_m is not None
+        if given == (self.operation is not None):
+            raise reject("give either `operation` or limits of your own, hal_m, val_m or both", "operation")
+        return self
+
+    def limits(self) -> tuple[float | None, float | None]:
+        """Horizontal, vertical."""
+        return (self.hal_m, self.val_m) if self.operation is None else OPERATIONS[self.operation]
+
+
+class GroundGroup(Section):
+    """Pseudolites that can fail together, since they share clock, survey, power or correction link."""
+
+    members: Annotated[list_of(str), Field(min_length=1)]  # type: ignore[valid-type]
+    prior: Prior = 1e-5
+
+
+class IntegritySection(Section):
+    """What watches the fixes, which faults it expects, and what is asked of it."""
+
+    method: Literal["mhss", "chi2"] = "mhss"
+    """mhss: solution separation, the fix without each fault against the whole one; chi2: the residuals' square, one
+    fault at a time"""
+    limits: LimitsSection | None = None
+    """null: levels and alarms are computed, and nothing is asked"""
+    decision_height_m: NonNegative | None = None
+    """above the runway: from there to touchdown an approach has to be available throughout; null: all of the glide"""
+    p_fa: Chance = 6.666667e-5
+    """chi2: of an alarm at an epoch without a fault"""
+    p_md: Chance = 1e-3
+    """chi2: of no alarm at an epoch with the fault that the levels are of"""
+    p_hmi_v: Chance = 9.8e-8
+    """mhss, as all that follow: of a vertical error beyond the level without an alarm"""
+    p_hmi_h: Chance = 2e-9
+    """of a horizontal one"""
+    p_fa_v: Chance = 3.9e-6
+    """of an alarm without a fault, by the vertical"""
+    p_fa_h: Chance = 9e-8
+    """by the horizontal"""
+    p_unmonitored_max: Chance = 8e-8
+    """of faults that are not monitored, as many as are tolerated"""
+    p_satellite: Prior = 1e-5
+    """that a satellite is faulty"""
+    p_constellation: Prior = 1e-4
+    """that a whole satellite system is"""
+    p_pseudolite: Prior = 1e-4
+    """that a pseudolite is"""
+    ground_groups: Annotated[list_of(GroundGroup), Field(max_length=20)] | None = None  # type: ignore[valid-type]
+    """null: all pseudolites are one group where there are several, with its default prior"""
+    b_nom_m: Bias = 0.75
+    """bound of the bias of a satellite's range without a fault"""
+    b_nom_pseudolite_m: Bias = 0.25
+    """of a pseudolite's"""
+    sigma_ratio_acc: Annotated[float, Field(ge=0.01, le=1.0)] = 1.0
+    """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
+    effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
+    """independent samples of an approach, by which the probabilities are divided"""
+
+    def check_names(self, pseudolites: Sequence[str]) -> None:
+        """Raise for members of groups that are none of these pseudolites."""
+        for i, group in enumerate(self.ground_groups or ()):
+            for j, member in enumerate(group.members):
+                if member not in pseudolites:
+                    there = ", ".join(pseudolites) or "none"
+                    raise reject(f"{member!r} is no pseudolite; there are: {there}", "ground_groups", i, "members", j)

@@ -1,0 +1,96 @@
+"""What a snapshot monitor says along a landing: levels from the geometry, alarms from what fixes leave of their ranges.
+
+Source: `docs/theory/integrity.md`, section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from navsim.integrity import separation
+from navsim.integrity.residuals import ChiSquareTest, Monitor
+from navsim.integrity.separation import Allocation, SeparationMonitor
+from navsim.integrity.solution import Independent, rows_of, solve
+from navsim.models.pseudorange import Signals
+
+NO_FIX, UNTESTED, QUIET, ALARM = range(4)
+"""What a monitor says of an epoch: there is no fix, nothing to test it by, nothing wrong, something wrong."""
+
+
+class Snapshot(Protocol):
+    """A monitor of the fixes of epochs, each by itself."""
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Protection levels (e, 2), m, horizontal and vertical; inf or nan where there are none."""
+
+    @property
+    def threshold(self) -> np.ndarray:
+        """What `statistic` may be without an alarm (e,)."""
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Where there is a test (e,)."""
+
+    def statistic(self, residuals: np.ndarray) -> np.ndarray:
+        """What tells a fault (e, W), of residuals (e, s, W) of fixes, m."""
+
+
+@dataclass(frozen=True)
+class ExpectedFault:
+    """Sources that fail together, by name, with the probability that they have."""
+
+    name: str
+    sources: tuple[str, ...]
+    prior: float
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """How fixes are watched.
+
+    test: by residuals, or the shares of solution separation. faults: that separation expects. nominal: bounds of the
+    biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's.
+    """
+
+    test: ChiSquareTest | Allocation
+    faults: tuple[ExpectedFault, ...]
+    nominal: dict[str, float]
+    accuracy: float
+
+    def expected(self, signals: Signals) -> tuple[ExpectedFault, ...]:
+        """The faults of sources that are used at all."""
+        return tuple(
+            fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()
+        )
+
+    def over(self, signals: Signals) -> Snapshot:
+        """The monitor of the fixes from these signals, of all that are used."""
+        # what is not used has neither a direction nor a sigma; any serve
+        los = np.where(signals.used[..., None], signals.los, 0.0)
+        sigma = np.where(signals.used, signals.fix_sigma, 1.0)
+        rows, noise = rows_of(los, signals.clock), Independent(sigma)
+        if isinstance(self.test, ChiSquareTest):
+            return Monitor(solve(rows, signals.used, noise), self.test)
+        nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
+        expected = self.expected(signals)
+        faults = [separation.Fault(_indices(signals.names, fault.sources), fault.prior) for fault in expected]
+        found = separation.levels(
+            rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, self.test
+        )
+        return SeparationMonitor(found)
+
+
+def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:
+    return tuple(i for i, name in enumerate(names) if name in wanted)
+
+
+def status(tested: np.ndarray, threshold: np.ndarray, statistic: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """What a monitor says of epochs (e, r): tested, threshold (e,) of it, statistic (e, r), fixed (e, r) where there is
+    a fix."""
+    said = np.where(statistic > threshold[:, None], ALARM, QUIET)
+    return np.where(fixed, np.where(tested[:, None], said, UNTESTED), NO_FIX)

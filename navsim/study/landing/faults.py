@@ -1,0 +1,53 @@
+"""The faults that a scenario has its fixes watched for."""
+
+from __future__ import annotations
+
+from navsim.integrity.residuals import ChiSquareTest
+from navsim.integrity.separation import Allocation
+from navsim.models.signals import Environment
+from navsim.scenario.integrity import GroundGroup, IntegritySection
+from navsim.scenario.landing import Landing
+from navsim.simulation.monitoring import ExpectedFault, Monitoring
+
+
+def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
+    """How a scenario has its fixes watched."""
+    section = scenario.integrity
+    if section is None:
+        return None
+    names = sources.pseudolites.names
+    systems = _systems(sources)
+    nominal = {name: section.b_nom_m for members in systems.values() for name in members}
+    nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
+    if section.method == "chi2":
+        return Monitoring(ChiSquareTest(section.p_fa, section.p_md), (), nominal, section.sigma_ratio_acc)
+    faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
+    faults += [ExpectedFault(name, (name,), section.p_pseudolite) for name in names]
+    faults += [ExpectedFault(system, members, section.p_constellation) for system, members in systems.items()]
+    faults += [ExpectedFault("+".join(g.members), g.members, g.prior) for g in _groups(section, names)]
+    return Monitoring(
+        Allocation(
+            section.p_hmi_v, section.p_hmi_h, section.p_fa_v, section.p_fa_h, section.p_unmonitored_max,
+            samples=section.effective_samples,
+        ),
+        tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc,
+    )  # fmt: skip
+
+
+def _groups(section: IntegritySection, pseudolites: tuple[str, ...]) -> tuple[GroundGroup, ...]:
+    if section.ground_groups is not None:
+        return tuple(section.ground_groups)
+    return (GroundGroup(members=pseudolites),) if len(pseudolites) > 1 else ()
+
+
+def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:
+    """Satellites by what they belong to; those that the receiver is not to use are left out."""
+    found: dict[str, list[str]] = {}
+    groups = [(group.names, group.chosen) for group in sources.satellites]
+    if sources.listed is not None:
+        groups.append((sources.listed.names, sources.listed.chosen))
+    names = [(name, bool(use)) for of_group, chosen in groups for name, use in zip(of_group, chosen, strict=True)]
+    for (name, use), system in zip(names, sources.systems, strict=False):
+        if use:
+            found.setdefault(system, []).append(name)
+    return {system: tuple(members) for system, members in found.items()}

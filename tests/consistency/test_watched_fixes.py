@@ -1,0 +1,288 @@
+"""What watches the fixes of a landing, against least squares solved anew without navsim's kernels, and by counts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+from navsim.estimation.estimate import in_all_lanes
+from navsim.integrity.residuals import ChiSquareTest, Monitor
+from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, levels
+from navsim.integrity.solution import Independent, rows_of, solve
+from navsim.io.results import read
+from navsim.models.sky import unit_vector
+from navsim.simulation import landing as simulation
+from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
+from navsim.study.landing import Case, integrity
+from navsim.study.landing.ensemble import LandingStudy
+from tests.conftest import DATA
+from tests.helpers import SCENARIOS, case
+from tests.layout import as_declared
+from tests.product.test_run import navsim
+
+CHI2 = "integrity={method: chi2, p_fa: 1.0e-2, limits: {hal_m: 60, val_m: 90, tta_s: 1}}"
+MHSS = "integrity={p_constellation: 1.0e-8, p_fa_v: 1.0e-2, p_fa_h: 1.0e-2, limits: {hal_m: 60, val_m: 90, tta_s: 1}}"
+
+
+def brief(*assignments: str) -> Case:
+    return case("duration_s=20", "receiver.rate_hz=2", "filter.kind=eskf", *assignments)
+
+
+def fixed_by(position: np.ndarray, clock: np.ndarray, sigma: np.ndarray, ranges: np.ndarray) -> tuple[Any, Any, Any]:
+    """Position, whitened residuals and rows of a weighted least-squares fix, iterated to the end."""
+    clocks = np.unique(clock)
+    x = np.concatenate([ecef_from_llh(np.array([0.977, 0.646, 100.0])), np.zeros(clocks.size)])
+    for _ in range(50):
+        away = position - x[:3]
+        distance = np.linalg.norm(away, axis=1)
+        rows = np.concatenate([-away / distance[:, None], clock[:, None] == clocks], axis=1)
+        left = ranges - distance - x[3 + np.searchsorted(clocks, clock)]
+        step = np.linalg.lstsq(rows / sigma[:, None], left / sigma, rcond=None)[0]
+        x = x + step
+        if np.linalg.norm(step[:3]) < 1e-6:
+            break
+    return x[:3], left / sigma, rows / sigma[:, None]
+
+
+def anew(c: Case, ranges: np.ndarray, e: int, without: tuple[str, ...] = ()) -> tuple[Any, Any, Any]:
+    """The fix of an epoch from measured ranges (e, s), some sources left out."""
+    s = c.world.signals
+    use = s.used[e] & ~np.isin(s.names, without)
+    return fixed_by(s.position[e, use], s.clock[use], s.fix_sigma[e, use], ranges[e, use])
+
+
+def test_residuals_are_those_of_the_fix() -> None:
+    """The statistic, the alarm and the error of a run, by fixes solved anew from its pseudoranges."""
+    c = brief(CHI2)
+    run = simulation.fly(c.flight, 5, [3]).one(0)
+    monitor = c.flight.monitor
+    assert monitor is not None
+    for e in range(0, c.world.signals.time.size, 7):
+        place, left, _ = anew(c, run.pseudorange, e)
+        assert run.monitor_statistic[e] == pytest.approx(left @ left, rel=1e-5)
+        alarm = bool(left @ left > monitor.threshold[e])
+        assert run.monitor_status[e] == (ALARM if alarm else QUIET)
+        off = ned_matrix(c.world.at_filter.llh[e + 1]) @ (place - c.world.signals.antenna[e])
+        np.testing.assert_allclose(run.fix_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
+
+
+def test_separations_are_those_of_fixes_without_the_fault() -> None:
+    """The largest difference of fixes by its threshold, each fault's sources really left out. Ranges are not linearised
+    there, so errors are made small: ten metres beside a pseudolite 1 km away turn its direction by a hundredth."""
+    c = brief(MHSS)
+    exact, rates = simulation.without_noise(c.world)
+    measured = exact + 0.01 * (simulation.measured(c.world, 5, 3)[0] - exact)
+    lanes = in_all_lanes(measured)
+    llh, _, clocks, _ = simulation.receiver_fixes(c.world, lanes, in_all_lanes(rates))
+    said = simulation.Watched.of(c.flight, lanes, llh, clocks)
+    monitor = c.flight.monitor
+    assert isinstance(monitor, SeparationMonitor)
+    names = [fault.name for fault in c.flight.expected]
+    assert {"PL1", "PL2", "PL1+PL2"} < set(names)
+    axes = c.world.antenna_enu
+    for e in range(0, c.world.signals.time.size, 13):
+        whole, _, _ = anew(c, measured, e)
+        largest = 0.0
+        for k, fault in enumerate(c.flight.expected):
+            if monitor.found.monitored[k, e]:
+                apart = axes[e] @ (anew(c, measured, e, fault.sources)[0] - whole)
+                largest = max(largest, float(np.max(np.abs(apart) / monitor.found.threshold[k, e])))
+        np.testing.assert_allclose(said.statistic[e], largest, rtol=3e-4)
+
+
+def test_levels_of_a_landing_by_plain_matrices() -> None:
+    """Slopes by inverted normal matrices at the true antenna: the horizontal and the vertical level of an approach."""
+    c = brief(CHI2)
+    monitor, s = c.flight.monitor, c.world.signals
+    assert monitor is not None
+    exact, _ = simulation.without_noise(c.world)
+    for e in (0, 20, s.time.size - 1):
+        _, _, rows = anew(c, exact, e)
+        sigma = s.fix_sigma[e, s.used[e]]
+        turned = np.concatenate([rows[:, :3] @ c.world.antenna_enu[e].T, rows[:, 3:]], axis=1)
+        gain = np.linalg.inv(turned.T @ turned) @ turned.T
+        redundancy = 1.0 - np.sum(turned * gain.T, axis=1)
+        slope = np.stack([np.hypot(gain[0], gain[1]), np.abs(gain[2])]) / np.sqrt(redundancy)
+        bias = ChiSquareTest(1e-2, 1e-3).bias(np.array([sigma.size - turned.shape[1]]))[0]
+        np.testing.assert_allclose(monitor.levels[e], slope.max(axis=1) * bias, rtol=1e-5)
+
+
+def reference() -> tuple[np.ndarray, np.ndarray]:
+    """Rows and sigmas of the worked case of 6 satellites and 2 pseudolites."""
+    given = json.loads((DATA / "integrity.json").read_text())["raim_weighted_6_satellites_2_pseudolites"]["inputs"]
+    azimuth, elevation = np.radians(np.array(given["azimuth_elevation_deg"], float)).T
+    return rows_of(unit_vector(azimuth, elevation)[None], np.zeros(8, int)), np.array(given["sigma_m"])[None]
+
+
+@pytest.mark.parametrize("source", [None, 2, 6])
+def test_alarms_and_misses_come_as_often_as_said(source: int | None) -> None:
+    """A million epochs: false alarms at 1e-3, and misses of the smallest bias that is seen, of a satellite and of a
+    pseudolite; 919 to 1081 are 99 % of what 1000 expected ones scatter to."""
+    rows, sigma = reference()
+    monitor = Monitor(solve(rows, np.ones((1, 8), bool), Independent(sigma)), ChiSquareTest(1e-3, 1e-3))
+    rng = np.random.default_rng(20261123 if source is None else source)
+    count = 0
+    for _ in range(100):
+        errors = rng.standard_normal((1, 8, 10_000)) * sigma[..., None]
+        if source is not None:
+            errors[0, source] += monitor.minimal_bias[0, source]
+        left = monitor.solution.residuals(errors) * sigma[..., None]
+        alarms = monitor.statistic(left) > monitor.threshold[:, None]
+        count += int(alarms.sum() if source is None else (~alarms).sum())
+    assert 919 <= count <= 1081
+
+
+@pytest.mark.parametrize("by", [(30.0, 0.0, 0.0, 0.0), (0.0, 0.0, 200.0, -1000.0)])
+def test_residuals_are_blind_to_a_spoofer_of_everything(by: tuple[float, ...]) -> None:
+    """All ranges moved consistently: alarms come as without him."""
+    rows, sigma = reference()
+    monitor = Monitor(solve(rows, np.ones((1, 8), bool), Independent(sigma)), ChiSquareTest(1e-2, 1e-3))
+    rng = np.random.default_rng(11)
+    errors = rng.standard_normal((1, 8, 100_000)) * sigma[..., None] + (rows[0] @ np.array(by))[None, :, None]
+    alarms = int((monitor.statistic(monitor.solution.residuals(errors) * sigma[..., None]) > monitor.threshold).sum())
+    assert 919 <= alarms <= 1081
+
+
+def test_separation_alarms_no_more_often_than_allotted() -> None:
+    """Budgets of 1e-2 a direction group: alarms without a fault stay below their sum, which is a bound."""
+    rows, sigma = reference()
+    allocation = Allocation(p_fa_vertical=1e-2, p_fa_horizontal=1e-2)
+    faults = [Fault((i,), 1e-5) for i in range(8)]
+    noise = Independent(sigma)
+    found = levels(rows, np.ones((1, 8), bool), noise, noise, np.full((1, 8), 0.5), faults, allocation)
+    monitor = SeparationMonitor(found)
+    rng = np.random.default_rng(12)
+    count, epochs = 0, 0
+    for _ in range(500):
+        repeated = rng.standard_normal((1, 8, 8)) * sigma[..., None]
+        count += int((monitor.statistic(np.ascontiguousarray(repeated)) > monitor.threshold[:, None]).sum())
+        epochs += 8
+    assert 0.2 * 0.02 * epochs < count < 0.02 * epochs + 3.0 * np.sqrt(0.02 * epochs)
+
+
+def asked(seconds: int, limits: tuple[float, float] = (10.0, 20.0), alert: float = 2.0) -> integrity.Asked:
+    time = np.arange(seconds, dtype=float)
+    every = np.ones(seconds, bool)
+    return integrity.Asked(np.array(limits), alert, time, every, every)
+
+
+class Levelled:
+    """A monitor with these levels."""
+
+    def __init__(self, levels: np.ndarray) -> None:
+        self.levels, self.threshold, self.tested = levels, np.ones(len(levels)), np.ones(len(levels), bool)
+
+    def statistic(self, residuals: np.ndarray) -> np.ndarray:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    ("status", "level", "error", "region"),
+    [
+        (ALARM, 5.0, 50.0, "alarm"),
+        (NO_FIX, 5.0, np.nan, "unavailable"),
+        (QUIET, np.nan, 50.0, "unavailable"),
+        (QUIET, np.inf, 50.0, "unavailable"),
+    ],
+)
+def test_regions_of_what_is_no_pair(status: int, level: float, error: float, region: str) -> None:
+    monitor = Levelled(np.full((1, 2), level))
+    found = integrity.regions(asked(1), monitor, np.array([[status]]), np.full((1, 1, 2), error))
+    assert integrity.REGIONS[found[0, 0, 0]] == region
+
+
+@pytest.mark.parametrize(
+    ("misled", "alarm", "late", "longest"),
+    [
+        ("0000000000", "0000000000", 0, np.nan),
+        ("0111000000", "0000000000", 0, np.nan),  # over within the time to alert
+        ("0111100000", "0000000000", 1, np.nan),  # 3 s without an alarm
+        ("0111100000", "0001000000", 0, 2.0),
+        ("0111110000", "0000100000", 1, 3.0),  # an alarm, too late
+        ("0000000011", "0000000000", 1, np.nan),  # short, and then touchdown
+        ("0111100111", "0000000100", 1, 0.0),
+    ],
+)
+def test_misleadingstretches(misled: str, alarm: str, late: int, longest: float) -> None:
+    flags = [np.array([c == "1" for c in text]) for text in (misled, alarm)]
+    found = integrity.stretches(asked(10), np.arange(10.0), *flags)
+    np.testing.assert_equal(found, (late, longest))
+
+
+def test_windows_of_continuity() -> None:
+    time = np.arange(0.0, 20.5, 0.5)
+    available = np.ones((3, time.size), bool)
+    available[1, 10] = False  # at 5 s: all windows that begin before or there
+    available[2] = False
+    found = integrity.windows(time, available)
+    # windows begin at 0 ... 5 s: 11 of them
+    np.testing.assert_array_equal(found, [[11, 0], [10, 10], [0, 0]])
+
+
+def test_epochs_without_a_test_are_said() -> None:
+    """Four sources of one clock: a fix, nothing to test it by, no level, nothing available."""
+    directions = [{"azimuth_deg": a, "elevation_deg": e} for a, e in ((0, 80), (10, 20), (130, 20), (250, 20))]
+    c = brief("sky.source=directions", f"sky.directions={json.dumps(directions)}", "pseudolites.count=0", CHI2)
+    counts, _, _ = LandingStudy(c, 1, "none").batch(0, 2)
+    assert c.flight.monitor is not None
+    assert np.isinf(c.flight.monitor.levels).all()
+    run = simulation.fly(c.flight, 1, [0]).one(0)
+    assert set(run.monitor_status) == {UNTESTED}
+    assert not counts["integrity_available"].any()
+    assert not counts["integrity_approach"].any()
+    (text,) = integrity.told(c)
+    assert "no protection level at 40 of 40 epochs" in text
+
+
+def test_faults_that_cannot_be_monitored_are_named() -> None:
+    (text,) = integrity.told(brief("integrity={}"))
+    assert "glonass 0.0001" in text
+    assert "p_unmonitored_max is 8e-08" in text
+    assert integrity.told(brief(MHSS)) == []
+
+
+@pytest.mark.parametrize("setting", [CHI2, MHSS])
+def test_nothing_else_of_a_run_changes(setting: str) -> None:
+    """Who watches does not touch: fixes, errors and sigmas are those of a landing that nobody watches."""
+    plain, watched = (simulation.fly(brief(*more).flight, 2, [4]).one(0) for more in ((), (setting,)))
+    for name in ("fix_llh", "error", "sigma", "nees", "status"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(watched, name))
+    assert plain.monitor_status.size == 0
+    assert watched.monitor_status.size == 40
+
+
+@pytest.mark.parametrize("keep", ["none", "errors", "all"])
+def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
+    settings = ("--set", "duration_s=70", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf", "--set", CHI2)
+    navsim("run", SCENARIOS / "landing.yaml", *settings, "--runs", 40, "--keep", keep, "--figures", "none", "-q",
+           "-o", "a.h5", cwd=tmp_path)  # fmt: skip
+    result = read(tmp_path / "a.h5")
+    as_declared(result)
+    branch = "/summary/integrity"
+    alarms, tested = int(result[f"{branch}/alarms"]), int(result[f"{branch}/tested"])
+    assert tested == 40 * 120  # the glide takes 60.2 s
+    assert alarms / tested == pytest.approx(0.01, abs=0.0045)
+    assert int(result[f"{branch}/stanford_vertical"].sum()) == tested
+    assert int(result[f"{branch}/stanford_vertical"][5]) == alarms
+    assert float(result[f"{branch}/availability"][0]) == pytest.approx(1.0 - alarms / tested, abs=1e-12)
+    value, low, high = result[f"{branch}/hmi"]
+    assert value == 0.0
+    assert low == 0.0
+    assert high == pytest.approx(1.0 - 0.025 ** (1.0 / 40), rel=1e-9)
+    if keep != "none":
+        glide = result["/integrity/time"] <= 60.2
+        assert int((result["/integrity/status"][:, glide] == ALARM).sum()) == alarms
+
+
+def test_the_covariance_analysis_has_levels(tmp_path: Path) -> None:
+    settings = ("--set", "method=covariance", "--set", "duration_s=20", "--set", "receiver.rate_hz=1", "--set", MHSS)
+    navsim("run", SCENARIOS / "landing.yaml", *settings, "--figures", "none", "-q", "-o", "a.h5", cwd=tmp_path)
+    result = read(tmp_path / "a.h5")
+    as_declared(result)
+    assert np.isfinite(result["/integrity/vpl"]).all()
+    assert "/summary/integrity/alarms" not in result
