@@ -140,7 +140,7 @@ def begin(target: Path, kernels: str) -> None:
     else:
         clean(target, owned=True)
     if not jit.is_warm(kernels):
-        say(f"compiling the kernels, once, up to a minute; kept in {jit.cache_place()}")
+        say(jit.compiling())
 
 
 @dataclass(frozen=True)

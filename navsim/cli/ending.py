@@ -2,7 +2,8 @@
 
 The first interrupt (SIGINT), termination (SIGTERM) or hangup (SIGHUP) is raised where the command is, so that what is
 finished is kept; a second one ends the process at once, which harms no file, since files are there whole or not at all.
-Exit codes are those of a shell: 128 + the signal's number.
+Where kernels are being compiled, which cannot be interrupted, the first one does the same after `PATIENCE`. Exit codes
+are those of a shell: 128 + the signal's number.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ WORDS: dict[int, str] = {
     signal.SIGHUP: "the terminal hung up",
 }
 """The signals that end a command, and what is said of them."""
+
+PATIENCE = 1.0
+"""How long a command may take to end before something is said, or done, s."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -174,7 +178,32 @@ def _end(number: int, _: FrameType | None) -> None:
     if len(_came) > 1:
         say("ended at once")
         os._exit(128 + number)
+    waiting = threading.Timer(PATIENCE, _still_here, [number])
+    waiting.daemon = True
+    waiting.start()
     raise Ended
+
+
+def _still_here(number: int) -> None:
+    """A command was told to end a while ago."""
+    if not _held:  # it has: the interpreter goes on in somebody else's hands
+        return
+    if _compiling():
+        say(f"{WORDS[number]} while kernels were compiled")
+        os._exit(128 + number)
+    say(f"{WORDS[number]}; what is under way is finished first, once more ends it at once")
+
+
+def _compiling() -> bool:
+    """Whether another thread compiles."""
+    locks = sys.modules.get("numba.core.compiler_lock")
+    if locks is None:
+        return False
+    lock = locks.global_compiler_lock._lock  # its own `is_locked` asks whether this very thread has it
+    free = bool(lock.acquire(blocking=False))
+    if free:
+        lock.release()
+    return not free
 
 
 def hung_up() -> None:

@@ -84,7 +84,10 @@ class Care:
             "--over-budget", help="Compute even what this machine seems to have too little memory or disk for."
         ),
     ] = False
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")] = False
+    quiet: Annotated[
+        bool,
+        typer.Option("--quiet", "-q", help="Print no result and no progress: warnings, errors, and what takes long."),
+    ] = False
 
 
 @dataclass(frozen=True)

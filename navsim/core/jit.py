@@ -38,20 +38,39 @@ def digest() -> str:
     return h.hexdigest()[:16]
 
 
-def _cache_folder() -> Path | None:
-    """The folder for this version's machine code, created; None where no place is writable."""
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "navsim"
-    )
-    folder = Path(base) / f"kernels-{digest()}"
+def _base() -> Path | None:
+    """Where the user has machine code kept; None where there is no such place: nobody's home is known."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        return Path(given).expanduser().absolute()
+    place = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    return place / "navsim" if place.is_absolute() else None
+
+
+def _cache_folder() -> tuple[Path | None, str]:
+    """The folder for this version's machine code, created, or None where there is none to read from; and why nothing
+    can be kept, in words, "" where it can."""
+    base = _base()
+    if base is None:
+        return None, "no home folder is known, set NUMBA_CACHE_DIR"
+    folder = base / f"kernels-{digest()}"
+    failed = "it cannot be written"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # machine code is run: nobody else writes it
-        return folder if os.access(folder, os.W_OK) else None
+    except OSError as error:
+        failed = error.strerror or str(error)
+    try:
+        theirs = folder.stat()
     except OSError:
-        return None
+        return None, f"{folder} cannot be made ({failed}), set NUMBA_CACHE_DIR to a folder that can be written"
+    if theirs.st_uid not in (os.geteuid(), 0) or theirs.st_mode & 0o022:
+        return None, f"others may write {folder}, set NUMBA_CACHE_DIR to a folder of your own"
+    if os.access(folder, os.W_OK):
+        return folder, ""
+    return folder, f"{folder} cannot be written, set NUMBA_CACHE_DIR to one that can"
 
 
-_CACHE = _cache_folder()
+_CACHE, _NOT_KEPT = _cache_folder()
 if _CACHE is not None:
     _CONFIG.CACHE_DIR = str(_CACHE)
 
@@ -82,9 +101,11 @@ def mark_warm(name: str) -> None:
         return
 
 
-def cache_place() -> str:
-    """Where the machine code is kept, in words."""
-    return str(_CACHE) if _CACHE is not None else "memory only: set NUMBA_CACHE_DIR to a writable folder"
+def compiling() -> str:
+    """What is said before kernels are compiled: how long it takes, and where the machine code goes."""
+    if _NOT_KEPT:
+        return f"compiling the kernels, up to a minute at every start: {_NOT_KEPT}"
+    return f"compiling the kernels, once, up to a minute; kept in {_CACHE}"
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:

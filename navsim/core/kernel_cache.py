@@ -22,7 +22,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba import config
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.runtime.nrt import rtsys
 
 _DIGEST = 32
@@ -72,16 +73,24 @@ class _CheckedFiles(IndexDataCacheFile):
         _write(filepath, content.getbuffer())
 
 
-def _content(path: str) -> bytes:
-    """What was written to a file. Raises FileNotFoundError, OSError, DamagedCode."""
+def _content(path: str, what: str | None = "machine code") -> bytes:
+    """What was written to a file; damage of `what`, if it has a name, is noted. Raises FileNotFoundError, OSError,
+    DamagedCode."""
     with open(path, "rb") as file:
         digest, content = file.read(_DIGEST), file.read()
     if _digest(path, content) != digest:
         with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
             os.unlink(path)
-        note(f"damaged machine code in {os.path.dirname(path)} was dropped and compiled again")
+        if what is not None:
+            note(f"damaged {what} in {_top()} was dropped and compiled again")
         raise DamagedCode(path)
     return content
+
+
+def _top() -> str:
+    """The folder of this version's machine code."""
+    folder: Any = config
+    return str(folder.CACHE_DIR)
 
 
 def _write(path: str, content: bytes | memoryview) -> None:
@@ -102,8 +111,32 @@ def _digest(path: str, content: bytes | memoryview) -> bytes:
     return digest.digest()
 
 
+class _Place(UserProvidedCacheLocator):
+    """The folder of a kernel: that of its room, wherever navsim is installed; all sources name the folder above. One
+    that cannot be written serves as well for what is in it."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        super().__init__(py_func, py_file)
+        self._folder = os.path.join(_top(), *py_func.__module__.split(".")[1:-1])
+
+    def get_cache_path(self) -> str:
+        return self._folder
+
+    def ensure_cache_path(self) -> None:
+        with contextlib.suppress(OSError):
+            os.makedirs(self._folder, exist_ok=True)
+
+
+class _Placed(CompileResultCacheImpl):
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._locator_classes = [_Place]
+        super().__init__(py_func)
+
+
 class CheckedCache(FunctionCache):
     """The cache of one kernel, with checked files."""
+
+    _impl_class = _Placed
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -125,7 +158,8 @@ class CheckedCache(FunctionCache):
         try:
             super().save_overload(signature, data)
         except OSError as error:
-            note(f"machine code could not be kept in {self._cache_path}: {error.strerror or error}")
+            why = error.strerror or error
+            note(f"machine code could not be kept in {_top()}: {why}; every start compiles it again until it can be")
             self.disable()
 
 
@@ -152,7 +186,7 @@ def remember(path: Path) -> None:
 def load_remembered(path: Path) -> None:
     """Load what a process wrote down that had the same code; nothing where there is no such file."""
     try:
-        kernels = pickle.loads(_content(str(path)))
+        kernels = pickle.loads(_content(str(path), what=None))
     except OSError:
         return
     for module, name, signature in kernels:

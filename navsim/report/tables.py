@@ -145,7 +145,8 @@ def box_to_first_order(result: Result, i: int | None) -> Cell | str:
     shown = "below {:g}" if value < LEAST else "{:.3g}"
     value = max(value, LEAST)
     if i is None:
-        return cell("at most {:.3g}  (if Gaussian)" if value > LEAST else shown, value)
+        several = np.isfinite(chances).sum() > 1  # the sum is a bound
+        return cell(f"{'at most ' if several else ''}{{:.3g}}  (if Gaussian)" if value > LEAST else shown, value)
     return cell(shown + "  (beyond {:g} m, if Gaussian)", value, float(result["/summary/box/limit"][i]))
 
 

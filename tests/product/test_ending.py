@@ -54,6 +54,22 @@ def test_signals_keep_finished_work(number: signal.Signals, tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["long.h5.partial"]
 
 
+def test_a_signal_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
+    """Which takes most of a minute at the first start, and would have it to the end."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cold")}
+    command = [*NAVSIM, "run", str(SCENARIOS / "landing.yaml"), "--figures", "none", "-o", "a.h5"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True, preexec_fn=_listening
+    )
+    assert process.stderr is not None
+    assert "compiling the kernels, once" in process.stderr.readline()
+    time.sleep(6.0)
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert err == "terminated while kernels were compiled\n"
+
+
 def test_signals_in_a_row_show_no_traceback(tmp_path: Path) -> None:
     process = start(tmp_path, *LONG)
     until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))

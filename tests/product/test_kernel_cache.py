@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import navsim
 from navsim.core import kernel_cache
 
 CODE = (
@@ -150,3 +153,72 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     flip(memo)
     assert said(loading) == "0"
     assert not memo.exists()
+
+
+def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: Path) -> None:
+    """Machine code is named by all sources, not by where they lie: a second clone does not compile anew."""
+    result(cache)
+    shutil.copytree(Path(navsim.__file__).parent, tmp_path / "navsim", ignore=shutil.ignore_patterns("__pycache__"))
+    there = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import navsim; assert '{tmp_path}' in navsim.__file__;"
+    assert result(cache, there) == (RIGHT, 1, "")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_a_cache_of_somebody_else_is_not_run(cache: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "cache"
+    shutil.copytree(cache, copied)
+    (folder,) = copied.glob("kernels-*")
+    os.chown(folder, 12345, 12345)
+    assert result(copied)[:2] == (RIGHT, 0)
+
+
+PLACE = "import json; from navsim.core import jit; print(json.dumps([str(jit._CACHE), jit.compiling()]))"
+
+
+def place(setting: dict[str, str], first: str = "") -> tuple[str, str]:
+    """Where machine code is kept, and what is said before kernels are compiled."""
+    left = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    done = subprocess.run(
+        [sys.executable, "-c", first + PLACE],
+        env=left | setting,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    folder, words = json.loads(done.stdout)
+    return folder, words
+
+
+def test_where_machine_code_is_kept(tmp_path: Path) -> None:
+    """Below home, in the folder that is given, from home where it says so; in words, the whole path."""
+    home = {"HOME": str(tmp_path)}
+    for setting, base in (
+        (home, tmp_path / ".cache" / "navsim"),
+        (home | {"NUMBA_CACHE_DIR": "~/own"}, tmp_path / "own"),
+        (home | {"NUMBA_CACHE_DIR": "own"}, Path.cwd() / "own"),
+    ):
+        folder, words = place(setting)
+        try:
+            assert Path(folder).parent == base
+            assert Path(folder).stat().st_mode & 0o777 == 0o700
+            assert words.endswith(f"kept in {folder}")
+        finally:
+            shutil.rmtree(base, ignore_errors=True)
+
+
+def test_where_none_can_be_kept_the_reason_is_said(tmp_path: Path) -> None:
+    """No home, a file in place of a folder, a folder that can only be read: which is used."""
+    nobody = "import os; os.path.expanduser = lambda path: path;"
+    always = "compiling the kernels, up to a minute at every start: "
+    assert place({}, nobody) == ("None", f"{always}no home folder is known, set NUMBA_CACHE_DIR")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    folder, words = place({"NUMBA_CACHE_DIR": str(blocked)})
+    assert folder == "None"
+    assert f"{blocked}/kernels-" in words
+    assert "Not a directory" in words
+    reading = "import os; os.access = lambda *_: False;"
+    folder, words = place({"NUMBA_CACHE_DIR": str(tmp_path)}, reading)
+    assert folder.startswith(str(tmp_path))
+    assert words == f"{always}{folder} cannot be written, set NUMBA_CACHE_DIR to one that can"
