@@ -445,6 +445,25 @@ _INTEGRITY = Chapter(
     ),
 )  # fmt: skip
 
+_ASKED_FOR = "where the scenario has `requirements`"
+_REQUIREMENTS = Chapter(
+    "Requirements",
+    "A verdict on each of the scenario's requirements, presets as their parts.",
+    tuple(
+        _a(f"/summary/requirements/{name}", dims, "1", meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
+        for name, dims, meaning, of in (
+            ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
+            ("statement", "requirement", "what is asked for, in words", TEXT),
+            ("value", "requirement interval", "what was found, in the unit of the statement; nan where the method "
+             "tells nothing of it", NUMBER),
+            ("limit", "requirement", "what is asked for", NUMBER),
+            ("verdict", "requirement", "met, not met or undecided, by the interval", TEXT),
+            ("more_runs", "requirement", "how many more runs like these would decide; nan where none would, or where "
+             "it is decided", NUMBER),
+        )
+    ),
+)  # fmt: skip
+
 _MESSAGE = "{field} of the navigation message"
 _MESSAGES = "where the orbits of the system are broadcast, or an almanac whose messages an export makes"
 
@@ -862,8 +881,8 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTEGRITY, _NAVIGATION, _REPLAY, _LIVE, _SWEEP,
-    _OPTIMIZE, _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY,
+    _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 
