@@ -581,7 +581,25 @@ FILTER_QUANTITIES = {
 }
 """The same of the methods that fly a filter."""
 QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES
-"""Unit and meaning of what placements are judged by, and sweeps are made of."""
+"""Unit and meaning of what placements are judged by."""
+LEVEL_QUANTITIES = {
+    **{
+        f"{level}_{part}": ("m", f"{level} on the glide, {words}")
+        for level in ("hpl", "vpl")
+        for part, words in (("p95", "not exceeded at 95 % of the epochs that have one"), ("max", "largest"))
+    },
+    "level_share": ("1", "share of the epochs of the glide with protection levels"),
+}
+"""Of scenarios whose fixes are watched, by every method."""
+WATCHED_QUANTITIES = {
+    "availability": ("1", "share of the epochs of the glide that is available"),
+    "approaches": ("1", "share of runs available throughout"),
+    "continuity_risk": ("1", "share of stretches of 15 s that begin available and do not stay so"),
+    "hmi": ("1", "share of runs with hazardously misleading information"),
+}
+"""The same of runs, where limits are given."""
+SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
+"""What sweeps are made of."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """What became of a combination of a sweep, by its number."""
@@ -594,12 +612,12 @@ _SWEEP = Chapter(
         _a("/sweep/axes/{varied}", "{of_axis}", "1", "values of {key}", SWEEP, ANY),
         *(
             _a(f"/sweep/{name}", "*axes", units, meaning, SWEEP, when="where it is one of `outputs`")
-            for name, (units, meaning) in QUANTITIES.items()
+            for name, (units, meaning) in SWEEP_QUANTITIES.items()
         ),
         *(
             _a(f"/sweep/{name}_{{end}}", "*axes", units, meaning + ", {end} end of its 95 % interval", SWEEP,
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
-            for name, (units, meaning) in FILTER_QUANTITIES.items()
+            for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES).items()
         ),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
