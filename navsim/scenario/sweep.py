@@ -137,8 +137,8 @@ class Sweep(Section):
     method: Literal["dop", "covariance", "monte-carlo"] = "dop"
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     outputs: list_of(Literal[OUTPUTS]) = ()  # type: ignore[valid-type]
-    """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes, hpl_p95 to
-    hmi, is asked for by name"""
+    """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes,
+    hpl_p95 to hmi, is asked for by name"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
