@@ -77,8 +77,10 @@ class Monitor:
         """Protection levels (e, 2), m, horizontal and vertical: the largest slope times the bias that is missed with
         p_md; inf where a range is not checked, nan without a fix."""
         largest = self.slopes.max(axis=1)
-        bias = self.test.bias(self.solution.degrees)[:, None]
-        return np.where(self.solution.solved[:, None], np.where(largest > 0.0, largest, 0.0) * bias, np.nan)
+        bias = np.broadcast_to(self.test.bias(self.solution.degrees)[:, None], largest.shape)
+        # no slope at all is no error, whatever the bias
+        reach = np.multiply(largest, bias, out=np.zeros_like(largest), where=largest > 0.0)
+        return np.where(self.solution.solved[:, None], reach, np.nan)
 
     @property
     def weighted_vertical(self) -> np.ndarray:

@@ -387,6 +387,22 @@ _BOX = Chapter(
     ),
 )  # fmt: skip
 
+_JAMMED = "where the scenario has `interference`"
+_INTERFERENCE = Chapter(
+    "Interference",
+    "What jammers leave of signals, the same in all runs.",
+    (
+        _a("/interference/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_JAMMED),
+        _a("/interference/source", "source", "1", "names of the sources", _FLOWN, TEXT, when=_JAMMED),
+        _a("/interference/jammer", "jammer", "1", "names of the jammers", _FLOWN, TEXT, when=_JAMMED),
+        _a("/interference/js", "jammer time source", "dB", "power of the jammer by that of the signal; -inf while it "
+           "is not received, nan where the signal is not", _FLOWN, when=_JAMMED),
+        _a("/interference/cn0", "time source", "dB-Hz", "effective carrier to noise density ratio, nan where the "
+           "signal is not used", _FLOWN, when=_JAMMED),
+        _a("/interference/held", "time source", "1", "1 where the signal is used", _FLOWN, WHOLE, when=_JAMMED),
+    ),
+)  # fmt: skip
+
 _WATCHED = "where the scenario has `integrity`"
 _WATCHED_KEPT = f"{_WATCHED}, {_KEPT}"
 _SEPARATED = f"{_WATCHED} with method mhss"
@@ -414,7 +430,7 @@ _INTEGRITY = Chapter(
            WHOLE, when=_WATCHED_KEPT),
         _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix", LANDING,
            when=_WATCHED_KEPT, axis=("horizontal", "vertical")),
-        _a("/summary/integrity/{level}", "statistic", "m", "{level} on the glide, where there is one", _FLOWN,
+        _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, where there is one", _FLOWN,
            when=_WATCHED, level=("hpl", "vpl")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
            when=_WATCHED),
@@ -584,9 +600,9 @@ QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES
 """Unit and meaning of what placements are judged by."""
 LEVEL_QUANTITIES = {
     **{
-        f"{level}_{part}": ("m", f"{level} on the glide, {words}")
+        f"{level}_{part}": ("m", f"{level.upper()} on the glide, {words}")
         for level in ("hpl", "vpl")
-        for part, words in (("p95", "not exceeded at 95 % of the epochs that have one"), ("max", "largest"))
+        for part, words in (("p95", "at 95 % of the epochs with one not above"), ("max", "largest"))
     },
     "level_share": ("1", "share of the epochs of the glide with protection levels"),
 }
@@ -899,8 +915,8 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY,
-    _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTERFERENCE, _INTEGRITY, _REQUIREMENTS, _NAVIGATION,
+    _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

@@ -33,7 +33,7 @@ class Signals:
     rad, also of unused sources. cn0: (e, s) dB-Hz. ionosphere: (e, s) the ionosphere's part of the delay, m. space:
     (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None. fix_sigma: (e, s)
     1 sigma of the pseudoranges that fixes are made from; smoothing: (e, s) int, counts of the carrier smoothing, or
-    None for bare code.
+    None for bare code. js: (j, e, s) power of jammers by that of the signal, dB.
     """
 
     time: np.ndarray
@@ -56,6 +56,7 @@ class Signals:
     space: np.ndarray | None
     fix_sigma: np.ndarray
     smoothing: np.ndarray | None
+    js: np.ndarray
 
     def unfinished(self) -> list[tuple[str, str]]:
         """What breaks the promise of finite numbers: names of source and field."""
@@ -83,6 +84,7 @@ class Signals:
             clock=self.clock[kept],
             space=None if self.space is None else self.space[:, kept],
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
+            js=self.js[:, :, kept],
             **each,
         )
 

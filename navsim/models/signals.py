@@ -17,6 +17,7 @@ from navsim.models import atmosphere, code_loop, pseudorange, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.events import PSEUDOLITES, Event, Scene, happened
+from navsim.models.jamming import Jamming
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.models.systems import CLOCKS, GPS
@@ -76,8 +77,8 @@ class ErrorLaw:
 
 @dataclass(frozen=True)
 class Environment:
-    """All sources of signals, what becomes of them, the antenna that hears them, and what happens; lever_arm (3,) IMU
-    to antenna, body, m."""
+    """All sources of signals, what becomes of them, the antenna that hears them, what happens, and who jams; lever_arm
+    (3,) IMU to antenna, body, m."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -87,6 +88,12 @@ class Environment:
     lever_arm: np.ndarray
     effects: Effects = NO_EFFECTS
     events: tuple[Event, ...] = ()
+    jamming: Jamming | None = None
+
+    @property
+    def placed(self) -> bool:
+        """Whether what else is heard, or how well a pseudolite is, depends on where pseudolites stand."""
+        return self.effects.placed or (self.jamming is not None and self.effects.cn0_reference is not None)
 
     @property
     def systems(self) -> tuple[str, ...]:
@@ -192,6 +199,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         space=None,
         fix_sigma=np.empty((e, s)),
         smoothing=None,
+        js=np.empty((0, e, s)),
     )
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
@@ -274,6 +282,16 @@ def _affected(
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
             ray = code_loop.reflection(effects.reflection, atmosphere.L1, above, float(own), across)
             delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+    rate_sigma, js, jamming = signals.rate_sigma, signals.js, environment.jamming
+    if jamming is not None:
+        carrier = atmosphere.L1 / np.sqrt(ratio2)
+        js = jamming.js(signals.time, signals.antenna, llh, cn0)
+        effective, held = jamming.left(signals.time, js, cn0, chip, carrier)
+        more, faster = jamming.noise(cn0, effective, chip, carrier)
+        sigma = np.where(used, np.sqrt(sigma**2 + more), sigma)
+        rate_sigma = np.where(used, np.sqrt(rate_sigma**2 + faster), rate_sigma)
+        used &= held
+        los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     return replace(
         signals,
@@ -283,6 +301,8 @@ def _affected(
         delay=delay,
         cn0=cn0,
         sigma=sigma,
+        rate_sigma=rate_sigma,
+        js=js,
         ionosphere=ionosphere,
         space=space,
         fix_sigma=fix_sigma,

@@ -113,3 +113,33 @@ def _diagram(ax: Axes, edges: np.ndarray, counts: np.ndarray, limit: float, top:
     ax.set_xlim(0.0, top)
     ax.set_ylim(0.0, top)
     ax.set_aspect("equal")
+
+
+def interference(result: Result) -> Figure:
+    """Effective carrier to noise density ratios over time, and when jammers send."""
+    fig = new_figure(2 * COLUMN, 3.0)
+    ax = fig.subplots()
+    time, cn0 = result["/interference/time"], result["/interference/cn0"]
+    pseudolites = set(map(str, result["/pseudolites/name"]))
+    said: set[str] = set()
+    for i, name in enumerate(map(str, result["/interference/source"])):
+        if np.isnan(cn0[:, i]).all():
+            continue
+        ground = name in pseudolites
+        label = "pseudolites" if ground else "satellites"
+        ax.plot(
+            time, cn0[:, i], color=COLOURS[int(ground)], ls="--" if ground else "-",
+            label=None if label in said else label,
+        )  # fmt: skip
+        said.add(label)
+    for j, name in enumerate(map(str, result["/interference/jammer"])):
+        heard = np.isfinite(result["/interference/js"][j]).any(axis=1)
+        ax.fill_between(
+            time, 0.0, 1.0, where=heard.tolist(), transform=ax.get_xaxis_transform(), color=COLOURS[3 + j % 3],
+            alpha=0.15, lw=0, label=f"{name} is received",
+        )  # fmt: skip
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("time, s")
+    ax.set_ylabel("effective C/N0, dB-Hz")
+    legend_above(fig, ax, 4)
+    return fig

@@ -35,12 +35,12 @@ def _figures(result: Result) -> dict[str, Figure]:
         from navsim.report import rare
 
         return rare.figures(result)
-    from navsim.report import figures
+    from navsim.report import figures, integrity
 
     drawn = figures.landing(result)
+    if "/interference/cn0" in result:
+        drawn["interference"] = integrity.interference(result)
     if "/integrity/hpl" in result:
-        from navsim.report import integrity
-
         drawn["integrity"] = integrity.levels(result)
         if "/integrity/status" in result:
             drawn["stanford"] = integrity.stanford(result)

@@ -297,7 +297,9 @@ def _curves(result: Result, name: str, cube: np.ndarray) -> Figure:
         label = ", ".join(f"{d} = {as_text(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
         scattered = members and len(members) > 1
         ax.plot(at, rows[row], "." if scattered else ".-", ms=3, lw=0.8, color=colour, label=label or None)
-    if not numeric:
+    if numeric:
+        ax.locator_params(axis="x", nbins=5)  # numbers of many digits, as latitudes, would run into each other
+    else:
         ax.set_xticks(at, [str(value) for value in x])
     ax.set_xlabel(dims[axis])
     ax.set_ylabel(fill(_label(result, name), 38))

@@ -2,7 +2,7 @@
 
 Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its
 parameters; where a key may be left out, its default is written there and nowhere else. Sections: `approach`, `sensors`,
-`sky`, `signals`, `events`, `filter`, `integrity`, `requirements`.
+`sky`, `signals`, `events`, `interference`, `filter`, `integrity`, `requirements`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
 from navsim.scenario.integrity import IntegritySection
+from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.requirements import AnyRequirement
 from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
 from navsim.scenario.signals import PseudolitesSection, ReceiverSection, SignalsSection
@@ -65,6 +66,8 @@ class Landing(Section):
     signals: SignalsSection = SignalsSection()
     events: Annotated[list_of(AnyEvent), Field(max_length=100)] = ()  # type: ignore[valid-type]
     """what happens to signals, and when"""
+    interference: InterferenceSection | None = None
+    """jammers; null: none"""
     receiver: ReceiverSection = ReceiverSection()
     filter: FilterSection = FilterSection()
     box: BoxSection | None = None

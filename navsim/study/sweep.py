@@ -204,7 +204,7 @@ class Plan:
         """Whether all combinations only move pseudolites, without effect on what else is heard, and fly no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
         moves &= not set(self.study.wanted()) & set(LEVEL_OUTPUTS)
-        return moves and not self.sources.effects.placed and not self.sources.singled_out
+        return moves and not self.sources.placed and not self.sources.singled_out
 
     @cached_property
     def geometry(self) -> Geometry | None:

@@ -52,6 +52,7 @@ SITE = st.one_of(
     st.just({"lat_deg": 56.01, "lon_deg": 37.02}),
 )
 
+JAMMER = {"name": "J1", "place": {"lat_deg": 56.05, "lon_deg": 37.02}, "centre_mhz": 1590.0}
 DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "epoch": st.sampled_from(["2018-09-13T12:00:00Z", "2018-09-13T04:17:03.5Z"]),
     "duration_s": st.sampled_from([8.0, 30.0, 61.0, 62.3]),
@@ -100,6 +101,12 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
             [{"what": "silence", "sources": ["pseudolites"], "at_s": 3.0, "until_s": 20.0}],
             [{"what": "silence", "sources": ["all"], "at_s": 5.0, "until_s": 7.0}],
             [{"what": "spoof", "sources": ["all"], "offset_ned_m": [9.0, -5.0, 3.0]}],
+        ]
+    ),
+    "interference.jammers": st.sampled_from(
+        [
+            [JAMMER | {"eirp_dbw": 5.0, "waveform": "noise", "bandwidth_mhz": 60.0, "on_s": [[3, 20]]}],
+            [JAMMER | {"eirp_dbw": 30.0, "waveform": "matched"}],
         ]
     ),
     "sky.exclude": st.sampled_from([["R05", "G02"], ["X01"]]),
@@ -165,6 +172,7 @@ ALIKE = {
     "kind": "a name", "version": "a name", "title": "a name",
     "method": "how the filter is judged", "box.": "the same", "requirements": "the same",
     "integrity.": "how fixes are watched",
+    "interference.lock.": "weaker or stronger jammers", "interference.rate_bandwidth_hz": "range rates",
     "imu.": "inertial sensors",
     "altimeter.": "a sensor beside the receiver",
     "initial_errors.": "of the filter", "filter.": "the filter",

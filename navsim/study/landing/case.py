@@ -212,7 +212,7 @@ def environment(
     sky = scenario.sky
     unused = [name for name in (*SOURCES_FROM_FILES, "directions") if name != sky.source and getattr(sky, name)]
     warnings += [f"sky.{name} is not used: sky.source is {sky.source}" for name in unused]
-    lever_arm = np.array(scenario.receiver.lever_arm_m)
+    lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
     sources = Environment(
         satellites,
         listed,
@@ -222,6 +222,7 @@ def environment(
         lever_arm,
         scenario.effects(pseudolites),
         tuple(event.model() for event in scenario.events),
+        None if jammed is None else jammed.model(scenario.runway.height_m, scenario.signals.tracking),
     )
     _check_events(scenario, document, sources)
     return sources, scenario, warnings

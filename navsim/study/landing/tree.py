@@ -27,6 +27,7 @@ def base(case: Case, layout: str) -> Draft:
     _geometry(draft, case)
     _geometry_summary(draft, case)
     _navigation(draft, case)
+    _interference(draft, case)
     return draft
 
 
@@ -77,6 +78,19 @@ def _navigation(draft: Draft, case: Case) -> None:
         draft.put(f"{branch}/message", np.arange(len(sent.fields["healthy"])), {"exact": int(sent.exact)})
         if f"{branch}/position" in draft:
             draft[f"{branch}/xyz"] = np.array(["x", "y", "z"])
+
+
+def _interference(draft: Draft, case: Case) -> None:
+    """What jammers leave of signals, where there are any."""
+    jamming, s = case.environment.jamming, case.world.signals
+    if jamming is None:
+        return
+    draft["/interference/time"] = s.time
+    draft["/interference/source"] = np.array(s.names, dtype=object)
+    draft["/interference/jammer"] = np.array([jammer.name for jammer in jamming.jammers], dtype=object)
+    draft["/interference/js"] = s.js
+    draft["/interference/cn0"] = s.cn0
+    draft["/interference/held"] = s.used.astype(np.int8)
 
 
 def geometry_summary(case: Case) -> Draft:
