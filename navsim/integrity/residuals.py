@@ -77,8 +77,8 @@ class Monitor:
         """Protection levels (e, 2), m, horizontal and vertical: the largest slope times the bias that is missed with
         p_md; inf where a range is not checked, nan without a fix."""
         largest = self.slopes.max(axis=1)
-        bias = self.test.bias(self.solution.degrees)[:, None]
-        return np.where(self.solution.solved[:, None], np.where(largest > 0.0, largest, 0.0) * bias, np.nan)
+        bias = np.where(self.solution.solved, self.test.bias(self.solution.degrees), np.nan)[:, None]
+        return np.asarray(np.where(largest > 0.0, largest, 0.0) * bias)
 
     @property
     def weighted_vertical(self) -> np.ndarray:
