@@ -15,14 +15,13 @@ import numpy as np
 
 from navsim.core.streams import generator
 from navsim.integrity.claims import possible
-from navsim.integrity.separation import Allocation
 from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Result
 from navsim.io.schema import INTEGRITY_TABLE, MOST_LEVELS
 from navsim.models import events
 from navsim.models.pseudorange import Signals
-from navsim.simulation.monitoring import ExpectedFault, Monitoring, Snapshot
+from navsim.simulation.monitoring import Monitoring, Snapshot
 from navsim.study.findings import notes
 from navsim.study.landing import Case
 from navsim.study.landing.integrity import Asked, asked_of, glide_of, told, within
@@ -39,7 +38,7 @@ _FLAGS = ("fix", "detection", "exclusion", "ground_loss")
 
 
 @dataclass(frozen=True)
-class Watched:
+class WatchedGlide:
     """What levels on the glide are computed from.
 
     watching: how fixes are watched. asked: the limits. signals: of the epochs with levels. satellites: (n,) numbers of
@@ -65,13 +64,8 @@ class Watched:
         levels = np.where(np.isfinite(monitor.levels), monitor.levels, np.inf)
         return np.array([within(self.asked, monitor).all(axis=1).mean(), *np.median(levels, axis=0)])
 
-    @property
-    def expected(self) -> tuple[ExpectedFault, ...]:
-        """The faults that levels are of; none where every range is a fault by itself."""
-        return self.watching.expected(self.signals) if isinstance(self.watching.test, Allocation) else ()
 
-
-def watched(case: Case) -> Watched:
+def watched(case: Case) -> WatchedGlide:
     """What levels of a case with limits are computed from. Raises ValueError without a fix epoch on the glide."""
     watching, asked, glide = case.flight.watching, asked_of(case), np.flatnonzero(glide_of(case))
     assert watching is not None
@@ -81,9 +75,9 @@ def watched(case: Case) -> Watched:
     count = min(glide.size, MOST_LEVELS)
     spread = glide[np.arange(count) * (glide.size - 1) // max(count - 1, 1)]
     signals = case.world.signals
-    ground = np.array([system == events.PSEUDOLITES for system in case.environment.systems])
+    ground = np.array([system == events.PSEUDOLITES for system in case.environment.systems], bool)
     throughout = signals.used[glide].all(axis=0)
-    return Watched(
+    return WatchedGlide(
         watching, asked, signals.at(spread), np.flatnonzero(throughout & ~ground),
         np.flatnonzero(ground)[: max(PSEUDOLITES)], glide.size,
     )  # fmt: skip
@@ -101,7 +95,7 @@ def subsets(satellites: np.ndarray, count: int, seed: int) -> np.ndarray:
     return np.array(sorted(found))
 
 
-def cells(here: Watched, seed: int, done: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
+def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[np.ndarray, np.ndarray]:
     """Of each cell (pseudolites, satellites, 4), nan where there are too few sources: the share of epochs with levels
     within their limits of the worst subset, and of the median one, which more than half of the subsets reach; the
     median HPL and VPL, m, that more than half of them keep. And how many subsets there were (satellites,).
@@ -122,7 +116,7 @@ def cells(here: Watched, seed: int, done: Callable[[int], None]) -> tuple[np.nda
     return out, taken
 
 
-def compute(case: Case, here: Watched, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
+def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], None] = lambda _: None) -> Result:
     """Both tables as a result of kind integrity-table; `done(n)` is told how many cells are finished."""
     draft = Draft(INTEGRITY_TABLE)
     draft["/pseudolites"], draft["/satellites"] = np.array(PSEUDOLITES), np.array(SATELLITES)
@@ -137,16 +131,16 @@ def compute(case: Case, here: Watched, seed: int, done: Callable[[int], None] = 
     for name, numbers in (("satellite", here.satellites), ("pseudolite", here.pseudolites)):
         draft[f"/useful/{name}"] = np.array([here.signals.names[i] for i in numbers], dtype=object)
     draft["/useful/hal"], draft["/useful/val"] = here.asked.limits
-    if here.expected:
-        draft["/useful/fault"] = np.array([fault.name for fault in here.expected], dtype=object)
-        draft["/useful/prior"] = np.array([fault.prior for fault in here.expected])
+    if expected := here.watching.expected(here.signals):
+        draft["/useful/fault"] = np.array([fault.name for fault in expected], dtype=object)
+        draft["/useful/prior"] = np.array([fault.prior for fault in expected])
     draft.put("/glide/time", here.signals.time, {"epochs_of_glide": here.epochs})
     out = draft.result(root_attributes("integrity-table", seed, case.scenario))
     out.variables.update(kept(notes([*case.warnings, *told(case), *_several_clocks(here)])))
     return out
 
 
-def _several_clocks(here: Watched) -> list[str]:
+def _several_clocks(here: WatchedGlide) -> list[str]:
     """What the user must hear where flags and levels are not of the same unknowns."""
     sources = np.concatenate([here.satellites, here.pseudolites])
     clocks = np.unique(here.signals.clock[sources]).size

@@ -96,7 +96,8 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     "optimize": ("optimize placement_optimum.yaml", ["pseudolites=[2]", "effort=1"]),
     "table2": ("table2 --runs 2", []),
     "integrity-table": ("integrity-table", ["integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"]),
-    "integrity-table, mhss": ("integrity-table", ["integrity.limits={operation: APV-I, tta_s: 10}"]),
+    "integrity-table, mhss": ("integrity-table",
+                              ["integrity={p_constellation: 1.0e-8, limits: {operation: APV-I, tta_s: 10}}"]),
     "replay": ("replay recorded_flight.yaml", ["tuning=none"]),
 }  # fmt: skip
 LONG = ("long", "azimuth", "elevation", "sweep, runs")

@@ -23,7 +23,7 @@ from tests.layout import as_declared
 
 CHI2 = "integrity={method: chi2, limits: {hal_m: 60, val_m: 70, tta_s: 2}}"
 MHSS = "integrity={p_constellation: 1.0e-8, limits: {hal_m: 100, val_m: 150, tta_s: 2}}"
-RARE = "receiver.rate_hz=0.5"
+SPARSE = "receiver.rate_hz=0.5"
 SPEC = """
 0 | -   | -   | F     | F D G   | F D X G | F D X G
 1 | -   | F   | F D G | F D X G | F D X G | F D X G
@@ -86,9 +86,9 @@ def test_the_same_as_plain_data(made: tuple[Path, str]) -> None:
 
 def heard(*names: str, more: tuple[str, ...]) -> Snapshot:
     """What watches a landing in which nothing else is received, on the glide."""
-    every = case(RARE, *more).world.signals.names
+    every = case(SPARSE, *more).world.signals.names
     silent = [name for name in every if name not in names]
-    quiet = case(RARE, *more, f"events=[{{what: silence, sources: [{', '.join(silent)}]}}]")
+    quiet = case(SPARSE, *more, f"events=[{{what: silence, sources: [{', '.join(silent)}]}}]")
     watching = quiet.flight.watching
     assert watching is not None
     return watching.over(quiet.world.signals.at(np.flatnonzero(glide_of(quiet))))
@@ -98,7 +98,7 @@ def heard(*names: str, more: tuple[str, ...]) -> Snapshot:
 @pytest.mark.parametrize("added", [0, 1, 2])
 def test_levels_are_those_of_a_landing_that_hears_no_more(method: str, added: int) -> None:
     """Of one subset, and the cells of seven satellites by all eight subsets."""
-    here = integrity_table.watched(case(RARE, method))
+    here = integrity_table.watched(case(SPARSE, method))
     names = here.signals.names
     ground = here.pseudolites[:added]
     some = np.concatenate([here.satellites[[0, 2, 3, 5, 6]], ground])
@@ -110,7 +110,7 @@ def test_levels_are_those_of_a_landing_that_hears_no_more(method: str, added: in
 
 
 def test_a_cell_is_the_worst_and_the_median_of_its_subsets() -> None:
-    here = integrity_table.watched(case(RARE, CHI2))
+    here = integrity_table.watched(case(SPARSE, CHI2))
     found, taken = integrity_table.cells(here, 1, lambda _: None)
     assert taken[5] == 8
     ours = np.array([here.judged(np.r_[np.delete(here.satellites, i), here.pseudolites[:1]]) for i in range(8)])
@@ -137,7 +137,7 @@ def test_subsets_are_all_or_drawn_by_the_seed() -> None:
 
 
 def test_separation_tells_its_priors(tmp_path: Path) -> None:
-    done = navsim("integrity-table", "--set", MHSS, "--set", RARE, "-o", "m.h5", cwd=tmp_path)
+    done = navsim("integrity-table", "--set", MHSS, "--set", SPARSE, "-o", "m.h5", cwd=tmp_path)
     result = read(tmp_path / "m.h5")
     as_declared(result)
     assert dict(zip(result["/useful/fault"], result["/useful/prior"], strict=True))["glonass"] == 1e-8
@@ -149,7 +149,7 @@ def test_separation_tells_its_priors(tmp_path: Path) -> None:
 def test_what_a_scenario_lacks_is_left_out(tmp_path: Path) -> None:
     """Without pseudolites two rows have no levels; with two systems ranks are of fewer unknowns than levels."""
     file = SCENARIOS / "landing_gnss_only.yaml"
-    done = navsim("integrity-table", file, "--set", CHI2, "--set", "sky.source=nominal", "--set", RARE, cwd=tmp_path)
+    done = navsim("integrity-table", file, "--set", CHI2, "--set", "sky.source=nominal", "--set", SPARSE, cwd=tmp_path)
     assert "warning: the sources keep 2 clocks" in done.stderr
     result = read(tmp_path / "results" / "integrity_table.h5")
     as_declared(result)
@@ -177,5 +177,5 @@ def test_what_it_cannot_do(tmp_path: Path) -> None:
     smooth = SCENARIOS / "landing_smooth.yaml"
     done = navsim("integrity-table", smooth, "--set", CHI2, "--set", "duration_s=2", cwd=tmp_path, code=3)
     assert "there is no fix epoch on the glide within duration_s" in done.stderr
-    navsim("integrity-table", "--set", CHI2, "--set", RARE, "-q", cwd=tmp_path)
+    navsim("integrity-table", "--set", CHI2, "--set", SPARSE, "-q", cwd=tmp_path)
     assert "has no figures" in navsim("plot", "results/integrity_table.h5", cwd=tmp_path, code=2).stderr

@@ -20,7 +20,7 @@ class IntegrityTableJob:
     kernels, suffix, unit, work, pieces = "integrity-table", "", "cells", "", 0
     extent = integrity_table.CELLS
     case: landing.Case
-    watched: integrity_table.Watched
+    watched: integrity_table.WatchedGlide
 
     def __init__(self, section: Landing, document: Document, seed: int) -> None:
         """Raises InputError for a scenario without limits."""
