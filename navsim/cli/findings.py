@@ -32,5 +32,16 @@ def require(result: Result, target: Path, required: Required) -> None:
 
     wanted = [kind for kind, asked in ((FIX, required.require_fix), (CONSISTENT, required.require_consistent)) if asked]
     wrong = [f"--require-{kind}: {found.text}" for kind in wanted for found in of(result) if kind in found.against]
+    if required.require:
+        wrong += [f"--require: {text}" for text in unmet(result)]
     if wrong:
         leave(RUN_FAILED, *wrong[:-1], f"{wrong[-1]} ({target} is complete)")
+
+
+def unmet(result: Result) -> list[str]:
+    """What is asked of a landing and is not met, or nothing can be said of, in words."""
+    branch = "/summary/requirements"
+    if f"{branch}/verdict" not in result:
+        return ["the scenario has no requirements"]
+    pairs = zip(result[f"{branch}/statement"], result[f"{branch}/verdict"], strict=True)
+    return [f"{statement}: {verdict}" for statement, verdict in pairs if verdict != "met"]

@@ -104,6 +104,10 @@ class Required:
             help="Exit 3 where errors, innovations or the covariance contradict what the filter believes.",
         ),
     ] = False
+    require: Annotated[
+        bool,
+        typer.Option("--require", help="Exit 3 where a requirement of the scenario is not met, or undecided."),
+    ] = False
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

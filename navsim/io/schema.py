@@ -446,6 +446,25 @@ _INTEGRITY = Chapter(
     ),
 )  # fmt: skip
 
+_ASKED_FOR = "where the scenario has `requirements`"
+_REQUIREMENTS = Chapter(
+    "Requirements",
+    "A verdict on each of the scenario's requirements, presets as their parts.",
+    tuple(
+        _a(f"/summary/requirements/{name}", dims, "1", meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
+        for name, dims, meaning, of in (
+            ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
+            ("statement", "requirement", "what is asked for, in words", TEXT),
+            ("value", "requirement interval", "what was found, in the unit of the statement; nan where the method "
+             "tells nothing of it", NUMBER),
+            ("limit", "requirement", "what is asked for", NUMBER),
+            ("verdict", "requirement", "met, not met or undecided, by the interval", TEXT),
+            ("more_runs", "requirement", "how many more runs like these would decide; nan where none would, or where "
+             "it is decided", NUMBER),
+        )
+    ),
+)  # fmt: skip
+
 _MESSAGE = "{field} of the navigation message"
 _MESSAGES = "where the orbits of the system are broadcast, or an almanac whose messages an export makes"
 
@@ -563,7 +582,25 @@ FILTER_QUANTITIES = {
 }
 """The same of the methods that fly a filter."""
 QUANTITIES = DOP_QUANTITIES | FILTER_QUANTITIES
-"""Unit and meaning of what placements are judged by, and sweeps are made of."""
+"""Unit and meaning of what placements are judged by."""
+LEVEL_QUANTITIES = {
+    **{
+        f"{level}_{part}": ("m", f"{level} on the glide, {words}")
+        for level in ("hpl", "vpl")
+        for part, words in (("p95", "not exceeded at 95 % of the epochs that have one"), ("max", "largest"))
+    },
+    "level_share": ("1", "share of the epochs of the glide with protection levels"),
+}
+"""Of scenarios whose fixes are watched, by every method."""
+WATCHED_QUANTITIES = {
+    "availability": ("1", "share of the epochs of the glide that is available"),
+    "approaches": ("1", "share of runs available throughout"),
+    "continuity_risk": ("1", "share of stretches of 15 s that begin available and do not stay so"),
+    "hmi": ("1", "share of runs with hazardously misleading information"),
+}
+"""The same of runs, where limits are given."""
+SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
+"""What sweeps are made of."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """What became of a combination of a sweep, by its number."""
@@ -576,12 +613,12 @@ _SWEEP = Chapter(
         _a("/sweep/axes/{varied}", "{of_axis}", "1", "values of {key}", SWEEP, ANY),
         *(
             _a(f"/sweep/{name}", "*axes", units, meaning, SWEEP, when="where it is one of `outputs`")
-            for name, (units, meaning) in QUANTITIES.items()
+            for name, (units, meaning) in SWEEP_QUANTITIES.items()
         ),
         *(
             _a(f"/sweep/{name}_{{end}}", "*axes", units, meaning + ", {end} end of its 95 % interval", SWEEP,
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
-            for name, (units, meaning) in FILTER_QUANTITIES.items()
+            for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES).items()
         ),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
@@ -911,8 +948,8 @@ _FINDINGS = Chapter(
 )  # fmt: skip
 
 SECTIONS = (
-    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTEGRITY, _NAVIGATION, _REPLAY, _LIVE, _SWEEP,
-    _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTEGRITY, _REQUIREMENTS, _NAVIGATION, _REPLAY,
+    _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

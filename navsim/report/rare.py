@@ -12,7 +12,7 @@ from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
 from navsim.io.findings import several
 from navsim.io.results import Result
 from navsim.report.table import ABSENT, Cell, Table, cell
-from navsim.report.tables import box_head, box_to_first_order, runs_of
+from navsim.report.tables import box_head, box_to_first_order, requirements, runs_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,6 +52,7 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
     row("  runs outside the box", lambda r: cell("{}", int(r["/summary/rare/outside"])))
     row("  time of the box, s", lambda r: cell("{:.2f}", float(r["/summary/box/time"])))
+    requirements(out, results)
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -202,6 +202,33 @@ def _alarms(result: Result) -> Cell | str:
     return cell("{} of {}", alarms, tested)
 
 
+def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
+    """A verdict on each requirement, where there are any."""
+    branch = "/summary/requirements"
+    asked = [result for _, result in results if f"{branch}/verdict" in result]
+    if not asked:
+        return
+    table.head("Requirements", *("verdict: found [95 %]; what would decide" for _ in results))
+    for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
+        table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
+
+
+def _verdict(result: Result, statement: str) -> Cell | str:
+    branch = "/summary/requirements"
+    said = [] if f"{branch}/verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
+    if statement not in said:
+        return ABSENT
+    i = said.index(statement)
+    word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
+    value, low, high = map(float, result[f"{branch}/value"][i])
+    if not np.isfinite(value):
+        return cell("{}: nothing is known of it", word)
+    enough = f"; {more:.2g} more runs" if more >= 1e5 else f"; {more:.0f} more runs" if np.isfinite(more) else ""
+    if low == high or not np.isfinite(low):
+        return cell("{}: {:.4g}" + enough, word, value)
+    return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high)
+
+
 _INTEGRITY = {
     "epochs available": "availability",
     "approaches available throughout": "approaches",
@@ -313,6 +340,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         section(f"Error budget, same {RMS_WINDOW:g} s: horizontal, vertical, m (share of mean square)")
         for i, name in enumerate(analysed["/summary/budget/source"]):
             row(f"  {str(name).replace('_', ' ')}", lambda r, i=i: _budget(r, i))
+    requirements(table, results)
     return table
 
 

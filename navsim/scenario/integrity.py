@@ -20,7 +20,8 @@ AlertLimit = Annotated[float, Field(ge=0.1, le=1e4)] | None
 Bias = Annotated[float, Field(ge=0.0, le=1e3)]
 """A bound of a bias, m."""
 
-OPERATIONS = {
+Operation = Literal["NPA", "APV-I", "APV-II", "LPV-200", "CAT-I", "GBAS-D"]
+OPERATIONS: dict[Operation, tuple[float, float | None]] = {
     "NPA": (556.0, None),
     "APV-I": (40.0, 50.0),
     "APV-II": (40.0, 20.0),
@@ -36,7 +37,7 @@ smaller of 10 to 15 m); doi:10.1186/s43020-020-00010-2, table 1 (LPV-200); RTCA 
 class LimitsSection(Section):
     """What position errors and protection levels are not to exceed, and how soon an alarm is due."""
 
-    operation: Literal["NPA", "APV-I", "APV-II", "LPV-200", "CAT-I", "GBAS-D"] | None = None
+    operation: Operation | None = None
     """its alert limits; or give hal_m, val_m or both"""
     hal_m: AlertLimit = None
     """horizontal alert limit"""

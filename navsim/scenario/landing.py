@@ -2,7 +2,7 @@
 
 Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its
 parameters; where a key may be left out, its default is written there and nowhere else. Sections: `approach`, `sensors`,
-`sky`, `signals`, `filter`, `integrity`.
+`sky`, `signals`, `events`, `filter`, `integrity`, `requirements`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent
 from navsim.scenario.filter import SMOOTHERS, FilterSection
 from navsim.scenario.integrity import IntegritySection
+from navsim.scenario.requirements import AnyRequirement
 from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
 from navsim.scenario.signals import PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
@@ -70,6 +71,8 @@ class Landing(Section):
     """where the position error has to be at the end of a landing; null: anywhere"""
     integrity: IntegritySection | None = None
     """what watches the fixes; null: nothing"""
+    requirements: Annotated[list_of(AnyRequirement), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    """what the landing has to meet: a verdict on each"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -99,6 +102,12 @@ class Landing(Section):
                 self.integrity.check_names(self.pseudolites.names())
             except KeyedError as error:
                 raise reject(str(error), "integrity", *error.path) from None
+        there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
+        there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
+        for i, requirement in enumerate(self.requirements):
+            if not there[requirement.needs]:
+                text = f"speaks of `{requirement.needs}`, which the scenario does not have"
+                raise reject(text, "requirements", i, "what")
         for i, event in enumerate(self.events):
             if event.at_s >= self.duration_s:
                 raise reject(f"is not within duration_s, {self.duration_s:g} s", "events", i, "at_s")

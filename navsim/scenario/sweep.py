@@ -7,11 +7,19 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.io.schema import DOP_QUANTITIES, FILTER_QUANTITIES, QUANTITIES
+from navsim.io.schema import (
+    DOP_QUANTITIES,
+    FILTER_QUANTITIES,
+    LEVEL_QUANTITIES,
+    SWEEP_QUANTITIES,
+    WATCHED_QUANTITIES,
+)
 from navsim.scenario.base import Section, Version, list_of, reject
 
-DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(QUANTITIES)
-"""Outputs of every method; of those that fly a filter besides; of both."""
+DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
+"""Outputs of every method; of those that fly a filter besides; all that there are."""
+LEVEL_OUTPUTS, WATCHED_OUTPUTS = tuple(LEVEL_QUANTITIES), tuple(WATCHED_QUANTITIES)
+"""Outputs of every method where fixes are watched; of runs besides, where limits are given."""
 MOST_VALUES = 100_000
 """Most values an axis may have, counted before they are made."""
 MOST_COMBINATIONS = 100_000_000
@@ -129,7 +137,8 @@ class Sweep(Section):
     method: Literal["dop", "covariance", "monte-carlo"] = "dop"
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     outputs: list_of(Literal[OUTPUTS]) = ()  # type: ignore[valid-type]
-    """what is stored; default: everything the method gives"""
+    """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes,
+    hpl_p95 to hmi, is asked for by name"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
@@ -156,8 +165,12 @@ class Sweep(Section):
             raise reject(f"{many} combinations ({counts}); at most {MOST_COMBINATIONS} are allowed", "vary")
         if self.method == "dop":
             for i, name in enumerate(self.outputs):
-                if name not in DOP_OUTPUTS:
+                if name in FILTER_OUTPUTS:
                     raise reject(f"method dop flies no filter: '{name}' needs covariance or monte-carlo", "outputs", i)
+        if self.method != "monte-carlo":
+            for i, name in enumerate(self.outputs):
+                if name in WATCHED_OUTPUTS:
+                    raise reject(f"'{name}' is of runs: it needs method monte-carlo", "outputs", i)
         return self
 
     @property
@@ -179,4 +192,4 @@ class Sweep(Section):
 
     def wanted(self) -> tuple[str, ...]:
         """The outputs to store."""
-        return self.outputs or (DOP_OUTPUTS if self.method == "dop" else OUTPUTS)
+        return self.outputs or (DOP_OUTPUTS if self.method == "dop" else (*DOP_OUTPUTS, *FILTER_OUTPUTS))

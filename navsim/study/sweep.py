@@ -33,7 +33,7 @@ from navsim.scenario.load import NO_RECORDED, resolved_yaml
 from navsim.scenario.signals import PseudolitesSection
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep, Vary
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS, WATCHED_OUTPUTS, Sweep, Vary
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
@@ -43,6 +43,7 @@ from navsim.study.landing import (
     covariance_analysis,
     covariance_findings,
     covariance_summary,
+    integrity,
     prepare,
     result,
 )
@@ -202,6 +203,7 @@ class Plan:
     def geometry_alone(self) -> bool:
         """Whether all combinations only move pseudolites, without effect on what else is heard, and fly no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
+        moves &= not set(self.study.wanted()) & set(LEVEL_OUTPUTS)
         return moves and not self.sources.effects.placed and not self.sources.singled_out
 
     @cached_property
@@ -296,6 +298,7 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
         set_value(base, "method", study.method, document.place(("method",)), document.folder)
     out = Plan(study, document, base, seed, axes(study, seed))
     _ = out.pinned
+    _check_watched(study, *out.first)
     return out
 
 
@@ -371,13 +374,16 @@ class SweepStudy:
         glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
         lost = int(np.isnan(case.world.dop[glide, 1]).sum())
         out = _of_landing(geometry_summary(case), lost)
+        _check_watched(self.plan.study, scenario, document)
+        if set(self.plan.study.wanted()) & set(LEVEL_OUTPUTS):
+            out |= integrity.level_outputs(case)
         if method == "covariance":
             analysis = covariance_analysis(case)
             outputs = out | filter_outputs(covariance_summary(case, analysis))
             return outputs, site, covariance_findings(case, analysis), warned
         if method == "monte-carlo":
             flown = _flown(case, self.plan.seed, self.plan.study.runs)
-            return out | filter_outputs(flown), site, of(flown), warned
+            return out | filter_outputs(flown) | _watched_outputs(flown), site, of(flown), warned
         epochs = int(glide.sum())
         found = []
         if lost:
@@ -421,12 +427,33 @@ def filter_outputs(tree: Result | Draft) -> dict[str, float]:
     return out
 
 
+def _watched_outputs(flown: Result) -> dict[str, float]:
+    """What is counted of watched fixes, where it is, with the ends of the intervals."""
+    out: dict[str, float] = {}
+    for name in WATCHED_OUTPUTS:
+        if (path := f"/summary/integrity/{name}") in flown:
+            out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, flown[path]), strict=True))
+    return out
+
+
+def _check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
+    """Raise InputError for outputs of watched fixes where nothing watches, or nothing is asked."""
+    section = scenario.integrity
+    for name in study.wanted():
+        lacking = "integrity" if name in LEVEL_OUTPUTS and section is None else ""
+        if name in WATCHED_OUTPUTS and (section is None or section.limits is None):
+            lacking = "integrity.limits"
+        if lacking:
+            text = f"the output {name} needs `{lacking}`, which the scenario does not have"
+            raise InputError([Problem(document.place(("integrity",)), "integrity", text)])
+
+
 def columns(study: Sweep) -> list[str]:
     """What is stored of each combination; Monte Carlo figures come with their intervals."""
     out = []
     for name in study.wanted():
         out.append(name)
-        if study.method == "monte-carlo" and name in FILTER_OUTPUTS:
+        if study.method == "monte-carlo" and name in (*FILTER_OUTPUTS, *WATCHED_OUTPUTS):
             out += [f"{name}_low", f"{name}_high"]
     return out
 

@@ -163,7 +163,8 @@ PLACE = st.tuples(st.sampled_from([-2000.0, -80.0, 300.0]), st.sampled_from([-10
 EXAMPLES, PHASES = 15, (Phase.explicit, Phase.generate)
 ALIKE = {
     "kind": "a name", "version": "a name", "title": "a name",
-    "method": "how the filter is judged", "box.": "the same", "integrity.": "how fixes are watched",
+    "method": "how the filter is judged", "box.": "the same", "requirements": "the same",
+    "integrity.": "how fixes are watched",
     "imu.": "inertial sensors",
     "altimeter.": "a sensor beside the receiver",
     "initial_errors.": "of the filter", "filter.": "the filter",

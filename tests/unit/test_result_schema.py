@@ -19,10 +19,10 @@ from navsim.io.schema import (
     LANDING,
     LAYOUTS,
     LIVE,
-    QUANTITIES,
     REPLAY,
     SECTIONS,
     SWEEP,
+    SWEEP_QUANTITIES,
     WORDS,
     Declared,
     declared,
@@ -78,7 +78,7 @@ def test_one_path_is_one_quantity_in_all_flights() -> None:
 
 
 def test_every_output_of_a_sweep_is_declared() -> None:
-    assert tuple(QUANTITIES) == OUTPUTS
+    assert tuple(SWEEP_QUANTITIES) == OUTPUTS
 
 
 def test_data_get_what_is_declared() -> None:

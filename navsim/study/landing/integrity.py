@@ -13,6 +13,7 @@ import numpy as np
 
 from navsim.integrity.separation import SeparationMonitor
 from navsim.io.draft import Draft
+from navsim.io.schema import COVARIANCE
 from navsim.simulation.landing import Run
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, Snapshot
 from navsim.study.ensemble import Ensemble
@@ -172,6 +173,17 @@ def described(draft: Draft, case: Case) -> None:
     if asked is not None:
         draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = asked.limits
         draft["/summary/integrity/tta"] = asked.alert
+
+
+def level_outputs(case: Case) -> dict[str, float]:
+    """Levels on the glide for those who need no more, by the names that sweeps have for them."""
+    draft = Draft(COVARIANCE)
+    described(draft, case)
+    out = {"level_share": float(draft["/summary/integrity/level_share"])}
+    for name in ("hpl", "vpl"):
+        numbers = draft[f"/summary/integrity/{name}"]
+        out |= {f"{name}_p95": float(numbers[4]), f"{name}_max": float(numbers[2])}
+    return out
 
 
 def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:

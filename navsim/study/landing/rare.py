@@ -27,6 +27,7 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
+from navsim.study.landing import requirements
 from navsim.study.landing.box import AXES, Box, box_of, to_first_order, where_limited
 from navsim.study.landing.case import Case
 from navsim.study.landing.ensemble import (
@@ -262,6 +263,7 @@ def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
     ):
         draft[f"/summary/rare/{name}"] = data
     draft["/summary/count/runs"] = np.int64(flown.runs)
+    requirements.judged(draft, case, flown.runs)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(findings(case, edge, flown)))
     return out

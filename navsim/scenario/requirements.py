@@ -1,0 +1,152 @@
+"""What a landing has to meet: the list `requirements`, statements that a study ends with a verdict on."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from navsim.scenario.base import Section, reject
+from navsim.scenario.integrity import OPERATIONS, Operation
+
+Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+"""Of runs, or of epochs, that is asked for."""
+Risk = Annotated[float, Field(ge=1e-12, le=0.5)]
+"""A probability that is allowed."""
+Length = Annotated[float, Field(ge=1e-3, le=1e6)]
+Height = Literal["touchdown", "50ft", "100ft", "200ft"]
+
+
+class RequirementSection(Section):
+    """A statement that is to hold; every kind has its own word for `what`."""
+
+    what: str
+
+    @property
+    def needs(self) -> str:
+        """The section that it speaks of: "", `box`, `integrity`, or `integrity.limits`."""
+        return ""
+
+
+class ErrorRequirement(RequirementSection):
+    """The filter's error at a height stays below a size in a share of the runs."""
+
+    what: Literal["error"]
+    of: Literal["lateral", "along", "vertical"]
+    at: Height = "touchdown"
+    below_m: Length
+    share: Share = 0.95
+
+
+class RmsRequirement(RequirementSection):
+    """The root mean square of the filter's error over the last seconds before touchdown."""
+
+    what: Literal["rms"]
+    of: Literal["horizontal", "vertical"]
+    below_m: Length
+
+
+class BoxRequirement(RequirementSection):
+    """A landing ends outside the scenario's box less often than this."""
+
+    what: Literal["box"]
+    at_most: Risk
+
+    @property
+    def needs(self) -> str:
+        return "box"
+
+
+class LevelRequirement(RequirementSection):
+    """A protection level of the fixes is within a size at a share of the epochs of the glide."""
+
+    what: Literal["level"]
+    of: Literal["hpl", "vpl"]
+    below_m: Length
+    share: Share = 0.99
+
+    @property
+    def needs(self) -> str:
+        return "integrity"
+
+
+class AvailabilityRequirement(RequirementSection):
+    """A share of the epochs of the glide, or of approaches throughout, is available."""
+
+    what: Literal["availability", "approaches"]
+    at_least: Share
+
+    @property
+    def needs(self) -> str:
+        return "integrity.limits"
+
+
+class RiskRequirement(RequirementSection):
+    """Continuity is lost within 15 s, or a run misleads, less often than this."""
+
+    what: Literal["continuity", "misleading"]
+    at_most: Risk
+
+    @property
+    def needs(self) -> str:
+        return "integrity.limits"
+
+
+class AlertRequirement(RequirementSection):
+    """An alarm comes within this time wherever an error was beyond its limit, and the level within it."""
+
+    what: Literal["time_to_alert"]
+    within_s: Annotated[float, Field(ge=0.0, le=60.0)]
+
+    @property
+    def needs(self) -> str:
+        return "integrity.limits"
+
+
+CONTINUITY, INTEGRITY = 8e-6, 2e-7
+"""Continuity risk in 15 s and integrity risk of an approach: ICAO Annex 10, volume I, table 3.7.2.4-1 (of continuity
+the larger end of the range)."""
+
+
+class PresetRequirement(RequirementSection):
+    """All that an operation asks for: its alert limits at a share of the epochs, continuity, integrity."""
+
+    what: Literal["preset"]
+    operation: Operation
+    availability: Share = 0.99
+    """Annex 10 has 0.99 to 0.99999"""
+
+    @property
+    def needs(self) -> str:
+        return "integrity.limits"
+
+    @model_validator(mode="after")
+    def _of_approaches(self) -> Self:
+        if self.operation in ("NPA", "GBAS-D"):
+            raise reject(
+                "continuity and integrity of NPA and GBAS D are by the hour or by parts of the approach; give single "
+                "requirements",
+                "operation",
+            )
+        return self
+
+    def parts(self) -> tuple[AnySingle, ...]:
+        """The single requirements."""
+        horizontal, vertical = OPERATIONS[self.operation]
+        levels = [LevelRequirement(what="level", of="hpl", below_m=horizontal, share=self.availability)]
+        if vertical is not None:
+            levels.append(LevelRequirement(what="level", of="vpl", below_m=vertical, share=self.availability))
+        return (
+            *levels,
+            RiskRequirement(what="continuity", at_most=CONTINUITY),
+            RiskRequirement(what="misleading", at_most=INTEGRITY),
+        )
+
+
+AnySingle = (
+    ErrorRequirement | RmsRequirement | BoxRequirement | LevelRequirement | AvailabilityRequirement | RiskRequirement
+    | AlertRequirement
+)  # fmt: skip
+"""A requirement that is one statement."""
+AnyRequirement = Annotated[AnySingle | PresetRequirement, Field(discriminator="what")]
+"""An entry of `requirements`."""

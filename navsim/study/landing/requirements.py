@@ -1,0 +1,224 @@
+"""Whether a landing meets what it has to: a verdict on each of the scenario's `requirements`, as
+`/summary/requirements`.
+
+What a verdict rests on is what the summary of the result says, with its 95 % interval: met where all of it is on the
+right side of what is asked for, not met where all of it is on the wrong one, undecided else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.arrays import normal
+from navsim.io.draft import Draft
+from navsim.io.schema import COVARIANCE, HEIGHTS, RARE
+from navsim.scenario.requirements import (
+    AlertRequirement,
+    AnySingle,
+    AvailabilityRequirement,
+    BoxRequirement,
+    ErrorRequirement,
+    LevelRequirement,
+    PresetRequirement,
+    RiskRequirement,
+    RmsRequirement,
+)
+from navsim.study.landing.case import Case
+from navsim.study.landing.integrity import glide_of
+from navsim.study.statistics import rms_interval_of_means, share_interval
+
+MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
+MOST_RUNS = 10**12
+"""Where it is given up to look for a number of runs."""
+_AXES = ("lateral", "along", "vertical")
+
+
+@dataclass(frozen=True)
+class Fulfilment:
+    """What was found of a requirement. value: (3,) with its interval, nan where nothing is known. limit: that is asked
+    for. least: whether it is a lower one. again: the interval that so many runs would give, if they were like these."""
+
+    text: str
+    value: np.ndarray
+    limit: float
+    least: bool = False
+    again: Callable[[int], np.ndarray] | None = None
+
+    def verdict(self, value: np.ndarray | None = None) -> str:
+        """Of what was found, or of another value (3,)."""
+        _, low, high = self.value if value is None else value
+        good, bad = (low >= self.limit, high < self.limit) if self.least else (high <= self.limit, low > self.limit)
+        return MET if good else NOT_MET if bad else UNDECIDED
+
+    def more(self, runs: int) -> float:
+        """How many more runs would decide, if they were like these; nan where none would, or where it is decided."""
+        if self.again is None or self.verdict() != UNDECIDED or np.isnan(self.value[0]):
+            return math.nan
+        low, high = runs, 2 * runs
+        while self.verdict(self.again(high)) == UNDECIDED:
+            low, high = high, 2 * high
+            if high > MOST_RUNS:
+                return math.nan
+        while high - low > max(1, low // 100):
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.verdict(self.again(middle)) == UNDECIDED else (low, middle)
+        return float(high - runs)
+
+
+UNKNOWN = np.full(3, np.nan)
+"""Of what a method tells nothing."""
+
+
+def single(case: Case) -> list[AnySingle]:
+    """The requirements of a scenario, presets as their parts."""
+    out: list[AnySingle] = []
+    for one in case.scenario.requirements:
+        out += one.parts() if isinstance(one, PresetRequirement) else (one,)
+    return out
+
+
+def judged(draft: Draft, case: Case, runs: int, moments: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+    """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for. moments: of a
+    covariance analysis, mean (h, 3) and 1 sigma (h, 3) of the errors at the heights."""
+    asked = single(case)
+    if not asked:
+        return
+    found = [_found(one, draft, case, runs, moments) for one in asked]
+    branch = "/summary/requirements"
+    draft[f"{branch}/requirement"] = np.arange(1, len(found) + 1)
+    draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
+    draft[f"{branch}/value"] = np.stack([one.value for one in found])
+    draft[f"{branch}/limit"] = np.array([one.limit for one in found])
+    draft[f"{branch}/verdict"] = np.array([one.verdict() for one in found], dtype=object)
+    draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
+
+
+def _found(
+    one: AnySingle, draft: Draft, case: Case, runs: int, moments: tuple[np.ndarray, np.ndarray] | None
+) -> Fulfilment:
+    """What a summary says of a requirement."""
+    text, limit, least = _statement(one)
+    nothing = Fulfilment(text, UNKNOWN, limit, least)
+    if isinstance(one, BoxRequirement):
+        return _of_box(nothing, draft, runs)
+    if draft.layout == RARE:
+        return nothing
+    if isinstance(one, ErrorRequirement):
+        return _of_error(one, nothing, draft, runs, moments)
+    if isinstance(one, RmsRequirement):
+        return _of_rms(one, nothing, draft, runs)
+    if isinstance(one, LevelRequirement):
+        return replace(nothing, value=_exactly(_share_of_levels(one, draft, case)))
+    if draft.layout == COVARIANCE:
+        return nothing
+    if isinstance(one, AlertRequirement):
+        return replace(nothing, value=_exactly(float(draft["/summary/integrity/time_to_alert"])))
+    return _of_shares(one, nothing, draft, runs)
+
+
+def _statement(one: AnySingle) -> tuple[str, float, bool]:
+    """A requirement in words, what is asked for, and whether that is a lower limit."""
+    if isinstance(one, ErrorRequirement):
+        height = one.at.replace("ft", " ft")
+        return f"{one.of} error at {height} below {one.below_m:g} m in {100 * one.share:g} % of runs", one.share, True
+    if isinstance(one, RmsRequirement):
+        return f"{one.of} RMS error before touchdown below {one.below_m:g} m", one.below_m, False
+    if isinstance(one, BoxRequirement):
+        return f"outside the box in at most {one.at_most:g} of landings", one.at_most, False
+    if isinstance(one, LevelRequirement):
+        name = one.of.upper()
+        return f"{name} within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
+    if isinstance(one, AvailabilityRequirement):
+        what = "epochs of the glide" if one.what == "availability" else "approaches throughout"
+        return f"{100 * one.at_least:g} % of {what} available", one.at_least, True
+    if isinstance(one, RiskRequirement):
+        what = "continuity lost in 15 s" if one.what == "continuity" else "misleading information"
+        return f"{what} with a risk of at most {one.at_most:g}", one.at_most, False
+    return f"an alarm within {one.within_s:g} s", one.within_s, False
+
+
+def _exactly(value: float) -> np.ndarray:
+    return np.full(3, value)
+
+
+def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
+    """Of a share of runs."""
+    share = count / runs
+
+    def again(n: int) -> np.ndarray:
+        return share_interval(round(share * n), n)
+
+    return replace(nothing, value=share_interval(count, runs), again=again)
+
+
+def _of_box(nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+    if draft.layout == RARE:
+        value = draft["/summary/rare/probability"]
+
+        def pushed(n: int) -> np.ndarray:
+            reach = np.log(value[1:] / value[0]) * math.sqrt(runs / n)
+            return np.array([value[0], *(value[0] * np.exp(reach))])
+
+        return replace(nothing, value=value, again=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
+    if draft.layout == COVARIANCE:  # at most: the sum over its sides
+        return replace(nothing, value=_exactly(min(1.0, float(np.nansum(draft["/summary/box/axis_first_order"])))))
+    return _counted(nothing, int(draft["/summary/box/outside"]), runs)
+
+
+def _of_error(
+    one: ErrorRequirement,
+    nothing: Fulfilment,
+    draft: Draft,
+    runs: int,
+    moments: tuple[np.ndarray, np.ndarray] | None,
+) -> Fulfilment:
+    height, axis = list(HEIGHTS).index(one.at), _AXES.index(one.of)
+    if moments is not None:
+        mean, sigma = (float(moment[height, axis]) for moment in moments)
+        if not math.isfinite(sigma):
+            return nothing
+        return replace(nothing, value=_exactly(1.0 - float(normal.exceedance(np.array(one.below_m), mean, sigma))))
+    error = draft[f"/summary/at/{one.of}_run"][:, height]
+    if np.isnan(error).all():  # the height is not passed
+        return nothing
+    return _counted(nothing, int((np.abs(error) < one.below_m).sum()), runs)
+
+
+def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+    value = draft[f"/summary/rms/{one.of}"]
+    if draft.layout == COVARIANCE or not np.isfinite(value).all():
+        return replace(nothing, value=value)
+    axes = draft["/summary/rms/position_ned"][:, 0]
+    squares = (axes[:2] if one.of == "horizontal" else axes[2:]) ** 2
+    return replace(nothing, value=value, again=lambda n: rms_interval_of_means(squares, n))
+
+
+def _share_of_levels(one: LevelRequirement, draft: Draft, case: Case) -> float:
+    """Share of the epochs of the glide with a level within the size; what is no level is not."""
+    glide = glide_of(case)
+    return float(np.mean(draft[f"/integrity/{one.of}"][glide] <= one.below_m)) if glide.any() else math.nan
+
+
+def _of_shares(
+    one: AvailabilityRequirement | RiskRequirement, nothing: Fulfilment, draft: Draft, runs: int
+) -> Fulfilment:
+    branch = "/summary/integrity"
+    if one.what in ("approaches", "misleading"):
+        value = draft[f"{branch}/{'hmi' if one.what == 'misleading' else one.what}"]
+        return _counted(nothing, round(float(value[0]) * runs), runs)
+    value = draft[f"{branch}/{'continuity_risk' if one.what == 'continuity' else one.what}"]
+    if not np.isfinite(value).all():
+        return replace(nothing, value=np.array([value[0], np.nan, np.nan]))
+    none_or_all = value[0] in (0.0, 1.0)
+
+    def again(n: int) -> np.ndarray:
+        if none_or_all:  # as `integrity.share_over_runs` has it
+            return share_interval(int(value[0]) * n, n)
+        reach = (value[1:] - value[0]) * math.sqrt(runs / n)
+        return np.array([value[0], *np.clip(value[0] + reach, 0.0, 1.0)])
+
+    return replace(nothing, value=value, again=again)

@@ -1,0 +1,160 @@
+"""Verdicts on requirements: by intervals, of every method, and what more runs would do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.io.results import Result, read
+from navsim.study.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment
+from navsim.study.statistics import rms_interval_of_means, share_interval
+from tests.helpers import SCENARIOS, scenario
+from tests.layout import as_declared
+from tests.product.test_run import navsim
+
+WATCHED = "integrity={method: chi2, p_fa: 1.0e-2, limits: {hal_m: 60, val_m: 90, tta_s: 1}}"
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "least", "verdict"),
+    [
+        ((0.5, 0.4, 0.6), 0.6, False, MET),
+        ((0.5, 0.4, 0.6), 0.59, False, UNDECIDED),
+        ((0.5, 0.4, 0.6), 0.4, False, UNDECIDED),
+        ((0.5, 0.4, 0.6), 0.39, False, NOT_MET),
+        ((0.5, 0.4, 0.6), 0.4, True, MET),
+        ((0.5, 0.4, 0.6), 0.41, True, UNDECIDED),
+        ((0.5, 0.4, 0.6), 0.61, True, NOT_MET),
+        ((0.5, np.nan, np.nan), 0.1, True, UNDECIDED),
+        ((np.nan, np.nan, np.nan), 0.1, False, UNDECIDED),
+    ],
+)
+def test_verdicts(value: tuple[float, ...], limit: float, least: bool, verdict: str) -> None:
+    assert Fulfilment("", np.array(value), limit, least).verdict() == verdict
+
+
+@pytest.mark.parametrize(("count", "runs", "limit", "least"), [(93, 100, 0.95, True), (0, 50, 1e-3, False)])
+def test_more_runs_of_a_share_decide(count: int, runs: int, limit: float, least: bool) -> None:
+    """As many as are told; a count is whole, so about as many."""
+    found = Fulfilment(
+        "", share_interval(count, runs), limit, least, lambda n: share_interval(round(count / runs * n), n)
+    )
+    more = found.more(runs)
+    total = runs + round(more)
+    assert found.verdict(share_interval(round(count / runs * total), total)) != UNDECIDED
+    fewer = runs + round(0.85 * more)
+    assert found.verdict(share_interval(round(count / runs * fewer), fewer)) == UNDECIDED
+
+
+def test_more_runs_of_a_root_mean_square() -> None:
+    squares = np.array([0.05, 0.04])
+    found = Fulfilment("", rms_interval_of_means(squares, 30), 0.31, again=lambda n: rms_interval_of_means(squares, n))
+    more = found.more(30)
+    assert rms_interval_of_means(squares, 30 + round(more))[2] <= 0.31 < rms_interval_of_means(squares, 30)[2]
+    # exactly what is asked for is never decided
+    at_the_edge = Fulfilment(
+        "", np.array([0.3, 0.2, 0.4]), 0.3, again=lambda n: np.array([0.3, 0.3 - 1 / n, 0.3 + 1 / n])
+    )
+    assert np.isnan(at_the_edge.more(10))
+
+
+def flown(folder: Path, requirements: list[dict[str, Any]], *options: object, code: int = 0) -> tuple[Result, str]:
+    brief = ("duration_s=70", "receiver.rate_hz=2", "filter.kind=eskf", "box={lateral_m: 0.5}", WATCHED)
+    settings = [part for key in (*brief, f"requirements={json.dumps(requirements)}") for part in ("--set", key)]
+    done = navsim("run", SCENARIOS / "landing.yaml", *settings, *options, "--figures", "none", "-o", "a.h5", cwd=folder,
+                  code=code)  # fmt: skip
+    result = read(folder / "a.h5")
+    as_declared(result)
+    return result, done.stdout + done.stderr
+
+
+ALL: list[dict[str, Any]] = [
+    {"what": "error", "of": "lateral", "at": "100ft", "below_m": 0.6, "share": 0.5},
+    {"what": "rms", "of": "vertical", "below_m": 5.0},
+    {"what": "box", "at_most": 0.4},
+    {"what": "level", "of": "vpl", "below_m": 90.0},
+    {"what": "approaches", "at_least": 0.9},
+    {"what": "availability", "at_least": 0.9},
+    {"what": "continuity", "at_most": 1e-6},
+    {"what": "misleading", "at_most": 1e-6},
+    {"what": "time_to_alert", "within_s": 2},
+    {"what": "preset", "operation": "APV-I"},
+]
+
+
+def test_runs_are_judged(tmp_path: Path) -> None:
+    """Figures are those of the rest of the result; 40 runs of which a hundredth of the fixes alarms."""
+    result, said = flown(tmp_path, ALL, "--runs", 40)
+    branch = "/summary/requirements"
+    values, verdicts = result[f"{branch}/value"], [str(word) for word in result[f"{branch}/verdict"]]
+    inside = np.abs(result["/summary/at/lateral_run"][:, 2]) < 0.6
+    np.testing.assert_allclose(values[0], share_interval(int(inside.sum()), 40))
+    np.testing.assert_array_equal(values[1], result["/summary/rms/vertical"])
+    np.testing.assert_array_equal(values[2], result["/summary/box/probability"])
+    np.testing.assert_array_equal(values[4], result["/summary/integrity/approaches"])
+    np.testing.assert_array_equal(values[5], result["/summary/integrity/availability"])
+    np.testing.assert_array_equal(values[6], result["/summary/integrity/continuity_risk"])
+    np.testing.assert_array_equal(values[7], result["/summary/integrity/hmi"])
+    assert verdicts[:10] == [MET, MET, MET, MET, NOT_MET, MET, NOT_MET, UNDECIDED, UNDECIDED, MET]
+    statements = [str(text) for text in result[f"{branch}/statement"]]
+    assert statements[9:] == [
+        "HPL within 40 m at 99 % of epochs of the glide", "VPL within 50 m at 99 % of epochs of the glide",
+        "continuity lost in 15 s with a risk of at most 8e-06", "misleading information with a risk of at most 2e-07",
+    ]  # fmt: skip
+    assert float(result[f"{branch}/more_runs"][7]) == pytest.approx(-np.log(0.025) / 1e-6, rel=0.02)
+    assert "lateral error at 100 ft below 0.6 m in 50 % of runs" in said
+    assert "met: " in said
+
+
+def test_the_exit_code_follows_where_it_is_asked_to(tmp_path: Path) -> None:
+    good, bad = (
+        [{"what": "rms", "of": "vertical", "below_m": 50.0}],
+        [{"what": "rms", "of": "vertical", "below_m": 0.01}],
+    )
+    flown(tmp_path, good, "--runs", 8, "--require")
+    _, said = flown(tmp_path, bad, "--runs", 8, "--require", code=3)
+    assert "--require: vertical RMS error before touchdown below 0.01 m: not met" in said
+    flown(tmp_path, bad, "--runs", 8)
+
+
+def test_covariance_analysis_and_pushed_runs_judge_what_they_know(tmp_path: Path) -> None:
+    some = [ALL[0], ALL[2], ALL[3], ALL[4], ALL[1]]
+    analysed, _ = flown(tmp_path, some, "--method", "covariance")
+    value, verdicts = (analysed[f"/summary/requirements/{name}"] for name in ("value", "verdict"))
+    assert list(verdicts) == [MET, MET, MET, UNDECIDED, MET]
+    # the median of the error's size lies where half of it does
+    (middle,) = analysed["/summary/at/lateral_percentile"][2:3, 0]
+    again, _ = flown(tmp_path, [ALL[0] | {"below_m": float(middle)}], "--method", "covariance", "--force")
+    assert float(again["/summary/requirements/value"][0, 0]) == pytest.approx(0.5, abs=1e-9)
+    assert np.isnan(value[3]).all()
+
+
+def test_pushed_runs_judge_the_box(tmp_path: Path) -> None:
+    settings = ("--set", "filter.kind=eskf", "--set", "box={lateral_m: 0.5}", "--set", "receiver.rate_hz=2", "--set",
+                f"requirements={json.dumps([ALL[2], ALL[1]])}")  # fmt: skip
+    navsim("run", SCENARIOS / "landing.yaml", "--method", "rare", "--runs", 64, *settings, "--figures", "none", "-q",
+           "-o", "a.h5", cwd=tmp_path)  # fmt: skip
+    result = read(tmp_path / "a.h5")
+    as_declared(result)
+    np.testing.assert_array_equal(result["/summary/requirements/value"][0], result["/summary/rare/probability"])
+    assert list(result["/summary/requirements/verdict"]) == [MET, UNDECIDED]
+
+
+@pytest.mark.parametrize(
+    ("requirement", "says"),
+    [
+        ({"what": "box", "at_most": 1e-6}, "requirements.0.what: speaks of `box`"),
+        ({"what": "level", "of": "hpl", "below_m": 40}, "requirements.0.what: speaks of `integrity`"),
+        ({"what": "continuity", "at_most": 1e-6}, "requirements.0.what: speaks of `integrity.limits`"),
+        ({"what": "preset", "operation": "NPA"}, "requirements.0.operation: continuity and integrity of NPA"),
+        ({"what": "errors"}, "did you mean 'error'?"),
+    ],
+)
+def test_requirements_of_what_is_not_there(requirement: dict[str, Any], says: str) -> None:
+    with pytest.raises(Exception, match="requirements") as error:
+        scenario(f"requirements={json.dumps([requirement])}")
+    assert says in str(error.value)

@@ -1,0 +1,78 @@
+"""Sweeps of protection levels and of what is counted of watched fixes: the numbers of single runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.io.results import Result, read
+from tests.helpers import SCENARIOS
+from tests.layout import as_declared
+from tests.product.test_run import navsim
+
+WATCHED = {
+    "integrity": {"method": "chi2", "p_fa": 1e-2, "limits": {"hal_m": 60, "val_m": 90, "tta_s": 1}},
+    "duration_s": 62,
+    "receiver.rate_hz": 2,
+    "filter.kind": "eskf",
+}
+
+
+def study(folder: Path, text: str, settings: dict[str, object] = WATCHED) -> Path:
+    path = folder / "study.yaml"
+    base = SCENARIOS / "landing.yaml"
+    vary = "vary: [{key: pseudolites.count, values: [0, 2]}]"
+    path.write_text(f"kind: sweep\nversion: 1\nbase: {base}\nset: {json.dumps(settings)}\n{vary}\n{text}")
+    return path
+
+
+def single(folder: Path, count: int, *options: object) -> Result:
+    keys = [part for key, value in WATCHED.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    navsim(
+        "run", SCENARIOS / "landing.yaml", *keys, "--set", f"pseudolites.count={count}", *options,
+        "--figures", "none", "-q", "-o", f"one{count}.h5", "--force", cwd=folder,
+    )  # fmt: skip
+    return read(folder / f"one{count}.h5")
+
+
+def test_levels_are_those_of_single_landings(tmp_path: Path) -> None:
+    """By geometry alone, by number of pseudolites."""
+    path = study(tmp_path, "outputs: [pdop, hpl_p95, vpl_max, level_share]")
+    navsim("sweep", path, "--figures", "none", "-q", "-o", "s.h5", cwd=tmp_path)
+    swept = read(tmp_path / "s.h5")
+    as_declared(swept)
+    for i, count in enumerate((0, 2)):
+        one = single(tmp_path, count, "--method", "covariance")
+        assert swept["/sweep/hpl_p95"][i] == one["/summary/integrity/hpl"][4]
+        assert swept["/sweep/vpl_max"][i] == one["/summary/integrity/vpl"][2]
+    assert swept["/sweep/hpl_p95"][1] < swept["/sweep/hpl_p95"][0]
+    np.testing.assert_array_equal(swept["/sweep/level_share"], 1.0)
+
+
+def test_counts_are_those_of_single_ensembles(tmp_path: Path) -> None:
+    path = study(
+        tmp_path, "method: monte-carlo\nruns: 8\noutputs: [availability, approaches, continuity_risk, hmi, vpl_p95]"
+    )
+    navsim("sweep", path, "--figures", "none", "-q", "-o", "s.h5", cwd=tmp_path)
+    swept = read(tmp_path / "s.h5")
+    as_declared(swept)
+    one = single(tmp_path, 2, "--runs", 8, "--keep", "none")
+    for name in ("availability", "approaches", "continuity_risk", "hmi"):
+        found = [swept[f"/sweep/{name}{end}"][1] for end in ("", "_low", "_high")]
+        np.testing.assert_array_equal(found, one[f"/summary/integrity/{name}"])
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "says"),
+    [
+        ("outputs: [hpl_p95]", {}, "the output hpl_p95 needs `integrity`"),
+        ("method: monte-carlo\noutputs: [hmi]", {"integrity": {}}, "the output hmi needs `integrity.limits`"),
+        ("outputs: [hmi]", WATCHED, "'hmi' is of runs: it needs method monte-carlo"),
+    ],
+)
+def test_outputs_of_what_nobody_watches(tmp_path: Path, text: str, settings: dict[str, object], says: str) -> None:
+    done = navsim("sweep", study(tmp_path, text, settings), "-o", "s.h5", cwd=tmp_path, code=2)
+    assert says in done.stderr
