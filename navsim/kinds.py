@@ -49,6 +49,7 @@ KINDS = {
         "log",
     ),
     "table2": Kind("table2", "navsim.report.table2:VIEW"),
+    "integrity-table": Kind("integrity-table", "navsim.report.integrity_table:VIEW"),
     "live": Kind("live", "navsim.report.live:VIEW"),
 }  # fmt: skip
 OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)

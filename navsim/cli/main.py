@@ -17,6 +17,7 @@ from navsim.kinds import named
 _PLACES = {
     "run": "navsim.cli.run:run",
     "table2": "navsim.cli.studies:table2",
+    "integrity-table": "navsim.cli.studies:integrity_table",
     "sweep": "navsim.cli.studies:sweep",
     "optimize": "navsim.cli.studies:optimize",
     "replay": "navsim.cli.recorded:replay",

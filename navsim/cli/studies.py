@@ -1,4 +1,4 @@
-"""`navsim sweep`, `navsim optimize`, `navsim table2`: studies over many scenarios."""
+"""`navsim sweep`, `navsim optimize`, `navsim table2`, `navsim integrity-table`: studies over many scenarios."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out, method_given, opened, target_for
-from navsim.cli.common import leave
+from navsim.cli.carry_out import Wanted, carry_out, failures, method_given, opened, target_for
+from navsim.cli.common import leave, target_of
 from navsim.cli.ending import CHECK_FAILED
 from navsim.cli.options import (
     Care,
@@ -128,3 +128,41 @@ def table2(given: Table2Options, care: Care) -> None:
     broken = [name for name in ("C3", "C4") if not held[name]]
     if broken:
         leave(CHECK_FAILED, f"claims that must hold fail: {', '.join(broken)}")
+
+
+@dataclass(frozen=True)
+class IntegrityTableOptions:
+    """What the tables are of, and where they go."""
+
+    output: Annotated[Path | None, output_option("results/integrity_table.h5")] = None
+    seed: SeedOption = 1
+    set_: Annotated[list[str] | None, set_option("scenario")] = None
+    dry_run: Annotated[bool, dry_run_option("Check everything, compute nothing.")] = False
+    json_: JsonOption = False
+
+
+def integrity_table(
+    given: IntegrityTableOptions,
+    care: Care,
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="SCENARIO.yaml", help="The landing to read. Default: the shipped landing.yaml.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """What few satellites and pseudolites make possible, and useful.
+
+    By rank: a fix, detection and exclusion of faults. By protection levels on the glide, with the scenario's
+    `integrity` and its limits: the share of epochs with both levels within them.
+    """
+    from navsim.scenario import shipped
+    from navsim.scenario.load import read
+    from navsim.study.job import Options
+    from navsim.study.jobs.integrity_table import IntegrityTableJob
+
+    file = shipped.path("landing") if scenario is None else scenario
+    with failures(file):
+        job = IntegrityTableJob(*read(file, given.set_ or []), given.seed)
+    wanted = Wanted(care, Required(), Options(given.seed), "none", given.dry_run, given.json_)
+    carry_out(file, job, target_of(given.output, "integrity_table"), wanted)

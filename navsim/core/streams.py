@@ -15,6 +15,7 @@ STREAMS = {
     "carrier": 7,
     "aids": 8,
     "tilt": 9,
+    "subsets": 10,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 

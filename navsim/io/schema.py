@@ -22,7 +22,7 @@ from types import MappingProxyType
 SCHEMA_VERSION = 2
 """Of the names and meanings on this page; root attribute of every result."""
 LANDING, COVARIANCE, RARE, REPLAY, LIVE = "landing", "covariance", "rare", "replay", "live"
-SWEEP, OPTIMIZE, TABLE2 = "sweep", "optimize", "table2"
+SWEEP, OPTIMIZE, TABLE2, INTEGRITY_TABLE = "sweep", "optimize", "table2", "integrity-table"
 ELEVATION, ATC, AZIMUTH = "mls-elevation", "atc-tracking", "azimuth-tracking"
 LAYOUTS = {
     LANDING: "runs of a landing, one or several",
@@ -33,6 +33,7 @@ LAYOUTS = {
     SWEEP: "every combination of a study's settings",
     OPTIMIZE: "the best placements",
     TABLE2: "the paper's Table 2, published and computed",
+    INTEGRITY_TABLE: "what few satellites and pseudolites make possible, and what levels they give in an approach",
     ELEVATION: "the companion paper on MLS elevation",
     ATC: "the companion paper on tracking by an air traffic control radar",
     AZIMUTH: "the companion paper on azimuth tracking",
@@ -733,6 +734,54 @@ _TABLE2 = Chapter(
     ),
 )  # fmt: skip
 
+MOST_LEVELS = 60
+"""Most epochs of a glide that a table of integrity has levels at."""
+_SEPARATING = "with method mhss"
+_INTEGRITY_TABLE = Chapter(
+    "Table of integrity",
+    "What numbers of sources make possible by rank, each on the same clock; and what their levels are worth: shares of "
+    "epochs of the glide with both protection levels within their limits.",
+    (
+        _a("/pseudolites", "pseudolites", "1", "number of pseudolites", INTEGRITY_TABLE, WHOLE),
+        _a("/satellites", "satellites", "1", "number of satellites left", INTEGRITY_TABLE, WHOLE),
+        *(
+            _a(f"/possible/{name}", "pseudolites satellites", "1", f"1: {meaning}", INTEGRITY_TABLE, WHOLE)
+            for name, meaning in (
+                ("fix", "a fix"),
+                ("detection", "every single fault is detectable"),
+                ("exclusion", "every single fault is excludable"),
+                ("ground_loss", "every single fault is detectable, and the loss of all pseudolites leaves a fix"),
+            )
+        ),
+        *(
+            _a(f"/useful/{name}", "pseudolites satellites", "1", "share of `/glide/time` with both levels within their "
+               f"limits, {which}; nan where the scenario has too few sources", INTEGRITY_TABLE)
+            for name, which in (
+                ("worst", "the worst subset of satellites"),
+                ("median", "the median subset: more than half of them reach it"),
+            )
+        ),
+        _a("/useful/{level}", "pseudolites satellites", "m", "median {LEVEL} over `/glide/time` that more than half of "
+           "the subsets keep; inf where they have none, nan where the scenario has too few sources", INTEGRITY_TABLE,
+           level=("hpl", "vpl")),
+        _a("/useful/subsets", "satellites", "1", "subsets of satellites that levels were computed for", INTEGRITY_TABLE,
+           WHOLE),
+        _a("/useful/subsets_of_all", "satellites", "1", "subsets that there are; those computed are drawn where they "
+           "are fewer", INTEGRITY_TABLE, WHOLE),
+        _a("/useful/satellite", "satellite", "1", "satellites that are used throughout the glide: subsets are of these",
+           INTEGRITY_TABLE, TEXT),
+        _a("/useful/pseudolite", "pseudolite", "1", "pseudolites in the order in which they are added", INTEGRITY_TABLE,
+           TEXT),
+        _a("/useful/hal", "", "m", "horizontal alert limit, inf for none", INTEGRITY_TABLE),
+        _a("/useful/val", "", "m", "vertical alert limit, inf for none", INTEGRITY_TABLE),
+        _a("/useful/fault", "fault", "1", "faults that are expected, of sources that are used", INTEGRITY_TABLE, TEXT,
+           when=_SEPARATING),
+        _a("/useful/prior", "fault", "1", "their probabilities", INTEGRITY_TABLE, when=_SEPARATING),
+        _a("/glide/time", "time", "s", f"fix epochs of the glide that levels were computed at: all, of more than "
+           f"{MOST_LEVELS} so many, evenly spread", INTEGRITY_TABLE, attributes=("epochs_of_glide",)),
+    ),
+)  # fmt: skip
+
 _DEG2 = "deg2, deg2/s, deg2/s2"
 _ELEVATION = Chapter(
     "MLS elevation",
@@ -916,7 +965,7 @@ _FINDINGS = Chapter(
 
 SECTIONS = (
     _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTERFERENCE, _INTEGRITY, _REQUIREMENTS, _NAVIGATION,
-    _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

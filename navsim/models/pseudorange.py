@@ -17,6 +17,11 @@ from navsim.core.arrays import earth
 from navsim.models.constellation import Constellation
 
 _TRAVEL_TIME = 0.07
+_BY_SOURCE = (
+    "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
+    "elevation", "cn0", "ionosphere", "fix_sigma",
+)  # fmt: skip
+"""Fields of `Signals` by epoch and source that are always there."""
 
 
 @dataclass(frozen=True)
@@ -69,15 +74,18 @@ class Signals:
                 out += [(self.names[i], field) for i in np.flatnonzero((self.used & ~finite).any(axis=0))]
         return out
 
+    def at(self, epochs: np.ndarray) -> Signals:
+        """Of the epochs, those with these numbers (m,) int."""
+        each = {
+            name: getattr(self, name)[epochs]
+            for name in ("time", "antenna", *_BY_SOURCE, "space", "smoothing")
+            if getattr(self, name) is not None
+        }
+        return replace(self, js=self.js[:, epochs], **each)
+
     def select(self, kept: np.ndarray) -> Signals:
         """Of the sources, those marked in `kept` (s,) bool."""
-        each = {
-            name: getattr(self, name)[:, kept]
-            for name in (
-                "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
-                "elevation", "cn0", "ionosphere", "fix_sigma",
-            )
-        }  # fmt: skip
+        each = {name: getattr(self, name)[:, kept] for name in _BY_SOURCE}
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),

@@ -11,12 +11,14 @@ import pytest
 
 from navsim.io.results import write
 from navsim.kinds import KINDS, named
-from navsim.scenario.load import read_for
+from navsim.scenario import shipped
+from navsim.scenario.load import read, read_for
 from navsim.study import landing
 from navsim.study.budget.estimate import Budget
 from navsim.study.budget.landing import landing as estimated
 from navsim.study.executor import threads
 from navsim.study.job import Job, Opener, Options
+from navsim.study.jobs.integrity_table import IntegrityTableJob
 from navsim.study.jobs.table2 import Table2Job
 from navsim.study.partial import Store
 from tests.conftest import LANDINGS, SCENARIOS
@@ -63,6 +65,8 @@ def estimate(line: str, keys: Sequence[str]) -> Budget:
     job: Job
     if command == "table2":
         job = Table2Job(1, 2)
+    elif command == "integrity-table":
+        job = IntegrityTableJob(*read(shipped.path("landing"), keys), 1)
     else:
         section, document = read_for(command, SCENARIOS / words[0], keys)
         given = dict(zip(words[1::2], words[2::2], strict=True))
@@ -91,6 +95,9 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
                     ["method=monte-carlo", "runs=5", "vary.1.grid.count=2", "vary.2.grid.count=2"]),
     "optimize": ("optimize placement_optimum.yaml", ["pseudolites=[2]", "effort=1"]),
     "table2": ("table2 --runs 2", []),
+    "integrity-table": ("integrity-table", ["integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"]),
+    "integrity-table, mhss": ("integrity-table",
+                              ["integrity={p_constellation: 1.0e-8, limits: {operation: APV-I, tta_s: 10}}"]),
     "replay": ("replay recorded_flight.yaml", ["tuning=none"]),
 }  # fmt: skip
 LONG = ("long", "azimuth", "elevation", "sweep, runs")
@@ -115,7 +122,8 @@ def test_memory_and_files_of_a_command(name: str, tmp_path: Path) -> None:
     line, keys = COMMANDS[name]
     words = [str(SCENARIOS / word) if word.endswith(".yaml") else word for word in line.split()]
     words += [part for key in keys for part in ("--set", key)]
-    words += ["-o", "out"] if name == "table2" else ["-o", "out.h5", "--figures", "none"]
+    without_figures = {"table2": ["-o", "out"], "integrity-table": ["-o", "out.h5"]}
+    words += without_figures.get(line.split()[0], ["-o", "out.h5", "--figures", "none"])
     done = subprocess.run(
         [sys.executable, "-c", PEAK, *words, "-q"], capture_output=True, text=True, cwd=tmp_path, timeout=300
     )

@@ -36,6 +36,7 @@ from tests.layout import as_declared
 
 BRIEF = ("--set", "duration_s=2", "--set", "receiver.rate_hz=2")
 LANDING = SCENARIOS / "landing.yaml"
+LIMITS = "integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"
 SWEEP = """
 kind: sweep
 version: 1
@@ -121,7 +122,7 @@ def test_another_sort_of_result_is_not_overwritten(
 
 
 def test_every_command_refuses_results_of_other_kinds(tmp_path: Path) -> None:
-    """run, sweep, optimize, replay, live and table2 share one check, one message and one way out."""
+    """run, sweep, optimize, replay, live, table2 and integrity-table share one check, one message and one way out."""
     navsim("run", LANDING, *BRIEF, "-q", "-o", "r.h5", cwd=tmp_path)
     (tmp_path / "table2").mkdir()
     shutil.copy(tmp_path / "r.h5", tmp_path / "table2" / "table2.h5")
@@ -134,6 +135,7 @@ def test_every_command_refuses_results_of_other_kinds(tmp_path: Path) -> None:
         ("replay", SCENARIOS / "recorded_flight.yaml", "-o", "r.h5"),
         ("live", LANDING, *BRIEF, "--receiver", "-", "-o", "r.h5"),
         ("table2", "--runs", 1, "-o", "table2"),
+        ("integrity-table", "--set", LIMITS, "-o", "r.h5"),
     ):
         refused = navsim(*command, cwd=tmp_path, code=2)
         assert "kind landing, method monte-carlo, one run" in refused.stderr, command
@@ -213,7 +215,7 @@ def test_results_are_wanted(command: str, template: str, files: Path) -> None:
     assert f"kind {kind}: use navsim {KINDS[kind].command} {file} or navsim validate {file}" in said
 
 
-@pytest.mark.parametrize("command", ["run", "sweep", "optimize", "replay", "live", "validate"])
+@pytest.mark.parametrize("command", ["run", "sweep", "optimize", "replay", "live", "integrity-table", "validate"])
 def test_scenarios_are_wanted(command: str, files: Path) -> None:
     extra = ("--receiver", "-") if command == "live" else ()
     said = navsim(command, "x.h5", *extra, cwd=files, code=2).stderr
@@ -232,6 +234,7 @@ TAKES = {
     "optimize": {"optimize"},
     "replay": {"replay"},
     "live": {"landing"},
+    "integrity-table": {"landing"},
 }
 
 
@@ -253,7 +256,8 @@ def test_files_are_sent_to_their_command(command: str, template: str, files: Pat
 # --- help
 
 COMMAND_NAMES = (
-    "run", "table2", "sweep", "optimize", "replay", "live", "show", "plot", "export", "validate", "schema", "init",
+    "run", "table2", "integrity-table", "sweep", "optimize", "replay", "live", "show", "plot", "export", "validate",
+    "schema", "init",
 )  # fmt: skip
 
 

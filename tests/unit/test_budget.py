@@ -165,6 +165,7 @@ SHORTAGE = {
               "vary.1.grid.count=9000", "--set", "vary.2.grid.count=5500"],
     "starts": ["optimize", SCENARIOS / "placement_optimum.yaml", "--set", "period={hours: 100, count: 10000}"],
     "table2": ["table2", "--runs", 10_000_000],
+    "integrity-table": ["integrity-table", "--set", "integrity.limits={operation: NPA, tta_s: 10}"],
     "replay": ["replay", SCENARIOS / "recorded_flight.yaml"],
     "live": ["live", SCENARIOS / "landing.yaml", "--receiver", "-"],
 }  # fmt: skip
@@ -177,7 +178,7 @@ def command(place: Path, arguments: list[object]) -> Result:
 
 @pytest.mark.parametrize("name", SHORTAGE)
 def test_a_study_beyond_the_machine_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    little = 1e6 if name in ("replay", "live") else 2e9
+    little = 1e6 if name in ("integrity-table", "replay", "live") else 2e9
     monkeypatch.setattr(having, "machine", lambda _: Machine(little, 5e9, 2))
     done = command(tmp_path, SHORTAGE[name])
     assert done.exit_code == 2, done.output

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from navsim.io.schema import MOST_LEVELS
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SMOOTHERS
@@ -13,7 +14,7 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.shipped import path
-from navsim.study import optimize, replay, table2
+from navsim.study import integrity_table, optimize, replay, table2
 from navsim.study.budget.estimate import (
     AXIS,
     BASE_MEMORY,
@@ -61,6 +62,10 @@ _TEXTS = 6400
 """Scenario and study in the attributes of a result, bytes."""
 _JUDGED_MEMORY = 70
 """A site of a placement at an epoch while rules are judged, bytes."""
+_LEVEL_TIME = 1e-6
+"""Seconds a source of signals at an epoch when the levels of a subset of them are computed."""
+_LEVEL_MEMORY = 200
+"""A pair of sources at an epoch then, bytes."""
 _READ_MEMORY = 600
 """A sample or fix of a recording while it is read and judged, bytes."""
 _SPAN_MEMORY = 400
@@ -188,6 +193,19 @@ def tables(runs: int, workers: int) -> Budget:
         points = max(points, here.epochs)
     result = NUMBER * points * (1 + 2 * len(table2.CURVES)) + 10_000 + 44 * VARIABLE
     return Budget(BASE_TIME + time, memory + WRITING * result, result)
+
+
+def levels_of_subsets(scenario: Landing, sources: Environment) -> Budget:
+    """What is possible by rank, and the levels of subsets of the satellites in an approach."""
+    here = extent(scenario, sources)
+    levels = integrity_table.CELLS * integrity_table.MOST_SUBSETS * MOST_LEVELS * here.sources
+    separated = scenario.integrity is not None and scenario.integrity.method == "mhss"
+    result = _TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE
+    return Budget(
+        BASE_TIME + prepared(here) + _LEVEL_TIME * levels,
+        shared_memory(here) + _LEVEL_MEMORY * MOST_LEVELS * here.sources**2 + WRITING * result,
+        result,
+    )
 
 
 def recorded(recording: replay.Recording) -> Budget:

@@ -1,0 +1,113 @@
+"""What few satellites and pseudolites make possible by rank, and how useful their levels are in an approach."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from navsim.io.results import Result, ResultError
+from navsim.report.table import ABSENT, Cell, Table, cell
+from navsim.report.tables import setting
+from navsim.report.view import View, one_by_one
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LETTERS = {"F": "fix", "D": "detection", "X": "exclusion", "G": "ground_loss"}
+"""Letters of flags, and their names in the result."""
+_LEGEND = (
+    "F a fix; D every single fault is detectable; X every single fault is excludable; G every single fault is "
+    "detectable, and the loss of all pseudolites leaves a fix"
+)
+
+
+def method(result: Result) -> str:
+    """How the fixes are watched."""
+    return str(setting(result, "integrity", "method"))
+
+
+def _table(result: Result, title: str) -> Table:
+    return Table(title, ("pseudolites", *(f"{n} satellites" for n in result["/satellites"])), labelled=True)
+
+
+def _possible(result: Result) -> Table:
+    out = _table(result, "Possible, by rank, sources on one clock")
+    flags = {letter: result[f"/possible/{name}"] for letter, name in _LETTERS.items()}
+    for k, added in enumerate(result["/pseudolites"]):
+        said = (
+            " ".join(letter for letter, there in flags.items() if there[k, i])
+            for i in range(result["/satellites"].size)
+        )
+        out.add(str(added), *(text or ABSENT for text in said))
+    return out
+
+
+def _pairs(result: Result, title: str, pattern: str, *names: str) -> Table:
+    """A table with two numbers a cell."""
+    out = _table(result, title)
+    for k, added in enumerate(result["/pseudolites"]):
+        pairs = zip(*(result[f"/useful/{name}"][k].tolist() for name in names), strict=True)
+        out.add(str(added), *(Cell(pattern, pair) if np.isfinite(pair).any() else ABSENT for pair in pairs))
+    return out
+
+
+def _useful(result: Result) -> list[Table]:
+    here = f"by levels ({method(result)})"
+    shares = _pairs(
+        result, f"Useful, {here}: share of epochs with {limits(result)}, worst / median subset",
+        "{:.2f} / {:.2f}", "worst", "median",
+    )  # fmt: skip
+    counts = zip(result["/useful/subsets"].tolist(), result["/useful/subsets_of_all"].tolist(), strict=True)
+    shares.add("subsets", *(cell("{} of {}", *pair) for pair in counts))
+    title = "The levels themselves: HPL / VPL, m, median over epochs, median subset"
+    return [shares, _pairs(result, title, "{:.0f} / {:.0f}", "hpl", "vpl")]
+
+
+def limits(result: Result) -> str:
+    """What the levels are held against, in words."""
+    asked = {"HPL": float(result["/useful/hal"]), "VPL": float(result["/useful/val"])}
+    return " and ".join(f"{name} <= {most:g} m" for name, most in asked.items() if np.isfinite(most))
+
+
+def _explained(result: Result) -> str:
+    """What stands below the shares."""
+    names = {noun: list(map(str, result[f"/useful/{noun}"])) for noun in ("satellite", "pseudolite")}
+    time = result.variables["/glide/time"]
+    count, whole = time.data.shape[0], time.attributes["epochs_of_glide"]
+    lines = [
+        f"scenario: {result.attributes['title']}",
+        f"epochs: {count} of the {whole} fix epochs of the glide, evenly spread",
+        f"satellites: the {len(names['satellite'])} used throughout the glide, {_listed(names['satellite'])}; "
+        f"subsets of them, where not all, are drawn by seed {result.attributes['seed']}",
+        f"pseudolites: in this order, {_listed(names['pseudolite'])}",
+        "median subset: more than half of the subsets are as good or better",
+    ]
+    if "/useful/fault" in result:
+        faults, priors = result["/useful/fault"], result["/useful/prior"]
+        said = (f"{prior:g} of {', '.join(map(str, faults[priors == prior]))}" for prior in np.unique(priors))
+        lines.append(f"priors of faults: {'; '.join(said)}")
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def tables(result: Result) -> list[Table | str]:
+    """Both tables, and what they are of."""
+    head = "Rank says what is possible, levels say what is useful."
+    return [head, "", _possible(result), _LEGEND, "", *_useful(result), _explained(result)]
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """Raises ResultError: there are none."""
+    raise ResultError(f"a result of kind {result.attributes['kind']} has no figures; navsim show prints its tables")
+
+
+def more(result: Result) -> dict[str, Any]:
+    """What the plain data have beside the result's variables."""
+    return {"method": method(result)}
+
+
+VIEW = View(one_by_one(tables), 110, figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more)

@@ -1,0 +1,65 @@
+"""The table of what few satellites and pseudolites make possible, and how useful that is in an approach."""
+
+from __future__ import annotations
+
+from navsim.io.results import Sort
+from navsim.models.signals import Environment
+from navsim.scenario.landing import Landing
+from navsim.scenario.source import Document, InputError, Problem
+from navsim.study import integrity_table, landing
+from navsim.study.budget.studies import levels_of_subsets
+from navsim.study.executor import Executor
+from navsim.study.job import Allow, JobError, Outcome, Tell
+from navsim.study.partial import Store
+
+
+class IntegrityTableJob:
+    """Flags by rank, levels of subsets of the satellites of a landing; none of the work is kept."""
+
+    sort = Sort("integrity-table")
+    kernels, suffix, unit, work, pieces = "integrity-table", "", "cells", "", 0
+    extent = integrity_table.CELLS
+    case: landing.Case
+    watched: integrity_table.WatchedGlide
+
+    def __init__(self, section: Landing, document: Document, seed: int) -> None:
+        """Raises InputError for a scenario without limits."""
+        self.section, self.document, self.seed = section, document, seed
+        if section.integrity is None:
+            raise self._without_limits("integrity", "integrity={method: chi2, limits: %s}")
+        if section.integrity.limits is None:
+            raise self._without_limits("integrity.limits", "integrity.limits=%s")
+
+    def _without_limits(self, key: str, assigned: str) -> InputError:
+        text = (
+            "protection levels are compared with alert limits here, and the scenario has none; give for example "
+            f"--set '{assigned % '{hal_m: 40, val_m: 60, tta_s: 2}'}'"
+        )
+        return InputError([Problem(self.document.place(tuple(key.split("."))), key, text)])
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.case.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        def ask(scenario: Landing, sources: Environment) -> None:
+            allow(levels_of_subsets(scenario, sources))
+
+        self.case = landing.prepare(self.section, self.document, ask)
+        try:
+            self.watched = integrity_table.watched(self.case)
+        except ValueError as error:
+            raise JobError(str(error)) from None
+
+    def described(self) -> str:
+        here = self.watched
+        return (
+            f"{self.extent} cells, {here.satellites.size} satellites used throughout the glide, "
+            f"{here.pseudolites.size} pseudolite(s), {here.signals.time.size} of {here.epochs} epochs"
+        )
+
+    def key(self) -> dict[str, object]:
+        return {}
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(integrity_table.compute(self.case, self.watched, self.seed, tell))
