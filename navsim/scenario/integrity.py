@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import NonNegative, Section, list_of, reject
+from navsim.scenario.sky import Name
 
 Prior = Annotated[float, Field(ge=0.0, le=0.1)]
 """A probability that a fault is there."""
@@ -93,6 +94,8 @@ class IntegritySection(Section):
     """that a satellite is faulty"""
     p_constellation: Prior = 1e-4
     """that a whole satellite system is"""
+    p_constellations: dict[Name, Prior] = Field(default_factory=dict)
+    """that of single systems, by name, in place of p_constellation"""
     p_pseudolite: Prior = 1e-4
     """that a pseudolite is"""
     ground_groups: Annotated[list_of(GroundGroup), Field(max_length=20)] | None = None  # type: ignore[valid-type]

@@ -38,11 +38,6 @@ class Batch:
     sums: dict[str, np.ndarray]
     kept: Mapping[str, np.ndarray | Kept]
 
-    def history(self, name: str) -> np.ndarray:
-        """A kept history (runs of the batch, ...). Raises PartialError where its file is no longer whole."""
-        kept = self.kept[name]
-        return kept.read() if isinstance(kept, Kept) else kept
-
 
 class Ensemble:
     """Runs first_run, first_run + 1, ..., so many as came so far; what statistics need is in memory, histories come
@@ -53,7 +48,7 @@ class Ensemble:
         self.first_run, self.runs, self._most = first_run, 0, most
         self._columns: dict[str, np.ndarray] = {}
         self._sums: dict[str, np.ndarray] = {}
-        self._histories: list[Batch] = []
+        self._kept: list[Mapping[str, np.ndarray | Kept]] = []
 
     def add(self, batch: Batch) -> None:
         """The next batch, in the order of runs. Of the batch itself only its histories stay: there may be thousands."""
@@ -65,7 +60,8 @@ class Ensemble:
             self._columns[name][self.runs : count] = values
         for name, values in batch.sums.items():
             self._sums[name] = self._sums[name] + values if name in self._sums else values
-        self._histories.append(Batch({}, {}, batch.kept))
+        if batch.kept:
+            self._kept.append(batch.kept)
         self.runs = count
 
     def per_run(self, name: str) -> np.ndarray:
@@ -77,9 +73,10 @@ class Ensemble:
         return self._sums[name] / self.runs
 
     def blocks(self, name: str) -> Iterator[np.ndarray]:
-        """A kept history, batch by batch."""
-        for batch in self._histories:
-            yield batch.history(name)
+        """A kept history, batch by batch. Raises PartialError where its file is no longer whole."""
+        for kept in self._kept:
+            history = kept[name]
+            yield history.read() if isinstance(history, Kept) else history
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A kept history of all runs at once (runs, ...)."""

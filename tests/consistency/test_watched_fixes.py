@@ -244,6 +244,7 @@ def test_faults_that_cannot_be_monitored_are_named() -> None:
     assert "glonass 0.0001" in text
     assert "p_unmonitored_max is 8e-08" in text
     assert integrity.told(brief(MHSS)) == []
+    assert integrity.told(brief("integrity={p_constellations: {glonass: 1.0e-8}}")) == []
 
 
 @pytest.mark.parametrize("setting", [CHI2, MHSS])

@@ -18,6 +18,7 @@ from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
 from navsim.models.sky import unit_vector
+from navsim.scenario.integrity import OPERATIONS, LimitsSection
 from navsim.simulation.monitoring import QUIET
 from navsim.study.landing.integrity import REGIONS, Asked, regions
 from tests.conftest import DATA, Within
@@ -415,3 +416,14 @@ def test_regions(cases: dict[str, Any]) -> None:
         asked = Asked(np.full(2, limit), 1.0, np.zeros(1), every, every)
         found = regions(asked, Levelled(level), np.array([[QUIET]]), np.full((1, 1, 2), error))
         assert REGIONS[found[0, 0, 0]].replace("_", "-") == point["region"]
+
+
+@pytest.mark.validates("alert limits of operations", "ICAO Annex 10; doi:10.1186/s43020-020-00010-2; DO-245A")
+def test_alert_limits(cases: dict[str, Any]) -> None:
+    """Of CAT I the smaller end; times to alert were not read in the documents, and are the user's to give."""
+    rows = {row["name"].removeprefix("GBAS-GSL-"): row for row in cases["alert_limits"]["rows"]}
+    for name, (horizontal, vertical) in OPERATIONS.items():
+        row = rows[name.removeprefix("GBAS-")]
+        given = min(row["val"]) if isinstance(row["val"], list) else row["val"]
+        assert (horizontal, vertical) == (row["hal"], given), name
+    assert LimitsSection.model_fields["tta_s"].is_required()

@@ -382,3 +382,9 @@ def test_statistics_of_a_run_are_those_it_has_alone() -> None:
             np.testing.assert_array_equal(together[name][run], values[0], err_msg=name)
         for name, values in histories.items():
             np.testing.assert_array_equal(kept[name][run], values[0], err_msg=name)
+
+
+def test_sums_are_those_of_the_runs() -> None:
+    """Squares of position errors are kept twice: of each run, for intervals, and summed with the other states'."""
+    per_run, sums, _ = LandingStudy(case("duration_s=20", "filter.kind=eskf"), 3, "none").batch(0, 11)
+    np.testing.assert_allclose(sums["mean_square"][:3], per_run["position_square"].sum(axis=0), rtol=1e-13)

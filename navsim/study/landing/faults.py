@@ -23,7 +23,10 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
         return Monitoring(ChiSquareTest(section.p_fa, section.p_md), (), nominal, section.sigma_ratio_acc)
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
     faults += [ExpectedFault(name, (name,), section.p_pseudolite) for name in names]
-    faults += [ExpectedFault(system, members, section.p_constellation) for system, members in systems.items()]
+    faults += [
+        ExpectedFault(system, members, section.p_constellations.get(system, section.p_constellation))
+        for system, members in systems.items()
+    ]
     faults += [ExpectedFault("+".join(g.members), g.members, g.prior) for g in _groups(section, names)]
     return Monitoring(
         Allocation(
