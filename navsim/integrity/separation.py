@@ -6,6 +6,7 @@ Source: `docs/theory/integrity.md`, section 3; Blanch et al., IEEE Transactions 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,10 +26,29 @@ _SMALL = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """Sources that fail together, the indices of their ranges, with the probability that they have."""
+    """Sources that fail together, the indices of their ranges, with the probability that they have. of: the numbers, in
+    the list of faults, of independent ones that it is the coincidence of; none for one by itself."""
 
     sources: tuple[int, ...]
     prior: float
+    of: tuple[int, ...] = ()
+
+
+MOST_PAIRS = 60
+"""So many coincidences of two faults are monitored at most."""
+
+
+def coincidences(priors: Sequence[float], tolerated: float) -> list[tuple[int, int]]:
+    """Which two of independent faults to monitor as one more, the most probable first, until what is left of several at
+    once is half of what is tolerated; the other half is for what cannot be monitored."""
+    pairs = sorted(itertools.combinations(range(len(priors)), 2), key=lambda pair: -priors[pair[0]] * priors[pair[1]])
+    there = np.ones((len(priors), 1), bool)
+    chosen: list[tuple[int, int]] = []
+    while len(chosen) < min(len(pairs), MOST_PAIRS):
+        if float(_several_at_once(np.array(priors), there, chosen)[0]) <= 0.5 * tolerated:
+            break
+        chosen.append(pairs[len(chosen)])
+    return chosen
 
 
 @dataclass(frozen=True)
@@ -104,8 +124,16 @@ def levels(
     priors = np.array([fault.prior for fault in faults])
     without = [_without(rows, used, noise, fault) for fault in faults]
     touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults]).reshape(len(faults), -1)
+    for k, fault in enumerate(faults):
+        if fault.of:  # where one of them is not there, it is the other alone
+            touched[k] = touched[list(fault.of)].all(axis=0)
     monitored = touched & np.array([s.solved for s in without]).reshape(touched.shape)
-    unmonitored = _several_at_once(priors, touched) if unlisted is None else np.full(used.shape[0], unlisted)
+    if unlisted is None:
+        alone = [not fault.of for fault in faults]
+        listed = [fault.of for fault in faults if fault.of]
+        unmonitored = _several_at_once(priors[alone], touched[alone], listed)
+    else:
+        unmonitored = np.full(used.shape[0], unlisted)
     unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
 
     sigma, bias = _sigma(whole), _reach(whole, nominal)
@@ -141,12 +169,16 @@ def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> 
     return solve(rows, left, noise)
 
 
-def _several_at_once(priors: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Probability (e,) that more than one of the faults (k, e) that are there is; of independent ones."""
+def _several_at_once(priors: np.ndarray, there: np.ndarray, but: Sequence[tuple[int, ...]]) -> np.ndarray:
+    """Probability (e,) that more than one of independent faults (k,) that are there (k, e) is, but for coincidences of
+    these of them alone."""
     each = np.where(there, priors[:, None], 0.0)
-    # 1 - (none + one of them), by logarithms: it is as small as the square of a prior
-    at_most_one = np.log1p(-each).sum(axis=0) + np.log1p((each / (1.0 - each)).sum(axis=0))
-    return np.asarray(-np.expm1(at_most_one))
+    odds = each / (1.0 - each)
+    listed = odds.sum(axis=0)
+    for together in but:
+        listed = listed + odds[list(together)].prod(axis=0)
+    # 1 - (none + one of them + ...), by logarithms: it is as small as the square of a prior
+    return np.asarray(-np.expm1(np.log1p(-each).sum(axis=0) + np.log1p(listed)))
 
 
 def _sigma(solution: MonitoredFix) -> np.ndarray:

@@ -42,11 +42,12 @@ class Snapshot(Protocol):
 
 @dataclass(frozen=True)
 class ExpectedFault:
-    """Sources that fail together, by name, with the probability that they have."""
+    """Sources that fail together, by name, with the probability that they have; see `separation.Fault`."""
 
     name: str
     sources: tuple[str, ...]
     prior: float
+    of: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,18 @@ class Monitoring:
     accuracy: float
 
     def expected(self, signals: Signals) -> tuple[ExpectedFault, ...]:
-        """The faults of sources that are used at all."""
-        return tuple(
-            fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()
+        """The faults of sources that are used at all, then those two at once that have to be monitored with them."""
+        if isinstance(self.test, ChiSquareTest):
+            return ()
+        alone = [fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()]
+        pairs = separation.coincidences([fault.prior for fault in alone], self.test.p_unmonitored)
+        both = [(alone[i], alone[j], (i, j)) for i, j in pairs]
+        return (
+            *alone,
+            *(
+                ExpectedFault(f"{a.name} & {b.name}", (*a.sources, *b.sources), a.prior * b.prior, of)
+                for a, b, of in both
+            ),
         )
 
     def over(self, signals: Signals) -> Snapshot:
@@ -78,7 +88,7 @@ class Monitoring:
             return Monitor(solve(rows, signals.used, noise), self.test)
         nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
         expected = self.expected(signals)
-        faults = [separation.Fault(_indices(signals.names, fault.sources), fault.prior) for fault in expected]
+        faults = [separation.Fault(_indices(signals.names, fault.sources), fault.prior, fault.of) for fault in expected]
         found = separation.levels(
             rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, self.test
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.estimation.estimate import in_all_lanes
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, levels
+from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, coincidences, levels
 from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.io.results import read
 from navsim.models.sky import unit_vector
@@ -245,6 +246,36 @@ def test_faults_that_cannot_be_monitored_are_named() -> None:
     assert "p_unmonitored_max is 8e-08" in text
     assert integrity.told(brief(MHSS)) == []
     assert integrity.told(brief("integrity={p_constellations: {glonass: 1.0e-8}}")) == []
+
+
+def test_what_is_left_of_several_faults_at_once() -> None:
+    """By all 64 combinations of six faults, without those that are listed; enough of them are."""
+    priors = np.array([0.1, 0.02, 0.03, 0.05, 0.01, 0.004])
+    chosen = coincidences(list(priors), 0.01)
+    assert chosen[:2] == [(0, 3), (0, 2)]
+    unlisted = 0.0
+    for there in itertools.product((False, True), repeat=6):
+        faults = tuple(np.flatnonzero(there).tolist())
+        if len(faults) > 1 and faults not in chosen:
+            unlisted += float(np.prod(np.where(there, priors, 1.0 - priors)))
+    assert unlisted <= 0.005
+    rows, sigma = reference()
+    listed = [Fault((i,), float(p)) for i, p in enumerate(priors)]
+    listed += [Fault((i, j), float(priors[i] * priors[j]), (i, j)) for i, j in chosen]
+    noise = Independent(sigma)
+    found = levels(rows, np.ones((1, 8), bool), noise, noise, np.zeros((1, 8)), listed, Allocation(p_unmonitored=0.01))
+    lost = sum(fault.prior for fault, seen in zip(listed, found.monitored[:, 0], strict=True) if not seen)
+    assert float(found.unmonitored[0]) == pytest.approx(unlisted + lost, rel=1e-9)
+
+
+def test_two_systems_are_monitored_with_their_coincidences() -> None:
+    """At the default priors, two systems and two pseudolites at 1e-4 come two at once with 1.3e-7."""
+    c = brief("integrity={}", "sky.source=nominal")
+    assert integrity.told(c) == []
+    names = [fault.name for fault in c.flight.expected]
+    assert "PL1 & glonass" in names
+    assert isinstance(c.flight.monitor, SeparationMonitor)
+    assert float(c.flight.monitor.found.unmonitored.max()) <= 8e-8
 
 
 @pytest.mark.parametrize("setting", [CHI2, MHSS])
