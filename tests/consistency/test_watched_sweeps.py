@@ -76,3 +76,26 @@ def test_counts_are_those_of_single_ensembles(tmp_path: Path) -> None:
 def test_outputs_of_what_nobody_watches(tmp_path: Path, text: str, settings: dict[str, object], says: str) -> None:
     done = navsim("sweep", study(tmp_path, text, settings), "-o", "s.h5", cwd=tmp_path, code=2)
     assert says in done.stderr
+
+
+def test_an_optimum_of_a_watched_landing_is_that_of_an_unwatched_one(tmp_path: Path) -> None:
+    """Placements have pseudolites of their own, which are watched as well."""
+    places = []
+    for settings in ({}, {"integrity": {"p_constellation": 1e-8}}):
+        path = tmp_path / "optimum.yaml"
+        common = {"pseudolites.frame": "runway", "duration_s": 61, "receiver.rate_hz": 1, "imu.rate_hz": 10}
+        path.write_text(
+            f"kind: optimize\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\nobjective: horizontal\n"
+            f"set: {json.dumps(common | {'filter.kind': 'eskf'} | settings)}\npseudolites: [1]\n"
+            "sites: [{s_m: 300, l1_m: 500}, {s_m: -800, l1_m: 1500}, {s_m: 600, l1_m: 0}]\n"
+        )
+        navsim("optimize", path, "--figures", "none", "-q", "-o", "o.h5", "--force", cwd=tmp_path)
+        result = read(tmp_path / "o.h5")
+        as_declared(result)
+        places.append(
+            {name: np.asarray(v.data) for name, v in result.variables.items() if name.startswith("/optimum/")}
+        )
+    assert len(places[0]) > 10
+    assert places[0].keys() == places[1].keys()
+    for name, data in places[0].items():
+        np.testing.assert_array_equal(data, places[1][name], err_msg=name)

@@ -88,8 +88,9 @@ class Case:
         return bool(signals.used[np.ix_(lasting, model.concerns(signals.names, self.environment.systems))].any())
 
     def over(self, world: World) -> Case:
-        """The same in another world."""
-        return replace(self, flight=self.flight.over(world))
+        """The same in another world, of the sources that it has now."""
+        flight = replace(self.flight, watching=watching(self.scenario, self.environment))
+        return replace(self, flight=flight.over(world))
 
     @property
     def world(self) -> World:
