@@ -15,7 +15,8 @@ from navsim.core.arrays import chi_square, normal
 from navsim.integrity.solution import MonitoredFix
 
 BLIND = 1e-9
-"""A range of less redundancy than this is not checked by the others."""
+"""A range of less redundancy than this is not checked by the others; one that moves the position by less than this of
+its error, but for rounding, does not move it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Monitor:
         moved = np.stack([np.hypot(of_fault[:, 0], of_fault[:, 1]), np.abs(of_fault[:, 2])], axis=2)
         seen = (self.solution.redundancy > BLIND)[..., None]
         shown = np.sqrt(np.where(seen, self.solution.visibility[..., None], 1.0))
-        return np.where(seen, moved / shown, np.where(moved > 0.0, np.inf, 0.0))
+        return np.where(seen, moved / shown, np.where(moved > BLIND, np.inf, 0.0))
 
     @property
     def minimal_bias(self) -> np.ndarray:

@@ -454,7 +454,8 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/hmi_{axis}", "interval", "1", "the same of the {axis} error", LANDING, when=_ASKED,
            axis=("horizontal", "vertical")),
         _a("/summary/integrity/time_to_alert", "", "s", "longest wait for an alarm while an error was beyond its limit "
-           "and the level within it; nan where there was none", LANDING, when=_ASKED),
+           "and the level within it; inf where it was due and did not come, nan where none was due", LANDING,
+           when=_ASKED),
         _a("/summary/integrity/region", "region", "1", "regions of a Stanford diagram, and epochs with an alarm",
            LANDING, TEXT, when=_ASKED),
         _a("/summary/integrity/stanford_{axis}", "region", "1", "epochs of the glide in it, of all runs, by {axis} "
@@ -603,7 +604,7 @@ LEVEL_QUANTITIES = {
     **{
         f"{level}_{part}": ("m", f"{level.upper()} on the glide, {words}")
         for level in ("hpl", "vpl")
-        for part, words in (("p95", "at 95 % of the epochs with one not above"), ("max", "largest"))
+        for part, words in (("p95", "kept by 95 % of the epochs that have one"), ("max", "largest"))
     },
     "level_share": ("1", "share of the epochs of the glide with protection levels"),
 }

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.core.arrays.earth import SPEED_OF_LIGHT, llh_from_ecef
 from navsim.models.code_loop import CodeLoop, antenna_gain
 from navsim.models.interference import horizon_loss, jam_to_signal, jammed, noise_density, path_loss
 from navsim.models.lock import FrequencyLoop, LockRule
 from navsim.models.sky import enu_matrix
 from navsim.models.spectra import Waveform, bpsk
 
+LOWEST = 1.0
+"""Height over the ground, m, that antennas have at least for the radio horizon: on the ground there would be none."""
 TEMPERATURE = 290.0
 """Of a receiver, K: what its carrier to noise density ratios tell the power of signals by."""
 
@@ -60,12 +62,12 @@ class Jamming:
         away = np.stack([jammer.place - antenna for jammer in self.jammers])
         distance = np.linalg.norm(away, axis=2)
         up = np.einsum("ei,jei->je", enu_matrix(llh)[:, 2], away) / distance
-        above = llh[:, 2] - self.ground
+        above = np.maximum(llh_from_ecef(antenna)[:, 2] - self.ground, LOWEST)
         frequency, height, shadow = (
             np.array([getattr(jammer, name) for jammer in self.jammers])[:, None]
             for name in ("frequency", "height", "shadow")
         )
-        loss = path_loss(distance, frequency) + horizon_loss(distance, height, above) + shadow
+        loss = path_loss(distance, frequency) + horizon_loss(distance, np.maximum(height, LOWEST), above) + shadow
         power = np.stack([jammer.power(time) for jammer in self.jammers])
         gain = antenna_gain(np.arcsin(up), self.horizon_db)
         # a signal's carrier to noise density ratio says how strong it is, the antenna's gain included

@@ -82,7 +82,10 @@ def stanford(result: Result) -> Figure:
         ax.set_xlabel(f"{axis} error of the fix, m")
         ax.set_ylabel(f"{axis} protection level, m")
     until = " until touchdown" if np.isfinite(landed) else ""
-    fig.suptitle(f"{runs_of(result)}; epochs{until} by error and level, without those with an alarm")
+    fig.suptitle(
+        f"{runs_of(result)}; epochs{until} by error and level, without those with an alarm;\n"
+        "what is beyond the frame is at its edge"
+    )
     return fig
 
 
@@ -134,6 +137,8 @@ def interference(result: Result) -> Figure:
         said.add(label)
     for j, name in enumerate(map(str, result["/interference/jammer"])):
         heard = np.isfinite(result["/interference/js"][j]).any(axis=1)
+        if not heard.any():
+            continue
         ax.fill_between(
             time, 0.0, 1.0, where=heard.tolist(), transform=ax.get_xaxis_transform(), color=COLOURS[3 + j % 3],
             alpha=0.15, lw=0, label=f"{name} is received",

@@ -221,10 +221,10 @@ def _verdict(result: Result, statement: str) -> Cell | str:
     i = said.index(statement)
     word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
     value, low, high = map(float, result[f"{branch}/value"][i])
-    if not np.isfinite(value):
+    if np.isnan(value):
         return cell("{}: nothing is known of it", word)
     enough = f"; {more:.2g} more runs" if more >= 1e5 else f"; {more:.0f} more runs" if np.isfinite(more) else ""
-    if low == high or not np.isfinite(low):
+    if low == high or np.isnan(low):
         return cell("{}: {:.4g}" + enough, word, value)
     return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high)
 

@@ -217,6 +217,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         message = "expected a section, a mapping of keys to values"
     elif kind == "tuple_type":
         message = "expected a list"
+    elif kind == "too_short":
+        return Problem(place, key, f"expected a list of at least {error['ctx']['min_length']}, not an empty one")
     given = error.get("input")
     if kind == "value_error" and isinstance(given, (dict, list, tuple)):
         return Problem(place, key, message)  # what a validator of a whole section found says itself what was given

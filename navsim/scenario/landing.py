@@ -99,8 +99,6 @@ class Landing(Section):
         if self.method == "rare" and self.box is None:
             raise reject("method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`", "box")
         if self.integrity is not None:
-            if self.method == "rare":
-                raise reject("method rare watches no fixes; leave it out, or use another method", "integrity")
             try:
                 self.integrity.check_names(self.pseudolites.names())
             except KeyedError as error:

@@ -328,6 +328,8 @@ class SweepStudy:
             rows["findings"][i] = marks(f.name for f in what)
             unfixed = without_fix(what)
             rows["outcome"][i] = NO_FIX if unfixed else COMPUTED
+            if unfixed and "level_share" in names:
+                rows["level_share"][i] = found["level_share"]
             if not unfixed:
                 for name in names:
                     rows[name][i] = found[name]

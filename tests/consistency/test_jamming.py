@@ -165,3 +165,14 @@ def test_names_and_thresholds_are_checked() -> None:
         scenario(f"interference={json.dumps({'jammers': [NOISE, NOISE]})}")
     with pytest.raises(InputError, match="must not lie below lose_db_hz"):
         scenario(f"interference={json.dumps({'jammers': [NOISE], 'lock': {'lose_db_hz': 40, 'regain_db_hz': 30}})}")
+
+
+def test_a_jammer_by_the_runway_is_heard_on_the_ground() -> None:
+    """Antennas are 1 m high at least: there is no horizon of 0 m at touchdown; one that is never heard is told."""
+    near = NOISE | {"place": {"lat_deg": 56.0178, "lon_deg": 37.0005}, "height_m": 0, "on_s": []}
+    section = {"jammers": [near, near | {"name": "late", "on_s": [[200, 300]]}]}
+    c = case("duration_s=65", "receiver.rate_hz=5", "filter.kind=eskf", f"interference={json.dumps(section)}")
+    i = c.world.signals.names.index("PL1")
+    assert np.isfinite(c.world.signals.js[0, :, i]).all()
+    (text,) = [warning for warning in c.warnings if "jammers" in warning]
+    assert "interference.jammers[1]: late is never received" in text

@@ -102,9 +102,14 @@ def test_runs_are_judged(tmp_path: Path) -> None:
     assert verdicts[:10] == [MET, MET, MET, MET, NOT_MET, MET, NOT_MET, UNDECIDED, UNDECIDED, MET]
     statements = [str(text) for text in result[f"{branch}/statement"]]
     assert statements[9:] == [
-        "HPL within 40 m at 99 % of epochs of the glide", "VPL within 50 m at 99 % of epochs of the glide",
-        "continuity lost in 15 s with a risk of at most 8e-06", "misleading information with a risk of at most 2e-07",
-    ]  # fmt: skip
+        f"APV-I: {text}"
+        for text in (
+            "HPL within 40 m at 99 % of epochs of the glide",
+            "VPL within 50 m at 99 % of epochs of the glide",
+            "continuity lost in 15 s with a risk of at most 8e-06",
+            "misleading information with a risk of at most 2e-07",
+        )
+    ]
     assert float(result[f"{branch}/more_runs"][7]) == pytest.approx(-np.log(0.025) / 1e-6, rel=0.02)
     assert "lateral error at 100 ft below 0.6 m in 50 % of runs" in said
     assert "met: " in said
@@ -131,6 +136,28 @@ def test_covariance_analysis_and_pushed_runs_judge_what_they_know(tmp_path: Path
     again, _ = flown(tmp_path, [ALL[0] | {"below_m": float(middle)}], "--method", "covariance", "--force")
     assert float(again["/summary/requirements/value"][0, 0]) == pytest.approx(0.5, abs=1e-9)
     assert np.isnan(value[3]).all()
+
+
+def test_the_bound_of_an_analysis_is_no_verdict(tmp_path: Path) -> None:
+    """Of a box of several sides it knows the most probable one and the sum."""
+
+    def analysed(limit: float) -> tuple[np.ndarray, str]:
+        settings = ("--set", "duration_s=62", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf",
+                    "--set", "box={lateral_m: 0.8, along_m: 0.8, vertical_m: 1.2}")  # fmt: skip
+        asked = ("--set", f"requirements={json.dumps([{'what': 'box', 'at_most': limit}])}")
+        navsim("run", SCENARIOS / "landing.yaml", "--method", "covariance", *settings, *asked, "--figures", "none",
+               "-q", "-o", "a.h5", "--force", cwd=tmp_path)  # fmt: skip
+        result = read(tmp_path / "a.h5")
+        sides = result["/summary/box/axis_first_order"]
+        value = result["/summary/requirements/value"][0]
+        np.testing.assert_allclose(value, [sides.sum(), sides.max(), sides.sum()])
+        return value, str(result["/summary/requirements/verdict"][0])
+
+    (_, low, high), verdict = analysed(1e-12)
+    assert verdict == NOT_MET
+    assert 0.0 < low < high < 0.5
+    assert analysed(0.5 * (low + high))[1] == UNDECIDED
+    assert analysed(1.01 * high)[1] == MET
 
 
 def test_pushed_runs_judge_the_box(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from navsim.simulation import landing as simulation
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
 from navsim.study.landing import Case, integrity
 from navsim.study.landing.ensemble import LandingStudy
+from navsim.study.statistics import share_interval
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
@@ -202,11 +203,11 @@ def test_regions_of_what_is_no_pair(status: int, level: float, error: float, reg
     [
         ("0000000000", "0000000000", 0, np.nan),
         ("0111000000", "0000000000", 0, np.nan),  # over within the time to alert
-        ("0111100000", "0000000000", 1, np.nan),  # 3 s without an alarm
+        ("0111100000", "0000000000", 1, np.inf),  # 3 s without an alarm
         ("0111100000", "0001000000", 0, 2.0),
         ("0111110000", "0000100000", 1, 3.0),  # an alarm, too late
-        ("0000000011", "0000000000", 1, np.nan),  # short, and then touchdown
-        ("0111100111", "0000000100", 1, 0.0),
+        ("0000000011", "0000000000", 1, np.inf),  # short, and then touchdown
+        ("0111100111", "0000000100", 1, np.inf),
     ],
 )
 def test_misleadingstretches(misled: str, alarm: str, late: int, longest: float) -> None:
@@ -318,3 +319,39 @@ def test_the_covariance_analysis_has_levels(tmp_path: Path) -> None:
     as_declared(result)
     assert np.isfinite(result["/integrity/vpl"]).all()
     assert "/summary/integrity/alarms" not in result
+
+
+def test_a_satellite_alone_on_its_clock_is_harmless() -> None:
+    """It tells the clock of its system and nothing of the position: levels are those without it."""
+    silent = ["G07", "G11", "G12", "G14", "G17"]
+    events = [{"what": "silence", "sources": silent}]
+    both = brief("sky.source=nominal", CHI2, f"events={json.dumps(events)}")
+    used = both.world.signals.used[20]
+    assert sum(name.startswith("G") for name, use in zip(both.world.signals.names, used, strict=True) if use) == 1
+    alone = brief("sky.source=nominal-glonass", CHI2)
+    assert both.flight.monitor is not None
+    assert alone.flight.monitor is not None
+    np.testing.assert_allclose(both.flight.monitor.levels[20], alone.flight.monitor.levels[20], rtol=1e-9)
+
+
+def test_runs_that_are_all_alike_have_an_interval() -> None:
+    """Two runs of 60 of 100 epochs do not say that a third is not another."""
+    value, low, high = integrity.share_over_runs(np.array([60, 60]), np.array([100, 100]))
+    rare = 1.0 - 0.025 ** (1.0 / 2)
+    np.testing.assert_allclose([value, low, high], [0.6, 0.6 * (1.0 - rare), 0.6 + 0.4 * rare])
+    for alike in (0, 100):
+        found = integrity.share_over_runs(np.full(40, alike), np.full(40, 100))
+        np.testing.assert_allclose(found, share_interval(40 * (alike > 0), 40), atol=1e-12)
+
+
+def test_a_spoofer_that_nobody_notices_has_no_time_to_alert(tmp_path: Path) -> None:
+    events = [{"what": "spoof", "sources": ["all"], "offset_ned_m": [100, 0, 0], "at_s": 10}]
+    settings = ("--set", "duration_s=70", "--set", "receiver.rate_hz=2", "--set", "filter.kind=eskf", "--set",
+                f"events={json.dumps(events)}", "--set", CHI2.replace("1.0e-2", "1.0e-9"), "--set",
+                "requirements=[{what: time_to_alert, within_s: 6}]")  # fmt: skip
+    navsim(
+        "run", SCENARIOS / "landing.yaml", *settings, "--runs", 3, "--figures", "none", "-q", "-o", "a.h5", cwd=tmp_path
+    )
+    result = read(tmp_path / "a.h5")
+    assert float(result["/summary/integrity/time_to_alert"]) == np.inf
+    assert list(result["/summary/requirements/verdict"]) == ["not met"]

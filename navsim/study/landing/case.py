@@ -79,6 +79,13 @@ class Case:
             for i, event in enumerate(self.scenario.events)
             if event.what != "silence" and not self._received(event)
         ]
+        if (jamming := self.environment.jamming) is not None:
+            heard = np.isfinite(self.world.signals.js).any(axis=(1, 2))
+            out += [
+                f"interference.jammers[{j}]: {jammer.name} is never received: it is off, or beyond the radio horizon"
+                for j, jammer in enumerate(jamming.jammers)
+                if not heard[j]
+            ]
         return out
 
     def _received(self, event: EventSection) -> bool:

@@ -129,18 +129,18 @@ def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
 
 def stretches(asked: Asked, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
     """Of stretches of time (e,) in which an error is beyond its limit and its level is not: how many got no alarm
-    within the time to alert, and the longest wait for an alarm, s, nan without one. One that lasts to the end, without
-    an alarm, is not forgiven for being short."""
+    within the time to alert, and the longest wait for one, s, inf where it was due and did not come, nan where none was
+    due. One that lasts to the end, without an alarm, is not forgiven for being short."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], misled, [False]]).astype(np.int8)))
     late, longest = 0, math.nan
     for first, end in edges.reshape(-1, 2):
         alarms = np.flatnonzero(alarm[first:end])
-        if alarms.size:
-            wait = float(time[first + alarms[0]] - time[first])
-            longest = wait if math.isnan(longest) else max(longest, wait)
-        else:
-            wait = math.inf if end == time.size else float(time[end - 1] - time[first])
-        late += int(wait > asked.alert + _EARLY)
+        lasted = math.inf if end == time.size else float(time[end - 1] - time[first])
+        wait = float(time[first + alarms[0]] - time[first]) if alarms.size else lasted
+        missed = wait > asked.alert + _EARLY
+        late += int(missed)
+        if alarms.size or missed:
+            longest = float(np.fmax(longest, wait if alarms.size else math.inf))
     return late, longest
 
 
@@ -214,14 +214,15 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
 
 def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:
     """A share of epochs (run,) of (run,) with the 95 % interval that runs have, for epochs of a run go together: value,
-    low, high; nan without epochs. Where it is none or all, that of so many runs."""
+    low, high; nan without epochs. Where all runs are alike, that of so many runs in which no other was."""
     total = int(of.sum())
     if not total:
         return np.full(3, np.nan)
-    if count.sum() in (0, total):
-        return share_interval(count.size * int(count.sum() > 0), count.size)
-    # runs of unlike numbers of epochs: a ratio of means, its error by what is left of each
     value = float(count.sum()) / total
+    if count.size > 1 and (count * total == of * count.sum()).all():  # any other run may come, as rarely as none did
+        _, _, rare = share_interval(0, count.size)
+        return np.array([value, value * (1.0 - rare), value + rare * (1.0 - value)])
+    # runs of unlike numbers of epochs: a ratio of means, its error by what is left of each
     reach = mean_interval((count - value * of) * (count.size / total))
     return np.array([value, max(0.0, value + reach[1]), min(1.0, value + reach[2])])
 

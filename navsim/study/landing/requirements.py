@@ -73,11 +73,14 @@ UNKNOWN = np.full(3, np.nan)
 """Of what a method tells nothing."""
 
 
-def single(case: Case) -> list[AnySingle]:
-    """The requirements of a scenario, presets as their parts."""
-    out: list[AnySingle] = []
+def single(case: Case) -> list[tuple[str, AnySingle]]:
+    """The requirements of a scenario, presets as their parts, and what stands before each in words."""
+    out: list[tuple[str, AnySingle]] = []
     for one in case.scenario.requirements:
-        out += one.parts() if isinstance(one, PresetRequirement) else (one,)
+        if isinstance(one, PresetRequirement):
+            out += [(f"{one.operation}: ", part) for part in one.parts()]
+        else:
+            out.append(("", one))
     return out
 
 
@@ -87,7 +90,10 @@ def judged(draft: Draft, case: Case, runs: int, moments: tuple[np.ndarray, np.nd
     asked = single(case)
     if not asked:
         return
-    found = [_found(one, draft, case, runs, moments) for one in asked]
+    found = [
+        replace(fulfilled, text=before + fulfilled.text)
+        for before, fulfilled in ((before, _found(one, draft, case, runs, moments)) for before, one in asked)
+    ]
     branch = "/summary/requirements"
     draft[f"{branch}/requirement"] = np.arange(1, len(found) + 1)
     draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
@@ -164,8 +170,10 @@ def _of_box(nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
             return np.array([value[0], *(value[0] * np.exp(reach))])
 
         return replace(nothing, value=value, again=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
-    if draft.layout == COVARIANCE:  # at most: the sum over its sides
-        return replace(nothing, value=_exactly(min(1.0, float(np.nansum(draft["/summary/box/axis_first_order"])))))
+    if draft.layout == COVARIANCE:  # between the most probable of its sides and the sum of all
+        sides = draft["/summary/box/axis_first_order"]
+        most = min(1.0, float(np.nansum(sides)))
+        return replace(nothing, value=np.array([most, float(np.nanmax(sides)), most]))
     return _counted(nothing, int(draft["/summary/box/outside"]), runs)
 
 
