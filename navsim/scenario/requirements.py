@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -18,14 +18,11 @@ Height = Literal["touchdown", "50ft", "100ft", "200ft"]
 
 
 class RequirementSection(Section):
-    """A statement that is to hold; every kind has its own word for `what`."""
+    """A statement that is to hold; every kind has its own word for `what`. needs: the section that it speaks of, "",
+    `box`, `integrity` or `integrity.limits`."""
 
+    needs: ClassVar[str] = ""
     what: str
-
-    @property
-    def needs(self) -> str:
-        """The section that it speaks of: "", `box`, `integrity`, or `integrity.limits`."""
-        return ""
 
 
 class ErrorRequirement(RequirementSection):
@@ -49,58 +46,43 @@ class RmsRequirement(RequirementSection):
 class BoxRequirement(RequirementSection):
     """A landing ends outside the scenario's box less often than this."""
 
+    needs: ClassVar[str] = "box"
     what: Literal["box"]
     at_most: Risk
-
-    @property
-    def needs(self) -> str:
-        return "box"
 
 
 class LevelRequirement(RequirementSection):
     """A protection level of the fixes is within a size at a share of the epochs of the glide."""
 
+    needs: ClassVar[str] = "integrity"
     what: Literal["level"]
     of: Literal["hpl", "vpl"]
     below_m: Length
     share: Share = 0.99
 
-    @property
-    def needs(self) -> str:
-        return "integrity"
-
 
 class AvailabilityRequirement(RequirementSection):
     """A share of the epochs of the glide, or of approaches throughout, is available."""
 
+    needs: ClassVar[str] = "integrity.limits"
     what: Literal["availability", "approaches"]
     at_least: Share
-
-    @property
-    def needs(self) -> str:
-        return "integrity.limits"
 
 
 class RiskRequirement(RequirementSection):
     """Continuity is lost within 15 s, or a run misleads, less often than this."""
 
+    needs: ClassVar[str] = "integrity.limits"
     what: Literal["continuity", "misleading"]
     at_most: Risk
-
-    @property
-    def needs(self) -> str:
-        return "integrity.limits"
 
 
 class AlertRequirement(RequirementSection):
     """An alarm comes within this time wherever an error was beyond its limit, and the level within it."""
 
+    needs: ClassVar[str] = "integrity.limits"
     what: Literal["time_to_alert"]
     within_s: Annotated[float, Field(ge=0.0, le=60.0)]
-
-    @property
-    def needs(self) -> str:
-        return "integrity.limits"
 
 
 CONTINUITY, INTEGRITY = 8e-6, 2e-7
@@ -111,14 +93,11 @@ the larger end of the range)."""
 class PresetRequirement(RequirementSection):
     """All that an operation asks for: its alert limits at a share of the epochs, continuity, integrity."""
 
+    needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
     operation: Operation
     availability: Share = 0.99
     """Annex 10 has 0.99 to 0.99999"""
-
-    @property
-    def needs(self) -> str:
-        return "integrity.limits"
 
     @model_validator(mode="after")
     def _of_approaches(self) -> Self:

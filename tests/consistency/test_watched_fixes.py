@@ -17,6 +17,7 @@ from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, co
 from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.io.results import read
 from navsim.models.sky import unit_vector
+from navsim.report import integrity as shown
 from navsim.simulation import landing as simulation
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
 from navsim.study.landing import Case, integrity
@@ -249,6 +250,13 @@ def test_faults_that_cannot_be_monitored_are_named() -> None:
     assert integrity.told(brief("integrity={p_constellations: {glonass: 1.0e-8}}")) == []
 
 
+def test_a_scenario_has_the_defaults_of_the_levels() -> None:
+    """The allocation of LPV-200 stands in the section and in `Allocation`."""
+    watching = brief("integrity={}").flight.watching
+    assert watching is not None
+    assert watching.test == Allocation()
+
+
 def test_what_is_left_of_several_faults_at_once() -> None:
     """By all 64 combinations of six faults, without those that are listed; enough of them are."""
     priors = np.array([0.1, 0.02, 0.03, 0.05, 0.01, 0.004])
@@ -308,6 +316,7 @@ def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
     assert low == 0.0
     assert high == pytest.approx(1.0 - 0.025 ** (1.0 / 40), rel=1e-9)
     if keep != "none":
+        assert shown._ALARM == ALARM  # reports read results alone
         glide = result["/integrity/time"] <= 60.2
         assert int((result["/integrity/status"][:, glide] == ALARM).sum()) == alarms
 
@@ -339,6 +348,8 @@ def test_runs_that_are_all_alike_have_an_interval() -> None:
     value, low, high = integrity.share_over_runs(np.array([60, 60]), np.array([100, 100]))
     rare = 1.0 - 0.025 ** (1.0 / 2)
     np.testing.assert_allclose([value, low, high], [0.6, 0.6 * (1.0 - rare), 0.6 + 0.4 * rare])
+    value, low, high = integrity.share_over_runs(np.array([60]), np.array([100]))
+    np.testing.assert_allclose([value, low, high], [0.6, 0.6 * 0.025, 0.6 + 0.4 * 0.975])  # a single run too
     for alike in (0, 100):
         found = integrity.share_over_runs(np.full(40, alike), np.full(40, 100))
         np.testing.assert_allclose(found, share_interval(40 * (alike > 0), 40), atol=1e-12)

@@ -219,12 +219,18 @@ def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:
     if not total:
         return np.full(3, np.nan)
     value = float(count.sum()) / total
-    if count.size > 1 and (count * total == of * count.sum()).all():  # any other run may come, as rarely as none did
-        _, _, rare = share_interval(0, count.size)
-        return np.array([value, value * (1.0 - rare), value + rare * (1.0 - value)])
+    if (count * total == of * count.sum()).all():
+        return share_of_alike(value, count.size)
     # runs of unlike numbers of epochs: a ratio of means, its error by what is left of each
     reach = mean_interval((count - value * of) * (count.size / total))
     return np.array([value, max(0.0, value + reach[1]), min(1.0, value + reach[2])])
+
+
+def share_of_alike(value: float, runs: int) -> np.ndarray:
+    """A share of epochs that was the same in all of so many runs, or in the only one, with the 95 % interval: any other
+    run may come, as rarely as none did."""
+    _, _, rare = share_interval(0, runs)
+    return np.array([value, value * (1.0 - rare), value + rare * (1.0 - value)])
 
 
 def told(case: Case) -> list[str]:

@@ -28,7 +28,7 @@ from navsim.scenario.requirements import (
     RmsRequirement,
 )
 from navsim.study.landing.case import Case
-from navsim.study.landing.integrity import glide_of
+from navsim.study.landing.integrity import glide_of, share_of_alike
 from navsim.study.statistics import rms_interval_of_means, share_interval
 
 MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
@@ -221,11 +221,11 @@ def _of_shares(
     value = draft[f"{branch}/{'continuity_risk' if one.what == 'continuity' else one.what}"]
     if not np.isfinite(value).all():
         return replace(nothing, value=np.array([value[0], np.nan, np.nan]))
-    none_or_all = value[0] in (0.0, 1.0)
+    alike = np.array_equal(value, share_of_alike(float(value[0]), runs))
 
     def again(n: int) -> np.ndarray:
-        if none_or_all:  # as `integrity.share_over_runs` has it
-            return share_interval(int(value[0]) * n, n)
+        if alike:
+            return share_of_alike(float(value[0]), n)
         reach = (value[1:] - value[0]) * math.sqrt(runs / n)
         return np.array([value[0], *np.clip(value[0] + reach, 0.0, 1.0)])
 
