@@ -553,7 +553,7 @@ def transport(p, diagonal, column, work):
     """P <- G P G' for a G of 3 x 3 blocks on the diagonal and in the attitude column, in place.
 
     p: (n, n). diagonal, column: (n / 3, 3, 3), column added to the attitude column; its attitude block must be zero.
-    work: (n, n) space. The result is exactly symmetric.
+    States behind the last whole block stay as they are. work: (n, n) space. The result is exactly symmetric.
     """
     _apply_blocks(diagonal, column, p, 0, work)
     _apply_blocks(diagonal, column, work, 1, p)
@@ -578,6 +578,9 @@ def _apply_blocks(diagonal, column, p, half, out):
             out[j, o] = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, a0 * x0)))))
             out[j, o + 1] = fma(b5, x5, fma(b4, x4, fma(b3, x3, fma(b2, x2, fma(b1, x1, b0 * x0)))))
             out[j, o + 2] = fma(c5, x5, fma(c4, x4, fma(c3, x3, fma(c2, x2, fma(c1, x1, c0 * x0)))))
+    for i in range(3 * diagonal.shape[0], n):
+        for j in range(half * i, n):
+            out[j, i] = p[i, j]
 
 
 @kernel

@@ -2,7 +2,8 @@
 
 Error state (filter, results): truth minus estimate. Nine errors of navigation in the order of the landing paper's
 equation (1), then errors of the inertial sensors, which are declared: a filter follows the blocks it is given, the
-biases of both triads first. Navigation state (strapdown): one flat array, the `NAV_*` offsets below.
+biases of both triads first. A tightly coupled filter has the receiver's clock behind them, the bias of each time scale
+that its sources keep and the one drift. Navigation state (strapdown): one flat array, the `NAV_*` offsets below.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ MOST = 6
 
 # --- navigation state: latitude, longitude [rad], height [m]; velocity NED [m/s]; quaternion b -> n (scalar first); the
 # turn that the `tfg` filter's bias axes have been held back by (quaternion, see `estimation.tfg`; zeros at the start of
-# a flight); estimates of the sensor states in the order of the error state, biases [rad/s, m/s2] first
+# a flight); estimates of the sensor states, biases [rad/s, m/s2] first, and of the clock, in the order of the error
+# state
 NAV_LLH, NAV_VEL, NAV_QUAT, NAV_HELD, NAV_SENSORS = 0, 3, 6, 10, 14
 NAV_GYRO, NAV_ACCEL = 14, 17
 NAV_N = 20
@@ -91,17 +93,26 @@ def slices(blocks: Sequence[Block]) -> dict[str, slice]:
     return {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(names)}
 
 
-def names(blocks: Sequence[Block]) -> tuple[str, ...]:
-    """Names of the error states: of navigation along north, east, down, of sensors along the body axes x, y, z."""
+def clock_states(scales: int) -> int:
+    """How many states the receiver's clock has, which sources of so many time scales are measured by."""
+    return scales + 1 if scales else 0
+
+
+def names(blocks: Sequence[Block], scales: Sequence[str] = ()) -> tuple[str, ...]:
+    """Names of the error states: of navigation along north, east, down, of sensors along the body axes x, y, z, of the
+    receiver's clock against these time scales."""
     return (
         *(f"{name}_{axis}" for name, _ in _NAVIGATION for axis in ("north", "east", "down")),
         *(f"{b.name}_{axis}" for b in blocks for axis in ("x", "y", "z")),
+        *(f"clock_bias_{scale}" for scale in scales),
+        *(["clock_drift"] if scales else []),
     )
 
 
-def units(blocks: Sequence[Block]) -> tuple[str, ...]:
-    """Units of the error states."""
-    return tuple(unit for unit in (*(u for _, u in _NAVIGATION), *(b.unit for b in blocks)) for _ in range(3))
+def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
+    """Units of the error states, with the clock's against so many time scales."""
+    groups = (*(unit for _, unit in _NAVIGATION), *(b.unit for b in blocks))
+    return (*(unit for unit in groups for _ in range(3)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
 SLICES = slices(biases())

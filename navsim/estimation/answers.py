@@ -97,7 +97,7 @@ def _judge(chart, nav, p, left, row):
         left.cross[row, 3 * k], left.cross[row, 3 * k + 1] = p[i, i + 1], p[i, i + 2]
         left.cross[row, 3 * k + 2] = p[i + 1, i + 2]
     out.nees[row] = normalised_square(p, own, 0, n, factor, x)
-    for group in range(n // 3):
+    for group in range(out.nees_group.shape[1]):
         # position and velocity in plain coordinates, the rest in the filter's own
         if 3 * group < ATT:
             out.nees_group[row, group] = normalised_square(p, error, 3 * group, 3, factor, x)

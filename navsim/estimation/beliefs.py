@@ -13,6 +13,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.states import Block
+from navsim.estimation.clock import ReceiverClock
 from navsim.estimation.records import GAUSSIAN_SUM, FilterModel
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
@@ -37,6 +38,8 @@ class Beliefs:
     kind: `estimate.FILTER_KINDS`. velocity: whether it uses that of the fixes. latency: age of the fixes when they
     come, s. lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its
     fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; see `FilterModel`.
+    clock: densities of the noises of the receiver's clock, phase (m2/s) and frequency (m2/s3), where ranges are
+    measurements instead of fixes; None where they are not.
     """
 
     kind: int
@@ -49,18 +52,43 @@ class Beliefs:
     max_rejected: int
     components: int
     widest: float
+    clock: tuple[float, float] | None = None
 
-    def model(self, noise: np.ndarray | None = None) -> FilterModel:
-        """What the kernels take; noise: densities of each interval of the IMU (n, 2) instead of the sensors' own."""
+    @property
+    def tight(self) -> bool:
+        """Whether ranges are measurements instead of fixes."""
+        return self.clock is not None
+
+    def followed(self, scales: Sequence[int]) -> tuple[int, ...]:
+        """Of the time scales that sources keep, those that it has a bias of the clock for."""
+        return tuple(scales) if self.tight else ()
+
+    def model(self, noise: np.ndarray | None = None, scales: Sequence[int] = ()) -> FilterModel:
+        """What the kernels take; noise: densities of each interval of the IMU (n, 2) instead of the sensors' own;
+        scales: numbers of the time scales that sources keep."""
         densities = self.sensors.noise[None] if noise is None else noise
+        clock = ReceiverClock(np.array(self.followed(scales), np.int64), np.array(self.clock or (0.0, 0.0)))
         return FilterModel(
             self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,
-            self.components if self.kind == GAUSSIAN_SUM else 0, self.widest,
+            self.components if self.kind == GAUSSIAN_SUM else 0, self.widest, clock,
         )  # fmt: skip
 
-    def covariance(self, position: float, velocity: float, attitude: float) -> np.ndarray:
-        """P (n, n) of a start with these 1 sigmas per axis, m, m/s, rad."""
-        return initial_covariance((position, velocity, attitude, *self.sensors.sigma), self.sensors.blocks)
+    def covariance(self, position: float, velocity: float, attitude: float, scales: Sequence[int] = ()) -> np.ndarray:
+        """P (n, n) of a start with these 1 sigmas per axis, m, m/s, rad; scales: as of `model`."""
+        known = initial_covariance((position, velocity, attitude, *self.sensors.sigma), self.sensors.blocks)
+        sigma = clock_sigma(len(self.followed(scales)))
+        out = np.zeros((known.shape[0] + sigma.size,) * 2)
+        out[: known.shape[0], : known.shape[0]] = known
+        out[known.shape[0] :, known.shape[0] :] = np.diag(sigma**2)
+        return out
+
+
+def clock_sigma(scales: int) -> np.ndarray:
+    """1 sigma that the clock's states are known with at the start: its biases, m, and its drift, m/s.
+
+    Next to nothing beside ranges, and no more: what is lost to rounding grows with its square (1e8 m2 x 2e-16 = 2e-8
+    m2)."""
+    return np.array([*[1e4] * scales, 1e2] if scales else [])
 
 
 def initial_covariance(sigma: Sequence[float], blocks: Sequence[Block]) -> np.ndarray:

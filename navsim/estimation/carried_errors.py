@@ -16,6 +16,7 @@ import numpy as np
 from navsim.core.jit import kernel
 from navsim.core.lanes import fma, numbers, registers, room, small_matrix, small_vector
 from navsim.core.states import MOST, SENSORS
+from navsim.estimation.clock import carry_clock_covariance
 
 
 class Route(NamedTuple):
@@ -23,8 +24,8 @@ class Route(NamedTuple):
 
     Of events (k,): ahead, as of `records.Events`; output, interval, weighed: the row of what it is, or ends, below, -1
     for none. Of i intervals: phi (i, 9, S) the rows of navigation of Phi; rest (i, S - 9) what is left of the sensor
-    states, which nothing else acts on. Of w measurements: h (w, MOST, S); gain (w, n, MOST). to_error (n, S): the
-    errors of the filter's states.
+    states, which nothing else acts on; length (i,) s. Of w measurements: h (w, MOST, S); gain (w, n, MOST). to_error
+    (n, S): the errors of the filter's states. clock: the first of the clock's biases among the states, and how many.
     """
 
     ahead: np.ndarray
@@ -33,9 +34,11 @@ class Route(NamedTuple):
     weighed: np.ndarray
     phi: np.ndarray
     rest: np.ndarray
+    length: np.ndarray
     h: np.ndarray
     gain: np.ndarray
     to_error: np.ndarray
+    clock: tuple[int, int]
 
     def of(self, chosen: np.ndarray) -> Route:
         """The same for some of the states, the filter's among them, where the others are always zero."""
@@ -94,6 +97,9 @@ def carry_columns(route, x, d, seen, error):
             one = x[ahead, g]
             if at >= 0:
                 _carry_column(route.phi[at], route.rest[at], one)
+                first, scales = route.clock
+                for b in range(scales):
+                    one[first + b] += route.length[at] * one[first + scales]
             if row >= 0:
                 for j in range(n):
                     t = one[j]
@@ -232,12 +238,14 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
     """Carry the covariances of sources in lanes.
 
     added (i, noises, 15, 15): of intervals, for a unit density; place (15,): its states among those carried; density
-    (noises,), 0 where a source is another. p (2, S, S): at the start, and room for the copy that runs ahead;
-    overwritten. r (w, MOST, MOST): noise of measurements. Out: variance (o, n) of errors at the outputs; sums over the
-    lanes, added to second (w, MOST, MOST), moments of innovations, and to sums (o, n, n), covariances at the outputs.
+    (noises + 2,), 0 where a source is another, the last two of the clock's phase and frequency. p (2, S, S): at the
+    start, and room for the copy that runs ahead; overwritten. r (w, MOST, MOST): noise of measurements. Out: variance
+    (o, n) of errors at the outputs; sums over the lanes, added to second (w, MOST, MOST), moments of innovations, and
+    to sums (o, n, n), covariances at the outputs.
     """
     p, r, density, variance = registers(p), registers(r), registers(density), registers(variance)
-    size, n, noises = p.shape[1], route.gain.shape[1], density.shape[0]
+    size, n, noises = p.shape[1], route.gain.shape[1], added.shape[1]
+    first, scales = route.clock
     work, hp, by = room(p, (n, size)), room(p, (MOST, size)), room(p, (size, MOST))
     moments = small_matrix(p, MOST, MOST)
     alone = numbers(moments)
@@ -259,6 +267,8 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
         one, at, w, row = p[ahead], route.interval[i], route.weighed[i], route.output[i]
         if at >= 0:
             _carry(route.phi[at], route.rest[at], one, work)
+            if scales > 0:
+                carry_clock_covariance(first, scales, density[noises], density[noises + 1], route.length[at], one)
             for k in range(noises):
                 if there[k]:
                     _add(added[at, k], place, density[k], one)

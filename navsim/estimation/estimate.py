@@ -115,7 +115,7 @@ def fly_in_pieces(
     if is_smoother(model.kind):
         _check_smoother(events)
         outputs = _outputs(events)
-        history = empty_history(outputs, events.time.size, model.declared, lanes)
+        history = empty_history(outputs, events.time.size, model.states, lanes)
         whole = (m if m.ndim == 3 else in_all_lanes(m, lanes) for m in (imu.dtheta, imu.dv))
         smoother.run(
             ImuData(imu.time, *(in_lanes(m) for m in whole)), measurements.each(in_lanes), events, lanes_of(state),
@@ -130,7 +130,7 @@ def fly_in_pieces(
     is_output = events.kind == OUTPUT
     answers = [int(is_output[part].sum()) for part in parts]
     longest = max((part.stop - part.start for part in parts), default=0)
-    history = empty_history(max(answers, default=0), longest, model.declared, lanes)
+    history = empty_history(max(answers, default=0), longest, model.states, lanes)
     kernels_history = lanes_of(history)
     flown = [in_lanes(m) if m.ndim == 3 else None for m in (imu.dtheta, imu.dv)]
     output = 0
@@ -188,7 +188,7 @@ def estimate(imu: ImuData, measurements: Measurements, events: Events, state: St
     smoother loses the positive covariance of its flight they are nan, see `lost`. Raises ValueError for a kind that is
     none, and for a smoother that is given events ahead.
     """
-    history = empty_history(_outputs(events), events.time.size, model.declared)
+    history = empty_history(_outputs(events), events.time.size, model.states)
     if is_smoother(model.kind):
         # a smoother keeps its whole flight: eight times the memory for one answer would be too much
         _check_smoother(events)

@@ -26,9 +26,14 @@ from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, keep_decision, keep_innovation, nothing_yet, opened
-from navsim.estimation.charts import correct, turn_axes
-from navsim.estimation.observations import observe
+from navsim.estimation.charts import correct, own_error, turn_axes
+from navsim.estimation.clock import run_clock_on
+from navsim.estimation.error_state import between
+from navsim.estimation.observations import is_bent, observe, slot
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
+
+_MORE = 2
+"""Iterations more of an update by a range that is bent."""
 
 
 class Workshop(NamedTuple):
@@ -62,7 +67,7 @@ def workshop(nav, n):
 class Weighing(NamedTuple):
     """Work space to weigh a measurement: have, z (MOST,), h (MOST, n), r, s (MOST, MOST), k, pht, work (n, MOST), as of
     `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n): what a lane had before, or what is
-    answered."""
+    answered; again_nav, again_p: what it had before another iteration, y (n,)."""
 
     have: np.ndarray
     z: np.ndarray
@@ -75,6 +80,9 @@ class Weighing(NamedTuple):
     x: np.ndarray
     nav: np.ndarray
     p: np.ndarray
+    y: np.ndarray
+    again_nav: np.ndarray
+    again_p: np.ndarray
 
 
 @within
@@ -83,7 +91,7 @@ def weighing(nav, n):
     return Weighing(
         room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
         room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
-        room(nav, (n, n)),
+        room(nav, (n, n)), room(nav, (n,)), room(nav, (nav.shape[0],)), room(nav, (n, n)),
     )  # fmt: skip
 
 
@@ -156,6 +164,7 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
             now = end
         else:
             now = until
+    run_clock_on(model.clock, now - cursor[1], nav, p)
     cursor[0] = k
     cursor[1] = now
 
@@ -202,25 +211,25 @@ def limit_of(gate, degrees):
 
 
 @kernel
-def count_rejection(weighed, used, what, rejected):
-    """Rejections (kinds,) in a row, after a measurement of one kind."""
-    rejected[what] = select(weighed, select(used, 0.0, rejected[what] + 1.0), rejected[what])
+def count_rejection(weighed, used, where, rejected):
+    """Rejections (slots,) in a row, after a measurement of the slot `where`."""
+    rejected[where] = select(weighed, select(used, 0.0, rejected[where] + 1.0), rejected[where])
 
 
 @kernel
-def decide(keep, weighed, degrees, m, gauge, what, model, rejected, left, i):
+def decide(keep, weighed, degrees, m, gauge, where, model, rejected, left, i):
     """Whether what was weighed is used: it passes the gate, or enough before it did not.
 
-    gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. rejected (kinds,): counted on.
-    Where `keep`, it is left as that of event i.
+    gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. where: its slot. rejected
+    (slots,): counted on. Where `keep`, it is left as that of event i.
     """
     if keep:
         keep_innovation(gauge.have, weighed, m, gauge.z, gauge.s, left, i)
     q = whitened_square(gauge.s, gauge.z, m)
-    used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+    used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
     if keep:
         keep_decision(weighed, used, q, degrees, left, i)
-    count_rejection(weighed, used, what, rejected)
+    count_rejection(weighed, used, where, rejected)
     return used
 
 
@@ -238,8 +247,8 @@ def update(chart, used, what, row, measurements, declared, nav, p, increments, i
     what, row, measurements, increments, interval, declared: as `observe` takes them.
     """
     # a lane that does not use it stays as it is
-    spared = any_lane(no(used))
-    if spared:
+    spared, bent = any_lane(no(used)), used & is_bent(what, row, measurements, gauge.h, p)
+    if spared or any_lane(bent):
         copy(nav, gauge.nav)
         copy_matrix(p, gauge.p)
     # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before carrying would keep the
@@ -248,7 +257,31 @@ def update(chart, used, what, row, measurements, declared, nav, p, increments, i
     m = observe(
         what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h, gauge.r
     )
-    gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
+    good = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
+    for _ in range(_MORE):
+        bent = bent & good
+        if not any_lane(bent):
+            break
+        # what the prior says from here, then both weighed again
+        copy(nav, gauge.again_nav)
+        copy_matrix(p, gauge.again_p)
+        between(gauge.nav, nav, gauge.x)
+        own_error(chart, nav, gauge.x, gauge.y)
+        for a in range(m):
+            for c in range(gauge.y.shape[0]):
+                gauge.z[a] -= gauge.h[a, c] * gauge.y[c]
+        errors_from(gauge.k, gauge.z, m, gauge.x)
+        for c in range(gauge.y.shape[0]):
+            gauge.x[c] += gauge.y[c]
+        correct(chart, nav, p, gauge.x, space)
+        held(gauge.again_nav, bent, nav)
+        for i in range(p.shape[0]):
+            held(gauge.again_p[i], bent, p[i])
+        m = observe(
+            what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h,
+            gauge.r,
+        )  # fmt: skip
+        good = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
     joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
     if spared:
         held(gauge.nav, used, nav)
@@ -264,7 +297,6 @@ def run(chart, imu, measurements, events, state, way, model, account):
     a history, is filled in.
     """
     declared = model.declared
-    n = SENSORS + declared.shape[0]
     state_nav, state_p, state_rejected = (
         registers(state.navigation),
         registers(state.covariance),
@@ -272,6 +304,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     )
     way_increments = registers(way.increments)
     left = opened(account)
+    n = state_p.shape[0]
     gauge = weighing(state_nav, n)
     space = workshop(state_nav, n)
     # the filter itself, and its copy that runs ahead
@@ -320,7 +353,8 @@ def run(chart, imu, measurements, events, state, way, model, account):
             if not any_lane(weighed):
                 continue
             errors_from(gauge.k, gauge.z, m, gauge.x)
-            used = decide(ahead == 0, weighed, degrees, m, gauge, what, model, rejected, left, i)
+            where = slot(what, row, measurements)
+            used = decide(ahead == 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
             if any_lane(used):
                 update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
     copy(navs[0], state_nav)

@@ -30,7 +30,7 @@ from navsim.core.elementary import exp_of_negative
 from navsim.core.jit import kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import cholesky, copy, copy_matrix, invert3
-from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, SENSORS
+from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT
 from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.error_state import between
@@ -48,7 +48,7 @@ from navsim.estimation.filter_loop import (
     whitened_square,
     workshop,
 )
-from navsim.estimation.observations import observe
+from navsim.estimation.observations import observe, slot
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
 
 _NARROWED = 0.65
@@ -465,7 +465,6 @@ def run(chart, imu, measurements, events, state, way, model, account):
     was not ahead. Of `way` the increments are not used: each component has its own.
     """
     declared = model.declared
-    n = SENSORS + declared.shape[0]
     state_nav, state_p, state_rejected = (
         registers(state.navigation),
         registers(state.covariance),
@@ -476,7 +475,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
         registers(state.components.navigation), registers(state.components.covariance),
         registers(state.components.increments), registers(state.components.weight),
     )  # fmt: skip
-    most, nav_size = own.weight.shape[0], state_nav.shape[0]
+    n, most, nav_size = state_p.shape[0], own.weight.shape[0], state_nav.shape[0]
     gauge = weighing(state_nav, n)
     zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
@@ -557,7 +556,8 @@ def run(chart, imu, measurements, events, state, way, model, account):
             if any_lane(fewer):
                 _share(fewer, weight)
             weighed = _together(weight, zs, ss, m, gauge.z, gauge.s) & (degrees > 0.0) & sound
-            used = decide(ahead == 0, weighed, degrees, m, gauge, what, model, rejected, left, i)
+            where = slot(what, row, measurements)
+            used = decide(ahead == 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
             for j in range(count):
                 if any_lane(used & (weight[j] > 0.0)):
                     errors_from(ks[j], zs[j], m, gauge.x)

@@ -107,9 +107,9 @@ def steps_of(begin: float, events: Events) -> Steps:
     )
 
 
-def empty(steps: Steps, outputs: int, declared: np.ndarray, truth: np.ndarray) -> Linearised:
-    """Empty arrays for the steps of a flight."""
-    n, t = SENSORS + declared.size, truth.size
+def empty(steps: Steps, outputs: int, n: int, truth: np.ndarray) -> Linearised:
+    """Empty arrays for the steps of a flight, of a filter of n states."""
+    t = truth.size
     i, w = int(steps.interval.max(initial=-1)) + 1, int(steps.measurement.max(initial=-1)) + 1
     return Linearised(
         np.empty((i, n, n)), np.empty((i, SENSORS, t)), np.empty((i, NOISES, N, N)), np.zeros((w, MOST, n)),
@@ -152,9 +152,9 @@ def _one_earlier(phi, keep, m):
 
 
 @kernel
-def _describe(count, past, both, markov, noises, space, phi_total, inputs, added):
+def _describe(count, past, both, markov, noises, space, clock, phi_total, inputs, added):
     """What happened in an interval that was flown in `count` steps: phi_total (n, n), inputs (9, t), added (NOISES, 15,
-    15).
+    15); clock: `clock.ReceiverClock`.
 
     Backward in time, since what a step adds is then taken to the end by what all later steps do together. past: as
     `_interval` leaves it. both (k,), markov, noises: as of `linearise`. space: phi (9, 9 + k), keep, left (k,), own
@@ -162,7 +162,10 @@ def _describe(count, past, both, markov, noises, space, phi_total, inputs, added
     """
     phi, keep, left, own, m, push, total = space
     m_numbers, push_numbers, total_numbers = numbers(m), numbers(push), numbers(total)
-    n, k, groups = phi_total.shape[0], both.shape[0], m.shape[1]
+    size, k, groups, scales = phi_total.shape[0], both.shape[0], m.shape[1], clock.scales.shape[0]
+    # the states of navigation and of its sensors, before those of the clock
+    n = size - scales - 1 if scales > 0 else size
+    length = 0.0
     for c in range(SENSORS + k):
         for g in range(groups):
             m[c, g] = 0.0
@@ -178,6 +181,7 @@ def _describe(count, past, both, markov, noises, space, phi_total, inputs, added
         own[i] = 0.0
     for i in range(count - 1, -1, -1):
         dt = past[i, _DT]
+        length += dt
         # noise comes in at the end of its step, that of velocity through the trapezoid rule into position (`add_white`)
         if noises[0]:
             _add_square(m[ATT : ATT + 3], m_numbers[ATT : ATT + 3], dt, total[0])
@@ -201,11 +205,15 @@ def _describe(count, past, both, markov, noises, space, phi_total, inputs, added
             keep[c] = kept(both[c].decay, dt)
             left[c] *= keep[c]
         _one_earlier(phi, keep, m)
-    for i in range(n):
-        for j in range(n):
-            phi_total[i, j] = m_numbers[j, i] if i < SENSORS else 0.0
+    for i in range(size):
+        for j in range(size):
+            phi_total[i, j] = m_numbers[j, i] if i < SENSORS and j < n else 0.0
     for c in range(SENSORS, n):
         phi_total[c, c] = left[c - SENSORS]
+    for c in range(n, size):
+        phi_total[c, c] = 1.0
+        if c < size - 1:
+            phi_total[c, size - 1] = length
     for i in range(SENSORS):
         for j in range(inputs.shape[1]):
             inputs[i, j] = m_numbers[n + j, i]
@@ -277,7 +285,10 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
         at = steps.interval[i]
         if at >= 0:
             count = _interval(events.time[i], imu, model, nav, p, cursor, increments, space, past)
-            _describe(count, past, both, markov, noises, to_describe, out.transition[at], out.inputs[at], out.added[at])
+            _describe(
+                count, past, both, markov, noises, to_describe, model.clock, out.transition[at], out.inputs[at],
+                out.added[at],
+            )  # fmt: skip
         what, row = events.kind[i], events.row[i]
         if what == OUTPUT:
             copy_matrix(p, out.believed[row])

@@ -4,7 +4,8 @@
 
 A new kind is a number (counted in `KIND_COUNT`), a table and a function here, with a line in `Measurements` and one in
 `observe`.
-Source: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108).
+Sources: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled
+update, section 14.3.2). [2] `docs/theory/filter.md`, section 10.
 """
 
 from __future__ import annotations
@@ -16,20 +17,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from navsim.core.attitude import dcm
-from navsim.core.earth import RATE, radii, short_way
+from navsim.core.earth import RATE, llh_to_ecef, ned_axes, radii, short_way
 from navsim.core.elementary import sincos_of_latitude
 from navsim.core.jit import kernel
-from navsim.core.lanes import no, registers, select, small_vector
+from navsim.core.lanes import no, registers, select, small_matrix, small_vector
 from navsim.core.states import (
     A_D,
     A_E,
     A_N,
+    ATT,
     CONSTANT,
     GYROS,
     MOST,
     NAV_HELD,
     NAV_LLH,
     NAV_QUAT,
+    NAV_SENSORS,
     NAV_VEL,
     POS,
     R_D,
@@ -37,10 +40,12 @@ from navsim.core.states import (
     VEL,
 )
 
-FIX, ALTITUDE = 2, 3
+FIX, ALTITUDE, RANGE = 2, 3, 4
 """Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them)."""
-KIND_COUNT = 1 + max(FIX, ALTITUDE)
-"""Room for them and those before."""
+KIND_COUNT = RANGE
+"""Slots of the other kinds, see `slot`; those of ranges come behind, one for each source."""
+_NEAR = 0.1
+"""A range is bent where the position's uncertainty across it makes it longer by more than this part of its 1 sigma."""
 
 
 class FixTable(NamedTuple):
@@ -69,17 +74,44 @@ class AltitudeTable(NamedTuple):
         return AltitudeTable(change(self.height), change(self.variance))
 
 
+class RangeTable(NamedTuple):
+    """Pseudoranges and range rates of a receiver's antenna, m of them, each of a source and an epoch.
+
+    position, velocity: (m, 3) of the source as the receiver believes it (`models.pseudorange.Signals`), ECEF, m, m/s.
+    distance: (m,) to it, roughly, m. sigma, rate_sigma: (m,) m, m/s. source: (m,) int its number. bias: (m,) int which
+    of the clock's biases is in it (`clock.ReceiverClock`). pseudorange (m,) m, nan where there is none; range_rate (m,)
+    m/s, not used where it or the pseudorange is nan. lever_arm: as of `FixTable`. But for what was measured all are the
+    same in all lanes.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    distance: np.ndarray
+    sigma: np.ndarray
+    rate_sigma: np.ndarray
+    source: np.ndarray
+    bias: np.ndarray
+    pseudorange: np.ndarray
+    range_rate: np.ndarray
+    lever_arm: np.ndarray
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> RangeTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(pseudorange=change(self.pseudorange), range_rate=change(self.range_rate))
+
+
 class Measurements(NamedTuple):
     """The tables of all kinds of measurements, without rows where there are none."""
 
     fixes: FixTable
     altitudes: AltitudeTable
+    ranges: RangeTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
         """These tables, of one run or of so many lanes, by their kinds; of others there are no measurements. Raises
         KeyError for a kind that is none."""
-        unknown = tables.keys() - {FIX, ALTITUDE}
+        unknown = tables.keys() - {FIX, ALTITUDE, RANGE}
         if unknown:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
 
@@ -89,11 +121,24 @@ class Measurements(NamedTuple):
         return cls(
             tables.get(FIX, FixTable(none(3), none(3), none(6, 6), np.zeros(3))),
             tables.get(ALTITUDE, AltitudeTable(none(), none())),
+            tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none())),
         )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Measurements:
         """The tables with every array changed that differs between runs."""
-        return Measurements(self.fixes.each(change), self.altitudes.each(change))
+        return Measurements(self.fixes.each(change), self.altitudes.each(change), self.ranges.each(change))
+
+
+_NO_RANGES = RangeTable(
+    np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64),
+    np.empty(0, np.int64), np.empty(0), np.empty(0), np.zeros(3),
+)  # fmt: skip
+
+
+@kernel
+def slot(kind, row, measurements):
+    """Where rejections in a row of such a measurement are counted: each source of ranges is one by itself."""
+    return KIND_COUNT + measurements.ranges.source[row] if kind == RANGE else kind
 
 
 @kernel
@@ -105,41 +150,114 @@ def _across(arm, h, first):
 
 
 @kernel
-def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
-    """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n) zero at first."""
+def _antenna(nav, increments, dt, c_nb, lever, arm, swing):
+    """Where the antenna is from the IMU, arm (3,) NED m, and how fast it swings around it, swing (3,) NED m/s [1];
+    c_nb (3, 3) out."""
     dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
-    lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
-    sin_lat, cos_lat = sincos_of_latitude(lat)
-    meridian, transverse = radii(sin_lat)
-    arm, rate = small_vector(nav, 3), small_vector(nav, 3)
-    for i in range(3):
-        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
-        h[i, POS + i] = 1.0
-    z[0] = (llh[0] - lat) * (meridian + height) - arm[0]
-    z[1] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat - arm[1]
-    z[2] = height - llh[2] - arm[2]
-    # r_antenna = r + C l: d = -[C l x] theta
-    _across(arm, h, 0)
+    sin_lat, cos_lat = sincos_of_latitude(nav[NAV_LLH])
+    rate = small_vector(nav, 3)
     # v_antenna = v + C (omega_eb x l), omega_eb = omega_ib - C' omega_ie
     for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
         rate[i] = increments[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
     bx = rate[1] * lever[2] - rate[2] * lever[1]
     by = rate[2] * lever[0] - rate[0] * lever[2]
     bz = rate[0] * lever[1] - rate[1] * lever[0]
     for i in range(3):
-        arm[i] = c_nb[i, 0] * bx + c_nb[i, 1] * by + c_nb[i, 2] * bz
-        z[3 + i] = vel[i] - nav[NAV_VEL + i] - arm[i]
-        h[3 + i, VEL + i] = 1.0
-    _across(arm, h, 3)
-    # omega_true = omega_measured - error: d = C [l x] error
+        swing[i] = c_nb[i, 0] * bx + c_nb[i, 1] * by + c_nb[i, 2] * bz
+
+
+@kernel
+def _turning(one, i, increments, dt, c_nb, lever):
+    """What a gyro state, one of the declared, does to the swing along axis i of NED: omega_true = omega_measured -
+    error, d = C [l x] error."""
+    b, d = (one.axis + 1) % 3, (one.axis + 2) % 3
+    turning = c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b]
+    if one.signal != CONSTANT:
+        turning *= increments[one.signal] / dt
+    return turning
+
+
+@kernel
+def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
+    """Position and velocity of the antenna [1]; z (6,) nan where vel is, h (6, n) zero at first."""
+    arm, swing = small_vector(nav, 3), small_vector(nav, 3)
+    _antenna(nav, increments, dt, c_nb, lever, arm, swing)
+    lat, height = nav[NAV_LLH], nav[NAV_LLH + 2]
+    sin_lat, cos_lat = sincos_of_latitude(lat)
+    meridian, transverse = radii(sin_lat)
+    z[0] = (llh[0] - lat) * (meridian + height) - arm[0]
+    z[1] = short_way(llh[1] - nav[NAV_LLH + 1]) * (transverse + height) * cos_lat - arm[1]
+    z[2] = height - llh[2] - arm[2]
+    # r_antenna = r + C l: d = -[C l x] theta
+    _across(arm, h, 0)
+    for i in range(3):
+        z[3 + i] = vel[i] - nav[NAV_VEL + i] - swing[i]
+        h[i, POS + i], h[3 + i, VEL + i] = 1.0, 1.0
+    _across(swing, h, 3)
     for c in range(declared.shape[0]):
         if declared[c].triad == GYROS:
-            b, d = (declared[c].axis + 1) % 3, (declared[c].axis + 2) % 3
             for i in range(3):
-                turning = c_nb[i, b] * lever[d] - c_nb[i, d] * lever[b]
-                if declared[c].signal != CONSTANT:
-                    turning *= increments[declared[c].signal] / dt
-                h[3 + i, SENSORS + c] = turning
+                h[3 + i, SENSORS + c] = _turning(declared[c], i, increments, dt, c_nb, lever)
+
+
+@kernel
+def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
+    """Pseudorange and range rate of a source [1], [2]; z (2,) of zero measurements, h (2, n) zero at first.
+
+    range = |x - x_antenna| + bias, range rate = u (v - v_antenna) + drift, u the unit vector to the source.
+    """
+    arm, swing, x, u, w = (
+        small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3),
+    )  # fmt: skip
+    c_ne = small_matrix(nav, 3, 3)
+    _antenna(nav, increments, dt, c_nb, ranges.lever_arm, arm, swing)
+    llh_to_ecef(nav[NAV_LLH:NAV_VEL], x)
+    ned_axes(nav[NAV_LLH], nav[NAV_LLH + 1], c_ne)
+    source, velocity = ranges.position[row], ranges.velocity[row]
+    for i in range(3):
+        x[i] = source[i] - x[i]
+    for i in range(3):
+        u[i] = c_ne[i, 0] * x[0] + c_ne[i, 1] * x[1] + c_ne[i, 2] * x[2] - arm[i]
+        w[i] = c_ne[i, 0] * velocity[0] + c_ne[i, 1] * velocity[1] + c_ne[i, 2] * velocity[2]
+        w[i] -= nav[NAV_VEL + i] + swing[i]
+    distance = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    for i in range(3):
+        u[i] /= distance
+    along = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+    drift = h.shape[1] - 1
+    bias = SENSORS + declared.shape[0] + ranges.bias[row]
+    clock = NAV_SENSORS - SENSORS
+    z[0], z[1] = -distance - nav[clock + bias], -along - nav[clock + drift]
+    h[0, bias], h[1, drift] = 1.0, 1.0
+    for i in range(3):
+        # the place turns the unit vector
+        turn = (along * u[i] - w[i]) / distance
+        h[0, POS + i], h[1, POS + i], h[1, VEL + i] = -u[i], turn, -u[i]
+        # r_antenna = r + C l: a' (theta x l) = (l x a)' theta
+        j, k = (i + 1) % 3, (i + 2) % 3
+        h[0, ATT + i] = arm[k] * u[j] - arm[j] * u[k]
+        h[1, ATT + i] = arm[j] * ((along * u[k] - w[k]) / distance) - arm[k] * ((along * u[j] - w[j]) / distance)
+        h[1, ATT + i] += swing[k] * u[j] - swing[j] * u[k]
+    for c in range(declared.shape[0]):
+        if declared[c].triad == GYROS:
+            for i in range(3):
+                h[1, SENSORS + c] -= u[i] * _turning(declared[c], i, increments, dt, c_nb, ranges.lever_arm)
+
+
+@kernel
+def is_bent(kind, row, measurements, h, p):
+    """Whether a range is bent where the filter may be, so that one linearisation will not do: its source is near, and
+    the position uncertain across it [2]. h: as `observe` left it; p: (n, n)."""
+    if kind != RANGE:
+        return p[0, 0] < 0.0
+    across = 0.0
+    for i in range(3):
+        across += p[POS + i, POS + i]
+        for j in range(3):
+            across -= h[0, POS + i] * h[0, POS + j] * p[POS + i, POS + j]
+    ranges = measurements.ranges
+    return across > 2.0 * ranges.distance[row] * _NEAR * ranges.sigma[row]
 
 
 @kernel
@@ -172,6 +290,22 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
                 r[b, a] = r[a, b]
             r[a, a] = select(there, covariance[row, a, a], 1.0)
         return MOST
+    if kind == RANGE:
+        ranges = measurements.ranges
+        pseudorange, range_rate = registers(ranges.pseudorange), registers(ranges.range_rate)
+        _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
+        ranged = no(math.isnan(pseudorange[row]))
+        for a in range(2):
+            measured = pseudorange[row] if a == 0 else range_rate[row]
+            sigma = ranges.sigma[row] if a == 0 else ranges.rate_sigma[row]
+            there = ranged & no(math.isnan(measured))
+            have[a] = select(there, 1.0, 0.0)
+            z[a] = select(there, z[a] + measured, 0.0)
+            for c in range(h.shape[1]):
+                h[a, c] *= have[a]
+            r[a, a] = select(there, sigma * sigma, 1.0)
+        r[0, 1], r[1, 0] = 0.0, 0.0
+        return 2
     altitudes = measurements.altitudes
     measured, variance = registers(altitudes.height), registers(altitudes.variance)
     there = no(math.isnan(measured[row]))

@@ -21,6 +21,7 @@ import numpy as np
 from navsim.core import states
 from navsim.core.lanes import in_lanes
 from navsim.core.states import MOST
+from navsim.estimation.clock import NO_CLOCK, ReceiverClock
 from navsim.estimation.observations import KIND_COUNT
 
 TIME_TOLERANCE = 1e-9
@@ -71,8 +72,9 @@ class Mixture(NamedTuple):
 
 
 class State(NamedTuple):
-    """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (kinds,) measurements of each kind that the
-    gate rejected in a row; components whose moments these are, without room where a filter is no sum."""
+    """A filter at a moment: navigation (NAV,), covariance (n, n), rejected (slots,) measurements that the gate rejected
+    in a row, of each slot (`observations.slot`); components whose moments these are, without room where a filter is no
+    sum."""
 
     navigation: np.ndarray
     covariance: np.ndarray
@@ -97,7 +99,7 @@ class FilterModel(NamedTuple):
     densities of the sensors (`core.covariance`), for all intervals of the IMU or each; declared sensor states; gate
     (MOST + 1,) largest normalised innovation squared by the number of measurements; rejections in a row after which one
     is taken nevertheless; of a Gaussian sum the number of its components at most, and 1 sigma of heading (rad) of the
-    widest.
+    widest; clock of the receiver, where it is tightly coupled.
     """
 
     kind: int
@@ -107,6 +109,17 @@ class FilterModel(NamedTuple):
     max_rejected: int
     components: int = 0
     widest: float = math.inf
+    clock: ReceiverClock = NO_CLOCK
+
+    @property
+    def states(self) -> int:
+        """How many states it has."""
+        return states.SENSORS + self.declared.size + self.clock_states
+
+    @property
+    def clock_states(self) -> int:
+        """How many of them are the clock's."""
+        return states.clock_states(self.clock.scales.size)
 
 
 class History(NamedTuple):
@@ -131,7 +144,7 @@ class History(NamedTuple):
 
 class Truth(NamedTuple):
     """What a history is judged by, at its outputs (o,): llh, velocity NED (o, 3), quaternion (o, 4) b -> n, sensors (o,
-    k) the true values of the declared sensor states."""
+    k) the true values of the declared sensor states, and of the clock's."""
 
     llh: np.ndarray
     velocity: np.ndarray
@@ -145,7 +158,8 @@ class Truth(NamedTuple):
 
 class Judgement(NamedTuple):
     """A history against a truth: plain errors (o, n), truth minus estimate; normalised squared errors: nees (o,) of all
-    states in the filter's own coordinates, nees_position_velocity (o,), nees_group (o, n / 3) of each three states."""
+    states in the filter's own coordinates, nees_position_velocity (o,), nees_group (o, g) of each three states but the
+    clock's."""
 
     error: np.ndarray
     nees: np.ndarray
@@ -174,11 +188,12 @@ class Account(NamedTuple):
         return Account(self.truth.each(change), Judgement(*map(change, self.judgement)), *map(change, self[2:]))
 
 
-def empty_account(truth: Truth, states: int, events: int, *lanes: int) -> Account:
-    """Room for what an estimator of so many states leaves beside a truth, of one run or of so many lanes."""
-    o, n = truth.llh.shape[0], states
+def empty_account(truth: Truth, states: int, events: int, *lanes: int, clock: int = 0) -> Account:
+    """Room for what an estimator of so many states, some of them the clock's, leaves beside a truth, of one run or of
+    so many lanes."""
+    o, n, groups = truth.llh.shape[0], states, (states - clock) // 3
     judgement = Judgement(
-        np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, n // 3, *lanes))
+        np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, groups, *lanes))
     )
     return Account(
         truth, judgement, np.empty((o, n, *lanes)), np.empty((o, 6, *lanes)),
@@ -186,27 +201,26 @@ def empty_account(truth: Truth, states: int, events: int, *lanes: int) -> Accoun
     )  # fmt: skip
 
 
-def empty_history(outputs: int, events: int, declared: np.ndarray, *lanes: int) -> History:
-    """Room for what an estimator leaves, of one run or of so many lanes."""
-    k = declared.size
-    n = states.SENSORS + k
+def empty_history(outputs: int, events: int, n: int, *lanes: int) -> History:
+    """Room for what an estimator of n states leaves, of one run or of so many lanes."""
     return History(
-        np.empty((outputs, states.NAV_SENSORS + k, *lanes)), np.empty((outputs, n, n, *lanes)),
+        np.empty((outputs, states.NAV_SENSORS + n - states.SENSORS, *lanes)), np.empty((outputs, n, n, *lanes)),
         np.full((events, MOST, *lanes), np.nan), np.full((events, MOST, *lanes), np.nan),
         np.full((events, *lanes), np.nan), np.zeros((events, *lanes)), np.full((events, *lanes), float(NOT_USED)),
     )  # fmt: skip
 
 
-def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0) -> State:
+def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, sources: int = 0) -> State:
     """The state of a filter before anything happened, from copies of navigation (NAV,) and covariance (n, n), with room
-    for so many components; sensor states that the navigation state is too short for start from zero."""
+    for so many components and sources of ranges; sensor states that the navigation state is too short for start from
+    zero."""
     n = covariance.shape[0]
     lanes = navigation.shape[1:]
     whole = np.zeros((states.NAV_SENSORS + n - states.SENSORS, *lanes))
     whole[: navigation.shape[0]] = navigation
     mixture = Mixture(*(np.zeros((components, *shape, *lanes)) for shape in (whole.shape[:1], (n, n), (6,), ())))
     mixture.navigation[:1], mixture.covariance[:1], mixture.weight[:1] = whole, covariance, 1.0
-    return State(whole, covariance.copy(), np.zeros((KIND_COUNT, *lanes)), mixture)
+    return State(whole, covariance.copy(), np.zeros((KIND_COUNT + sources, *lanes)), mixture)
 
 
 def lanes_of(record: Any) -> Any:

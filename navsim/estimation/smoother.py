@@ -28,11 +28,11 @@ from navsim.core.states import (
     MOST,
     NAV_HELD,
     NAV_SENSORS,
-    SENSORS,
 )
 from navsim.estimation import error_state
 from navsim.estimation.answers import keep_decision, keep_innovation, opened
 from navsim.estimation.charts import PLAIN
+from navsim.estimation.clock import carry_clock_rows
 from navsim.estimation.filter_loop import (
     advance,
     count_rejection,
@@ -43,7 +43,7 @@ from navsim.estimation.filter_loop import (
     whitened_square,
     workshop,
 )
-from navsim.estimation.observations import observe
+from navsim.estimation.observations import observe, slot
 from navsim.estimation.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 
 PASSES = {RTS: 1, MAP: 30}
@@ -63,11 +63,13 @@ def _fly(until, imu, model, nav, cursor, increments, space, added, transition):
     for i in range(n):
         for j in range(n):
             added[i, j] = 0.0
-    last = imu.time.shape[0] - 1
+    last, scales = imu.time.shape[0] - 1, model.clock.scales.shape[0]
     while int(cursor[0]) < last and cursor[1] < until - TIME_TOLERANCE:
         end = min(imu.time[int(cursor[0]) + 1], until)
         advance(PLAIN, end, imu, model, nav, added, cursor, increments, space)
         carry_errors(space.phi, model.declared, cursor[2], transition, space.a)
+        if scales > 0:
+            carry_clock_rows(n - scales - 1, scales, cursor[2], transition)
 
 
 @kernel
@@ -160,8 +162,8 @@ def run(imu, measurements, events, state, model, passes, history):
     covariance is not positive definite.
     """
     declared = model.declared
-    n = SENSORS + declared.shape[0]
     navigation, rejected, final = registers(state.navigation), registers(state.rejected), registers(state.covariance)
+    n = final.shape[0]
     left = opened(history)
     answers, covariance, status = left.navigation, left.covariance, left.status
     size = navigation.shape[0]
@@ -245,9 +247,10 @@ def run(imu, measurements, events, state, model, passes, history):
                 weighed = used
                 keep_innovation(have, weighed, m, z, s, left, e)
                 q = whitened_square(s, z, m)
-                used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[what] >= model.max_rejected))
+                where = slot(what, events.row[e], measurements)
+                used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
                 keep_decision(weighed, used, q, degrees, left, e)
-                count_rejection(weighed, used, what, rejected)
+                count_rejection(weighed, used, where, rejected)
             used = used & (status[e] == USED)
             if not any_lane(used):
                 continue

@@ -1,4 +1,7 @@
-"""The satellite receiver as a clock and a source of fixes; how it positions is `estimation.receiver`."""
+"""The satellite receiver as a clock and a source of fixes; how it positions is `estimation.receiver`.
+
+Source of the clock's noise: `core.arrays.clock`.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.core.arrays.clock import step_covariance
 from navsim.core.arrays.earth import SPEED_OF_LIGHT
 
 
@@ -17,12 +21,13 @@ def epochs(duration: float, rate: float) -> np.ndarray:
 @dataclass(frozen=True)
 class Receiver:
     """rate: of fixes, Hz. latency: from the time a fix is valid to the time it is given out, s. clock_offset: s,
-    clock_drift: s/s."""
+    clock_drift: s/s. clock_density: of the noises of the clock's phase, m2/s, and frequency, m2/s3."""
 
     rate: float
     latency: float
     clock_offset: float
     clock_drift: float
+    clock_density: tuple[float, float] = (0.0, 0.0)
 
     def epochs(self, duration: float, imu_rate: float) -> np.ndarray:
         """Times of the fixes that come before the last sample of an IMU of this rate (Hz), s (e,)."""
@@ -34,3 +39,16 @@ class Receiver:
         """Offset, m, and drift, m/s, of its clock at times (e,): (e, 2)."""
         drift = np.full_like(time, self.clock_drift)
         return SPEED_OF_LIGHT * np.stack([self.clock_offset + self.clock_drift * time, drift], axis=1)
+
+
+def wander(density: tuple[float, float], time: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """What noises of these densities do to offset, m, and drift, m/s, of a clock at times (t,), s, increasing, from
+    nothing at time 0 on: (t, 2)."""
+    bias, both, drift = step_covariance(np.array(density), np.diff(time, prepend=0.0))
+    white = random.standard_normal((2, time.size))
+    root = np.sqrt(drift)
+    share = np.divide(both, root, out=np.zeros_like(root), where=root > 0.0)
+    faster = np.cumsum(root * white[0])
+    longer = share * white[0] + np.sqrt(bias - share**2) * white[1]
+    longer[1:] += faster[:-1] * np.diff(time)
+    return np.stack([np.cumsum(longer), faster], axis=1)

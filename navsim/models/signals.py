@@ -20,7 +20,7 @@ from navsim.models.events import PSEUDOLITES, Event, Scene, happened
 from navsim.models.jamming import Jamming
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
-from navsim.models.systems import CLOCKS, GPS
+from navsim.models.systems import CLOCKS, GPS, OWN
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
@@ -102,6 +102,15 @@ class Environment:
         of_satellites = [group.constellation.system.name for group in self.satellites for _ in group.names]
         of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
         return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
+
+    @property
+    def scale_offsets(self) -> np.ndarray:
+        """What each time scale adds to the pseudoranges of its sources (MAX_CLOCKS,), m; nothing where the receiver
+        takes all for one, and each source's part is an error."""
+        if self.effects.one_clock:
+            return np.zeros(len(CLOCKS))
+        own = self.pseudolites.delay if CLOCKS[self.pseudolites.clock] == OWN else 0.0
+        return np.array(self.effects.offsets) + np.where(np.array(CLOCKS) == OWN, own, 0.0)
 
     @property
     def singled_out(self) -> bool:

@@ -12,6 +12,7 @@ from navsim.scenario.base import (
     Triple,
 )
 from navsim.scenario.sensors import Accelerometer, Gyro
+from navsim.scenario.signals import ClockNoise
 
 
 class FilterInitial(Section):
@@ -61,14 +62,19 @@ class FilterSection(Section):
     """gaussian-sum: several tfg filters side by side while heading is uncertain; tfg: two-frames group; eskf:
     error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map: smoothers, each output from all
     fixes: one backward pass, or iterated to the maximum a posteriori"""
+    coupling: Literal["loose", "tight"] = "loose"
+    """loose: the receiver's fixes are measurements; tight: pseudoranges and range rates of each source are, with the
+    receiver's clock as states, and fewer sources than a fix needs are used as they are"""
+    clock: ClockNoise | None = None
+    """noise of the receiver's clock that a tight filter believes in; left out: that of receiver.clock"""
     velocity: bool = True
-    """use the velocity of the fixes beside their position"""
+    """use the velocity of the fixes beside their position, or the range rates beside the pseudoranges"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
     """default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
     """default: receiver.lever_arm_m"""
     fix_sigma_scale: Sigma = 1.0
-    """factor on the receiver's own 1 sigma"""
+    """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
     imu: FilterSensors = FilterSensors()
     scale_factors: bool = False
@@ -77,8 +83,14 @@ class FilterSection(Section):
     gate: Gate = Gate()
     gaussian_sum: Components = Components()
 
-    def states(self) -> tuple[str, ...]:
-        """Names of the errors that it follows."""
+    @property
+    def tight(self) -> bool:
+        """Whether it is tightly coupled."""
+        return self.coupling == "tight"
+
+    def states(self, scales: int) -> int:
+        """How many errors it follows where sources keep so many time scales."""
         from navsim.core import states
 
-        return states.names((*states.biases(), *(states.SCALE_FACTORS if self.scale_factors else ())))
+        blocks = (*states.biases(), *(states.SCALE_FACTORS if self.scale_factors else ()))
+        return len(states.names(blocks)) + (states.clock_states(scales) if self.tight else 0)

@@ -29,7 +29,7 @@ from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.requirements import AnyRequirement
 from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
-from navsim.scenario.signals import PseudolitesSection, ReceiverSection, SignalsSection
+from navsim.scenario.signals import ClockNoise, PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import Path
     from navsim.models.pseudolite import Track
+    from navsim.models.receiver import Receiver
     from navsim.models.signals import Pseudolites
 
 
@@ -98,6 +99,8 @@ class Landing(Section):
             self.check_analysable()
         if self.method == "rare" and self.box is None:
             raise reject("method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`", "box")
+        if self.filter.clock is not None and not self.filter.tight:
+            raise reject("is for `coupling: tight`: fixes solve for the clock anew", "filter", "clock")
         if self.integrity is not None:
             try:
                 self.integrity.check_names(self.pseudolites.names())
@@ -151,6 +154,13 @@ class Landing(Section):
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""
+        if self.filter.tight and self.method == "rare":
+            raise reject(
+                "method rare pushes fixes, not yet the clock of a tightly coupled filter; use method monte-carlo or "
+                "covariance, or `coupling: loose`",
+                "filter",
+                "coupling",
+            )
         if self.filter.kind in SMOOTHERS:
             raise reject(
                 f"the covariance analysis, on which method rare rests too, is that of a filter, {self.filter.kind} is "
@@ -211,6 +221,10 @@ class Landing(Section):
         return Track(np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)]))
 
     # --- the models the sections stand for
+
+    def receiver_model(self) -> Receiver:
+        """The receiver, with the clock that it has."""
+        return self.receiver.model(ClockNoise() if self.filter.tight else None)
 
     def slant(self) -> float:
         """Length of the paper's glide path, m: start height over the sine of the slope."""

@@ -289,6 +289,21 @@ class SignalsSection(Section):
         return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == GPS.name else 0.0 for c in CLOCKS)
 
 
+class ClockNoise(Section):
+    """Noise of a receiver's oscillator by its Allan variance coefficients; left out: a TCXO (Brown & Hwang)."""
+
+    h0: Annotated[float, Field(ge=0.0, le=1e-12)] = 2e-19
+    """white frequency noise, s"""
+    h_minus2: Annotated[float, Field(ge=0.0, le=1e-12)] = 2e-20
+    """random walk of the frequency, 1/s"""
+
+    def densities(self) -> tuple[float, float]:
+        """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
+        from navsim.core.arrays.clock import densities
+
+        return densities(self.h0, self.h_minus2)
+
+
 class ReceiverSection(Section):
     """The satellite receiver: epochs, antenna, clock."""
 
@@ -300,13 +315,24 @@ class ReceiverSection(Section):
     """IMU to antenna: forward, right, down"""
     clock_offset_us: Signed = 100.0
     clock_drift_ppb: Signed = 50.0
+    clock: ClockNoise | None = None
+    """noise of the clock; left out: that of `{}` where the filter is tightly coupled, else none, since every fix solves
+    for the clock anew"""
     smoothing_s: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """memory of the carrier-smoothed code; 0: bare code"""
     one_clock: bool = False
     """take all time scales for one: one unknown less, and gps_offset_ns is felt"""
 
-    def model(self) -> Receiver:
-        """The receiver in SI units."""
+    def model(self, clock: ClockNoise | None = None) -> Receiver:
+        """The receiver in SI units; clock: its noise where the section leaves it out, if any."""
         from navsim.models.receiver import Receiver
 
-        return Receiver(self.rate_hz, self.latency_s, self.clock_offset_us * 1e-6, self.clock_drift_ppb * 1e-9)
+        clock = self.clock or clock
+
+        return Receiver(
+            self.rate_hz,
+            self.latency_s,
+            self.clock_offset_us * 1e-6,
+            self.clock_drift_ppb * 1e-9,
+            (0.0, 0.0) if clock is None else clock.densities(),
+        )

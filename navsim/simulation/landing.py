@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -23,15 +23,27 @@ from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST
 from navsim.core.streams import generator
 from navsim.estimation import error_state
-from navsim.estimation.beliefs import Beliefs
+from navsim.estimation.beliefs import Beliefs, clock_sigma
 from navsim.estimation.estimate import fly as fly_filter
 from navsim.estimation.estimate import in_all_lanes, is_smoother
-from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.estimation.receiver import fixes, residuals
-from navsim.estimation.records import Events, FilterModel, ImuData, Truth, empty_account, schedule, start
+from navsim.estimation.records import (
+    NOT_USED,
+    REJECTED,
+    USED,
+    Events,
+    FilterModel,
+    ImuData,
+    State,
+    Truth,
+    empty_account,
+    schedule,
+    start,
+)
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
-from navsim.models.receiver import Receiver
+from navsim.models.receiver import Receiver, wander
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
 from navsim.simulation import monitoring
@@ -59,8 +71,9 @@ class World:
 
     imu_time: (n + 1,) s. dtheta, dv: (n, 3) exact increments. truth: motion at imu_time. at_filter: motion
     at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
-    the IMU sample at or just before them. clock: (e, 2) receiver clock offset (m) and drift (m/s). aids: sensors
-    beside the receiver.
+    the IMU sample at or just before them. clock, clock_at_filter: (e, 2), (e + 1, 2) receiver clock offset (m) and
+    drift (m/s) without noise; clock_density: of its noises (`models.receiver.wander`). scale_offsets: (MAX_CLOCKS,)
+    what each time scale adds to the pseudoranges of its sources, m. aids: sensors beside the receiver.
     """
 
     imu_time: np.ndarray
@@ -69,6 +82,9 @@ class World:
     truth: Motion
     signals: pseudorange.Signals
     clock: np.ndarray
+    clock_density: tuple[float, float]
+    clock_at_filter: np.ndarray
+    scale_offsets: np.ndarray
     start: np.ndarray
     at_filter: Motion
     filter_index: np.ndarray
@@ -78,6 +94,11 @@ class World:
     def filter_time(self) -> np.ndarray:
         """Times of the filter's output, s (e + 1,)."""
         return self.at_filter.time
+
+    @cached_property
+    def scales(self) -> tuple[int, ...]:
+        """Numbers of the time scales of the sources that are ever received."""
+        return tuple(sorted(set(self.signals.clock[self.signals.used.any(axis=0)].tolist())))
 
     @cached_property
     def dop(self) -> np.ndarray:
@@ -122,11 +143,36 @@ def build_world(
         truth=trajectory.motion(imu_time),
         signals=build_signals(trajectory.motion(fix_time), utc, environment),
         clock=receiver.clock(fix_time),
+        clock_density=receiver.clock_density,
+        clock_at_filter=receiver.clock(at_filter.time),
+        scale_offsets=environment.scale_offsets,
         start=trajectory.frame.origin,
         at_filter=at_filter,
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
         aids=aids_of(aiding, trajectory, duration, imu_rate),
     )
+
+
+@dataclass(frozen=True)
+class Wander:
+    """The noise of the receiver's clock in runs: offset, m, and drift, m/s, at the fixes (e, 2, W) and at the filter's
+    outputs (e + 1, 2, W)."""
+
+    at_fixes: np.ndarray
+    at_filter: np.ndarray
+
+    @classmethod
+    def of(cls, world: World, seed: int, runs: Sequence[int], lanes: int) -> Wander | None:
+        """That of runs, in the first of so many lanes; None of a clock without noise."""
+        if not any(world.clock_density):
+            return None
+        fixed, answered = world.signals.time, world.filter_time
+        time, where = np.unique(np.concatenate([fixed, answered]), return_inverse=True)
+        wandered = np.empty((fixed.size + answered.size, 2, lanes))
+        for lane, run in enumerate(runs):
+            wandered[..., lane] = wander(world.clock_density, time, generator(seed, run, "clock"))[where]
+        wandered[..., len(runs) :] = wandered[..., len(runs) - 1 : len(runs)]
+        return cls(wandered[: fixed.size], wandered[fixed.size :])
 
 
 @dataclass(frozen=True)
@@ -172,11 +218,34 @@ def initial_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
     return drawn if errors.fixed is None else errors.fixed
 
 
+def initial_clock_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
+    """Errors of the clock's states at time 0 (c,), truth - estimate."""
+    sigma = clock_sigma(len(flight.scales))
+    return generator(seed, run, "clock", 1).standard_normal(sigma.size) * sigma
+
+
 def initial_estimate(flight: Flight, errors: np.ndarray) -> np.ndarray:
     """The navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W)."""
     nav = in_all_lanes(exact_start(flight.world.at_filter))
     error_state.displace(in_lanes(nav), in_lanes(-errors))
     return nav
+
+
+def with_clock(flight: Flight, nav: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    """Navigation states (NAV_N, ...), other sensor states that are zero, and those of the clock (c, ...)."""
+    if not flight.scales:
+        return nav
+    out = np.zeros((states.NAV_SENSORS + flight.covariance.shape[0] - states.SENSORS, *nav.shape[1:]))
+    out[: nav.shape[0]], out[-clock.shape[0] :] = nav, clock
+    return out
+
+
+def exact_clock(flight: Flight) -> np.ndarray:
+    """The states of the clock that a filter follows, as they are at its outputs without noise (o, c)."""
+    now, scales = flight.world.clock_at_filter, list(flight.scales)
+    if not scales:
+        return np.empty((now.shape[0], 0))
+    return np.concatenate([now[:, :1] + flight.world.scale_offsets[scales], now[:, 1:]], axis=1)
 
 
 def exact_start(truth: Motion) -> np.ndarray:
@@ -190,7 +259,7 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
-    ranges, rates, phases = _measure(world, seed, (run,), 1)
+    ranges, rates, phases = _measure(world, seed, (run,), 1, Wander.of(world, seed, (run,), 1))
     return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
 
 
@@ -203,7 +272,7 @@ def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.
 
 
 def _measure(
-    world: World, seed: int, runs: Sequence[int], lanes: int
+    world: World, seed: int, runs: Sequence[int], lanes: int, wandered: Wander | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`."""
     signals = world.signals
@@ -218,12 +287,17 @@ def _measure(
         _generators(seed, runs, "measurements", lanes), len(runs), signals.range, delay, signals.sigma,
         signals.range_rate, signals.rate_sigma, signals.used, world.clock, ranges, rates,
     )  # fmt: skip
+    if wandered is not None:
+        ranges += wandered.at_fixes[:, None, 0]
+        rates += wandered.at_fixes[:, None, 1]
     if signals.smoothing is None:
         return ranges, rates, None
     phases = np.empty((e, s, lanes))
     for lane, run in enumerate(runs):
         drawn = generator(seed, run, "carrier").standard_normal((e, s))
         phases[..., lane] = carrier(world, delay[..., min(lane, delay.shape[2] - 1)]) + CARRIER_SIGMA * drawn
+    if wandered is not None:
+        phases += wandered.at_fixes[:, None, 0]
     return ranges, rates, phases
 
 
@@ -274,8 +348,9 @@ class Flight:
     """A landing ready to be flown by a filter any number of times.
 
     initial, gyro, accel: the truth. beliefs: the filter's. covariance: (n, n) it starts from. events: what happens in
-    the order of the filter. weighed: (e,) the event of each fix. model: `beliefs` as kernels take them. watching: how
-    fixes are watched, if they are.
+    the order of the filter. weighed: (e, 1) the event of each fix, or (e, s) of each range, -1 of one that is not
+    received. model: `beliefs` as kernels take them. watching: how fixes are watched, if they are. start: 1 sigma of the
+    initial errors that the filter believes in.
     """
 
     world: World
@@ -287,6 +362,7 @@ class Flight:
     events: Events
     weighed: np.ndarray
     model: FilterModel
+    start: InitialErrors
     watching: monitoring.Monitoring | None = None
 
     @cached_property
@@ -299,10 +375,14 @@ class Flight:
         """The faults that it expects."""
         return () if self.watching is None else self.watching.expected(self.world.signals)
 
+    @property
+    def scales(self) -> tuple[int, ...]:
+        """Numbers of the time scales that the filter has a bias of the clock for."""
+        return self.beliefs.followed(self.world.scales)
+
     def over(self, world: World) -> Flight:
         """The same in another world."""
-        events, weighed = _order(world, self.beliefs)
-        return replace(self, world=world, events=events, weighed=weighed)
+        return prepare(world, self.initial, self.gyro, self.accel, self.beliefs, self.start, self.watching)
 
 
 def prepare(
@@ -315,20 +395,26 @@ def prepare(
     watching: monitoring.Monitoring | None = None,
 ) -> Flight:
     """A flight; start: 1 sigma of the initial errors that the filter believes in."""
-    covariance = beliefs.covariance(start.position, start.velocity, start.attitude)
-    return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), beliefs.model(), watching)
+    covariance = beliefs.covariance(start.position, start.velocity, start.attitude, world.scales)
+    model = beliefs.model(scales=world.scales)
+    return Flight(world, initial, gyro, accel, beliefs, covariance, *_order(world, beliefs), model, start, watching)
 
 
 def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
-    """The events of a flight, and the one of each fix (e,)."""
+    """The events of a flight, and those of its fixes or ranges, see `Flight`."""
     # the filter knows when a fix came and how old it believes it to be
     arrival = world.filter_time[1:]
     valid = np.maximum(arrival - beliefs.latency, 0.0)
     known = valid if is_smoother(beliefs.kind) else arrival
+    heard = world.signals.used if beliefs.tight else np.ones((arrival.size, 1), bool)
+    epoch, kind = np.nonzero(heard)[0], RANGE if beliefs.tight else FIX
     events = schedule(
-        world.filter_time, (FIX, valid, known), *((aid.sensor.kind, aid.time, aid.time) for aid in world.aids)
-    )
-    return events, events.rows(FIX)
+        world.filter_time, (kind, valid[epoch], known[epoch]),
+        *((aid.sensor.kind, aid.time, aid.time) for aid in world.aids),
+    )  # fmt: skip
+    weighed = np.full(heard.shape, -1)
+    weighed[heard] = events.rows(kind)
+    return events, weighed
 
 
 def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
@@ -338,12 +424,27 @@ def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, cova
     return FixTable(llh, used, believed, beliefs.lever_arm)
 
 
-def measurements(flight: Flight, fixes: FixTable, aided: Sequence[np.ndarray]) -> Measurements:
-    """All that the filter is given: fixes, and what each sensor beside the receiver measured (m, k); of one run, or of
-    lanes."""
+def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:
+    """Pseudoranges and range rates (e, s) of one run, or of lanes, as a tightly coupled filter takes them."""
+    signals, beliefs, heard = flight.world.signals, flight.beliefs, flight.world.signals.used
+    bias = np.full(MAX_CLOCKS, -1)
+    bias[list(flight.scales)] = np.arange(len(flight.scales))
+    source = np.nonzero(heard)[1]
+    return RangeTable(
+        signals.position[heard], signals.velocity[heard], signals.range[heard],
+        beliefs.sigma_scale * signals.fix_sigma[heard], beliefs.sigma_scale * signals.rate_sigma[heard], source,
+        bias[signals.clock[source]], ranges[heard], rates[heard] if beliefs.velocity else np.full_like(rates[heard],
+        np.nan), beliefs.lever_arm,
+    )  # fmt: skip
+
+
+def measurements(flight: Flight, own: FixTable | RangeTable, aided: Sequence[np.ndarray]) -> Measurements:
+    """All that the filter is given: fixes or ranges, and what each sensor beside the receiver measured (m, k); of one
+    run, or of lanes."""
     of_aids = zip(flight.world.aids, aided, strict=True)
-    tables = {FIX: fixes, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}}
-    return Measurements.of(tables, *fixes.llh.shape[2:])
+    kind, shape = (FIX, own.llh.shape[2:]) if isinstance(own, FixTable) else (RANGE, own.pseudorange.shape[1:])
+    tables = {kind: own, **{aid.sensor.kind: aid.table(measured) for aid, measured in of_aids}}
+    return Measurements.of(tables, *shape)
 
 
 @dataclass(frozen=True)
@@ -353,7 +454,8 @@ class Inputs:
     initial: (9, W) errors of the navigation states at time 0, truth - estimate. dtheta, dv: (n, 3, W) measured
     increments. ranges, rates: (e, s, W) pseudoranges (m) and range rates (m/s), nan where there are none. phases:
     (e, s, W) carrier phases (m) where they smooth the code, else None. aided: (m, k, W) of each sensor beside the
-    receiver. sensors: (o, k, W) true values of the sensor states that the filter follows, by which it is judged.
+    receiver. clock: (c, W) estimates of the clock's states at time 0. sensors: (o, k, W) true values of the sensor
+    states that the filter follows, and of the clock's, by which it is judged.
     """
 
     initial: np.ndarray
@@ -363,6 +465,7 @@ class Inputs:
     rates: np.ndarray
     phases: np.ndarray | None
     aided: tuple[np.ndarray, ...]
+    clock: np.ndarray
     sensors: np.ndarray
 
 
@@ -384,10 +487,29 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
         world.filter_index,
     )  # fmt: skip
     sensors = true_values(beliefs.sensors.blocks, errors)
-    ranges, rates, phases = _measure(world, seed, runs, WIDTH)
-    for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided):
+    wandered = Wander.of(world, seed, runs, WIDTH)
+    ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered)
+    clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
+    for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided, clock):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
-    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, sensors)
+    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors)
+
+
+def _clock_of(
+    flight: Flight, seed: int, runs: Sequence[int], wandered: Wander | None, sensors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates of the clock's states at time 0 (c, W), and its true values behind those of the sensors (o, k + c,
+    W)."""
+    if not flight.scales:
+        return np.empty((0, WIDTH)), sensors
+    true = in_all_lanes(exact_clock(flight))
+    if wandered is not None:
+        true[:, :-1] += wandered.at_filter[:, :1]
+        true[:, -1:] += wandered.at_filter[:, 1:]
+    clock = true[0].copy()
+    for lane, run in enumerate(runs):
+        clock[:, lane] -= initial_clock_errors(flight, seed, run)
+    return clock, np.concatenate([sensors, true], axis=1)
 
 
 def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -> Run:
@@ -414,16 +536,18 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     """The landings with these inputs; the first `count` of them are kept, their measurements where they are wanted."""
     world, beliefs = flight.world, flight.beliefs
     n = flight.covariance.shape[0]
-    nav = initial_estimate(flight, inputs.initial)
+    nav = with_clock(flight, initial_estimate(flight, inputs.initial), inputs.clock)
     ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
     llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
-    tables = measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), inputs.aided)
+    own = table_of_ranges(flight, ranges, rates) if beliefs.tight else table_of_fixes(beliefs, llh, velocity, cov)
+    tables = measurements(flight, own, inputs.aided)
 
     truth = world.at_filter
     account = empty_account(
-        Truth(truth.llh, truth.velocity_ned, truth.quaternion, inputs.sensors), n, flight.events.time.size, WIDTH
-    )
-    start_ = start(nav, in_all_lanes(flight.covariance), flight.model.components)
+        Truth(truth.llh, truth.velocity_ned, truth.quaternion, inputs.sensors), n, flight.events.time.size, WIDTH,
+        clock=flight.model.clock_states,
+    )  # fmt: skip
+    start_ = begun(flight, nav, in_all_lanes(flight.covariance))
     fly_filter(ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
@@ -447,6 +571,13 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         monitor_statistic=of_runs(watched.statistic), monitor_status=of_runs(watched.status).astype(np.int64),
         fix_error=of_runs(watched.error),
     )  # fmt: skip
+
+
+def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
+    """The state of a flight's filter before anything happened; nav (NAV,), covariance (n, n), of one run or of
+    lanes."""
+    sources = len(flight.world.signals.names) if flight.beliefs.tight else 0
+    return start(nav, covariance, flight.model.components, sources)
 
 
 @dataclass(frozen=True)
@@ -481,7 +612,6 @@ def _of_events(
 ) -> dict[str, np.ndarray]:
     """What runs keep of their fixes and of the sensors beside the receiver; aided: (r, m, k) of each; squared, degrees,
     status (r, k): of all events."""
-    fixes = flight.weighed
     aids = np.concatenate([np.empty(0, np.int64), *(flight.events.rows(a.sensor.kind) for a in flight.world.aids)])
     measured = np.full((squared.shape[0], aids.size, MOST), np.nan)
     first = 0
@@ -490,9 +620,26 @@ def _of_events(
         first += numbers.shape[1]
     of_events = {"squared": squared, "degrees": degrees, "status": status}
     # a run's numbers lie side by side, as they do when it flies alone: sums over them have one order
-    of_fixes = {name: np.ascontiguousarray(values[:, fixes]) for name, values in of_events.items()}
+    of_fixes = {name: np.ascontiguousarray(values) for name, values in _of_epochs(flight.weighed, of_events).items()}
     of_aids = {f"aided_{name}": np.ascontiguousarray(values[:, aids]) for name, values in of_events.items()}
     return {
         "innovation_squared": of_fixes["squared"], "degrees": of_fixes["degrees"], "status": of_fixes["status"],
         "aided": measured, **of_aids,
     }  # fmt: skip
+
+
+def _of_epochs(weighed: np.ndarray, of_events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Sums of the innovations squared and of their degrees, and the status, of each epoch (r, e), from those of all
+    events (r, k); weighed: as of `Flight`. One of several ranges used is use of the epoch."""
+    if weighed.shape[1] == 1 and (weighed >= 0).all():
+        return {name: values[:, weighed[:, 0]] for name, values in of_events.items()}
+    there = weighed >= 0
+    squared, degrees, status = (np.where(there, of_events[name][:, weighed], empty) for name, empty in (
+        ("squared", np.nan), ("degrees", 0), ("status", NOT_USED)))  # fmt: skip
+    some = np.isfinite(squared).any(axis=2)
+    rejected = np.where((status == REJECTED).any(axis=2), REJECTED, NOT_USED)
+    return {
+        "squared": np.where(some, np.nansum(squared, axis=2), np.nan),
+        "degrees": degrees.sum(axis=2),
+        "status": np.where((status == USED).any(axis=2), USED, rejected),
+    }

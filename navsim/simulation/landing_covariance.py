@@ -1,9 +1,10 @@
 """Linear covariance analysis of a landing: what a thousand runs would show, from matrices alone.
 
 Truth and filter are two models. The filter's own covariance gives the gains; every source of error (initial
-errors, sensor biases and noises, orbits and clocks of satellites, ranging noise of satellites and of pseudolites,
-systematic errors) is then carried through the linearised loop by itself, with what it really is. Their sum is the true
-covariance, whatever the filter believes, and the terms are the error budget.
+errors, sensor biases and noises, orbits and clocks of satellites, ranging noise of satellites and of pseudolites, the
+receiver's clock where a tightly coupled filter follows it, systematic errors) is then carried through the linearised
+loop by itself, with what it really is. Their sum is the true covariance, whatever the filter believes, and the terms
+are the error budget.
 
 State carried: the errors of navigation (9), minus the filter's estimates of its sensor states, the sensor states that
 there really are; the filter's error of a state is the sum of those that mean the same. Of errors drawn once a run,
@@ -29,21 +30,25 @@ from navsim.core.defect import Defect
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
-from navsim.estimation.beliefs import SensorBeliefs
+from navsim.estimation.beliefs import SensorBeliefs, clock_sigma
 from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
-from navsim.estimation.observations import FIX
-from navsim.estimation.records import OUTPUT, Events, ImuData, start
+from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
+from navsim.estimation.records import OUTPUT, Events, ImuData
 from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
     Flight,
     InitialErrors,
     World,
+    begun,
+    exact_clock,
     exact_start,
     measurements,
     receiver_fixes,
     table_of_fixes,
+    table_of_ranges,
+    with_clock,
     without_noise,
 )
 from navsim.simulation.sensors import TrueState, followed, true_states
@@ -70,6 +75,8 @@ _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
 
+CLOCK = "receiver_clock"
+"""The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
 """The sources that the sensor noises of `estimation.linearised` are."""
 
@@ -179,9 +186,10 @@ def _turn_of_axes(llh: np.ndarray) -> np.ndarray:
     return out
 
 
-def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Covariance of fixes (e, 6, 6) by independent errors of chosen (s,) sources; slope: (e, 6, s), others: (e, s)."""
-    spread = slope * np.where(used & chosen, sigma, 0.0)[:, None, :]
+def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray, epoch: np.ndarray) -> np.ndarray:
+    """Covariance of measurements (m, MOST, MOST) by independent errors of chosen (s,) sources; slope: (m, MOST, s) in
+    the epochs (m,), others: (e, s)."""
+    spread = slope * np.where(used & chosen, sigma, 0.0)[epoch, None, :]
     return spread @ np.swapaxes(spread, 1, 2)
 
 
@@ -198,15 +206,14 @@ class _Smoothed:
         counts: np.ndarray,
         sigma: np.ndarray,
         used: np.ndarray,
-        slope: np.ndarray,
         of_pseudolites: np.ndarray,
     ):
-        """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; slope: (e, 6, s) of fixes;
-        of_pseudolites: (s,) bool."""
+        """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; of_pseudolites: (s,) bool."""
         self.size = size
         self.n = np.maximum(counts, 1)
         self.decay = np.where(counts > 1, 1.0 - 1.0 / self.n, 0.0)
-        self.sigma, self.slope, self.used = sigma, slope, used
+        self.sigma, self.used = sigma, used
+        self.epoch = -1
         self.chosen = (~of_pseudolites, of_pseudolites)
         self.cov = np.zeros((2, size + of_pseudolites.size, size + of_pseudolites.size))
 
@@ -222,8 +229,10 @@ class _Smoothed:
         self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
 
     def measure(self, i: int) -> None:
-        """The smoothed noises become those of epoch i."""
-        decay = self.decay[i]
+        """The smoothed noises become those of epoch i, if they are not yet."""
+        if self.epoch == i:
+            return
+        self.epoch, decay = i, self.decay[i]
         self.cov[:, self.size :] *= decay[:, None]
         self.cov[:, :, self.size :] *= decay
         at = self.size + np.arange(decay.size)
@@ -232,10 +241,10 @@ class _Smoothed:
             phase = np.where(chosen & self.used[i], CARRIER_SIGMA, 0.0)
             cov[at, at] += (code**2 + phase**2) / self.n[i] ** 2
 
-    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, there: np.ndarray) -> np.ndarray:
-        """Weigh the fix of epoch i, of which the numbers `there` (m,) are in use, by `gain` (S, m), `here` (m, S);
-        returns what it adds to E[z z'] (m, m)."""
-        m, slope = there.size, self.slope[i, there]
+    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, s) by the
+        ranges; returns what it adds to E[z z'] (m, m)."""
+        m = slope.shape[0]
         turn = np.eye(self.cov.shape[1])
         turn[: self.size, : self.size] -= gain @ here
         turn[: self.size, self.size :] = -gain @ slope
@@ -266,16 +275,19 @@ class _Augmented:
     of the Markov biases in it; decay (t,): of the true states, 1/s.
     """
 
-    def __init__(self, followed: Sequence[Block], true: Sequence[Block]):
+    def __init__(self, followed: Sequence[Block], true: Sequence[Block], scales: int):
+        """scales: how many time scales the filter has a bias of the clock for, whose states carried are the errors
+        themselves."""
         mine, truth = states.declared(followed), states.declared(true)
-        self.n = states.SENSORS + mine.size
+        self.clock = states.SENSORS + mine.size, scales
+        self.n = states.SENSORS + mine.size + states.clock_states(scales)
         self.size = self.n + truth.size
         self.decay = truth["decay"]
         self.to_error = np.zeros((self.n, self.size))
         self.to_error[:, : self.n] = np.eye(self.n)
         means = [np.stack([d["triad"], d["axis"], d["signal"]], axis=1) for d in (mine, truth)]
         same = (means[0][:, None] == means[1][None]).all(axis=2)
-        self.to_error[states.SENSORS :, self.n :] = same
+        self.to_error[states.SENSORS : self.clock[0], self.n :] = same
         self.markov = self.n + _MARKOV + np.arange(states.N - states.SENSORS)
 
     def route(self, events: Events, steps: Steps, lin: Linearised) -> Route:
@@ -292,23 +304,27 @@ class _Augmented:
             np.where(has[steps.measurement], steps.measurement, -1),
             np.concatenate([lin.transition[:, : states.SENSORS], lin.inputs], axis=2),
             np.concatenate([own, np.exp(-length[:, None] * self.decay)], axis=1),
+            length,
             lin.h @ self.to_error,
             lin.gain,
             self.to_error,
+            self.clock,
         )
 
 
 class AlongTruth(NamedTuple):
     """The filter of a flight as it is along the truth.
 
-    steps, lin: of its events (`estimation.linearised`). by_range, by_rate: (e, 6, s) derivatives of position and
-    velocity fixes by pseudoranges and range rates. true: the errors of the inertial sensors that there are.
+    steps, lin: of its events (`estimation.linearised`). by_range, by_rate: (m, MOST, s) derivatives of what is measured
+    by pseudoranges and range rates of the epoch (m,): of fixes, one an epoch, or of ranges, one a source. true: the
+    errors of the inertial sensors that there are.
     """
 
     steps: Steps
     lin: Linearised
     by_range: np.ndarray
     by_rate: np.ndarray
+    epoch: np.ndarray
     true: tuple[TrueState, ...]
 
 
@@ -322,18 +338,28 @@ def along_truth(flight: Flight) -> AlongTruth:
     """Fly the filter of a flight along the truth, without noise."""
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     ranges, rates = without_noise(world)
-    llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
+    own: FixTable | RangeTable
+    if beliefs.tight:
+        epoch, source = np.nonzero(world.signals.used)
+        by_range, by_rate = (np.zeros((epoch.size, MOST, world.signals.used.shape[1])) for _ in range(2))
+        by_range[np.arange(epoch.size), 0, source] = by_rate[np.arange(epoch.size), 1, source] = 1.0
+        own = table_of_ranges(flight, ranges, rates)
+    else:
+        llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
+        epoch = np.arange(world.signals.time.size)
+        by_range, by_rate = _slopes(world, ranges, rates, (llh, velocity, clocks))
+        own = table_of_fixes(beliefs, llh, velocity, cov)
     true = true_states(gyro, accel)
     truth = states.declared([state.block for state in true])
     mine = flight.model.declared
     steps = steps_of(float(world.imu_time[0]), flight.events)
-    lin = empty(steps, world.filter_time.size, mine, truth)
+    lin = empty(steps, world.filter_time.size, flight.model.states, truth)
     linearise(
         ImuData(world.imu_time, world.dtheta, world.dv),
-        measurements(flight, table_of_fixes(beliefs, llh, velocity, cov), [aid.exact for aid in world.aids]),
+        measurements(flight, own, [aid.exact for aid in world.aids]),
         flight.events,
         steps,
-        start(exact_start(world.at_filter), flight.covariance),
+        begun(flight, with_clock(flight, exact_start(world.at_filter), exact_clock(flight)[0]), flight.covariance),
         flight.model,
         np.concatenate([mine, truth]),
         mine.size + _MARKOV,
@@ -341,7 +367,7 @@ def along_truth(flight: Flight) -> AlongTruth:
         in_lanes(np.zeros((1, ROWS))),
         lin,
     )
-    return AlongTruth(steps, lin, *_slopes(world, ranges, rates, (llh, velocity, clocks)), true)
+    return AlongTruth(steps, lin, by_range, by_rate, epoch, true)
 
 
 def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None = None) -> Analysis:
@@ -352,31 +378,35 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     along = along or along_truth(flight)
-    steps, lin, by_range, by_rate, true = along
+    steps, lin, by_range, by_rate, epoch, true = along
     s, events, e, outputs = world.signals, flight.events, world.signals.time.size, world.filter_time.size
     own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
+    own += (CLOCK,) if flight.scales else ()
     sources = (*own, *(aid.sensor.name for aid in world.aids))
-    carried = _Augmented(beliefs.sensors.blocks, [state.block for state in true])
+    carried = _Augmented(beliefs.sensors.blocks, [state.block for state in true], len(flight.scales))
     n, route = carried.n, carried.route(events, steps, lin)
-    weighed, row = _weighed(events, route, FIX)
+    kind = RANGE if beliefs.tight else FIX
+    weighed, row = _weighed(events, route, kind)
     there = lin.have > 0.0
     both = there[weighed, :, None] & there[weighed, None, :]
 
     # what is new at each measurement, by its source: covariance of its noise (w, MOST, MOST)
     noise = {source: np.zeros((*there.shape, MOST)) for source in (*_RATES, *_RANGES, *range(len(own), len(sources)))}
     for which, chosen in enumerate((~of_pseudolites, of_pseudolites)):
-        noise[_RATES[which]][weighed] = np.where(both, _white(by_rate, s.rate_sigma, s.used, chosen)[row], 0.0)
+        noise[_RATES[which]][weighed] = np.where(both, _white(by_rate, s.rate_sigma, s.used, chosen, epoch)[row], 0.0)
         if s.smoothing is None:
-            noise[_RANGES[which]][weighed] = np.where(both, _white(by_range, s.sigma, s.used, chosen)[row], 0.0)
+            noise[_RANGES[which]][weighed] = np.where(both, _white(by_range, s.sigma, s.used, chosen, epoch)[row], 0.0)
     for k, aid in enumerate(world.aids):
         at, numbers = _weighed(events, route, aid.sensor.kind)[0], np.arange(aid.sigma.size)
         noise[len(own) + k][at[:, None], numbers, numbers] = np.where(there[at][:, numbers], aid.sigma**2, 0.0)
     out = _Sums(np.zeros((len(sources), outputs, n)), np.zeros((outputs, n, n)), np.zeros((*there.shape, MOST)))
-    density = np.zeros((len(sources), NOISES))
+    density = np.zeros((len(sources), NOISES + 2))
     density[[SOURCES.index(name) for name in _NOISES], np.arange(NOISES)] = _densities(flight)
+    if flight.scales:
+        density[sources.index(CLOCK), NOISES:] = world.clock_density
     # Markov biases are states of the truth; no other noise acts on one
-    markov = np.flatnonzero(density[:, 2:].any(axis=1)).tolist()
-    others = [*np.flatnonzero(density[:, :2].any(axis=1)).tolist(), *noise]
+    markov = np.flatnonzero(density[:, 2:NOISES].any(axis=1)).tolist()
+    others = [*np.flatnonzero(density[:, :2].any(axis=1) | density[:, NOISES:].any(axis=1)).tolist(), *noise]
     for group, chosen in ((others, np.arange(n)), (markov, np.append(np.arange(n), carried.markov))):
         for first in range(0, len(group), WIDTH):
             some = group[first : first + WIDTH]
@@ -386,7 +416,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
 
     # a column for what is systematic, then one for each thing that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
-    messages = _messages(s, by_range)
+    messages = _messages(s, by_range, epoch)
     messages = messages[:, :, messages.any(axis=(0, 1))]
     first = columns.shape[1]
     columns = np.pad(columns, ((0, 0), (0, messages.shape[2])))
@@ -407,8 +437,10 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     square = np.trace(solved[:, :, :MOST], axis1=1, axis2=2) + of_mean
     nis, degrees, systematic = np.full(e, np.nan), np.zeros(e, np.int64), np.zeros(e)
     kept = ~events.ahead
-    weighed, row = _weighed(events, route, FIX, kept)
-    nis[row], systematic[row], degrees[row] = square[weighed], of_mean[weighed], there[weighed].sum(axis=1)
+    weighed, row = _weighed(events, route, kind, kept)
+    nis[epoch[row]] = 0.0
+    for total, each in ((nis, square[weighed]), (systematic, of_mean[weighed]), (degrees, there[weighed].sum(axis=1))):
+        np.add.at(total, epoch[row], each)
     aided = {}
     for aid in world.aids:
         weighed, _ = _weighed(events, route, aid.sensor.kind, kept)
@@ -421,6 +453,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     matched &= _same(beliefs.sensors, followed(gyro, accel, n > states.N))
+    if beliefs.clock is not None:
+        matched &= np.allclose(beliefs.clock, world.clock_density, rtol=1e-12, atol=0.0)
     begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)
     # a constant bias beside a Markov one is more than the filter's one state a bias can follow
     can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
@@ -452,13 +486,14 @@ def _check(analysis: Analysis, matched: bool) -> None:
         )
 
 
-def _messages(signals: Signals, by_range: np.ndarray) -> np.ndarray:
-    """Change of fixes (e, 6, 4 s) by one sigma of each error of orbits and clocks; (e, 6, 0) without them."""
-    e = by_range.shape[0]
+def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.ndarray:
+    """Change of measurements (m, MOST, 4 s) in the epochs (m,) by one sigma of each error of orbits and clocks; (m,
+    MOST, 0) without them."""
+    m = by_range.shape[0]
     if signals.space is None:
-        return np.zeros((e, 6, 0))
+        return np.zeros((m, MOST, 0))
     size = np.where(signals.used[:, :, None], signals.space, 0.0)
-    return np.einsum("ers,esk->ersk", by_range, size).reshape(e, 6, -1)
+    return np.einsum("mrs,msk->mrsk", by_range, size[epoch]).reshape(m, MOST, -1)
 
 
 def _at_start(
@@ -486,6 +521,10 @@ def _at_start(
             draw(state.source, first, state.sigma)
         else:
             mean[first : first + 3] = state.fixed
+    first, scales = carried.clock
+    for k, sigma in enumerate(clock_sigma(scales)):
+        columns.append(sigma * np.eye(carried.size)[first + k])
+        owner.append(sources.index(CLOCK))
     return np.stack(columns, axis=1), np.array(owner)
 
 
@@ -509,10 +548,10 @@ def _weighed(
 def _carry_noises(
     route: Route, added: np.ndarray, some: list[int], density: np.ndarray, noise: list[np.ndarray | None], out: _Sums
 ) -> None:
-    """Add what at most WIDTH sources do that are new all the time. some: which; density: (source, NOISES) of the
-    sensors; noise: of measurements (w, MOST, MOST), if any."""
+    """Add what at most WIDTH sources do that are new all the time. some: which; density: (source, NOISES + 2)
+    of the sensors and of the clock; noise: of measurements (w, MOST, MOST), if any."""
     n, size = route.to_error.shape
-    density_of, noise_of = np.zeros((NOISES, WIDTH)), np.zeros((*out.second.shape, WIDTH))
+    density_of, noise_of = np.zeros((NOISES + 2, WIDTH)), np.zeros((*out.second.shape, WIDTH))
     density_of[:, : len(some)] = density.T
     for lane, of_source in enumerate(noise):
         if of_source is not None:
@@ -532,7 +571,8 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
     s, events, lin = flight.world.signals, flight.events, along.lin
     assert s.smoothing is not None
     n = lin.believed.shape[1]
-    own = copy = _Smoothed(n, s.smoothing, s.sigma, s.used, along.by_range, of_pseudolites)
+    own = copy = _Smoothed(n, s.smoothing, s.sigma, s.used, of_pseudolites)
+    kind = RANGE if flight.beliefs.tight else FIX
     was_ahead = False
     for i in range(events.time.size):
         ahead = bool(events.ahead[i])
@@ -546,13 +586,13 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
         if events.kind[i] == OUTPUT:
             out.variance[list(_RANGES), row] = np.diagonal(here.state(), axis1=1, axis2=2)
             out.covariance[row] += here.state().sum(axis=0)
-        if events.kind[i] == FIX:
-            here.measure(row)
+        if events.kind[i] == kind:
+            here.measure(int(along.epoch[row]))
         if w >= 0:
             there = np.flatnonzero(lin.have[w])
             h, gain = lin.h[w, there], lin.gain[w][:, there]
-            if events.kind[i] == FIX:
-                moments = here.fixed(row, h, gain, there)
+            if events.kind[i] == kind:
+                moments = here.fixed(int(along.epoch[row]), h, gain, along.by_range[row, there])
             else:
                 moments = h @ here.state().sum(axis=0) @ h.T
                 here.carry(np.eye(n) - gain @ h)

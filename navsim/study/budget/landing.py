@@ -88,9 +88,10 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         names += len(sources.listed.names)
     if sources.pseudolites.names:
         clocks.add(sources.pseudolites.clock)
+    scales = 1 if sources.effects.one_clock else len(clocks)
     return Extent(
-        epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names,
-        1 if sources.effects.one_clock else len(clocks), len(scenario.filter.states()),
+        epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
+        scenario.filter.states(scales),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
         0 if scenario.integrity is None else fixes.size,

@@ -22,11 +22,13 @@ from navsim.models.imu import Triad
 from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded_trajectory import recorded_trajectory
 from navsim.models.signals import Environment, Pseudolites, Satellites
+from navsim.models.systems import CLOCKS
 from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.events import EventSection
 from navsim.scenario.landing import Landing
 from navsim.scenario.sensors import believed
+from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
 from navsim.simulation.landing import (
@@ -107,12 +109,12 @@ class Case:
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states of its filter."""
-        return states.names(self.beliefs.sensors.blocks)
+        return states.names(self.beliefs.sensors.blocks, [CLOCKS[scale] for scale in self.flight.scales])
 
     @property
     def state_units(self) -> tuple[str, ...]:
         """Their units."""
-        return states.units(self.beliefs.sensors.blocks)
+        return states.units(self.beliefs.sensors.blocks, len(self.flight.scales))
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -291,7 +293,7 @@ def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> Wor
     return build_world(
         trajectory,
         sources,
-        scenario.receiver.model(),
+        scenario.receiver_model(),
         utc=scenario.epoch.timestamp(),
         duration=scenario.duration_s,
         imu_rate=scenario.imu.rate_hz,
@@ -335,6 +337,7 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
         max_rejected=section.gate.max_rejected,
         components=section.gaussian_sum.components,
         widest=section.gaussian_sum.heading_deg * DEG,
+        clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
     )
     return beliefs, initial
 

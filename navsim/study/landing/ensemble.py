@@ -114,7 +114,7 @@ class LandingStudy:
         sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
         sums["nis"][0] = np.nan
         n = len(self.case.states)
-        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, n // 3))
+        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, len(self.case.groups)))
         sums["mean_square"], sums["variance"] = np.zeros(n), np.zeros(n)
         sums["rpy_square"], sums["rpy_variance"] = np.zeros(3), np.zeros(3)
         sums["at_variance"] = np.zeros((len(crossings), 3))
