@@ -1,0 +1,274 @@
+"""The tightly coupled filter against closed forms, and against a loosely coupled one where they are the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from navsim.core import states
+from navsim.core.arrays.clock import densities, step_covariance
+from navsim.core.arrays.earth import RATE, ecef_from_llh, ned_matrix
+from navsim.estimation.clock import ReceiverClock, carry_clock_covariance
+from navsim.estimation.estimate import estimate
+from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
+from navsim.estimation.records import ESKF, FILTERS, TFG, FilterModel, History, ImuData, schedule, start
+from navsim.models.receiver import wander
+from navsim.models.sky import unit_vector
+from navsim.simulation.landing import (
+    exact_clock,
+    receiver_fixes,
+    table_of_fixes,
+    table_of_ranges,
+    without_noise,
+)
+from navsim.study.landing import Case
+from tests.conftest import DATA, Within
+from tests.helpers import case
+
+DECLARED = states.declared(states.biases())
+NO_GATE = np.full(states.MOST + 1, np.inf)
+ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""From NED."""
+SIGMA = np.repeat([3.0, 0.5, 0.02, 3e-3, 1e-2], 3)
+
+
+@pytest.fixture(scope="module")
+def cases() -> dict[str, Any]:
+    return json.loads((DATA / "integrity.json").read_text())
+
+
+@pytest.mark.validates("clock of a receiver without sources", "closed form (Brown & Hwang)", variance="1e-9")
+def test_outage(cases: dict[str, Any], within: Within) -> None:
+    given = cases["tight_outage_clock"]
+    density = np.array(densities(given["h0"], given["h_minus2"]))
+    np.testing.assert_allclose(density, [given["s_f_m2_s"], given["s_g_m2_s3"]], rtol=within["variance"])
+    for seconds, variance in given["variance_after_s"].items():
+        # all at once, and in steps
+        for steps in (1, 100):
+            p = np.zeros((3, 3))
+            for _ in range(steps):
+                carry_clock_covariance(0, 2, *density, float(seconds) / steps, p)
+            np.testing.assert_allclose(p[:2, :2], np.full((2, 2), variance), rtol=within["variance"])
+
+
+def test_the_clock_wanders_as_it_is_believed_to() -> None:
+    """Sampled clocks against the covariance over two unequal steps: 99.99 % intervals of sums of squares."""
+    density, time, count = (0.3, 0.7), np.array([0.0, 0.5, 2.5]), 4000
+    random = np.random.default_rng(12)
+    drawn = np.array([wander(density, time, random) for _ in range(count)])
+    np.testing.assert_array_equal(drawn[:, 0], 0.0)
+    step = 2.0
+    bias, both, drift = step_covariance(np.array(density), np.array(step))
+    news = drawn[:, 2] - drawn[:, 1]
+    news[:, 0] -= step * drawn[:, 1, 1]
+    expected = np.array([[bias, both], [both, drift]])
+    found = news.T @ news / count
+    spread = np.sqrt((expected**2 + np.outer(np.diag(expected), np.diag(expected))) / count)
+    assert np.all(np.abs(found - expected) < 3.9 * spread)
+
+
+@pytest.mark.validates("two sources and an unknown clock", "closed form", posterior="5e-6 m2")
+def test_two_sources(cases: dict[str, Any], within: Within) -> None:
+    """Their difference is all that is seen; one source alone says where the clock is, and nothing else."""
+    entry = cases["tight_two_sources"]
+    given = entry["inputs"]
+    azimuth, elevation = np.radians(np.array(given["azimuth_elevation_deg"], float)).T
+    prior = np.array(given["prior_enu_m2"])
+    after = seen(prior, unit_vector(azimuth, elevation), np.array(given["sigma_m"], float))
+    np.testing.assert_allclose(
+        ENU @ after[:3, :3] @ ENU.T, entry["expected"]["posterior_enu_m2"], rtol=0, atol=within["posterior"]
+    )
+    alone = seen(prior, unit_vector(azimuth[:1], elevation[:1]), np.array([2.0]))
+    np.testing.assert_allclose(ENU @ alone[:3, :3] @ ENU.T, prior, rtol=0, atol=within["posterior"])
+    towards = ENU @ unit_vector(azimuth[:1], elevation[:1])[0]
+    assert alone[15, 15] == pytest.approx(4.0 + towards @ (ENU @ prior @ ENU.T) @ towards, rel=1e-6)
+
+
+def seen(prior_enu: np.ndarray, unit: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """P (17, 17) of a filter at rest after ranges to sources very far away; unit: (s, 3) ENU."""
+    llh = np.array([0.7, 0.4, 100.0])
+    nav = np.zeros(states.NAV_N + 2)
+    nav[:3], nav[states.NAV_QUAT] = llh, 1.0
+    distance = 1e12
+    here, c_ne = ecef_from_llh(llh), ned_matrix(llh)
+    places = here + distance * (unit @ ENU) @ c_ne
+    count = sigma.size
+    p = np.zeros((17, 17))
+    p[:3, :3] = ENU @ prior_enu @ ENU.T
+    p[np.arange(3, 15), np.arange(3, 15)] = 1e-12
+    p[15, 15], p[16, 16] = 1e8, 1e-12
+    state = start(nav, p, 0, count)
+    flown(
+        RangeTable(
+            places, np.zeros((count, 3)), np.full(count, distance), sigma, sigma, np.arange(count),
+            np.zeros(count, np.int64), np.linalg.norm(places - here, axis=1), np.full(count, np.nan), np.zeros(3),
+        ),
+        ImuData(np.array([0.0, 0.01]), np.zeros((1, 3)), np.zeros((1, 3))),
+        FilterModel(ESKF, np.zeros((1, 2)), DECLARED, NO_GATE, 0, clock=ReceiverClock(np.zeros(1, int), np.zeros(2))),
+        state,
+    )  # fmt: skip
+    return state.covariance
+
+
+def flown(table: Any, imu: ImuData, model: FilterModel, state: Any) -> History:
+    """All rows of a table at the first moment."""
+    kind = RANGE if isinstance(table, RangeTable) else FIX
+    at = np.full((table.pseudorange if kind == RANGE else table.llh).shape[0], imu.time[0])
+    return estimate(imu, Measurements.of({kind: table}), schedule(imu.time[:1], (kind, at, at)), state, model)
+
+
+SKIES = {
+    "as shipped": (),
+    "two systems": ("sky.source=nominal",),
+    "pseudolites on their own clock, lever arm": ("pseudolites.clock=own", "receiver.lever_arm_m=[2, 0.7, -1.1]"),
+    "two systems, lever arm, scale factors": (
+        "sky.source=nominal", "receiver.lever_arm_m=[2, 0.7, -1.1]", "filter.scale_factors=true",
+        "imu.gyro.scale_ppm=1000", "imu.accelerometer.scale_ppm=1000",
+    ),
+}  # fmt: skip
+
+
+def one_epoch(kind: int, moved: float, order: Sequence[int] | None, *assignments: str) -> tuple[Any, Any]:
+    """States of a tight and of a loose filter after the ranges, or the fix, of one epoch of the glide, from the same
+    start: as far off as `moved` (m, m/s, 0.1 rad), nothing known of the clock; order: of the ranges."""
+    ready = case("filter.coupling=tight", "duration_s=31", "receiver.rate_hz=1", *assignments)
+    flight, world = ready.flight, ready.world
+    epoch = 29
+    k = int(np.searchsorted(world.imu_time, world.signals.time[epoch] - 1e-9))
+    n = flight.covariance.shape[0]
+    first = n - flight.model.clock_states
+    random = np.random.default_rng(3)
+    sigma = np.concatenate([SIGMA, np.full(first - 15, 1e-3)])
+    mixed = np.eye(first) + 0.3 * random.standard_normal((first, first)) / np.sqrt(first)
+    p = np.zeros((n, n))
+    p[:first, :first] = sigma[:, None] * (mixed @ mixed.T) * sigma
+    p[first:, first:] = 1e8 * np.eye(n - first)
+    nav = np.zeros(states.NAV_SENSORS + n - states.SENSORS)
+    truth = world.truth
+    nav[:3], nav[3:6], nav[6:10] = truth.llh[k], truth.velocity_ned[k], truth.quaternion[k]
+    nav[0] += moved / 6.4e6
+    nav[3:6] += moved
+    nav[-flight.model.clock_states :] = exact_clock(flight)[epoch + 1]
+    imu = ImuData(world.imu_time[k : k + 2], world.dtheta[k : k + 1], world.dv[k : k + 1])
+    ranges, rates = without_noise(world)
+    model = flight.model._replace(kind=kind, gate=NO_GATE, components=1)
+    all_rows = table_of_ranges(flight, ranges, rates)
+    rows = np.flatnonzero(np.nonzero(world.signals.used)[0] == epoch)
+    rows = rows if order is None else rows[list(order)]
+    table = RangeTable(*(m if m is all_rows.lever_arm else m[rows] for m in all_rows))
+    tight = start(nav, p, 1, len(world.signals.names))
+    flown(table, imu, model, tight)
+    llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
+    if flight.beliefs.velocity:
+        velocity[epoch], cov[epoch] = of_all_unknowns(ready, epoch, k)
+    fixes = table_of_fixes(flight.beliefs, *(m[epoch : epoch + 1] for m in (llh, velocity, cov)))
+    loose = start(nav[: states.NAV_SENSORS + first - states.SENSORS], p[:first, :first], 1)
+    flown(fixes, imu, model._replace(clock=ReceiverClock(np.empty(0, np.int64), np.zeros(2))), loose)
+    return tight, loose
+
+
+def of_all_unknowns(ready: Case, epoch: int, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity of the antenna (3,), along the axes at the IMU, and covariance of position and velocity (6, 6), NED,
+    solved from ranges and range rates at once: beside a near source a range rate knows of the place too. k: the sample
+    of the IMU."""
+    world, arm = ready.world, ready.environment.lever_arm
+    s, truth = world.signals.at(np.array([epoch])), world.truth
+    heard = s.used[0]
+    c_ne = ned_matrix(truth.llh[k])
+    away = (s.position[0, heard] - s.antenna[0]) @ c_ne.T
+    distance = np.linalg.norm(away, axis=1)
+    u = away / distance[:, None]
+    turning = truth.angular_rate[k] - truth.c_nb[k].T @ c_ne @ [0.0, 0.0, RATE]
+    velocity = truth.velocity_ned[k] + truth.c_nb[k] @ np.cross(turning, arm)
+    relative = s.velocity[0, heard] @ c_ne.T - velocity
+    along = np.sum(u * relative, axis=1, keepdims=True)
+    clocks = (s.clock[heard, None] == np.array(world.scales)).astype(float)
+    none, one = np.zeros((u.shape[0], 1)), np.ones((u.shape[0], 1))
+    by_range = np.hstack([-u, np.zeros_like(u), clocks, none]) / s.fix_sigma[0, heard, None]
+    by_rate = np.hstack([(along * u - relative) / distance[:, None], -u, 0.0 * clocks, one])
+    h = np.vstack([by_range, by_rate / s.rate_sigma[0, heard, None]])
+    return velocity, np.linalg.inv(h.T @ h)[:6, :6]
+
+
+@pytest.mark.parametrize("velocity", ["true", "false"])
+@pytest.mark.parametrize("sky", SKIES)
+@pytest.mark.parametrize("kind", FILTERS)
+def test_with_an_unknown_clock_it_is_the_loose_one(sky: str, kind: int, velocity: str) -> None:
+    """The weighted least squares of an epoch are all that it says: `docs/theory/filter.md`, section 10."""
+    moved = 1e-5  # what sources one by one move the place of linearisation by is second order
+    tight, loose = one_epoch(kind, moved, None, f"filter.velocity={velocity}", *SKIES[sky])
+    n = loose.covariance.shape[0]
+    size = np.sqrt(np.diagonal(loose.covariance))
+    np.testing.assert_allclose(
+        tight.covariance[:n, :n] / np.outer(size, size), loose.covariance / np.outer(size, size), rtol=0, atol=1e-6
+    )
+    off = tight.navigation[: loose.navigation.size] - loose.navigation
+    # a fix takes the lever arm along straight axes: its square over the Earth's radius
+    assert np.abs(off[:2]).max() * 6.4e6 < 1e-6
+    assert abs(off[2]) < 1e-6
+    assert np.abs(off[3:6]).max() < 1e-7
+
+
+@pytest.mark.parametrize("sky", SKIES)
+def test_the_order_of_sources_does_not_matter(sky: str) -> None:
+    """One linearisation point: nothing moves."""
+    forwards, _ = one_epoch(TFG, 0.0, None, *SKIES[sky])
+    count = int(
+        case("filter.coupling=tight", "duration_s=31", "receiver.rate_hz=1", *SKIES[sky]).world.signals.used[29].sum()
+    )
+    backwards, _ = one_epoch(TFG, 0.0, range(count - 1, -1, -1), *SKIES[sky])
+    size = np.sqrt(np.diagonal(forwards.covariance))
+    gap = np.abs(forwards.covariance - backwards.covariance) / np.outer(size, size)
+    assert gap.max() < 1e-9
+
+
+def test_a_near_source_is_iterated() -> None:
+    """A pseudolite 200 m away, the place uncertain by 30 m across and as far off: the estimate is the maximum a
+    posteriori, found by a least-squares program, which a single linearisation misses by metres."""
+    llh = np.array([0.7, 0.4, 100.0])
+    sigma, known, across = 0.5, 2.0, 30.0
+    nav = np.zeros(states.NAV_N + 2)
+    nav[:3], nav[states.NAV_QUAT] = llh, 1.0
+    p = np.diag(np.concatenate([[known**2, across**2, 1e-6], np.full(14, 1e-12)]))
+    here, c_ne = ecef_from_llh(llh), ned_matrix(llh)
+    towards = np.array([200.0, -30.0, 0.0])
+    measured = np.array([200.0])
+    table = RangeTable(
+        (here + towards @ c_ne)[None], np.zeros((1, 3)), np.full(1, 200.0), np.full(1, sigma), np.full(1, 0.1),
+        np.zeros(1, np.int64), np.zeros(1, np.int64), measured, np.full(1, np.nan), np.zeros(3),
+    )  # fmt: skip
+    model = FilterModel(
+        ESKF, np.zeros((1, 2)), DECLARED, NO_GATE, 0, clock=ReceiverClock(np.zeros(1, int), np.zeros(2))
+    )
+    imu = ImuData(np.array([0.0, 0.01]), np.zeros((1, 3)), np.zeros((1, 3)))
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        distance = np.linalg.norm(towards[:2] - x)
+        return np.array([x[0] / known, x[1] / across, (measured[0] - distance) / sigma])
+
+    solution = least_squares(residuals, np.zeros(2), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    gaps = []
+    for far in (1.0, 1e9):
+        state = start(nav, p, 0, 1)
+        flown(table._replace(distance=far * table.distance), imu, model, state)
+        moved = (ecef_from_llh(state.navigation[:3]) - here) @ c_ne.T
+        gaps.append(float(np.linalg.norm(moved[:2] - solution.x)))
+        if far == 1.0:
+            expected = np.linalg.inv(solution.jac.T @ solution.jac)
+            np.testing.assert_allclose(state.covariance[:2, :2], expected, rtol=0.03, atol=0.03)
+    assert gaps[1] > 0.3
+    assert gaps[0] < 0.1 * gaps[1], gaps
+
+
+def test_an_unreceived_system_has_no_clock() -> None:
+    """The states are those of the time scales that are there."""
+    ready = case("filter.coupling=tight", "duration_s=20", "sky.source=nominal-gps", "pseudolites.count=0")
+    assert ready.states[15:] == ("clock_bias_gps", "clock_drift")
+    both = replace(ready.flight.beliefs, clock=None)
+    assert both.followed((0, 1)) == ()
