@@ -176,6 +176,11 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         section, document = read(scenario, given.set_ or [])
         if section.filter.kind in SMOOTHERS:
             leave(BAD_INPUT, f"{scenario}: filter.kind {section.filter.kind} smooths with later fixes; choose a filter")
+        if section.filter.tight:
+            leave(
+                BAD_INPUT,
+                f"{scenario}: filter.coupling tight takes ranges, and live receivers give fixes; make it loose",
+            )
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)

@@ -119,6 +119,7 @@ def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str)
 _FLOWN = (LANDING, COVARIANCE)
 _KEPT = "unless `--keep none`"
 _ALL = "with `--keep all`, which is the default for one run"
+_TIGHT = f"{_ALL}, of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
@@ -221,6 +222,9 @@ _FILTER = Chapter(
         _a("/filter/epoch", "epoch", "s", "fix epochs, time of validity", LANDING, when=_KEPT),
         _a("/filter/innovation_squared", "run epoch", "1", "normalised innovation squared, nan without a fix", LANDING,
            when=_KEPT, attributes=("degrees_of_freedom",)),
+        _a("/filter/source", "source", "1", "names of the sources", LANDING, TEXT, when=_TIGHT),
+        _a("/filter/range_status", "run epoch source", "1",
+           "0 not received, 1 used, 2 rejected by the gate, of a tightly coupled filter", LANDING, WHOLE, when=_TIGHT),
         _a("/filter/fix_status", "run epoch", "1", "0 no fix, 1 used, 2 rejected by the gate", LANDING, WHOLE,
            when=_KEPT),
         _a("/innovations/time", "time", "s", "times of the fixes since the epoch, as they are stamped", (REPLAY, LIVE)),

@@ -179,9 +179,10 @@ class Wander:
 class Run:
     """What one run leaves behind, or several along a first axis; shapes and units as in the result file, without the
     run axis; pseudorange, range_rate (e, s), or of no size where they are not wanted; cross (e + 1, 6): what else a
-    turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude; aided (a, MOST): what
-    sensors beside the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers;
-    aided_squared, aided_degrees, aided_status (a,): as those of the fixes."""
+    turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude; range_status (e, s):
+    what became of each range, of no size where the filter is not tightly coupled; aided (a, MOST): what sensors beside
+    the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers; aided_squared,
+    aided_degrees, aided_status (a,): as those of the fixes."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -197,6 +198,7 @@ class Run:
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
+    range_status: np.ndarray
     aided: np.ndarray
     aided_squared: np.ndarray
     aided_degrees: np.ndarray
@@ -620,26 +622,29 @@ def _of_events(
         first += numbers.shape[1]
     of_events = {"squared": squared, "degrees": degrees, "status": status}
     # a run's numbers lie side by side, as they do when it flies alone: sums over them have one order
-    of_fixes = {name: np.ascontiguousarray(values) for name, values in _of_epochs(flight.weighed, of_events).items()}
+    of_fixes = {name: np.ascontiguousarray(values) for name, values in _of_epochs(flight, of_events).items()}
     of_aids = {f"aided_{name}": np.ascontiguousarray(values[:, aids]) for name, values in of_events.items()}
     return {
         "innovation_squared": of_fixes["squared"], "degrees": of_fixes["degrees"], "status": of_fixes["status"],
+        "range_status": of_fixes["range_status"],
         "aided": measured, **of_aids,
     }  # fmt: skip
 
 
-def _of_epochs(weighed: np.ndarray, of_events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _of_epochs(flight: Flight, of_events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Sums of the innovations squared and of their degrees, and the status, of each epoch (r, e), from those of all
-    events (r, k); weighed: as of `Flight`. One of several ranges used is use of the epoch."""
-    if weighed.shape[1] == 1 and (weighed >= 0).all():
-        return {name: values[:, weighed[:, 0]] for name, values in of_events.items()}
-    there = weighed >= 0
-    squared, degrees, status = (np.where(there, of_events[name][:, weighed], empty) for name, empty in (
-        ("squared", np.nan), ("degrees", 0), ("status", NOT_USED)))  # fmt: skip
-    some = np.isfinite(squared).any(axis=2)
-    rejected = np.where((status == REJECTED).any(axis=2), REJECTED, NOT_USED)
+    events (r, k); range_status (r, e, s). One of several ranges used is use of the epoch."""
+    weighed = flight.weighed
+    if not flight.beliefs.tight:
+        of_fixes = {name: values[:, weighed[:, 0]] for name, values in of_events.items()}
+        return {**of_fixes, "range_status": np.empty((*of_fixes["status"].shape, 0), np.int64)}
+    nothing = {"squared": np.nan, "degrees": 0, "status": NOT_USED}
+    each = {name: np.where(weighed >= 0, of_events[name][:, weighed], value) for name, value in nothing.items()}
+    some = np.isfinite(each["squared"]).any(axis=2)
+    rejected = np.where((each["status"] == REJECTED).any(axis=2), REJECTED, NOT_USED)
     return {
-        "squared": np.where(some, np.nansum(squared, axis=2), np.nan),
-        "degrees": degrees.sum(axis=2),
-        "status": np.where((status == USED).any(axis=2), USED, rejected),
+        "squared": np.where(some, np.nansum(each["squared"], axis=2), np.nan),
+        "degrees": each["degrees"].sum(axis=2),
+        "status": np.where((each["status"] == USED).any(axis=2), USED, rejected),
+        "range_status": each["status"],
     }

@@ -68,6 +68,8 @@ class LiveFilter:
     def __post_init__(self) -> None:
         if is_smoother(self.flight.beliefs.kind):
             raise ValueError("a smoother cannot run live")
+        if self.flight.beliefs.tight:
+            raise ValueError("live receivers give fixes, no ranges")
         if self.flight.world.aids:
             raise ValueError("sensors beside the receiver cannot run live")
         self.state = start(self.navigation, self.flight.covariance, self.flight.model.components)

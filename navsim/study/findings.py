@@ -32,6 +32,8 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
     "fixes_without_velocity": ((FIX,), "fixes without the velocity that the filter wants"),
     "unweighed_fixes": ((FIX,), "fixes could not be weighed: the innovations' covariance is not positive"),
     "rejected_fixes": ((FIX, CONSISTENT), "fixes were rejected by the innovation gate"),
+    "epochs_without_range": ((FIX,), "epochs without a pseudorange: the filter goes by its inertial sensors alone"),
+    "rejected_ranges": ((FIX, CONSISTENT), "epochs have ranges that were rejected by the innovation gate"),
     "not_finite": ((CONSISTENT,), "outputs are not finite numbers"),
     "covariance_not_positive": ((CONSISTENT,), "outputs have a covariance that is not positive definite"),
     "errors_beyond_sigma": ((CONSISTENT,), f"outputs have a position or velocity error beyond {BEYOND:g} sigma"),
@@ -54,6 +56,7 @@ def counted(name: str, count: int, of: int, first: float, last: float, runs: int
     """One of `LANDING` with its counts and times, s: how many of how many, in how many of how many runs."""
     against, words = LANDING[name]
     every = "no fix at all: " if count == of and name in ("epochs_without_fix", "lost_fixes") else ""
+    every = "no range at all: " if count == of and name == "epochs_without_range" else every
     text = f"{every}{count} of {of} {words}{times(first, last, runs, of_runs)}"
     return Finding(name, text, against, count, of, runs, first)
 
@@ -65,8 +68,9 @@ def marks(names: Iterable[str]) -> np.ndarray:
 
 
 def without_fix(found: Sequence[Finding]) -> bool:
-    """Whether findings say that there was no fix at any epoch of any run."""
-    share = sum(f.count / f.of for f in found if f.name in ("epochs_without_fix", "lost_fixes", "unweighed_fixes"))
+    """Whether findings say that there was no fix, or no range, at any epoch of any run."""
+    lost = ("epochs_without_fix", "lost_fixes", "unweighed_fixes", "epochs_without_range")
+    share = sum(f.count / f.of for f in found if f.name in lost)
     return share > 1.0 - 1e-9 or any(f.name == "no_fix" for f in found)
 
 
@@ -109,11 +113,15 @@ def doubted(name: str, whose: str, mean: float, degrees: float, runs: int = 1) -
     return [Finding(name, text, LANDING[name][0], runs, runs, runs)]
 
 
-def rejections(found: Spread | None, of: int, probability: float, of_runs: int = 1) -> list[Finding]:
-    """The finding of fixes rejected by a gate of this probability, where they are more than chance makes them."""
-    if found is None or not too_many(found.count, of * probability):
+def rejections(
+    found: Spread | None, of: int, probability: float, of_runs: int = 1, each: int | None = None
+) -> list[Finding]:
+    """The finding of fixes rejected by a gate of this probability, where they are more than chance makes them; each: of
+    epochs with rejected ranges, how many ranges were weighed."""
+    if found is None or not too_many(found.count, (of if each is None else each) * probability):
         return []
-    return [counted("rejected_fixes", found.count, of, found.first, found.last, found.runs, of_runs)]
+    name = "rejected_fixes" if each is None else "rejected_ranges"
+    return [counted(name, found.count, of, found.first, found.last, found.runs, of_runs)]
 
 
 def rejected_of(name: str, count: int, of: int, probability: float) -> list[Finding]:

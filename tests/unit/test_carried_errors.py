@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from navsim.core.arrays.clock import step_covariance
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, SENSORS
 from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
@@ -20,15 +21,20 @@ INTERVAL = np.array([-1, 0, 1, -1, 2, 3, 4])
 WEIGHED = np.array([-1, 0, 1, -1, 2, -1, -1])
 
 
-def a_route(rng: np.random.Generator) -> Route:
-    """Seven events, three of them on copies that run ahead; a sensor state of the truth for each of the filter."""
+def a_route(rng: np.random.Generator, scales: int) -> Route:
+    """Seven events, three of them on copies that run ahead; a sensor state of the truth for each of the filter, but for
+    the last ones, which are those of a clock against so many time scales."""
     h = np.zeros((3, MOST, SIZE))
     h[:, :, :N] = rng.standard_normal((3, MOST, N)) * (rng.random((3, MOST, N)) < 0.3)
     same = np.hstack([np.eye(N), np.vstack([np.zeros((SENSORS, SIZE - N)), np.eye(SIZE - N)])])
     phi = np.eye(SENSORS, SIZE) + 0.3 * rng.standard_normal((5, SENSORS, SIZE))
     rest = 0.5 + 0.5 * rng.random((5, SIZE - SENSORS))
     gain = 0.2 * rng.standard_normal((3, N, MOST))
-    return Route(AHEAD, OUTPUT, INTERVAL, WEIGHED, phi, rest, h[:, :, :N] @ same, gain, same)
+    clock = N - scales - 1, scales
+    if scales:
+        rest[:, clock[0] - SENSORS : N - SENSORS] = 1.0
+    length = 0.1 + rng.random(5)
+    return Route(AHEAD, OUTPUT, INTERVAL, WEIGHED, phi, rest, length, h[:, :, :N] @ same, gain, same, clock)
 
 
 def dense(route: Route, at: int) -> tuple[np.ndarray, np.ndarray]:
@@ -37,14 +43,17 @@ def dense(route: Route, at: int) -> tuple[np.ndarray, np.ndarray]:
     if at < route.phi.shape[0]:
         phi[:SENSORS] = route.phi[at]
         phi[SENSORS:] *= route.rest[at][:, None]
+        first, scales = route.clock
+        phi[first : first + scales, first + scales] = route.length[at]
     if at < route.h.shape[0]:
         keep[:N] -= route.gain[at] @ route.h[at]
     return phi, keep
 
 
-def test_columns() -> None:
+@pytest.mark.parametrize("scales", [0, 2])
+def test_columns(scales: int) -> None:
     rng = np.random.default_rng(4)
-    route = a_route(rng)
+    route = a_route(rng, scales)
     start, off = rng.standard_normal((SIZE, WIDTH)), rng.standard_normal((3, MOST, WIDTH))
     x, seen, error = np.zeros((2, 1, SIZE, WIDTH)), np.empty((3, 1, MOST, WIDTH)), np.empty((4, 1, N, WIDTH))
     x[0, 0] = start
@@ -64,10 +73,11 @@ def test_columns() -> None:
         own, copy = (own, one) if AHEAD[i] else (one, copy)
 
 
-def test_covariances() -> None:
+@pytest.mark.parametrize("scales", [0, 2])
+def test_covariances(scales: int) -> None:
     """Each lane by itself, and what they add up to."""
     rng = np.random.default_rng(5)
-    route = a_route(rng)
+    route = a_route(rng, scales)
 
     def positive(*shape: int) -> np.ndarray:
         root = rng.standard_normal(shape)
@@ -75,8 +85,8 @@ def test_covariances() -> None:
 
     start = np.stack([positive(SIZE, SIZE) for _ in range(WIDTH)], axis=-1)
     noise = np.stack([positive(3, MOST, MOST) for _ in range(WIDTH)], axis=-1)
-    added, density = positive(5, 4, 15, 15), np.zeros((4, WIDTH))
-    density[1, 0], density[3, 2] = 0.7, 0.4
+    added, density = positive(5, 4, 15, 15), np.zeros((6, WIDTH))
+    density[1, 0], density[3, 2], density[4, 1], density[5, 1:3] = 0.7, 0.4, 0.2, 0.9
     place = np.append(np.arange(SENSORS), np.arange(N, SIZE))
     p, variance = np.zeros((2, SIZE, SIZE, WIDTH)), np.empty((4, N, WIDTH))
     p[0] = start
@@ -92,7 +102,14 @@ def test_covariances() -> None:
         if (at := INTERVAL[i]) >= 0:
             phi = dense(route, at)[0]
             one = phi @ one @ phi.T
-            one[:, place[:, None], place] += np.einsum("kl,kij->lij", density, added[at])
+            one[:, place[:, None], place] += np.einsum("kl,kij->lij", density[:4], added[at])
+            if scales:
+                bias, both, drift = step_covariance(density[4:], route.length[at])
+                first = route.clock[0]
+                one[:, first : first + 2, first : first + 2] += bias[:, None, None]
+                one[:, first : first + 2, first + 2] += both[:, None]
+                one[:, first + 2, first : first + 2] += both[:, None]
+                one[:, first + 2, first + 2] += drift
         if (o := OUTPUT[i]) >= 0:
             error = route.to_error @ one @ route.to_error.T
             np.testing.assert_allclose(variance[o].T, np.diagonal(error, axis1=1, axis2=2), rtol=1e-12)

@@ -59,7 +59,7 @@ _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
-    while the filter waits for late fixes, fixes that are watched."""
+    while the filter waits for late fixes, fixes that are watched, sources whose ranges are measurements."""
 
     samples: int
     epochs: int
@@ -69,12 +69,14 @@ class Extent:
     aided: int
     ahead: float
     watched: int
+    ranged: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
             "group": self.states // 3, "aided": self.aided, "watched": self.watched,
+            "ranged": self.ranged,
         }  # fmt: skip
 
 
@@ -94,7 +96,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         scenario.filter.states(scales),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
-        0 if scenario.integrity is None else fixes.size,
+        0 if scenario.integrity is None else fixes.size, names if scenario.filter.tight else 0,
     )  # fmt: skip
 
 
@@ -132,7 +134,8 @@ def _waiting(scenario: Landing) -> float:
 
 def run_time(scenario: Landing, here: Extent) -> float:
     """Seconds of one run on one core."""
-    weighed = here.epochs + here.aided + here.ahead
+    # of a sky about half is received
+    weighed = here.epochs * max(1.0, 0.5 * here.ranged) + here.aided + here.ahead
     flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
     once = SAMPLE_TIME * flown + FIX_TIME * weighed
     return times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
@@ -181,7 +184,13 @@ def _stored(here: Extent, keep: str) -> float:
         return errors
     # the carrier to noise ratio has the shape of the ranges
     ranges = of("pseudorange", "range_rate", "pseudorange")
-    return errors + ranges + of("fix_llh", "fix_velocity", "aided") + NUMBER * here.epochs * here.clocks
+    return (
+        errors
+        + ranges
+        + here.epochs * here.ranged
+        + of("fix_llh", "fix_velocity", "aided")
+        + NUMBER * here.epochs * here.clocks
+    )
 
 
 def _common_bytes(scenario: Landing, here: Extent) -> float:

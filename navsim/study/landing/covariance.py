@@ -27,10 +27,10 @@ from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_win
 from navsim.study.landing.ensemble import (
     FAR_OFF,
     FOLLOWED,
-    GATED,
     NO_VELOCITY,
     NOT_POSITIVE,
     UNHEARD,
+    UNRANGED,
     UNSOLVED,
     at_times,
     of_fixes,
@@ -82,9 +82,12 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     n = len(case.states)
     none, e = analysis.degrees == 0, analysis.degrees.size
     solvable = np.isfinite(case.world.dop[:, 1])
-    fixes = np.zeros((GATED + 1, e), bool)
-    fixes[UNHEARD], fixes[UNSOLVED] = none & ~solvable, none & solvable
-    fixes[NO_VELOCITY] = case.beliefs.velocity & (analysis.degrees == 3)
+    fixes = np.zeros((UNRANGED + 1, e), bool)
+    if case.beliefs.tight:
+        fixes[UNRANGED] = none
+    else:
+        fixes[UNHEARD], fixes[UNSOLVED] = none & ~solvable, none & solvable
+        fixes[NO_VELOCITY] = case.beliefs.velocity & (analysis.degrees == 3)
     outputs = np.zeros((FAR_OFF + 1, e + 1), bool)
     rms = np.sqrt(_squares(analysis).sum(axis=0))[:, FOLLOWED]
     believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
@@ -183,7 +186,7 @@ def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -
         ("nis", nis, int(analysis.degrees.max(initial=0))),
     ):
         draft.put(f"/summary/consistency/{name}", values, {"degrees_of_freedom": degrees})
-    lost = int(np.sum(analysis.degrees == 0))
+    lost = int(np.sum(~np.isfinite(case.world.dop[:, 1]) if case.beliefs.tight else analysis.degrees == 0))
     for name, value in (("runs", 0), ("fixes", analysis.degrees.size - lost), ("epochs_without_fix", lost)):
         draft[f"/summary/count/{name}"] = np.int64(value)
 

@@ -17,6 +17,7 @@ from navsim.core import states
 from navsim.core.arrays.attitude import rpy_error, rpy_jacobian
 from navsim.core.dop import MAX_CLOCKS
 from navsim.core.states import MOST
+from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.records import NOT_USED, REJECTED
 from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
@@ -60,7 +61,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "fix_velocity": ("epoch", 3), "fix_clock": ("epoch", MAX_CLOCKS), "error": ("output", "state"),
     "sigma": ("output", "state"), "cross": ("output", 6), "nees": ("output",), "nees_position_velocity": ("output",),
     "nees_group": ("output", "group"), "innovation_squared": ("epoch",), "degrees": ("epoch",),
-    "status": ("epoch",), "aided": ("aided", MOST), "aided_squared": ("aided",), "aided_degrees": ("aided",),
+    "status": ("epoch",), "range_status": ("epoch", "ranged"), "aided": ("aided", MOST),
+    "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
     "fix_error": ("watched", 2),
 }  # fmt: skip
@@ -122,7 +124,7 @@ class LandingStudy:
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
         for runs in self.case.fly_runs(self.seed, first, count, measured):
-            fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs.velocity), output_flaws(runs)
+            fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs), output_flaws(runs)
             error = runs.error[:, window]
             squares = _mean_square(error)
             rows.append(
@@ -137,6 +139,7 @@ class LandingStudy:
                     "nees_position_velocity_mean": _finite_means(runs.nees_position_velocity[:, 1:]) / 6,
                     "innovations": np.nansum(runs.innovation_squared, axis=1),
                     "weighed": runs.degrees.sum(axis=1),
+                    "weighed_ranges": np.sum(runs.range_status != NOT_USED, axis=(1, 2)),
                     **of_aids(self.case, runs),
                     **integrity.tally(self.case, runs),
                     "degrees": runs.degrees.max(axis=1, initial=0),
@@ -234,10 +237,10 @@ def partial_key(case: Case, seed: int, first_run: int, runs: int, keep: str) -> 
 
 FLAW_PARTS = tuple(Flaws.__dataclass_fields__)
 """Members of `Flaws`."""
-UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED = range(5)
+UNHEARD, UNSOLVED, NO_VELOCITY, UNWEIGHED, GATED, UNRANGED = range(6)
 """Flaws of a fix epoch: too few usable sources, or no solution in their geometry; sources enough but no solution of
 the least squares; a position without the velocity the filter wants; a fix that could not be weighed; one that the gate
-rejected."""
+rejected, or a range of its epoch; no range at all that a tightly coupled filter could weigh."""
 NOT_FINITE, NOT_POSITIVE, FAR_OFF = range(3)
 """Flaws of an output: errors that are not finite; a covariance that is not positive definite; position or velocity
 beyond `findings.BEYOND` sigmas. Attitude and biases are judged over ensembles alone: before the first turn of the nose
@@ -264,12 +267,16 @@ def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
     }
 
 
-def fix_flaws(runs: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
+def fix_flaws(runs: Run, solvable: np.ndarray, beliefs: Beliefs) -> Flaws:
     """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution."""
     none = np.isnan(runs.fix_llh[..., 0])
-    masks = np.empty((none.shape[0], 5, none.shape[1]), bool)
+    masks = np.zeros((none.shape[0], UNRANGED + 1, none.shape[1]), bool)
     masks[:, UNHEARD], masks[:, UNSOLVED] = none & ~solvable, none & solvable
-    masks[:, NO_VELOCITY] = with_velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
+    if beliefs.tight:
+        masks[:, UNRANGED] = runs.status == NOT_USED
+        masks[:, GATED] = (runs.range_status == REJECTED).any(axis=2)
+        return judging.tally(masks)
+    masks[:, NO_VELOCITY] = beliefs.velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
     masks[:, UNWEIGHED] = ~none & (runs.status == NOT_USED)
     masks[:, GATED] = runs.status == REJECTED
     return judging.tally(masks)
@@ -301,7 +308,9 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     out += of_fixes(case, fixes)
     epochs = case.world.signals.time
     fixed, probability = int(ensemble.per_run("fixes").sum()), case.scenario.filter.gate.probability
-    out += judging.rejections(judging.spread(fixes, GATED, epochs), fixed, probability, runs)
+    gated, tight = judging.spread(fixes, GATED, epochs), case.beliefs.tight
+    each = int(ensemble.per_run("weighed_ranges").sum()) if tight else None
+    out += judging.rejections(gated, runs * epochs.size if tight else fixed, probability, runs, each)
     out += of_outputs(case, outputs)
     mean = _finite_mean(ensemble.per_run("nees_position_velocity_mean"))
     out += judging.doubted("sigma_position_velocity", "errors of position and velocity", mean, 6 * runs, runs)
@@ -331,7 +340,7 @@ def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
         return [Finding("no_fix", text, (FIX,))]
     names = {UNHEARD: "epochs_without_fix", UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
              UNWEIGHED: "unweighed_fixes"}  # fmt: skip
-    return _spreads(flaws, names, epochs)
+    return _spreads(flaws, {UNRANGED: "epochs_without_range"} if case.beliefs.tight else names, epochs)
 
 
 def of_outputs(case: Case, flaws: Flaws) -> list[Finding]:

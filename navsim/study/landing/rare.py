@@ -98,7 +98,7 @@ class RareStudy:
             components = [tilt.proposal.drawn(self.seed, run) for run in runs]
             inputs, off = pushed(case.flight, tilt, draw(case.flight, self.seed, runs), components)
             flown = fly_inputs(case.flight, inputs, len(runs))
-            fixes, outputs = fix_flaws(flown, solvable, case.beliefs.velocity), output_flaws(flown)
+            fixes, outputs = fix_flaws(flown, solvable, case.beliefs), output_flaws(flown)
             rows.append(
                 {
                     "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],

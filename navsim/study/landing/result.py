@@ -42,7 +42,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _receiver(draft, case, ensemble)
         _measurements(draft, case, ensemble)
     if keep != "none":
-        _filter(draft, case, ensemble)
+        _filter(draft, case, ensemble, keep)
         _aiding(draft, case, ensemble, keep == "all")
         _watched(draft, case, ensemble)
     integrity.described(draft, case)
@@ -80,7 +80,7 @@ def _receiver(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
 
 
-def _filter(draft: Draft, case: Case, ensemble: Ensemble) -> None:
+def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
     world = case.world
     draft["/filter/time"] = world.filter_time
     draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
@@ -93,6 +93,9 @@ def _filter(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     name = "innovation_squared"
     draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": most})
     draft["/filter/fix_status"] = _history(ensemble, "status", lambda block: block.astype(np.int8))
+    if keep == "all" and case.beliefs.tight:
+        draft["/filter/source"] = np.array(world.signals.names, dtype=object)
+        draft["/filter/range_status"] = _history(ensemble, "range_status", lambda block: block.astype(np.int8))
 
 
 def _aiding(draft: Draft, case: Case, ensemble: Ensemble, measured: bool) -> None:
