@@ -179,7 +179,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         if section.filter.tight:
             leave(
                 BAD_INPUT,
-                f"{scenario}: filter.coupling tight takes ranges, and live receivers give fixes; make it loose",
+                f"{scenario}: filter.coupling tight takes ranges, live receivers give fixes; make it loose",
             )
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")

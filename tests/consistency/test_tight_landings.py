@@ -1,0 +1,150 @@
+"""Landings of the tightly coupled filter: against the loose one, the covariance analysis and themselves."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from navsim.core import states
+from navsim.core.arrays import chi_square
+from navsim.estimation.records import NOT_USED, REJECTED, USED
+from navsim.simulation.landing import Run
+from navsim.study.executor import threads
+from navsim.study.landing import Case, covariance_analysis, fly_all, result
+from tests.helpers import case
+
+SEED = 907
+SHORT = ("filter.coupling=tight", "duration_s=35", "receiver.rate_hz=2")
+
+
+def flown(ready: Case, runs: int, seed: int = SEED) -> Run:
+    """Runs along a first axis."""
+    parts = list(ready.fly_runs(seed, 0, runs))
+    return Run(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in Run.__dataclass_fields__})
+
+
+def band(runs: int) -> tuple[float, float]:
+    """99.99 % band of the mean NEES/6 of runs."""
+    return tuple(chi_square.quantile(p, 6 * runs) / (6 * runs) for p in (5e-5, 1.0 - 5e-5))
+
+
+def silence(*kept: str, begin: float, end: float) -> str:
+    names = case("duration_s=5").world.signals.names
+    event = {"what": "silence", "sources": [n for n in names if n not in kept], "at_s": begin, "until_s": end}
+    return f"events={json.dumps([event])}"
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("sky.source=nominal", "receiver.lever_arm_m=[1, 0.5, -0.7]", "receiver.latency_s=0.253"),
+        ("pseudolites.clock=own", "receiver.smoothing_s=20"),
+        ("sky.source=nominal", "signals.ephemeris={}", "receiver.smoothing_s=20", "altimeter.sigma_m=1.0"),
+        ("filter.clock.h0=2e-18", "filter.clock.h_minus2=2e-19", silence("R01", "R07", begin=12, end=30)),
+    ],
+    ids=["as shipped", "late, lever arm, two systems", "own clock, smoothed", "messages", "another clock"],
+)
+def test_covariance_analysis_tells_what_runs_show(settings: tuple[str, ...]) -> None:
+    """RMS over 96 runs at some times against the analysis, whatever the filter believes: 4 standard errors of each of
+    the numbers of position, velocity and clock; its innovations as expected."""
+    runs = 96
+    ready = case("filter.kind=eskf", "initial_errors.attitude_deg=0.5", *SHORT, *settings)
+    analysis = covariance_analysis(ready)
+    expected = analysis.variance.sum(axis=0) + analysis.mean**2
+    errors = flown(ready, runs).error
+    followed = [*range(states.ATT), *range(15, errors.shape[2])]
+    for when in (5, 20, 45, 60):
+        square = np.mean(errors[:, when, followed] ** 2, axis=0)
+        assert np.all(np.abs(square / expected[when, followed] - 1.0) < 4.0 * np.sqrt(2.0 / runs)), when
+    clock = analysis.sources.index("receiver_clock")
+    assert analysis.variance[clock, 0, -1] == pytest.approx(1e4)
+
+
+def test_a_filter_that_believes_what_is_true_expects_its_innovations() -> None:
+    ready = case("filter.kind=eskf", *SHORT, "sky.source=nominal", "receiver.lever_arm_m=[1, 0.5, -0.7]")
+    analysis = covariance_analysis(ready)
+    np.testing.assert_allclose(analysis.nis / analysis.degrees, 1.0, atol=2e-3)
+    believed = np.diagonal(analysis.believed, axis1=1, axis2=2)
+    np.testing.assert_allclose(believed[1:], analysis.variance.sum(axis=0)[1:], rtol=0.01)
+
+
+def test_three_sources_bound_what_loose_coupling_loses() -> None:
+    """Two satellites and a pseudolite left from 20 s on: NEES/6 within the band of its mean at each of some
+    times, errors a third of those of the loose filter, which drifts as if nothing were left."""
+    runs = 64
+    event = silence("R01", "R07", "PL1", begin=20, end=40)
+    nothing = silence(begin=20, end=40)
+    settings = ("duration_s=40", "receiver.rate_hz=2", "filter.kind=gaussian-sum")
+    tight, loose, blind = (
+        flown(case(*settings, f"filter.coupling={coupling}", events), runs)
+        for coupling, events in (("tight", event), ("loose", event), ("loose", nothing))
+    )
+    np.testing.assert_array_equal(loose.error, blind.error)
+    low, high = band(runs)
+    for when in (45, 60, 79):
+        assert low < tight.nees_position_velocity[:, when].mean() / 6 < high
+    size = [np.sqrt(np.mean(np.sum(one.error[:, -2, :2] ** 2, axis=1))) for one in (tight, loose)]
+    assert size[0] < size[1] / 3.0
+    assert np.all(tight.degrees[:, 45:79] == 6)
+    np.testing.assert_array_equal(tight.status[:, 45:79], USED)
+    np.testing.assert_array_equal(loose.status[:, 45:79], NOT_USED)
+
+
+def test_without_a_source_sigma_is_that_of_the_inertial_sensors() -> None:
+    """No source for the last 20 s: the clock does nothing to position, velocity, attitude; the statuses say so."""
+    runs = 16
+    events = silence(begin=20, end=50)
+    settings = ("duration_s=40", "receiver.rate_hz=2", "filter.kind=eskf", events)
+    tight = flown(case("filter.coupling=tight", *settings), runs)
+    ready = case("filter.coupling=tight", "method=covariance", *settings)
+    analysis = covariance_analysis(ready)
+    np.testing.assert_array_equal(tight.status[:, 40:], NOT_USED)
+    free = np.sqrt(np.diagonal(analysis.believed[-1])[:6])
+    np.testing.assert_allclose(np.sqrt(np.mean(tight.sigma[:, -1, :6] ** 2, axis=0)), free, rtol=0.1)
+    grown = np.sqrt(np.diagonal(analysis.covariance[-1])[:6])
+    np.testing.assert_allclose(free, grown, rtol=0.1)
+
+
+def test_a_faulty_source_is_gated_alone() -> None:
+    """A step of 100 m on one satellite: it is rejected, the others stay in use; after `max_rejected` it is taken."""
+    event = json.dumps([{"what": "step", "sources": ["R07"], "at_s": 10, "until_s": 20, "error_m": 100.0}])
+    runs = 8
+    ready = case(*SHORT, f"events={event}", "filter.gate.max_rejected=100", "filter.kind=eskf")
+    one = flown(ready, runs)
+    names = ready.world.signals.names
+    at = slice(20, 38)
+    which = names.index("R07")
+    np.testing.assert_array_equal(one.range_status[:, at, which], REJECTED)
+    others = one.range_status[:, at, [i for i, n in enumerate(names) if n != "R07"]]
+    assert np.all(others != REJECTED)
+    np.testing.assert_array_equal(one.status[:, at], USED)
+    assert np.abs(one.error[:, at, :3]).max() < 5.0
+    soon = flown(case(*SHORT, f"events={event}", "filter.gate.max_rejected=3", "filter.kind=eskf"), 1)
+    assert (soon.range_status[0, at, which] == USED).sum() > 2
+
+
+def test_findings_and_results_of_ranges() -> None:
+    """A stretch without any range is told; the result has the statuses and names of the states."""
+    ready = case(*SHORT, silence(begin=20, end=25))
+    ensemble = fly_all(ready, SEED, 0, 2, threads(), keep="all")
+    made = result(ready, ensemble, SEED, keep="all")
+    assert made["/filter/range_status"].shape == (2, ready.world.signals.time.size, len(ready.world.signals.names))
+    assert list(made["/filter/state"])[15:] == ["clock_bias_glonass", "clock_drift"]
+    assert "epochs_without_range" in list(made["/findings/finding"])
+    assert "epochs_without_fix" not in list(made["/findings/finding"])
+
+
+@pytest.mark.parametrize("kind", ["rts", "map"])
+def test_smoothers_take_ranges(kind: str) -> None:
+    """Smoothed errors are those that the smoother believes in, and smaller than the filter's."""
+    runs = 32
+    smooth = flown(case(*SHORT, f"filter.kind={kind}", "initial_errors.attitude_deg=0.5"), runs)
+    filtered = flown(case(*SHORT, "filter.kind=eskf", "initial_errors.attitude_deg=0.5"), runs)
+    low, high = band(runs)
+    for when in (20, 40, 60):
+        assert low < smooth.nees_position_velocity[:, when].mean() / 6 < high
+    sizes = [np.mean(one.error[:, 10:40, :3] ** 2) for one in (smooth, filtered)]
+    assert sizes[0] < 0.7 * sizes[1]
