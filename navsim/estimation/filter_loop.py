@@ -29,7 +29,7 @@ from navsim.estimation.answers import answer, keep_decision, keep_innovation, no
 from navsim.estimation.charts import correct, own_error, turn_axes
 from navsim.estimation.clock import run_clock_on
 from navsim.estimation.error_state import between
-from navsim.estimation.observations import is_bent, observe, slot
+from navsim.estimation.observations import PROBE, is_bent, observe, slot
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
 
 _MORE = 2
@@ -227,6 +227,8 @@ def decide(keep, weighed, degrees, m, gauge, where, model, rejected, left, i):
         keep_innovation(gauge.have, weighed, m, gauge.z, gauge.s, left, i)
     q = whitened_square(gauge.s, gauge.z, m)
     used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
+    if where == PROBE:
+        used = used & no(used)
     if keep:
         keep_decision(weighed, used, q, degrees, left, i)
     count_rejection(weighed, used, where, rejected)

@@ -40,8 +40,9 @@ from navsim.core.states import (
     VEL,
 )
 
-FIX, ALTITUDE, RANGE = 2, 3, 4
-"""Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them)."""
+FIX, ALTITUDE, PROBE, RANGE = 2, 3, 4, 5
+"""Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them). A probe is a fix that
+leaves its innovation and is never used."""
 KIND_COUNT = RANGE
 """Slots of the other kinds, see `slot`; those of ranges come behind, one for each source."""
 _NEAR = 0.1
@@ -109,9 +110,9 @@ class Measurements(NamedTuple):
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
-        """These tables, of one run or of so many lanes, by their kinds; of others there are no measurements. Raises
-        KeyError for a kind that is none."""
-        unknown = tables.keys() - {FIX, ALTITUDE, RANGE}
+        """These tables, of one run or of so many lanes, by their kinds; of others there are no measurements. Fixes and
+        probes have one table. Raises KeyError for a kind that is none."""
+        unknown = tables.keys() - {FIX, ALTITUDE, PROBE, RANGE}
         if unknown:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
 
@@ -119,7 +120,7 @@ class Measurements(NamedTuple):
             return np.empty((0, *shape, *lanes))
 
         return cls(
-            tables.get(FIX, FixTable(none(3), none(3), none(6, 6), np.zeros(3))),
+            tables.get(FIX, tables.get(PROBE, FixTable(none(3), none(3), none(6, 6), np.zeros(3)))),
             tables.get(ALTITUDE, AltitudeTable(none(), none())),
             tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none())),
         )
@@ -273,7 +274,7 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         have[a] = 0.0
         for c in range(h.shape[1]):
             h[a, c] = 0.0
-    if kind == FIX:
+    if kind in (FIX, PROBE):
         fixes = measurements.fixes
         llh, velocity, covariance = registers(fixes.llh), registers(fixes.velocity), registers(fixes.covariance)
         _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)

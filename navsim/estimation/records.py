@@ -232,6 +232,25 @@ def lanes_of(record: Any) -> Any:
     return type(record)(*members)
 
 
+def by_epoch(
+    rows: np.ndarray, squared: np.ndarray, degrees: np.ndarray, status: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sums of the innovations squared and of their degrees, and the status, of epochs (..., e), from those of all
+    events (..., k), and the status of each source (..., e, s). rows: (e, s) the event of each source's range, -1 for
+    none. One of several ranges used is use of the epoch."""
+    there = rows >= 0
+    squares = np.where(there, squared[..., rows], np.nan)
+    each = np.where(there, status[..., rows], NOT_USED)
+    some = np.isfinite(squares).any(axis=-1)
+    rejected = np.where((each == REJECTED).any(axis=-1), REJECTED, NOT_USED)
+    return (
+        np.where(some, np.nansum(squares, axis=-1), np.nan),
+        np.where(there, degrees[..., rows], 0).sum(axis=-1),
+        np.where((each == USED).any(axis=-1), USED, rejected),
+        each,
+    )
+
+
 def schedule(outputs: np.ndarray, *tables: tuple[int, np.ndarray, np.ndarray]) -> Events:
     """The events of a flight, in the order in which a filter may act on them.
 

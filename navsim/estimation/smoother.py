@@ -43,7 +43,7 @@ from navsim.estimation.filter_loop import (
     whitened_square,
     workshop,
 )
-from navsim.estimation.observations import observe, slot
+from navsim.estimation.observations import PROBE, observe, slot
 from navsim.estimation.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 
 PASSES = {RTS: 1, MAP: 30}
@@ -249,6 +249,8 @@ def run(imu, measurements, events, state, model, passes, history):
                 q = whitened_square(s, z, m)
                 where = slot(what, events.row[e], measurements)
                 used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
+                if what == PROBE:
+                    used = used & no(used)
                 keep_decision(weighed, used, q, degrees, left, e)
                 count_rejection(weighed, used, where, rejected)
             used = used & (status[e] == USED)

@@ -120,6 +120,7 @@ _FLOWN = (LANDING, COVARIANCE)
 _KEPT = "unless `--keep none`"
 _ALL = "with `--keep all`, which is the default for one run"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
+_LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
@@ -241,6 +242,12 @@ _FILTER = Chapter(
         _a("/innovations/degrees", "time", "1", "degrees of freedom of the normalised innovation squared",
            (REPLAY, LIVE), WHOLE),
         _a("/innovations/status", "time", "1", "0 no fix, 1 used, 2 rejected by the gate", (REPLAY, LIVE), WHOLE),
+        _a("/innovations/source", "source", "1", "names of the satellites", REPLAY, TEXT, when=_TIGHT_REPLAY),
+        _a("/innovations/range", "time source", "m", "pseudorange less prediction, nan where there is none", REPLAY,
+           when=_TIGHT_REPLAY),
+        _a("/innovations/range_rate", "time source", "m/s", "the same of range rates", REPLAY, when=_TIGHT_REPLAY),
+        _a("/innovations/range_status", "time source", "1", "0 none, 1 used, 2 rejected by the gate", REPLAY, WHOLE,
+           when=_TIGHT_REPLAY),
         _a("/innovations/off_flight_ned", "time ned", "m", "fix less the flight's antenna position", LIVE),
         _a("/innovations/fix_sigma", "time", "m", "1 sigma of the scenario's fixes in space", LIVE),
         _a("/aiding/{sensor}/time", "time", "s", "times of the measurements since the epoch", LANDING, when=_KEPT),
@@ -527,9 +534,17 @@ _REPLAY = Chapter(
         *(
             _a(f"/tuning/{name}", "", units, name.replace("_", " "), REPLAY, attributes=("origin",))
             for name, units in (
-                ("velocity_sigma_horizontal", "m/s"), ("velocity_sigma_vertical", "m/s"),
                 ("gyro_noise_density", "rad/sqrt(s)"), ("accelerometer_noise_density", "m/s/sqrt(s)"), ("latency", "s"),
             )
+        ),
+        *(
+            _a(f"/tuning/{name}", "", "m/s", name.replace("_", " "), REPLAY, attributes=("origin",), when=_LOOSE_REPLAY)
+            for name in ("velocity_sigma_horizontal", "velocity_sigma_vertical")
+        ),
+        *(
+            _a(f"/tuning/{name}", "", units, f"{name.replace('_', ' ')}, overhead", REPLAY, attributes=("origin",),
+               when=_TIGHT_REPLAY)
+            for name, units in (("range_sigma", "m"), ("range_rate_sigma", "m/s"))
         ),
         _a("/outages/outage", "outage", "1", "number of the outage", REPLAY, WHOLE),
         _a("/outages/start", "outage", "s", "start of the outage", REPLAY),

@@ -1,8 +1,8 @@
-"""What a recorded flight consists of: inertial samples and fixes."""
+"""What a recorded flight consists of: inertial samples, and fixes or the ranges they were solved from."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,3 +57,31 @@ class Fixes:
         over = self.time[after] - self.time[before]
         derived = np.einsum("nij,nj->ni", earth.ned_matrix(self.llh), (ecef[after] - ecef[before]) / over[:, None])
         return Fixes(self.time, self.llh, np.where(np.isnan(self.velocity), derived, self.velocity)), over
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """What was measured to s sources at e epochs, ready to be weighed.
+
+    time: (e,) s by the receiver's clock. names: (s,). clock: (s,) number of the receiver's clock against the source's,
+    scales: names of the clocks. position, velocity: (e, s, 3) as of `models.pseudorange.Signals`. distance: (e, s) m,
+    roughly. pseudorange, range_rate: (e, s) m, m/s, corrected for the source's clock and the atmosphere; pseudoranges
+    are nan where there is none, or the source is below the mask. slant: (e, s) 1 / sin(elevation), by which noise
+    grows.
+    """
+
+    time: np.ndarray
+    names: tuple[str, ...]
+    clock: np.ndarray
+    scales: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray
+    distance: np.ndarray
+    pseudorange: np.ndarray
+    range_rate: np.ndarray
+    slant: np.ndarray
+
+    def take(self, index: np.ndarray) -> Ranges:
+        """Some of the epochs."""
+        per_epoch = ("time", "position", "velocity", "distance", "pseudorange", "range_rate", "slant")
+        return replace(self, **{name: getattr(self, name)[index] for name in per_epoch})

@@ -49,6 +49,8 @@ class Components(Section):
 
 
 Kind = Literal["gaussian-sum", "tfg", "eskf", "left-invariant", "rts", "map"]
+Coupling = Literal["loose", "tight"]
+"""How a filter and a satellite receiver work together."""
 SUM = "gaussian-sum"
 """The kind that is a sum of components."""
 SMOOTHERS = ("rts", "map")
@@ -62,7 +64,7 @@ class FilterSection(Section):
     """gaussian-sum: several tfg filters side by side while heading is uncertain; tfg: two-frames group; eskf:
     error-state; left-invariant: SE2(3); all with exact covariance reset. rts and map: smoothers, each output from all
     fixes: one backward pass, or iterated to the maximum a posteriori"""
-    coupling: Literal["loose", "tight"] = "loose"
+    coupling: Coupling = "loose"
     """loose: the receiver's fixes are measurements; tight: pseudoranges and range rates of each source are, with the
     receiver's clock as states, and fewer sources than a fix needs are used as they are"""
     clock: ClockNoise | None = None

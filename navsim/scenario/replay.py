@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -25,9 +26,11 @@ from navsim.scenario.base import (
     pair_of,
     reject,
 )  # fmt: skip
-from navsim.scenario.filter import Components, Gate, Kind
+from navsim.scenario.filter import Components, Coupling, Gate, Kind
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro
+from navsim.scenario.signals import ClockNoise
+from navsim.scenario.sky import Checksums, Files
 
 Time = Annotated[float, Field(ge=0.0, le=1e12)]
 Times = Annotated[tuple[Time, ...], one_or_more(Time), one_or_list]
@@ -133,7 +136,20 @@ class Gnss(Section):
 
     file: str
     """table with t_s, lat_deg, lon_deg, h_m, vn_m_s, ve_m_s, vd_m_s (velocities may be empty), or NMEA sentences,
-    also with a logger's text around them"""
+    also with a logger's text around them; with `navigation`, RINEX observations"""
+    navigation: Files | None = None
+    """RINEX navigation files, one or a list: fixes are solved from the ranges of `file`, which `filter.coupling: tight`
+    takes as they are"""
+    navigation_sha256: Checksums | None = None
+    """their checksums, in order; when given, others are refused"""
+    mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
+    """satellites lower than this are left out, of RINEX observations"""
+    range_sigma_m: Sigma | None = None
+    """1 sigma of a pseudorange overhead, for `coupling: tight`; it grows as 1 / sin(elevation); untuned 1"""
+    range_rate_sigma_m_s: Sigma | None = None
+    """1 sigma of a range rate, for `coupling: tight`; untuned 0.1"""
+    clock: ClockNoise = ClockNoise()
+    """noise of the receiver's clock, for `coupling: tight`"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     columns: _columns((*conventions.GNSS_COLUMNS, "nsat")) = Field(default_factory=dict)  # type: ignore[valid-type]
@@ -158,6 +174,18 @@ class Gnss(Section):
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
     """fixes from fewer (column nsat) are left out"""
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Self:
+        if not self.navigation:
+            for key in ("navigation_sha256", "range_sigma_m", "range_rate_sigma_m_s", "mask_deg", "clock"):
+                if key in self.model_fields_set and getattr(self, key) is not None:
+                    raise reject("is for RINEX observations: give `navigation`", key)
+            return self
+        default = type(self)(file=self.file).convention()
+        if replace(self.convention(), time_offset=0.0) != default:
+            raise reject("RINEX observations have units of their own; only their times may be shifted", "file")
+        return self
 
     def convention(self) -> GnssConvention:
         """How the table is written."""
@@ -188,6 +216,8 @@ class ReplayFilterSection(Section):
 
     kind: Kind = "tfg"
     """as in landings; rts and map are smoothers"""
+    coupling: Coupling = "loose"
+    """loose: fixes are measurements; tight: pseudoranges and range rates of each satellite (needs gnss.navigation)"""
     gate: Gate = Gate(probability=0.0)
     gaussian_sum: Components = Components()
     output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] = 10.0
@@ -229,4 +259,6 @@ class Replay(Section):
     def _order(self) -> Self:
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
             raise reject("must come after start_s", "end_s")
+        if self.filter.coupling == "tight" and not self.gnss.navigation:
+            raise reject("fixes are all there is: give RINEX observations and gnss.navigation", "filter", "coupling")
         return self

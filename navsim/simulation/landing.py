@@ -29,14 +29,12 @@ from navsim.estimation.estimate import in_all_lanes, is_smoother
 from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.estimation.receiver import fixes, residuals
 from navsim.estimation.records import (
-    NOT_USED,
-    REJECTED,
-    USED,
     Events,
     FilterModel,
     ImuData,
     State,
     Truth,
+    by_epoch,
     empty_account,
     schedule,
     start,
@@ -632,19 +630,11 @@ def _of_events(
 
 
 def _of_epochs(flight: Flight, of_events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sums of the innovations squared and of their degrees, and the status, of each epoch (r, e), from those of all
-    events (r, k); range_status (r, e, s). One of several ranges used is use of the epoch."""
+    """Innovations squared, degrees and status of each epoch (r, e), from those of all events (r, k), and range_status
+    (r, e, s), see `records.by_epoch`."""
     weighed = flight.weighed
     if not flight.beliefs.tight:
         of_fixes = {name: values[:, weighed[:, 0]] for name, values in of_events.items()}
         return {**of_fixes, "range_status": np.empty((*of_fixes["status"].shape, 0), np.int64)}
-    nothing = {"squared": np.nan, "degrees": 0, "status": NOT_USED}
-    each = {name: np.where(weighed >= 0, of_events[name][:, weighed], value) for name, value in nothing.items()}
-    some = np.isfinite(each["squared"]).any(axis=2)
-    rejected = np.where((each["status"] == REJECTED).any(axis=2), REJECTED, NOT_USED)
-    return {
-        "squared": np.where(some, np.nansum(each["squared"], axis=2), np.nan),
-        "degrees": each["degrees"].sum(axis=2),
-        "status": np.where((each["status"] == USED).any(axis=2), USED, rejected),
-        "range_status": each["status"],
-    }
+    names = ("squared", "degrees", "status", "range_status")
+    return dict(zip(names, by_epoch(weighed, *(of_events[name] for name in names[:3])), strict=True))

@@ -7,6 +7,7 @@ and a process noise that knows it; smoothing carries across.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +16,11 @@ from navsim.core import covariance, states
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.estimation import error_state
-from navsim.estimation.beliefs import Beliefs
+from navsim.estimation.beliefs import Beliefs, clock_sigma
 from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
-from navsim.estimation.observations import FIX, FixTable, Measurements
-from navsim.estimation.records import ImuData, schedule, start
-from navsim.models.recording import Fixes, Samples
+from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
+from navsim.estimation.records import ImuData, by_epoch, schedule, start
+from navsim.models.recording import Fixes, Ranges, Samples
 from navsim.simulation.alignment import Alignment
 
 _ACCELERATION = 5.0
@@ -46,7 +47,8 @@ class RecordedFlight(Sensed):
     arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), nan where unknown; speed (m,) over ground,
     from the positions where no velocity is known; start_llh, start_velocity: of the fix nearest to the alignment,
     carried on to it over start_age seconds; start_derived: (3,) s over which positions gave the components of that
-    velocity, 0 where they are known.
+    velocity, 0 where they are known. ranges: of each epoch (m,) that the fixes are solved from, where they are known;
+    an epoch without a fix has nan in its place.
     """
 
     arrival: np.ndarray
@@ -58,12 +60,16 @@ class RecordedFlight(Sensed):
     start_velocity: np.ndarray
     start_age: float
     start_derived: np.ndarray
+    ranges: Ranges | None = None
 
 
 @dataclass(frozen=True)
 class Replayed:
     """What the filter made of a flight, at the times it was asked for: time (t,), navigation (t, NAV), sigma (t, n);
-    and of each fix (m,): innovation and its 1 sigma (m, 6), innovation_squared, degrees, status, as of `History`."""
+    and of each fix (m,): innovation and its 1 sigma (m, 6), innovation_squared, degrees, status, as of `History`. Of a
+    tightly coupled filter these are of the ranges of an epoch, but for the innovations of its fix, which is not used;
+    range_innovation, range_status: (m, s, 2) pseudorange and range rate, m, m/s, (m, s), else of no size; log_sigma
+    (m,): sum of the logarithms of the 1 sigmas of the innovations that are counted."""
 
     time: np.ndarray
     navigation: np.ndarray
@@ -73,6 +79,9 @@ class Replayed:
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
+    log_sigma: np.ndarray
+    range_innovation: np.ndarray
+    range_status: np.ndarray
 
     @property
     def rpy(self) -> np.ndarray:
@@ -86,8 +95,7 @@ class Replayed:
         uncorrelated, and what the filter's own uncertainty adds is small beside it.
         """
         seen = counted & (self.degrees > 0)
-        sigma = self.innovation_sigma[seen]  # nan for components that a fix does not have
-        return float(0.5 * np.sum(self.innovation_squared[seen]) + np.sum(np.log(sigma[np.isfinite(sigma)])))
+        return float(0.5 * np.sum(self.innovation_squared[seen]) + np.sum(self.log_sigma[seen]))
 
 
 def increments(samples: Samples, begin: float, longest_gap: float, averaged: bool) -> Sensed:
@@ -116,8 +124,11 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
     )
 
 
-def prepare(sensed: Sensed, fixes: Fixes, alignment: Alignment, latency: float) -> RecordedFlight:
-    """The flight after an alignment, its fixes `latency` seconds old when they came; sensed: from the alignment on."""
+def prepare(
+    sensed: Sensed, fixes: Fixes, alignment: Alignment, latency: float, ranges: Ranges | None = None
+) -> RecordedFlight:
+    """The flight after an alignment, its fixes `latency` seconds old when they came; sensed: from the alignment on;
+    ranges: that the fixes are from, of their epochs and of others, if they are known."""
     begin = alignment.time
     late = fixes.time
     valid = late - latency
@@ -130,18 +141,34 @@ def prepare(sensed: Sensed, fixes: Fixes, alignment: Alignment, latency: float) 
     start = earth.llh_from_ecef(
         earth.ecef_from_llh(fixes.llh[at]) + ahead * earth.ned_matrix(fixes.llh[at]).T @ velocity
     )
+    arrival, llh, own = late[inside], fixes.llh[inside], fixes.velocity[inside]
+    speed = np.linalg.norm(filled.velocity[inside, :2], axis=1)
+    if ranges is not None:
+        due = ranges.time - latency
+        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time <= sensed.imu_time[-1])))
+        solved = np.isin(ranges.time, arrival)
+        arrival = ranges.time
+        llh, own, speed = (_among(values, solved) for values in (llh, own, speed))
     return RecordedFlight(
         **vars(sensed),
-        arrival=late[inside],
-        llh=fixes.llh[inside],
-        velocity=fixes.velocity[inside],
-        speed=np.linalg.norm(filled.velocity[inside, :2], axis=1),
+        arrival=arrival,
+        llh=llh,
+        velocity=own,
+        speed=speed,
+        ranges=ranges,
         alignment=alignment,
         start_llh=start,
         start_velocity=velocity,
         start_age=abs(ahead),
         start_derived=np.where(np.isnan(fixes.velocity[at]), over[at], 0.0),
     )
+
+
+def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Values (k, ...) at the k places that are there (m,), nan at the others."""
+    out = np.full((there.size, *values.shape[1:]), np.nan)
+    out[there] = values
+    return out
 
 
 def fly(
@@ -151,13 +178,18 @@ def fly(
     times: np.ndarray,
     until: float = np.inf,
     withheld: np.ndarray | None = None,
+    range_sigma: tuple[float, float] = (math.nan, math.nan),
 ) -> Replayed:
     """The flight through a filter or smoother.
 
     fix_sigma: (6,) of position and velocity of the fixes, north, east, down, m, m/s. times: (t,) at which to answer,
-    beside those when fixes came. until: end early, s. withheld: (m,) bool, fixes that the filter is not given (their
-    innovation is nan). Raises ArithmeticError where a smoother's covariance fails.
+    beside those when fixes came. until: end early, s. withheld: (m,) bool, fixes, or the ranges of their epochs, that
+    the filter is not given (their innovation is nan). range_sigma: of pseudoranges (m) and range rates (m/s) overhead,
+    for a tightly coupled filter. Raises ArithmeticError where a smoother's covariance fails, ValueError for a flight
+    without ranges that a tightly coupled filter is to fly.
     """
+    if beliefs.tight and flight.ranges is None:
+        raise ValueError("a tightly coupled filter needs ranges")
     until = min(until, float(flight.imu_time[-1]))
     count = int(np.sum(flight.arrival <= until + 1e-9))
     arrival = flight.arrival[:count]
@@ -170,27 +202,68 @@ def fly(
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
     kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and flight.gaps else beliefs.kind
     noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
-    events = schedule(outputs, (FIX, valid, valid if is_smoother(kind) else arrival))
-    model = replace(beliefs, kind=kind).model(_noise(flight, beliefs))
+    known = valid if is_smoother(kind) else arrival
+    fixes = FixTable(llh, velocity, noise, beliefs.lever_arm)
+    tables: dict[int, FixTable | RangeTable] = {PROBE if beliefs.tight else FIX: fixes}
+    heard, scales = np.zeros((count, 0), bool), ()
+    if beliefs.tight and flight.ranges is not None:
+        ranges = flight.ranges.take(np.arange(count))
+        scales = tuple(np.unique(ranges.clock).tolist())
+        heard = np.isfinite(ranges.pseudorange)
+        if withheld is not None:
+            heard &= ~withheld[:count, None]
+        tables[RANGE] = _table_of(ranges, heard, scales, range_sigma, beliefs.lever_arm)
+    epoch = np.nonzero(heard)[0]
+    events = schedule(outputs, (PROBE if beliefs.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
+    model = replace(beliefs, kind=kind).model(_noise(flight, beliefs), scales)
     history = estimate(
         ImuData(flight.imu_time, flight.dtheta, flight.dv),
-        Measurements.of({FIX: FixTable(llh, velocity, noise, beliefs.lever_arm)}),
+        Measurements.of(tables),
         events,
-        start(*_start(flight, beliefs, fix_sigma), model.components),
+        start(*_start(flight, beliefs, fix_sigma, scales), model.components, heard.shape[1]),
         model,
     )
     if is_smoother(kind) and lost(history):
         raise ArithmeticError("the smoother lost the positive covariance of its flight")
-    weighed = events.rows(FIX)
+    weighed = events.rows(PROBE if beliefs.tight else FIX)
+    squared, degrees, status = (m[weighed] for m in (history.innovation_squared, history.degrees, history.status))
+    each = np.where(np.isfinite(history.innovation_sigma), history.innovation_sigma, 1.0)  # 1 where there is none
+    log_sigma = np.log(each).sum(axis=1)
+    of_ranges = np.full((*heard.shape, 2), np.nan)
+    range_status = np.zeros(heard.shape, np.int64)
+    logs = log_sigma[weighed]
+    if beliefs.tight:
+        rows = np.full(heard.shape, -1)
+        rows[heard] = events.rows(RANGE)
+        squared, degrees, status, range_status = by_epoch(
+            rows, history.innovation_squared, history.degrees, history.status
+        )
+        of_ranges[heard] = history.innovation[rows[heard], :2]
+        logs = np.where(rows >= 0, log_sigma[rows], 0.0).sum(axis=1)
     return Replayed(
         outputs, history.navigation, history.sigma(), history.innovation[weighed], history.innovation_sigma[weighed],
-        history.innovation_squared[weighed], history.degrees[weighed], history.status[weighed],
+        squared, degrees, status, logs, of_ranges, range_status,
     )  # fmt: skip
 
 
-def _start(flight: RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Navigation state (NAV_N,) and covariance (n, n) at the alignment; the start position is the antenna's less the
-    lever arm, its accelerometer biases are zero."""
+def _table_of(
+    ranges: Ranges, heard: np.ndarray, scales: tuple[int, ...], sigma: tuple[float, float], lever_arm: np.ndarray
+) -> RangeTable:
+    """The ranges that are heard (m, s) as a filter with the clock of these time scales takes them."""
+    source = np.nonzero(heard)[1]
+    slant = ranges.slant[heard]
+    return RangeTable(
+        ranges.position[heard], ranges.velocity[heard], ranges.distance[heard], sigma[0] * slant,
+        np.full(slant.size, sigma[1]), source, np.searchsorted(scales, ranges.clock[source]),
+        ranges.pseudorange[heard], ranges.range_rate[heard], lever_arm,
+    )  # fmt: skip
+
+
+def _start(
+    flight: RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray, scales: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Navigation state (NAV,) and covariance (n, n) at the alignment; the start position is the antenna's less the
+    lever arm, its accelerometer biases are zero; scales: whose clock the filter follows."""
     alignment = flight.alignment
     nav = np.zeros(states.NAV_N)
     nav[states.NAV_LLH : states.NAV_VEL] = flight.start_llh
@@ -216,7 +289,32 @@ def _start(flight: RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray) -> t
         matrix[np.arange(first, first + 3), np.arange(first, first + 3)] = variance
     att = slice(states.ATT, states.ATT + 3)
     matrix[att, att] = alignment.covariance
-    return nav, matrix
+    if not scales or flight.ranges is None:
+        return nav, matrix
+    clock = _first_clock(flight, flight.ranges, scales)
+    whole = np.zeros((matrix.shape[0] + clock.size,) * 2)
+    whole[: matrix.shape[0], : matrix.shape[0]] = matrix
+    whole[matrix.shape[0] :, matrix.shape[0] :] = np.diag(clock_sigma(len(scales)) ** 2)
+    return np.concatenate([nav, clock]), whole
+
+
+def _first_clock(flight: RecordedFlight, ranges: Ranges, scales: tuple[int, ...]) -> np.ndarray:
+    """Biases and drift of the clock (c,) as the first ranges of each time scale have them, by the start position and
+    velocity: good to a flight's way until then, beside 10 km that the filter takes it for."""
+    here = earth.ecef_from_llh(flight.start_llh)
+    moving = earth.ned_matrix(flight.start_llh).T @ flight.start_velocity
+    away = ranges.position - here
+    distance = np.linalg.norm(away, axis=2)
+    bias = ranges.pseudorange - distance
+    rate = ranges.range_rate - np.sum(away / distance[..., None] * (ranges.velocity - moving), axis=2)
+    rate = np.where(np.isfinite(bias), rate, np.nan)
+    out = []
+    for scale in scales:
+        own = bias[:, ranges.clock == scale]
+        some = np.flatnonzero(np.isfinite(own).any(axis=1))
+        out.append(float(np.nanmedian(own[some[0]])) if some.size else 0.0)
+    some = np.flatnonzero(np.isfinite(rate).any(axis=1))
+    return np.array([*out, float(np.nanmedian(rate[some[0]])) if some.size else 0.0])
 
 
 def _noise(flight: RecordedFlight, beliefs: Beliefs) -> np.ndarray:

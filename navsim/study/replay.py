@@ -13,7 +13,7 @@ Forecasting, structural time series models and the Kalman filter (1989), section
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,7 +33,8 @@ from navsim.io.results import Result
 from navsim.io.schema import REPLAY
 from navsim.io.text import Dropped, FileError
 from navsim.models.imu import Triad
-from navsim.models.recording import Fixes, Samples
+from navsim.models.recording import Fixes, Ranges, Samples
+from navsim.models.timescales import gps_from_utc
 from navsim.scenario.base import DEG
 from navsim.scenario.replay import Outage, Replay
 from navsim.scenario.source import Document, InputError, Place, Problem
@@ -43,6 +44,7 @@ from navsim.simulation.sensors import followed
 from navsim.study.diagnosis import Log, diagnose
 from navsim.study.findings import notes, of_flight
 from navsim.study.job import JobError
+from navsim.study.recorded_ranges import read_messages, read_ranges, together
 from navsim.study.root import root_attributes
 from navsim.study.statistics import gate_limits
 
@@ -64,6 +66,11 @@ EVALUATIONS = 400
 """Most flights that a tuning makes."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
           "latency")  # fmt: skip
+_TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
+_START_TIGHT = (0.1, 1.0)
+"""Noise of range rates and ranges overhead where the tuning of a tight filter starts, and without it, m/s, m."""
+_DILUTION = 3.0
+"""1 sigma of a fix in that of a range, by which a tight filter's start and the innovations of fixes are judged."""
 
 
 class ReplayError(JobError):
@@ -84,10 +91,21 @@ class Recording:
     accel: Triad
     longest_gap: float
     has_vertical: bool
+    ranges: Ranges | None
     warnings: list[str] = field(default_factory=list)
 
+    @property
+    def tight(self) -> bool:
+        """Whether the filter takes ranges."""
+        return self.scenario.filter.coupling == "tight"
+
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        """Names of the settings."""
+        return _TUNED_TIGHT if self.tight else _TUNED
+
     def beliefs(self, settings: np.ndarray, kind: int, judged: bool = True) -> Beliefs:
-        """What a filter of `kind` believes for values of `_TUNED` (5,); judged: with the gate."""
+        """What a filter of `kind` believes for values of `tuned` (5,); judged: with the gate."""
         _, _, gyro, accel, latency = settings
         section = self.scenario.filter
         gate = section.gate
@@ -103,19 +121,27 @@ class Recording:
             max_rejected=gate.max_rejected,
             components=section.gaussian_sum.components,
             widest=section.gaussian_sum.heading_deg * DEG,
+            clock=self.scenario.gnss.clock.densities() if self.tight else None,
         )
 
     def fix_sigma(self, settings: np.ndarray) -> np.ndarray:
-        """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `_TUNED` (5,)."""
+        """1 sigma of the fixes' position and velocity (6,), north, east, down, m, m/s, for values of `tuned` (5,)."""
+        if self.tight:
+            return _DILUTION * np.repeat(settings[[1, 0]], 3)
         horizontal, vertical = settings[:2]
         velocity = np.array([horizontal, horizontal, vertical if self.has_vertical else horizontal])
         given = self.scenario.gnss.position_sigma_m
         position = POSITION_TIME * velocity if given is None else np.array(given)[[0, 0, 1]]
         return np.concatenate([position, velocity])
 
+    def range_sigma(self, settings: np.ndarray) -> tuple[float, float]:
+        """1 sigma of pseudoranges, m, and range rates, m/s, overhead, for values of `tuned` (5,) of a tight filter."""
+        return float(settings[1]), float(settings[0])
+
     def flight(self, latency: float) -> replay.RecordedFlight:
         """The increments and fixes after the alignment."""
-        return replay.prepare(self._sensed, self.fixes, self.alignment, latency)
+        ranges = self.ranges if self.tight else None
+        return replay.prepare(self._sensed, self.fixes, self.alignment, latency, ranges)
 
     @cached_property
     def _sensed(self) -> replay.Sensed:
@@ -128,10 +154,15 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     """Read, check and align. Raises InputError for files that cannot be used or seem to be written otherwise than the
     log says, ReplayError where no alignment is found."""
     motion, place, fewest = scenario.imu.convention(), scenario.gnss.convention(), scenario.gnss.min_satellites
-    tables = [
-        _table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1])),
-        _table(document, scenario, "gnss", lambda path, *how: read_fixes(path, fewest, how[0], place, how[1])),
-    ]
+    tables = [_table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1]))]
+    ranges = None
+    if scenario.gnss.navigation is None:
+        tables.append(
+            _table(document, scenario, "gnss", lambda path, *how: read_fixes(path, fewest, how[0], place, how[1]))
+        )
+    else:
+        of_ranges, ranges = _observed(document, scenario)
+        tables.append(of_ranges)
     scenario = _pinned(scenario, document)
     warnings = _checked(scenario, document, *(table.judged for table in tables))
     for table in tables:
@@ -139,6 +170,11 @@ def prepare(scenario: Replay, document: Document) -> Recording:
             raise table.refusal
         warnings += table.lost.said()
     samples, fixes, first = _wanted(scenario, document, *(table.rows for table in tables))
+    if ranges is not None:
+        apart = _spaced(ranges.time, scenario.gnss.spacing_s)
+        apart = apart[ranges.time[apart] <= samples.time[-1]]
+        ranges = ranges.take(apart)
+        fixes = fixes.take(np.isin(fixes.time, ranges.time))
     interval = float(np.median(np.diff(samples.time)))
     longest_gap = 5.0 * interval if scenario.imu.longest_gap_s is None else scenario.imu.longest_gap_s
     gyro_section, accel_section = scenario.imu.resolved()
@@ -146,12 +182,20 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     gnss = scenario.gnss
     velocity = _START if gnss.velocity_sigma_m_s is None else gnss.velocity_sigma_m_s
     latency = 0.0 if gnss.latency_s is None else gnss.latency_s  # untuned, and where the alignment starts
+    open_noise = [gnss.velocity_sigma_m_s is None] * 2
+    tight = scenario.filter.coupling == "tight"
+    if tight:
+        given = (gnss.range_rate_sigma_m_s, gnss.range_sigma_m)
+        velocity = tuple(start if v is None else v for v, start in zip(given, _START_TIGHT, strict=True))
+        open_noise = [v is None for v in given]
     settings = np.array([*velocity, gyro.noise_density, accel.noise_density, latency])
     given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
-    free = np.array([gnss.velocity_sigma_m_s is None] * 2 + [v is None for v in given_noise] + [gnss.latency_s is None])
+    free = np.array([*open_noise, *(v is None for v in given_noise), gnss.latency_s is None])
     free &= scenario.tuning == "likelihood"
+    if gnss.navigation is not None:
+        free[4] = False  # observations are stamped with the time they are valid
     has_vertical = bool(np.isfinite(fixes.velocity[:, 2]).any())
-    if gnss.velocity_sigma_m_s is None and not has_vertical:
+    if not tight and gnss.velocity_sigma_m_s is None and not has_vertical:
         free[1] = False  # nothing would show it; `beliefs` ties it to the horizontal one
     aligned = _align(scenario, samples, fixes, first, gyro, accel, settings[4])
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
@@ -166,7 +210,8 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         gyro,
         accel,
         longest_gap,
-        has_vertical or gnss.velocity_sigma_m_s is not None,
+        tight or has_vertical or gnss.velocity_sigma_m_s is not None,
+        ranges,
         warnings,
     )
 
@@ -229,6 +274,30 @@ def _table(
     return _Table(judged, rows, lost, _refused(document, scenario, section, lost.outside))
 
 
+def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
+    """The fixes of RINEX observations, and their ranges. Raises InputError."""
+    gnss, dropped = scenario.gnss, Dropped(scenario.lenient)
+    several = []
+    for i, name in enumerate(gnss.navigation or ()):
+        path = document.resolve(("gnss", "navigation"), name)
+        place = document.place(("gnss", "navigation"))
+        try:
+            several.append(read_messages(path, scenario.lenient, dropped))
+        except FileError as error:
+            at = Place(str(path), error.line, 1) if error.line else place
+            raise InputError([Problem(at, f"gnss.navigation[{i}]", f"{name}: {error.message}")]) from None
+        except OSError as error:
+            message = f"{name}: cannot be read: {error.strerror or error} ({path})"
+            raise InputError([Problem(place, f"gnss.navigation[{i}]", message)]) from None
+    shift = gnss.time_offset_s - float(gps_from_utc(scenario.epoch.timestamp()))
+    messages = together(several)
+    fixes, ranges = _read(
+        document, scenario, "gnss",
+        lambda path: read_ranges(path, messages, gnss.mask_deg * DEG, gnss.min_satellites, shift, dropped),
+    )  # fmt: skip
+    return _Table(fixes, fixes, dropped), ranges
+
+
 def _read(document: Document, scenario: Replay, section: Literal["imu", "gnss"], reader: Callable[[Path], Any]) -> Any:
     name = getattr(scenario, section).file
     path = document.resolve((section, "file"), name)
@@ -263,6 +332,14 @@ def _pinned(scenario: Replay, document: Document) -> Replay:
             message = f"{section.file} has the checksum {checksum}, not this one"
             raise InputError([Problem(place, f"{name}.file_sha256", message)])
         update[name] = section.model_copy(update={"file_sha256": checksum})
+    if scenario.gnss.navigation is not None:
+        key = ("gnss", "navigation")
+        sums = tuple(files.checksum(document.resolve(key, name)) for name in scenario.gnss.navigation)
+        if scenario.gnss.navigation_sha256 not in (None, sums):
+            place = document.place(("gnss", "navigation_sha256"))
+            message = f"the files have the checksums {', '.join(sums)}, not these"
+            raise InputError([Problem(place, "gnss.navigation_sha256", message)])
+        update["gnss"] = update["gnss"].model_copy(update={"navigation_sha256": sums})
     return scenario.model_copy(update=update)
 
 
@@ -334,7 +411,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
         to_blame = [key for key in given if alone[key]] or list(given)
         message = f"leaves {too_few} ({spans})"
         raise InputError([refused(key, f"{given[key]:g} {message}") for key in to_blame])
-    spaced = _spaced(of_fixes, scenario.gnss.spacing_s)
+    spaced = of_fixes.take(_spaced(of_fixes.time, scenario.gnss.spacing_s))
     common = int(np.sum(spaced.time >= first))
     if common < LEAST_FIXES:
         message = f"{scenario.gnss.spacing_s:g} leaves {common} fixes; needed are {LEAST_FIXES} ({spans})"
@@ -342,13 +419,13 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
     return of_samples, spaced, first
 
 
-def _spaced(fixes: Fixes, spacing: float) -> Fixes:
-    """The fixes that come at least `spacing` seconds after the last one kept."""
+def _spaced(times: np.ndarray, spacing: float) -> np.ndarray:
+    """Which of the times (m,) come at least `spacing` seconds after the last one kept (k,)."""
     kept: list[int] = []
-    for index, time in enumerate(fixes.time):
-        if not kept or time - fixes.time[kept[-1]] >= spacing:
+    for index, time in enumerate(times):
+        if not kept or time - times[kept[-1]] >= spacing:
             kept.append(index)
-    return fixes.take(np.array(kept, dtype=np.int64))
+    return np.array(kept, dtype=np.int64)
 
 
 def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> np.ndarray:
@@ -377,8 +454,9 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             return 1e12
         flight = recording.flight(values[4])
         seen = replay.fly(
-            flight, recording.beliefs(values, TFG, judged=False), recording.fix_sigma(values), np.empty(0)
-        )
+            flight, recording.beliefs(values, TFG, judged=False), recording.fix_sigma(values), np.empty(0),
+            range_sigma=recording.range_sigma(values),
+        )  # fmt: skip
         moving = flight.speed > MOVING
         total = seen.surprise(moving if moving.sum() > 20 else np.ones_like(moving))
         total += 0.5 * float(np.sum((np.log(values[2:4] / recording.settings[2:4]) / TRUST) ** 2))
@@ -412,15 +490,19 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
             for first, last in _spans(outage):
                 withheld |= (flight.arrival >= first) & (flight.arrival <= last)
     try:
-        flown = replay.fly(flight, beliefs, fix_sigma, times, withheld=withheld)
+        flown = replay.fly(
+            flight, beliefs, fix_sigma, times, withheld=withheld, range_sigma=recording.range_sigma(settings)
+        )
     except ArithmeticError as error:
         raise ReplayError(str(error)) from None
-    draft = Draft(REPLAY, {"mixed": ", ".join(dict.fromkeys(states.UNITS))})
-    _filter(draft, flown, np.isin(flown.time, times))
+    scales = [] if flight.ranges is None else [flight.ranges.scales[k] for k in np.unique(flight.ranges.clock)]
+    names = states.names(states.biases(), scales), states.units(states.biases(), len(scales))
+    draft = Draft(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
+    _filter(draft, flown, np.isin(flown.time, times), *names)
     _innovations(draft, flight, flown)
-    _outages(draft, scenario, flight, of_outages(beliefs), fix_sigma)
+    _outages(draft, recording, flight, settings)
     _fixes(draft, flight)
-    for name, value, was_free in zip(_TUNED, settings, np.isin(np.arange(5), recording.free), strict=True):
+    for name, value, was_free in zip(recording.tuned, settings, np.isin(np.arange(5), recording.free), strict=True):
         draft.put(f"/tuning/{name}", value, {"origin": "tuned to the innovations" if was_free else "given"})
     _summary(draft, flight, flown)
     alignment = recording.alignment
@@ -449,15 +531,17 @@ def _spans(outage: Outage) -> list[tuple[float, float]]:
     return [(start, start + length) for length in outage.duration_s for start in outage.start_s]
 
 
-def _filter(draft: Draft, flown: replay.Replayed, wanted: np.ndarray) -> None:
+def _filter(
+    draft: Draft, flown: replay.Replayed, wanted: np.ndarray, names: Sequence[str], units: Sequence[str]
+) -> None:
     draft["/filter/time"] = flown.time[wanted]
-    draft.put("/filter/state", np.array(states.NAMES, dtype=object), {"state_units": ", ".join(states.UNITS)})
+    draft.put("/filter/state", np.array(names, dtype=object), {"state_units": ", ".join(units)})
     draft["/filter/position_llh"] = flown.navigation[wanted, states.NAV_LLH : states.NAV_VEL]
     draft["/filter/velocity_ned"] = flown.navigation[wanted, states.NAV_VEL : states.NAV_QUAT]
     draft["/filter/attitude_rpy"] = flown.rpy[wanted]
     draft["/filter/sigma"] = flown.sigma[wanted]
     draft["/filter/gyro_bias"] = flown.navigation[wanted, states.NAV_GYRO : states.NAV_ACCEL]
-    draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL :]
+    draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL : states.NAV_N]
 
 
 def _innovations(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
@@ -468,6 +552,12 @@ def _innovations(draft: Draft, flight: replay.RecordedFlight, flown: replay.Repl
     draft["/innovations/normalized_squared"] = flown.innovation_squared
     draft["/innovations/degrees"] = flown.degrees
     draft["/innovations/status"] = flown.status
+    if flight.ranges is None:
+        return
+    draft["/innovations/source"] = np.array(flight.ranges.names, dtype=object)
+    for i, name in enumerate(("range", "range_rate")):
+        draft[f"/innovations/{name}"] = flown.range_innovation[..., i]
+    draft["/innovations/range_status"] = flown.range_status
 
 
 def _fixes(draft: Draft, flight: replay.RecordedFlight) -> None:
@@ -476,18 +566,19 @@ def _fixes(draft: Draft, flight: replay.RecordedFlight) -> None:
     draft["/receiver/velocity_ned"] = flight.velocity
 
 
-def _outages(
-    draft: Draft, scenario: Replay, flight: replay.RecordedFlight, beliefs: Beliefs, fix_sigma: np.ndarray
-) -> None:
+def _outages(draft: Draft, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray) -> None:
+    beliefs = of_outages(recording.beliefs(settings, FILTER_KINDS[recording.scenario.filter.kind]))
+    fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
     rows = []
-    for first, last in sorted({span for outage in scenario.outages for span in _spans(outage)}):
+    for first, last in sorted({span for outage in recording.scenario.outages for span in _spans(outage)}):
         inside = (flight.arrival >= first) & (flight.arrival <= last + 1e-9)
-        if not inside.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
+        solved = inside & np.isfinite(flight.llh[:, 0])
+        if not solved.any() or first <= flight.imu_time[0] or last > flight.imu_time[-1]:
             rows.append((first, last, np.nan, np.nan))
             continue
-        final = int(np.flatnonzero(inside)[-1])
+        final = int(np.flatnonzero(solved)[-1])
         inside[final] = False  # the innovation of this one is the drift
-        flown = replay.fly(flight, beliefs, fix_sigma, np.empty(0), flight.arrival[final], inside)
+        flown = replay.fly(flight, beliefs, fix_sigma, np.empty(0), flight.arrival[final], inside, range_sigma)
         north, east, down = flown.innovation[final, :3]
         rows.append((first, last, float(np.hypot(north, east)), float(abs(down))))
     table = np.array(rows).reshape(-1, 4)

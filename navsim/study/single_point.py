@@ -17,6 +17,7 @@ from navsim.io.rinex_obs import Observations
 from navsim.models import atmosphere
 from navsim.models.constellation import Constellation
 from navsim.models.pseudorange import apparent_velocity, turned_with_earth
+from navsim.models.recording import Ranges
 from navsim.models.sky import azimuth_elevation, enu_matrix
 
 _PASSES = 4
@@ -39,7 +40,8 @@ class PositioningOptions:
 class Solution:
     """Fixes at e epochs: time GPS s, llh (e, 3) rad, rad, m, position (e, 3) ECEF m, velocity (e, 3) NED m/s
     (nan with fewer than four Dopplers), clocks (e, MAX_CLOCKS) m, covariance (e, 6, 6) of position and velocity NED,
-    dop (e, 5), satellites (e,) how many were used, residual (e, s) m; nan without a fix."""
+    dop (e, 5), satellites (e,) how many were used, residual (e, s) m; nan without a fix; ranges: what they are
+    from."""
 
     time: np.ndarray
     llh: np.ndarray
@@ -50,6 +52,7 @@ class Solution:
     dop: np.ndarray
     satellites: np.ndarray
     residual: np.ndarray
+    ranges: Ranges
 
 
 def solve(
@@ -87,14 +90,11 @@ def solve(
             np.where(usable, ranges - delay, np.nan), rates, llh, speed, clocks, covariance,
         )  # fmt: skip
         believed = ecef_from_llh(llh)
-        away = turned - believed[:, None]
-        distance = np.linalg.norm(away, axis=2)
+        distance, los, azimuth, elevation = _sights(llh, turned)
         travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
-        los = np.einsum("eij,esj->esi", enu_matrix(llh), away / distance[..., None])
-        azimuth, elevation = azimuth_elevation(los)
         visible = elevation >= settings.mask
         # both nan where the direction is, and the delay below the horizon: satellites that are not visible
-        sigma = settings.sigma / np.sin(np.maximum(elevation, 0.03))
+        sigma = settings.sigma * _slant(elevation)
         delay = _delays(observations.time, llh, azimuth, elevation, ratio2, settings)
     usable = np.isfinite(ranges - delay) & visible & np.isfinite(believed[:, :1])
     los[~usable] = np.nan
@@ -102,6 +102,53 @@ def solve(
     return Solution(
         observations.time, llh, believed, speed, clocks, covariance, dops(los, clock), usable.sum(axis=1),
         np.where(usable, residual, np.nan),
+        _ranges(observations.time, llh, speed, (position, velocity, ranges, rates), travel, clock, ratio2, settings,
+                (tuple(observations.satellites[i] for own in columns for i in own),
+                 tuple(c.system.name for c in constellations))),
+    )  # fmt: skip
+
+
+def _sights(llh: np.ndarray, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """From places (e, 3) to sources (e, s, 3) ECEF: distance (e, s), unit vector (e, s, 3) ENU, azimuth, elevation (e,
+    s)."""
+    away = sources - ecef_from_llh(llh)[:, None]
+    distance = np.linalg.norm(away, axis=2)
+    los = np.einsum("eij,esj->esi", enu_matrix(llh), away / distance[..., None])
+    return distance, los, *azimuth_elevation(los)
+
+
+def _slant(elevation: np.ndarray) -> np.ndarray:
+    """By how much more the noise of a range is than overhead."""
+    return 1.0 / np.sin(np.maximum(elevation, 0.03))
+
+
+def _ranges(
+    time: np.ndarray, llh: np.ndarray, speed: np.ndarray, measured: tuple[np.ndarray, ...], travel: np.ndarray,
+    clock: np.ndarray, ratio2: np.ndarray, settings: PositioningOptions, named: tuple[tuple[str, ...], ...],
+) -> Ranges:  # fmt: skip
+    """The ranges of all epochs, those without a fix corrected for a place between the ones before and after; measured:
+    positions and velocities at transmission, pseudoranges, range rates; named: sources and clocks."""
+    position, velocity, pseudorange, range_rate = measured
+    names, scales = named
+    fixed = np.isfinite(llh[:, 0])
+    if not fixed.any():
+        nothing = np.full(pseudorange.shape, np.nan)
+        return Ranges(time, names, clock, scales, position, velocity, nothing, nothing, range_rate, nothing)
+    here = np.stack([np.interp(time, time[fixed], np.unwrap(llh[fixed, i])) for i in range(2)], axis=1)
+    here = np.column_stack([here, np.interp(time, time[fixed], llh[fixed, 2])])
+    turned = turned_with_earth(position, travel)
+    for _ in range(2):
+        distance, _, azimuth, elevation = _sights(here, turned)
+        travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
+        turned = turned_with_earth(position, travel)
+    # 3 mm/s at most hang on the receiver's own motion, and none on a place without a velocity
+    moving = np.einsum("eji,ej->ei", ned_matrix(here), np.where(np.isfinite(speed), speed, 0.0))
+    apparent = apparent_velocity(turned, turned_with_earth(velocity, travel), ecef_from_llh(here), moving)
+    delay = _delays(time, here, azimuth, elevation, ratio2, settings)
+    there = (elevation >= settings.mask) & np.isfinite(turned[..., 0])
+    return Ranges(
+        time, names, clock, scales, turned, apparent, distance, np.where(there, pseudorange - delay, np.nan),
+        range_rate, _slant(elevation),
     )  # fmt: skip
 
 

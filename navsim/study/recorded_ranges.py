@@ -1,0 +1,84 @@
+"""Fixes and ranges of a recorded flight from RINEX observations and navigation messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from navsim.core.arrays.earth import SPEED_OF_LIGHT
+from navsim.io.rinex_nav import read_nav
+from navsim.io.rinex_obs import read_obs
+from navsim.io.text import Dropped, FileError
+from navsim.models.constellation import Constellation
+from navsim.models.recording import Fixes, Ranges
+from navsim.study.single_point import PositioningOptions, solve
+
+_STEP = 1e-3 * SPEED_OF_LIGHT
+"""By how much receivers put their clocks right at once, m: by whole milliseconds."""
+
+
+@dataclass(frozen=True)
+class Messages:
+    """What navigation files tell: the constellations that fly by them, and Klobuchar's coefficients, if they do."""
+
+    constellations: tuple[Constellation, ...]
+    klobuchar: tuple[np.ndarray, np.ndarray] | None
+
+
+def read_messages(path: Path, lenient: bool, dropped: Dropped) -> Messages:
+    """The messages of a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`, and for a file without a
+    message of a system that is modelled."""
+    found = read_nav(path, lenient)
+    for text in found.left_out:
+        dropped.add(text, 1)
+    constellations = tuple(found.constellations())
+    if not constellations:
+        raise FileError(0, "no message of a satellite system that navsim knows", path)
+    return Messages(constellations, found.klobuchar)
+
+
+def together(several: list[Messages]) -> Messages:
+    """Those of several files, the first one's where two have the same system."""
+    each = {one.system.name: one for messages in reversed(several) for one in messages.constellations}
+    klobuchar = next((messages.klobuchar for messages in several if messages.klobuchar is not None), None)
+    return Messages(tuple(each.values()), klobuchar)
+
+
+def read_ranges(
+    path: Path, messages: Messages, mask: float, fewest: int, shift: float, dropped: Dropped
+) -> tuple[Fixes, Ranges]:
+    """Fixes from RINEX observations, and their ranges with those of epochs that have no fix.
+
+    mask: rad. fewest: satellites of a fix. shift: from GPS s to the times wanted, s. dropped: what was left out is
+    added. Raises FileError, OSError as `rinex_obs.read_obs`, and where there are fewer than two fixes.
+    """
+    observations = read_obs(path, dropped.lenient)
+    for text in observations.left_out:
+        dropped.add(text, 1)
+    try:
+        options = PositioningOptions(mask=mask, klobuchar=messages.klobuchar)
+        solution = solve(observations, messages.constellations, options)
+    except ValueError as error:
+        raise FileError(0, str(error), path) from None
+    solved = np.isfinite(solution.llh[:, 0])
+    few = solved & (solution.satellites < fewest)
+    dropped.add(f"fixes with fewer than {fewest} satellites", int(few.sum()))
+    solved &= ~few
+    if solved.sum() < 2:
+        raise FileError(0, f"{solved.sum()} fixes by these messages; two are the least", path)
+    time = solution.time + shift
+    ranges = replace(_steadied(solution.ranges, solution.clocks), time=time)
+    return Fixes(time[solved], solution.llh[solved], solution.velocity[solved]), ranges
+
+
+def _steadied(ranges: Ranges, clocks: np.ndarray) -> Ranges:
+    """The ranges without the whole milliseconds by which the receiver put its clock right; clocks: (e, c) as of
+    `single_point.Solution`."""
+    known = np.isfinite(clocks)
+    first = np.where(known.any(axis=1), clocks[np.arange(clocks.shape[0]), np.argmax(known, axis=1)], np.nan)
+    fixed = np.flatnonzero(np.isfinite(first))
+    steps = np.zeros(clocks.shape[0])
+    steps[fixed[1:]] = np.round(np.diff(first[fixed]) / _STEP)
+    return replace(ranges, pseudorange=ranges.pseudorange - _STEP * np.cumsum(steps)[:, None])

@@ -1,0 +1,202 @@
+"""Recorded flights with RINEX observations beside the IMU: a simulated flight written and read again, and a real
+station that stands still."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.estimation.records import NOT_USED, USED
+from navsim.io.export import export
+from navsim.io.results import Result
+from navsim.models.kinematics import Motion
+from navsim.models.recording import Ranges
+from navsim.scenario.load import read_replay
+from navsim.scenario.presets import SENSOR_CLASSES
+from navsim.scenario.source import InputError
+from navsim.simulation.landing import draw
+from navsim.study import landing, replay
+from navsim.study.executor import threads
+from navsim.study.recorded_ranges import _steadied
+from tests.helpers import case
+
+SENSORS = SENSOR_CLASSES["industrial"]
+FLIGHT = (
+    "duration_s=70", f"imu={{rate_hz: 50, gyro: {SENSORS['gyro']}, accelerometer: {SENSORS['accelerometer']}}}",
+    "receiver={rate_hz: 2, lever_arm_m: [0.4, 0, -0.3]}", "sky.source=nominal", "sky.broadcast=true",
+    "signals.range_sigma_m=0.5", "signals.range_rate_sigma_m_s=0.05",
+)  # fmt: skip
+SEED = 5
+
+
+@dataclass(frozen=True)
+class Written:
+    """A flight in files of a folder, what it truly was."""
+
+    folder: Path
+    truth: Motion
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    folder = tmp_path_factory.mktemp("flight")
+    ready = case(*FLIGHT, name="s_turn")
+    flown = landing.result(ready, landing.fly_all(ready, SEED, 0, 1, threads(1), keep="all"), SEED, keep="all")
+    export(flown, folder / "flight.h5", ["rinex"])
+    inputs, world = draw(ready.flight, SEED, [0]), ready.world
+    rates = np.concatenate([inputs.dtheta[..., 0], inputs.dv[..., 0]], axis=1) / np.diff(world.imu_time)[:, None]
+    table = np.column_stack([world.imu_time[1:], rates])
+    header = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
+    np.savetxt(folder / "imu.csv", table, delimiter=",", header=header, comments="", fmt="%.12g")
+    (folder / "log.yaml").write_text(
+        f"kind: replay\nversion: 1\nepoch: {ready.scenario.epoch:%Y-%m-%dT%H:%M:%SZ}\n"
+        "imu: {file: imu.csv, sensor_class: industrial, samples: averaged}\n"
+        "gnss: {file: flight.obs, navigation: flight.nav, lever_arm_m: [0.4, 0, -0.3], mask_deg: 5,\n"
+        "       range_sigma_m: 0.5, range_rate_sigma_m_s: 0.05}\n"
+        "tuning: none\nfilter: {coupling: tight}\n"
+    )
+    return Written(folder, world.truth)
+
+
+def replayed(log: Path, *assignments: str) -> Result:
+    return replay.compute(replay.prepare(*read_replay(log, assignments)))
+
+
+def off(result: Result, truth: Motion) -> np.ndarray:
+    """Errors of position (t, 3), NED, m, at the outputs."""
+    time = result["/filter/time"]
+    true = np.stack([np.interp(time, truth.time, truth.llh[:, i]) for i in range(3)], axis=1)
+    gap = ecef_from_llh(true) - ecef_from_llh(result["/filter/position_llh"])
+    return np.einsum("tij,tj->ti", ned_matrix(true), gap)
+
+
+def test_a_flight_is_flown_by_its_ranges(written: Written) -> None:
+    """Errors are what σ says, and no larger than the loose filter's; innovations have their sizes."""
+    tight = replayed(written.folder / "log.yaml")
+    loose = replayed(written.folder / "log.yaml", "filter.coupling=loose", "gnss.velocity_sigma_m_s=[0.05, 0.08]")
+    late = slice(100, None)
+    size = [np.sqrt(np.mean(np.sum(off(one, written.truth)[late] ** 2, axis=1))) for one in (tight, loose)]
+    sigma = np.sqrt(np.mean(np.sum(tight["/filter/sigma"][late, :3] ** 2, axis=1)))
+    assert 0.3 < size[0] / sigma < 2.0
+    assert size[0] < 1.05 * size[1]
+    assert list(tight["/filter/state"])[15:] == ["clock_bias_glonass", "clock_bias_gps", "clock_drift"]
+    assert tight["/summary/nis"][0] == pytest.approx(1.0, abs=0.15)
+    used = tight["/innovations/range_status"] == USED
+    np.testing.assert_array_equal(tight["/innovations/degrees"], 2 * used.sum(axis=1))
+    np.testing.assert_array_equal(np.isfinite(tight["/innovations/range"]), used)
+    assert np.nanstd(tight["/innovations/range"][50:]) < 1.5
+    # the fixes are told, and not used
+    assert np.isfinite(tight["/innovations/position_ned"]).all()
+
+
+def test_an_outage_of_all_and_of_some(written: Written) -> None:
+    """Withheld ranges: the drift is told by the fix at the end; with three satellites alone there is no fix, and the
+    tight filter stays near."""
+    outage = "outages=[{start_s: [45], duration_s: [15], withhold: true}]"
+    whole = replayed(written.folder / "log.yaml", outage)
+    inside = (whole["/innovations/time"] >= 45.0) & (whole["/innovations/time"] <= 60.0)
+    assert np.all(whole["/innovations/range_status"][inside] == NOT_USED)
+    assert np.isfinite(whole["/outages/horizontal_error"]).all()
+    recording = replay.prepare(*read_replay(written.folder / "log.yaml", ()))
+    assert recording.ranges is not None
+    few = recording.ranges.pseudorange.copy()
+    between = (recording.ranges.time >= 45.0) & (recording.ranges.time <= 60.0)
+    best = np.argsort(np.where(np.isfinite(few[between]).all(axis=0), recording.ranges.slant[between][0], np.inf))
+    few[np.ix_(between, best[3:])] = np.nan
+    fixes = recording.fixes.take(np.flatnonzero((recording.fixes.time < 45.0) | (recording.fixes.time > 60.0)))
+    some = replay.compute(replace(recording, ranges=replace(recording.ranges, pseudorange=few), fixes=fixes))
+    at = np.searchsorted(whole["/filter/time"], 60.0 - 1e-6)
+    drift = [np.linalg.norm(off(one, written.truth)[at]) for one in (whole, some)]
+    assert drift[1] < drift[0]
+    assert some["/filter/sigma"][at, :3].max() < 0.7 * whole["/filter/sigma"][at, :3].max()
+    assert np.all(some["/innovations/degrees"][(some["/innovations/time"] > 45.5) & inside] == 6)
+
+
+@pytest.mark.parametrize("kind", ["rts", "map", "gaussian-sum"])
+def test_other_kinds(written: Written, kind: str) -> None:
+    one = replayed(written.folder / "log.yaml", f"filter.kind={kind}", "end_s=40")
+    assert np.sqrt(np.mean(off(one, written.truth)[100:] ** 2)) < 1.0
+
+
+def test_noise_of_ranges_is_tuned(written: Written) -> None:
+    one = replayed(
+        written.folder / "log.yaml", "tuning=likelihood", "gnss.range_sigma_m=null", "gnss.range_rate_sigma_m_s=null",
+        "imu.gyro.arw_deg_sqrt_h=0.3", "imu.accelerometer.vrw_m_s_sqrt_h=0.15",
+    )  # fmt: skip
+    # the landing's noise is the same at all elevations: overhead it is less than that
+    assert 0.2 < one["/tuning/range_sigma"] < 0.55
+    assert one["/tuning/range_rate_sigma"] == pytest.approx(0.05, rel=0.15)
+
+
+def test_messages(written: Written, tmp_path: Path) -> None:
+    """What is wrong is told at its key."""
+    log = written.folder / "log.yaml"
+    (tmp_path / "empty.nav").write_text(
+        f"{'     3.04           N: GNSS NAV DATA    M: Mixed':60}RINEX VERSION / TYPE\n{'':60}END OF HEADER\n"
+    )
+    for assignments, match in (
+        (("gnss.navigation=nowhere.nav",), r"gnss.navigation\[0\]: nowhere.nav: cannot be read"),
+        ((f"gnss.navigation={tmp_path}/empty.nav",), "no message of a satellite system"),
+        (("gnss.navigation=flight.obs",), "gnss.navigation"),
+        (("gnss.file=imu.csv",), "gnss.file"),
+        (("epoch=2001-01-01T00:00:00Z",), "no common time"),
+        (("gnss.angle_unit=rad",), "units of their own"),
+        ((f"gnss.navigation_sha256={'0' * 64}",), "gnss.navigation_sha256"),
+    ):
+        with pytest.raises(InputError, match=match):
+            replay.prepare(*read_replay(log, assignments))
+    with pytest.raises(InputError, match=r"filter.coupling: fixes are all there is"):
+        read_replay(log, ("gnss.navigation=null", "gnss.range_sigma_m=null", "gnss.range_rate_sigma_m_s=null",
+                          "gnss.mask_deg=10"))  # fmt: skip
+
+
+def test_a_receiver_that_puts_its_clock_right_by_milliseconds() -> None:
+    """Steps of whole milliseconds are taken out, also across epochs without a fix."""
+    step = 1e-3 * SPEED_OF_LIGHT
+    clocks = np.array([[100.0, np.nan], [200.0, np.nan], [np.nan, np.nan], [300.0 - step, np.nan], [400.0 - step, 0.0]])
+    each = np.arange(5.0)[:, None] * 100.0 + np.array([[0.0, 0.0, 0.0, -step, -step]]).T
+    nothing = np.zeros((5, 1, 3))
+    ranges = Ranges(np.arange(5.0), ("G01",), np.zeros(1, int), ("gps",), nothing, nothing, each, each, each, each)
+    np.testing.assert_allclose(
+        _steadied(ranges, clocks).pseudorange[:, 0], [0.0, 100.0, 200.0, 300.0, 400.0], atol=1e-6
+    )
+
+
+def test_a_station_that_stands_still(shared: Path, tmp_path: Path) -> None:
+    """20 minutes of ESBC with an industrial IMU at rest: the tight filter is as near to the station as its fixes."""
+    folder = shared / "data/esbc_2020177"
+    known = json.loads((folder / "truth.json").read_text())
+    marker = np.array(known["marker_ITRF2014_at_2020.48_interpolated_m"])
+    llh = llh_from_ecef(marker)
+    axes = ned_matrix(llh)
+    antenna = marker - known["antenna_up_m"] * axes[2]
+    time, random = np.arange(12001) / 10.0, np.random.default_rng(0)
+    gravity = (
+        9.7803253359 * (1 + 0.00193185265241 * np.sin(llh[0]) ** 2) / np.sqrt(1 - 0.00669438 * np.sin(llh[0]) ** 2)
+    )
+    rate = RATE * np.array([np.cos(llh[0]), 0.0, -np.sin(llh[0])])
+    noise = random.standard_normal((time.size, 6)) * np.repeat([np.radians(0.3 / 60), 0.15 / 60], 3) * np.sqrt(10.0)
+    table = np.column_stack([time, np.concatenate([rate, [0.0, 0.0, -gravity]]) + noise])
+    header = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
+    np.savetxt(tmp_path / "imu.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    (tmp_path / "log.yaml").write_text(
+        "kind: replay\nversion: 1\nepoch: 2020-06-25T09:59:42Z\n"
+        "imu: {file: imu.csv, sensor_class: industrial}\n"
+        f"gnss: {{file: {folder}/ESBC_2020177_GR_60S.rnx.gz,\n"
+        f"       navigation: {folder}/ESBC00DNK_R_20201770000_01D_MN.rnx.gz}}\n"
+        "alignment: {heading_deg: 0.0, heading_sigma_deg: 1.0}\ntuning: none\n"
+        "filter: {coupling: tight, output_rate_hz: 1}\n"
+    )
+    flown = replayed(tmp_path / "log.yaml")
+    fixes = (ecef_from_llh(flown["/receiver/position_llh"]) - antenna) @ axes.T
+    last = flown["/filter/time"] > 300.0
+    after = np.isin(np.round(flown["/filter/time"], 6), np.round(flown["/innovations/time"], 6)) & last
+    errors = (ecef_from_llh(flown["/filter/position_llh"][after]) - antenna) @ axes.T
+    assert after.sum() > 10
+    assert np.sqrt(np.mean(errors**2)) < 1.1 * np.sqrt(np.nanmean(fixes**2))
+    assert (flown["/innovations/range_status"] == USED).sum(axis=1).min() > 9
