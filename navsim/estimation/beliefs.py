@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.states import Block
-from navsim.estimation.clock import ReceiverClock
+from navsim.estimation.clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
 from navsim.estimation.records import GAUSSIAN_SUM, FilterModel
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
@@ -84,11 +84,8 @@ class Beliefs:
 
 
 def clock_sigma(scales: int) -> np.ndarray:
-    """1 sigma that the clock's states are known with at the start: its biases, m, and its drift, m/s.
-
-    Next to nothing beside ranges, and no more: what is lost to rounding grows with its square (1e8 m2 x 2e-16 = 2e-8
-    m2)."""
-    return np.array([*[1e4] * scales, 1e2] if scales else [])
+    """1 sigma that the clock's states are known with at the start: its biases, m, and its drift, m/s."""
+    return np.array([*[UNKNOWN_BIAS] * scales, UNKNOWN_DRIFT] if scales else [])
 
 
 def initial_covariance(sigma: Sequence[float], blocks: Sequence[Block]) -> np.ndarray:

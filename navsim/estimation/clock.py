@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core.jit import kernel
+from navsim.core.lanes import any_lane, select
 from navsim.core.states import NAV_SENSORS, SENSORS
 
 
@@ -27,6 +28,9 @@ class ReceiverClock(NamedTuple):
     density: np.ndarray
 
 
+UNKNOWN_BIAS, UNKNOWN_DRIFT = 1e4, 1e2
+"""1 sigma of a bias, m, and of the drift, m/s, of which nothing is known. Next to nothing beside ranges, and no more:
+what is lost to rounding grows with its square (1e8 m2 x 2e-16 = 2e-8 m2)."""
 NO_CLOCK = ReceiverClock(np.empty(0, np.int64), np.zeros(2))
 """That of a loosely coupled filter."""
 
@@ -72,3 +76,32 @@ def run_clock_on(clock, dt, nav, p):
         for b in range(count):
             nav[NAV_SENSORS - SENSORS + first + b] += dt * nav[NAV_SENSORS - SENSORS + first + count]
         carry_clock_covariance(first, count, clock.density[0], clock.density[1], dt, p)
+
+
+@kernel
+def has_jumped(heard, kept, jumped):
+    """Clocks (c + 1,) that jumped, 1 or 0, the drift last: of a bias all the sources of an epoch, two at least, were
+    rejected; of the drift, all those of every bias that was heard. heard, kept (c,): how many were weighed, and used.
+    Returns whether any did in any lane."""
+    count = heard.shape[0]
+    every, some = heard[0] >= 0.0, heard[0] < 0.0
+    for b in range(count):
+        off = (heard[b] > 1.5) & (kept[b] == 0.0)
+        jumped[b] = select(off, 1.0, 0.0)
+        every = every & (off | (heard[b] == 0.0))
+        some = some | off
+    jumped[count] = select(some & every, 1.0, 0.0)
+    return any_lane(some)
+
+
+@kernel
+def forget_clock(jumped, p):
+    """P (n, n) without what it knew of the clocks that jumped (c + 1,), which are its last states; in place."""
+    first = p.shape[0] - jumped.shape[0]
+    for b in range(jumped.shape[0]):
+        gone = jumped[b] > 0.0
+        for i in range(p.shape[0]):
+            p[first + b, i] = select(gone, 0.0, p[first + b, i])
+            p[i, first + b] = select(gone, 0.0, p[i, first + b])
+        sigma = UNKNOWN_DRIFT if b == jumped.shape[0] - 1 else UNKNOWN_BIAS
+        p[first + b, first + b] = select(gone, sigma * sigma, p[first + b, first + b])

@@ -27,9 +27,9 @@ from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, keep_decision, keep_innovation, nothing_yet, opened
 from navsim.estimation.charts import correct, own_error, turn_axes
-from navsim.estimation.clock import run_clock_on
+from navsim.estimation.clock import forget_clock, has_jumped, run_clock_on
 from navsim.estimation.error_state import between
-from navsim.estimation.observations import PROBE, is_bent, observe, slot
+from navsim.estimation.observations import PROBE, RANGE, is_bent, observe, slot
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
 
 _MORE = 2
@@ -291,6 +291,41 @@ def update(chart, used, what, row, measurements, declared, nav, p, increments, i
             held(gauge.p[i], used, p[i])
 
 
+class RangeCount(NamedTuple):
+    """Of the ranges of an epoch: heard, kept (c,), how many of each time scale were weighed and used; jumped (c + 1,),
+    see `clock.has_jumped`."""
+
+    heard: np.ndarray
+    kept: np.ndarray
+    jumped: np.ndarray
+
+
+@within
+def range_count(nav, scales):
+    """Room for a filter that follows the clock of so many time scales."""
+    return RangeCount(room(nav, (scales,)), room(nav, (scales,)), room(nav, (scales + 1,)))
+
+
+@kernel
+def is_alone(events, i, before):
+    """Whether the event before (1), or behind (0), event i is none of the ranges of the same epoch."""
+    j = i - 1 if before else i + 1
+    if j < 0 or j >= events.time.shape[0]:
+        return True
+    return events.kind[j] != RANGE or events.ahead[j] != events.ahead[i] or events.time[j] != events.time[i]
+
+
+@kernel
+def count_range(ranges, row, first, weighed, used, count):
+    """Count a range of an epoch; first: whether it is the first one."""
+    if first:
+        for b in range(count.heard.shape[0]):
+            count.heard[b], count.kept[b] = 0.0, 0.0
+    b = ranges.bias[row]
+    count.heard[b] += select(weighed, 1.0, 0.0)
+    count.kept[b] += select(used, 1.0, 0.0)
+
+
 @kernel
 def run(chart, imu, measurements, events, state, way, model, account):
     """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
@@ -309,6 +344,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     n = state_p.shape[0]
     gauge = weighing(state_nav, n)
     space = workshop(state_nav, n)
+    count = range_count(state_nav, model.clock.scales.shape[0])
     # the filter itself, and its copy that runs ahead
     navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))
     increments_pair, cursors = room(state_nav, (2, 6)), np.empty((2, 3))
@@ -352,13 +388,17 @@ def run(chart, imu, measurements, events, state, way, model, account):
             )  # fmt: skip
             degrees = numbers_in(gauge.have, m)
             weighed = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (degrees > 0.0)
-            if not any_lane(weighed):
-                continue
-            errors_from(gauge.k, gauge.z, m, gauge.x)
-            where = slot(what, row, measurements)
-            used = decide(ahead == 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
-            if any_lane(used):
-                update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
+            used = weighed
+            if any_lane(weighed):
+                errors_from(gauge.k, gauge.z, m, gauge.x)
+                where = slot(what, row, measurements)
+                used = decide(ahead == 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
+                if any_lane(used):
+                    update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
+            if what == RANGE:
+                count_range(measurements.ranges, row, is_alone(events, i, 1), weighed, used, count)
+                if is_alone(events, i, 0) and has_jumped(count.heard, count.kept, count.jumped):
+                    forget_clock(count.jumped, p)
     copy(navs[0], state_nav)
     copy_matrix(ps[0], state_p)
     copy(rejections[0], state_rejected)

@@ -33,14 +33,18 @@ from navsim.core.linear import cholesky, copy, copy_matrix, invert3
 from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT
 from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
+from navsim.estimation.clock import forget_clock, has_jumped
 from navsim.estimation.error_state import between
 from navsim.estimation.filter_loop import (
     advance,
+    count_range,
     decide,
     errors_from,
     held,
     is_ahead,
+    is_alone,
     numbers_in,
+    range_count,
     set_off,
     start_axes,
     update,
@@ -48,7 +52,7 @@ from navsim.estimation.filter_loop import (
     whitened_square,
     workshop,
 )
-from navsim.estimation.observations import observe, slot
+from navsim.estimation.observations import RANGE, observe, slot
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
 
 _NARROWED = 0.65
@@ -481,6 +485,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
     there = room(state_nav, (MOST,))
     space, bench = workshop(state_nav, n), _bench(state_nav, n)
+    heard = range_count(state_nav, model.clock.scales.shape[0])
     # the copy that runs ahead
     runs_ahead = False
     for i in range(events.ahead.shape[0]):  # numba's own `any` loads its linear algebra at every start
@@ -567,6 +572,11 @@ def run(chart, imu, measurements, events, state, way, model, account):
                     )  # fmt: skip
             weigh(used, weight, squares, sizes)
             _close_ranks(now)
+            if what == RANGE:
+                count_range(measurements.ranges, row, is_alone(events, i, 1), weighed, used, heard)
+                if is_alone(events, i, 0) and has_jumped(heard.heard, heard.kept, heard.jumped):
+                    for j in range(_count(weight)):
+                        forget_clock(heard.jumped, now.covariance[j])
     moments(own, state_nav, state_p, space, bench)
     copy(rejections[0], state_rejected)
     copy(cursors[0], way.cursor)

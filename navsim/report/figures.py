@@ -6,6 +6,7 @@ Every figure function takes a result and returns a matplotlib Figure; `save` wri
 from __future__ import annotations
 
 import io
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -288,27 +289,39 @@ def _first_runs(result: Result, path: str) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _further_rows(result: Result) -> list[tuple[str, float]]:
-    """Labels and scales of what a filter follows beside the biases, three states a row."""
-    names = [str(name) for name in result["/filter/state"][3 * len(_ROWS) :: 3]]
-    short = [name.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ") for name in names]
+def _further_rows(names: list[str]) -> list[tuple[str, float]]:
+    """Labels and scales of what a filter follows beside the biases, three states a row; names: of the states but the
+    clock's."""
+    firsts = names[3 * len(_ROWS) :: 3]
+    short = [name.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ") for name in firsts]
     return [(f"{name}, ppm", 1e6) for name in short]
+
+
+def _clock_label(name: str) -> tuple[str, float]:
+    """Label and scale of a state of the receiver's clock."""
+    return f"{name.replace('_', ' ')}, {'m/s' if name.endswith('drift') else 'm'}", 1.0
 
 
 def errors(result: Result) -> Figure:
     """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
-    rows = [*_ROWS, *_further_rows(result)]
-    fig = new_figure(2 * COLUMN, 6.6 * len(rows) / len(_ROWS))
-    axes = fig.subplots(len(rows), 3, sharex=True)
+    names = [str(name) for name in result["/filter/state"]]
+    clock = [name for name in names if name.startswith("clock_")]
+    rows = [*_ROWS, *_further_rows(names[: len(names) - len(clock)])]
+    triads, count = len(rows), len(rows) + math.ceil(len(clock) / 3)
+    fig = new_figure(2 * COLUMN, 6.6 * count / len(_ROWS))
+    axes = fig.subplots(count, 3, sharex=True)
+    for unused in axes.flat[len(names) :]:
+        unused.set_axis_off()
     t = result["/filter/time"]
     error = _first_runs(result, "/filter/error")
     alone = single(result)
     sigma, rms = _rms_over_runs(result, "/filter/sigma"), _rms_over_runs(result, "/filter/error")
     late = settled(t)
-    for row, (label, scale) in enumerate(rows):
-        for column in range(3):
+    for row in range(count):
+        for column in range(min(3, len(names) - 3 * row)):
             ax: Axes = axes[row, column]
             i = 3 * row + column
+            label, scale = rows[row] if row < triads else _clock_label(names[i])
             bound, spread = 3.0 * sigma[:, i] * scale, 3.0 * rms[:, i] * scale
             runs = error[:, :, i].T * scale
             ax.fill_between(t, -bound, bound, color=_ORANGE, alpha=0.25, lw=0, label="±3σ of the filter")
@@ -323,14 +336,15 @@ def errors(result: Result) -> Figure:
             reach = max(1.6 * bound[late].max(initial=0.0), seen.max(initial=0.0))
             if reach > 0:
                 ax.set_ylim(-reach, reach)
-            if column == 0:
+            if column == 0 or row >= triads:
                 ax.set_ylabel(label)
             if row == 0:
                 ax.set_title(("north", "east", "down")[column])
             if row == 3:
                 ax.set_title("xyz"[column])
-            if row == len(rows) - 1:
+            if i + 3 >= len(names):
                 ax.set_xlabel("time, s")
+                ax.tick_params(labelbottom=True)
     fig.align_ylabels(axes[:, 0])
     legend_above(fig, axes[0, 0], 4, runs_of(result))
     return fig

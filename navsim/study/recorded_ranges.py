@@ -28,15 +28,11 @@ class Messages:
 
 
 def read_messages(path: Path, lenient: bool, dropped: Dropped) -> Messages:
-    """The messages of a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`, and for a file without a
-    message of a system that is modelled."""
+    """The messages of a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`."""
     found = read_nav(path, lenient)
     for text in found.left_out:
         dropped.add(text, 1)
-    constellations = tuple(found.constellations())
-    if not constellations:
-        raise FileError(0, "no message of a satellite system that navsim knows", path)
-    return Messages(constellations, found.klobuchar)
+    return Messages(tuple(found.constellations()), found.klobuchar)
 
 
 def together(several: list[Messages]) -> Messages:

@@ -30,6 +30,7 @@ FLIGHT = (
     "duration_s=70", f"imu={{rate_hz: 50, gyro: {SENSORS['gyro']}, accelerometer: {SENSORS['accelerometer']}}}",
     "receiver={rate_hz: 2, lever_arm_m: [0.4, 0, -0.3]}", "sky.source=nominal", "sky.broadcast=true",
     "signals.range_sigma_m=0.5", "signals.range_rate_sigma_m_s=0.05",
+    "signals.troposphere={truth_scale: 1, correction: none}", "sky.mask_deg=5",
 )  # fmt: skip
 SEED = 5
 
@@ -141,7 +142,7 @@ def test_messages(written: Written, tmp_path: Path) -> None:
     )
     for assignments, match in (
         (("gnss.navigation=nowhere.nav",), r"gnss.navigation\[0\]: nowhere.nav: cannot be read"),
-        ((f"gnss.navigation={tmp_path}/empty.nav",), "no message of a satellite system"),
+        ((f"gnss.navigation={tmp_path}/empty.nav",), "holds no GPS and no GLONASS message"),
         (("gnss.navigation=flight.obs",), "gnss.navigation"),
         (("gnss.file=imu.csv",), "gnss.file"),
         (("epoch=2001-01-01T00:00:00Z",), "no common time"),
@@ -150,9 +151,12 @@ def test_messages(written: Written, tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=match):
             replay.prepare(*read_replay(log, assignments))
+    with pytest.raises(InputError, match=r"gnss.range_sigma_m: is for RINEX observations"):
+        read_replay(log, ("gnss.navigation=null",))
+    plain = tmp_path / "plain.yaml"
+    plain.write_text("kind: replay\nversion: 1\nimu: {file: a}\ngnss: {file: b}\nfilter: {coupling: tight}\n")
     with pytest.raises(InputError, match=r"filter.coupling: fixes are all there is"):
-        read_replay(log, ("gnss.navigation=null", "gnss.range_sigma_m=null", "gnss.range_rate_sigma_m_s=null",
-                          "gnss.mask_deg=10"))  # fmt: skip
+        read_replay(plain)
 
 
 def test_a_receiver_that_puts_its_clock_right_by_milliseconds() -> None:

@@ -126,6 +126,23 @@ def test_a_faulty_source_is_gated_alone() -> None:
     assert (soon.range_status[0, at, which] == USED).sum() > 2
 
 
+@pytest.mark.parametrize("kind", ["eskf", "gaussian-sum"])
+def test_a_clock_that_jumps_is_forgotten(kind: str) -> None:
+    """All ranges off alike by a kilometre, and the rates by 20 m/s: they are rejected once, then the clock is known
+    anew; position and velocity are as if nothing had happened."""
+    event = json.dumps([{"what": "spoof", "sources": ["all"], "at_s": 20, "clock_m": 1000.0, "drift_m_s": 20.0}])
+    runs = 32
+    settings = (*SHORT, f"filter.kind={kind}", "sky.source=nominal")
+    calm, jumped = flown(case(*settings), runs), flown(case(*settings, f"events={event}"), runs)
+    assert np.abs(jumped.error[:, 45:, :3] - calm.error[:, 45:, :3]).max() < 0.5
+    low, high = band(runs)
+    assert low < jumped.nees_position_velocity[:, 60].mean() / 6 < high
+    first = 39  # the epoch at 20 s
+    assert np.all(jumped.status[:, first] == REJECTED)
+    assert np.all(jumped.status[:, first + 1 :] == USED)
+    assert np.all(jumped.range_status[:, first + 1 :] != REJECTED)
+
+
 def test_findings_and_results_of_ranges() -> None:
     """A stretch without any range is told; the result has the statuses and names of the states."""
     ready = case(*SHORT, silence(begin=20, end=25))
