@@ -202,6 +202,14 @@ def _alarms(result: Result) -> Cell | str:
     return cell("{} of {}", alarms, tested)
 
 
+def _exclusions(result: Result) -> Cell | str:
+    branch = "/summary/integrity/exclusions"
+    if branch not in result:
+        return ABSENT
+    came = [int(result[f"{branch}_{name}"]) for name in ("correct", "wrong", "needless")]
+    return cell("{}: {}, {}, {}", int(result[branch]), *came)
+
+
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     """A verdict on each requirement, where there are any."""
     branch = "/summary/requirements"
@@ -252,6 +260,10 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested fixes", _alarms)
+    if any("/summary/integrity/exclusions" in result for _, result in results):
+        row("exclusions: correct, wrong, needless", _exclusions)
+    if any("/summary/integrity/exclusions_available" in result for _, result in results):
+        row("exclusions available", lambda r: _share(r, "/summary/integrity/exclusions_available"))
     if asked:
         for label, name in _INTEGRITY.items():
             row(label, lambda r, n=name: _share(r, f"/summary/integrity/{n}"))  # type: ignore[misc]

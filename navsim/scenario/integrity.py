@@ -76,6 +76,12 @@ class IntegritySection(Section):
     """null: levels and alarms are computed, and nothing is asked"""
     decision_height_m: NonNegative | None = None
     """above the runway: from there to touchdown an approach has to be available throughout; null: all of the glide"""
+    exclusion: Literal["none", "residual", "rms"] = "none"
+    """after an alarm. residual: the source (chi2) or fault (mhss) without which alone the rest passes its own test,
+    the one of the largest normalised residual; rms: of the sources without which the rest passes, the one that leaves
+    the smallest RMS of residuals, as RTKLIB does; none: nothing"""
+    alarmed_fixes: Literal["use", "drop"] = "use"
+    """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5
     """chi2: of an alarm at an epoch without a fault"""
     p_md: Chance = 1e-3

@@ -10,6 +10,7 @@ from navsim.models.signals import Environment
 from navsim.scenario.filter import SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import times_of
+from navsim.simulation.exclusion import MOST_KEPT, STRETCH
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
@@ -59,7 +60,7 @@ _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
-    while the filter waits for late fixes, fixes that are watched."""
+    while the filter waits for late fixes, fixes that are watched, and those that something may be excluded from."""
 
     samples: int
     epochs: int
@@ -69,12 +70,14 @@ class Extent:
     aided: int
     ahead: float
     watched: int
+    settled: int
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
             "group": self.states // 3, "aided": self.aided, "watched": self.watched,
+            "settled": self.settled,
         }  # fmt: skip
 
 
@@ -94,6 +97,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
         0 if scenario.integrity is None else fixes.size,
+        0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes.size,
     )  # fmt: skip
 
 
@@ -150,7 +154,9 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
     if scenario.filter.kind == SUM:
         of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
-    return WIDTH * of_one
+    if here.settled:  # fixes of a stretch without each candidate
+        of_one += NUMBER * FLOWN * STRETCH * here.sources
+    return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
 
 
 def prepared(here: Extent) -> float:
@@ -171,10 +177,11 @@ def _stored(here: Extent, keep: str) -> float:
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
-        + of("monitor_statistic", "fix_error")
+        + of("monitor_statistic", "fix_error", "monitor_level")
         + here.epochs
         + here.aided
         + here.watched
+        + 2 * here.settled
     )
     if keep == "errors":
         return errors

@@ -166,7 +166,7 @@ def search_time(here: PlacementProblem) -> float:
     fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
     heard = 24 + max(here.study.pseudolites)
     whole = Extent(
-        epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0, 0.0, 0
+        epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0, 0.0, 0, 0
     )
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
     cost = {

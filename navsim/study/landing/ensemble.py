@@ -22,6 +22,7 @@ from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import Run
+from navsim.simulation.monitoring import ALARM
 from navsim.study import findings as judging
 from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
@@ -50,6 +51,8 @@ HISTORIES = {
         "monitor_statistic",
         "monitor_status",
         "fix_error",
+        "monitor_excluded",
+        "monitor_level",
     ),
     "all": tuple(Run.__dataclass_fields__),
 }
@@ -62,7 +65,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "nees_group": ("output", "group"), "innovation_squared": ("epoch",), "degrees": ("epoch",),
     "status": ("epoch",), "aided": ("aided", MOST), "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
-    "fix_error": ("watched", 2),
+    "fix_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -122,7 +125,8 @@ class LandingStudy:
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
         for runs in self.case.fly_runs(self.seed, first, count, measured):
-            fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs.velocity), output_flaws(runs)
+            fixes = fix_flaws(runs, self.solvable, self.case.beliefs.velocity, self.case.flight.drops)
+            outputs = output_flaws(runs)
             error = runs.error[:, window]
             squares = _mean_square(error)
             rows.append(
@@ -264,13 +268,16 @@ def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
     }
 
 
-def fix_flaws(runs: Run, solvable: np.ndarray, with_velocity: bool) -> Flaws:
-    """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution."""
+def fix_flaws(runs: Run, solvable: np.ndarray, with_velocity: bool, drops: bool = False) -> Flaws:
+    """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution. drops:
+    whether the filter does without fixes with an alarm."""
     none = np.isnan(runs.fix_llh[..., 0])
     masks = np.empty((none.shape[0], 5, none.shape[1]), bool)
     masks[:, UNHEARD], masks[:, UNSOLVED] = none & ~solvable, none & solvable
     masks[:, NO_VELOCITY] = with_velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
     masks[:, UNWEIGHED] = ~none & (runs.status == NOT_USED)
+    if drops:
+        masks[:, UNWEIGHED] &= runs.monitor_status != ALARM
     masks[:, GATED] = runs.status == REJECTED
     return judging.tally(masks)
 

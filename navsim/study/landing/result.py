@@ -125,6 +125,11 @@ def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/integrity/status"] = _history(ensemble, "monitor_status", lambda block: block.astype(np.int8))
     for i, name in enumerate(("horizontal", "vertical")):
         draft[f"/integrity/error_{name}"] = _history(ensemble, "fix_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
+    if not integrity.excludes(case):
+        return
+    draft["/integrity/excluded"] = _history(ensemble, "monitor_excluded", lambda block: block.astype(np.int16))
+    for i, name in enumerate(("hpl", "vpl")):
+        draft[f"/integrity/{name}_run"] = _history(ensemble, "monitor_level", lambda block, i=i: block[..., i])  # type: ignore[misc]
 
 
 def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
