@@ -16,6 +16,7 @@ STREAMS = {
     "aids": 8,
     "tilt": 9,
     "subsets": 10,
+    "integrity": 11,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 
