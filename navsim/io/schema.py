@@ -408,6 +408,7 @@ _WATCHED = "where the scenario has `integrity`"
 _WATCHED_KEPT = f"{_WATCHED}, {_KEPT}"
 _SEPARATED = f"{_WATCHED} with method mhss"
 _ASKED = f"{_WATCHED} with limits"
+_SAMPLED = f"{_WATCHED} with tails"
 _EXCLUDING = f"{_WATCHED} with exclusion"
 _EXCLUDING_KEPT = f"{_EXCLUDING}, {_KEPT}"
 _EXCLUDING_ASKED = f"{_EXCLUDING} and limits"
@@ -440,6 +441,23 @@ _INTEGRITY = Chapter(
            "for none", LANDING, WHOLE, when=_EXCLUDING_KEPT),
         _a("/integrity/{level}_run", "run time", "m", "{LEVEL} of the fix as it is, after an exclusion that of what is "
            "left; nan without a test", LANDING, when=_EXCLUDING_KEPT, level=("hpl", "vpl")),
+        _a("/integrity/tails/at", "at", "s", "fix epochs at which risks beyond the levels are sampled", _FLOWN,
+           when=_SAMPLED),
+        _a("/integrity/tails/axis", "axis", "1", "axes of the levels", _FLOWN, TEXT, when=_SAMPLED),
+        _a("/integrity/tails/fault", "fault", "1", "no fault, then faults (mhss) or sources (chi2)", _FLOWN, TEXT,
+           when=_SAMPLED),
+        _a("/integrity/tails/level", "at axis", "m", "protection level along the axis; nan or inf where there is none",
+           _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/bias", "at axis fault", "m", "largest bias of a range of the fault: those that are most "
+           "often beyond the level without an alarm", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/risk", "at axis fault interval", "1", "chance to be beyond the level without an alarm, if "
+           "the fault is there with these biases, and nominal ones at their worst (mhss)", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/effective", "at axis fault", "1", "samples of one weight that would tell as much", _FLOWN,
+           when=_SAMPLED),
+        _a("/integrity/tails/total", "at axis interval", "1", "sum over all faults by their probabilities, and what is "
+           "not monitored (mhss); the largest of them (chi2)", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/allowed", "axis", "1", "what it may be: p_hmi_v or half of p_hmi_h (mhss), p_md (chi2)",
+           _FLOWN, when=_SAMPLED),
         _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, where there is one", _FLOWN,
            when=_WATCHED, level=("hpl", "vpl")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,

@@ -14,7 +14,7 @@ import numpy as np
 from navsim.integrity import separation
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, SeparationMonitor
-from navsim.integrity.solution import Independent, rows_of, solve
+from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
 from navsim.models.pseudorange import Signals
 
 NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
@@ -120,16 +120,26 @@ class Monitoring:
         return self._over(signals, self.expected(signals), self.test)
 
     def _over(self, signals: Signals, expected: Sequence[ExpectedFault], test: ChiSquareTest | Allocation) -> Snapshot:
-        # what is not used has neither a direction nor a sigma; any serve
-        los = np.where(signals.used[..., None], signals.los, 0.0)
-        sigma = np.where(signals.used, signals.fix_sigma, 1.0)
-        rows, noise = rows_of(los, signals.clock), Independent(sigma)
+        rows, sigma = _geometry(signals)
+        noise = Independent(sigma)
         if isinstance(test, ChiSquareTest):
             return Monitor(solve(rows, signals.used, noise), test)
         nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
         faults = [separation.Fault(_indices(signals.names, fault.sources), fault.prior, fault.of) for fault in expected]
         found = separation.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
         return SeparationMonitor(found)
+
+
+def fix_of(signals: Signals) -> MonitoredFix:
+    """The fixes from these signals, as their monitors see them."""
+    rows, sigma = _geometry(signals)
+    return solve(rows, signals.used, Independent(sigma))
+
+
+def _geometry(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (e, s, u), and 1 sigma of ranges (e, s), m; what is not used has neither, and any serve."""
+    los = np.where(signals.used[..., None], signals.los, 0.0)
+    return rows_of(los, signals.clock), np.where(signals.used, signals.fix_sigma, 1.0)
 
 
 def _but(signals: Signals, names: Sequence[str]) -> Signals:

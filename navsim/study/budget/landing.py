@@ -50,6 +50,8 @@ FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
 SIGHT_TIME = 3e-6
 """Seconds a source of signals at an epoch, from orbits to what is seen of it."""
+_DRAW_TIME = 0.4e-6
+"""Seconds a draw of the errors of a fix."""
 _PREPARED_TIME = 16e-6
 """Seconds a sample of what all runs share."""
 _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
@@ -120,7 +122,11 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
-        BASE_TIME + prepared(here) + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers + 2e-9 * streamed,
+        BASE_TIME
+        + prepared(here)
+        + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers
+        + 2e-9 * streamed
+        + _sampling_time(scenario, here),
         shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
         result,
         runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
@@ -157,6 +163,12 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
     if here.settled:  # fixes of a stretch without each candidate
         of_one += NUMBER * FLOWN * STRETCH * here.sources
     return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
+
+
+def _sampling_time(scenario: Landing, here: Extent) -> float:
+    """Seconds for the risks beyond the levels, of as many faults as there are sources, and some more."""
+    tails = None if scenario.integrity is None else scenario.integrity.tails
+    return 0.0 if tails is None else 3 * len(tails.at_s) * 1.5 * tails.samples * (here.sources + 4) * _DRAW_TIME
 
 
 def prepared(here: Extent) -> float:
@@ -203,7 +215,7 @@ def _analysed(scenario: Landing, here: Extent) -> Budget:
     outputs = here.epochs + 1
     result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (4 + len(SOURCES)) * here.states) + 101 * VARIABLE
     return Budget(
-        BASE_TIME + prepared(here) + analysis_time(here),
+        BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
         result,
     )
