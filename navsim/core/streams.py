@@ -17,6 +17,7 @@ STREAMS = {
     "tilt": 9,
     "subsets": 10,
     "clock": 11,
+    "integrity": 12,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 

@@ -100,6 +100,11 @@ class Monitor:
         """Where there are residuals to test (e,)."""
         return self.solution.degrees > 0
 
+    @property
+    def size(self) -> int:
+        """What it takes of memory, about, bytes."""
+        return 3 * self.solution.rows.nbytes
+
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """Sums of squares (e, m) of the residuals of fixes (e, s, m), m."""
         return np.asarray((self.solution.whitened(residuals) ** 2).sum(axis=1))

@@ -281,6 +281,11 @@ class SeparationMonitor:
         """Where there is a fault that is monitored (e,)."""
         return np.asarray(self.found.monitored.any(axis=0))
 
+    @property
+    def size(self) -> int:
+        """What it takes of memory, about, bytes."""
+        return 3 * self._separator.nbytes
+
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """The largest difference of fixes, by its threshold, of residuals (e, s, WIDTH) of fixes, m."""
         out = np.zeros((residuals.shape[0], WIDTH))

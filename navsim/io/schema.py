@@ -419,6 +419,10 @@ _WATCHED = "where the scenario has `integrity`"
 _WATCHED_KEPT = f"{_WATCHED}, {_KEPT}"
 _SEPARATED = f"{_WATCHED} with method mhss"
 _ASKED = f"{_WATCHED} with limits"
+_SAMPLED = f"{_WATCHED} with tails"
+_EXCLUDING = f"{_WATCHED} with exclusion"
+_EXCLUDING_KEPT = f"{_EXCLUDING}, {_KEPT}"
+_EXCLUDING_ASKED = f"{_EXCLUDING} and limits"
 _INTEGRITY = Chapter(
     "Integrity",
     "What watches the fixes: protection levels by the geometry, and what was said of the fixes that were flown. Shares "
@@ -438,10 +442,33 @@ _INTEGRITY = Chapter(
         _a("/integrity/emt", "time", "m", "effective monitor threshold", _FLOWN, when=_SEPARATED),
         _a("/integrity/statistic", "run time", "1", "square of the residuals in sigmas (chi2), or the largest "
            "difference of fixes by its threshold (mhss); nan without a fix", LANDING, when=_WATCHED_KEPT),
-        _a("/integrity/status", "run time", "1", "0 no fix, 1 nothing to test it by, 2 nothing wrong, 3 alarm", LANDING,
-           WHOLE, when=_WATCHED_KEPT),
+        _a("/integrity/status", "run time", "1", "0 no fix, 1 nothing to test it by, 2 nothing wrong, 3 alarm, 4 "
+           "alarm, and a source or fault excluded", LANDING, WHOLE, when=_WATCHED_KEPT),
         _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix", LANDING,
            when=_WATCHED_KEPT, axis=("horizontal", "vertical")),
+        _a("/integrity/candidate", "candidate", "1", "sources or faults that may be excluded", LANDING, TEXT,
+           when=_EXCLUDING),
+        _a("/integrity/excluded", "run time", "1", "number of the candidate that the fix is made without, from 0; -1 "
+           "for none", LANDING, WHOLE, when=_EXCLUDING_KEPT),
+        _a("/integrity/{level}_run", "run time", "m", "{LEVEL} of the fix as it is, after an exclusion that of what is "
+           "left; nan without a test", LANDING, when=_EXCLUDING_KEPT, level=("hpl", "vpl")),
+        _a("/integrity/tails/at", "at", "s", "fix epochs at which risks beyond the levels are sampled", _FLOWN,
+           when=_SAMPLED),
+        _a("/integrity/tails/axis", "axis", "1", "axes of the levels", _FLOWN, TEXT, when=_SAMPLED),
+        _a("/integrity/tails/fault", "fault", "1", "no fault, then faults (mhss) or sources (chi2)", _FLOWN, TEXT,
+           when=_SAMPLED),
+        _a("/integrity/tails/level", "at axis", "m", "protection level along the axis; nan or inf where there is none",
+           _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/bias", "at axis fault", "m", "largest bias of a range of the fault: those that are most "
+           "often beyond the level without an alarm", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/risk", "at axis fault interval", "1", "chance to be beyond the level without an alarm, if "
+           "the fault is there with these biases, and nominal ones at their worst (mhss)", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/effective", "at axis fault", "1", "samples of one weight that would tell as much", _FLOWN,
+           when=_SAMPLED),
+        _a("/integrity/tails/total", "at axis interval", "1", "sum over all faults by their probabilities, and what is "
+           "not monitored (mhss); the largest of them (chi2)", _FLOWN, when=_SAMPLED),
+        _a("/integrity/tails/allowed", "axis", "1", "what it may be: p_hmi_v or half of p_hmi_h (mhss), p_md (chi2)",
+           _FLOWN, when=_SAMPLED),
         _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, where there is one", _FLOWN,
            when=_WATCHED, level=("hpl", "vpl")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
@@ -451,8 +478,20 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/tta", "", "s", "time to alert that is asked for", _FLOWN, when=_ASKED),
         _a("/summary/integrity/tested", "", "1", "fixes on the glide that were tested, of all runs", LANDING, WHOLE,
            when=_WATCHED),
-        _a("/summary/integrity/alarms", "", "1", "those of them with an alarm", LANDING, WHOLE, when=_WATCHED),
+        _a("/summary/integrity/alarms", "", "1", "those of them with an alarm, but for exclusions", LANDING, WHOLE,
+           when=_WATCHED),
         _a("/summary/integrity/alarm_share", "interval", "1", "their share", LANDING, when=_WATCHED),
+        _a("/summary/integrity/exclusions", "", "1", "fixes on the glide that were made without what was excluded "
+           "after an alarm, of all runs; they are none of the alarms", LANDING, WHOLE, when=_EXCLUDING),
+        _a("/summary/integrity/exclusions_{outcome}", "", "1", "those of them, by the events that there are at the "
+           "time: correct, nothing of them is left; wrong, something is; needless, there are none", LANDING, WHOLE,
+           when=_EXCLUDING, outcome=("correct", "wrong", "needless")),
+        _a("/summary/integrity/exclusion_share", "interval", "1", "share of exclusions among them and the alarms",
+           LANDING, when=_EXCLUDING),
+        _a("/summary/integrity/exclusion_wrong_share", "interval", "1", "share of wrong ones among exclusions during "
+           "events", LANDING, when=_EXCLUDING),
+        _a("/summary/integrity/exclusions_available", "interval", "1", "share of fixes after an exclusion whose levels "
+           "are within their limits", LANDING, when=_EXCLUDING_ASKED),
         _a("/summary/integrity/availability", "interval", "1", "share of the epochs of the glide with a tested fix, no "
            "alarm, and levels within their limits", LANDING, when=_ASKED),
         _a("/summary/integrity/approaches", "interval", "1", "share of runs with that at every epoch from "

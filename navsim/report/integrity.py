@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,10 +73,12 @@ def stanford(result: Result) -> Figure:
         top = 1.5 * most if np.isfinite(most) else 1.2 * float(np.max(values, where=np.isfinite(values), initial=1.0))
         edges = np.linspace(0.0, top, _BINS + 1)
         counts = np.zeros((_BINS, _BINS))
-        pairs = zip(blocks(result, f"/integrity/error_{axis}"), blocks(result, "/integrity/status"), strict=True)
-        for error, status in pairs:
-            shown = np.isfinite(error) & np.isfinite(values) & (status != _ALARM) & flying
-            of_shown = np.broadcast_to(values, error.shape)[shown]
+        own = f"/integrity/{level}_run"  # after exclusions
+        errors, codes = (blocks(result, f"/integrity/{name}") for name in (f"error_{axis}", "status"))
+        of_runs = blocks(result, own) if own in result else itertools.repeat(values)
+        for error, status, one in zip(errors, codes, of_runs, strict=False):
+            shown = np.isfinite(error) & np.isfinite(one) & (status != _ALARM) & flying
+            of_shown = np.broadcast_to(one, error.shape)[shown]
             # what is beyond the frame is counted at its edge
             counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
         _diagram(ax, edges, counts, most, top)

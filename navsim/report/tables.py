@@ -202,6 +202,14 @@ def _alarms(result: Result) -> Cell | str:
     return cell("{} of {}", alarms, tested)
 
 
+def _exclusions(result: Result) -> Cell | str:
+    branch = "/summary/integrity/exclusions"
+    if branch not in result:
+        return ABSENT
+    came = [int(result[f"{branch}_{name}"]) for name in ("correct", "wrong", "needless")]
+    return cell("{}: {}, {}, {}", int(result[branch]), *came)
+
+
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     """A verdict on each requirement, where there are any."""
     branch = "/summary/requirements"
@@ -252,9 +260,59 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested fixes", _alarms)
+    if any("/summary/integrity/exclusions" in result for _, result in results):
+        row("exclusions: correct, wrong, needless", _exclusions)
+    if any("/summary/integrity/exclusions_available" in result for _, result in results):
+        row("exclusions available", lambda r: _share(r, "/summary/integrity/exclusions_available"))
     if asked:
         for label, name in _INTEGRITY.items():
             row(label, lambda r, n=name: _share(r, f"/summary/integrity/{n}"))  # type: ignore[misc]
+
+
+_LEVEL, _WHOLE, _NO_FAULT, _WORST = "level, m", "in all", "no fault", "worst fault"
+
+
+def _tails(table: Table, results: list[tuple[str, Result]]) -> None:
+    """How often fixes are beyond their levels and nothing is said, where that was sampled."""
+    branch = "/integrity/tails"
+    rows = [
+        (float(at), str(axis))
+        for _, result in results
+        if f"{branch}/risk" in result
+        for at in result[f"{branch}/at"]
+        for axis in result[f"{branch}/axis"]
+    ]
+    if not rows:
+        return
+    table.head("Beyond the level without an alarm, sampled", *("risk [95 %] (effective samples)" for _ in results))
+    for at, axis in dict.fromkeys(rows):
+        for part in (_LEVEL, _WHOLE, _NO_FAULT, _WORST):
+            table.add(f"  {at:g} s, {axis}, {part}", *(_tail(result, at, axis, part) for _, result in results))
+
+
+def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
+    """Of a time and an axis: its level; all of the risk beside what is allowed; that of no fault, or of the worst."""
+    branch = "/integrity/tails"
+    if f"{branch}/risk" not in result or axis not in (axes := list(map(str, result[f"{branch}/axis"]))):
+        return ABSENT
+    there = np.flatnonzero(result[f"{branch}/at"] == at)
+    if not there.size:
+        return ABSENT
+    e, q = int(there[0]), axes.index(axis)
+    level, allowed = float(result[f"{branch}/level"][e, q]), float(result[f"{branch}/allowed"][q])
+    risk = result[f"{branch}/risk"][e, q]
+    if not np.isfinite(level) or not np.isfinite(risk[1:, 0]).any():
+        return ABSENT
+    if part == _LEVEL:
+        return number(level, 2)
+    if part == _WHOLE:
+        return cell("{:.2g}  [{:.2g}, {:.2g}], allowed {:g}", *map(float, result[f"{branch}/total"][e, q]), allowed)
+    k = 1 + int(np.nanargmax(risk[1:, 0])) if part == _WORST else 0
+    found = (*map(float, risk[k]), float(result[f"{branch}/effective"][e, q, k]))
+    if part != _WORST:
+        return cell("{:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", *found)
+    bias, name = float(result[f"{branch}/bias"][e, q, k]), str(result[f"{branch}/fault"][k])
+    return cell("{}, {:.1f} m: {:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", name, bias, *found)
 
 
 def summary_table(results: list[tuple[str, Result]]) -> Table:
@@ -322,6 +380,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             row(f"  {name}", lambda r, i=i: _box(r, i))
     if any("/summary/integrity/level_share" in r for _, r in results):
         _integrity(table, results)
+        _tails(table, results)
     section("Consistency (mean per degree of freedom, 1 is right)")
     counts = sorted(
         {int(r.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"]) for _, r in results}

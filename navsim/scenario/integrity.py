@@ -66,6 +66,15 @@ class GroundGroup(Section):
     prior: Prior = 1e-5
 
 
+class TailsSection(Section):
+    """Where it is sampled how often fixes are beyond their levels and nothing is said."""
+
+    at_s: Annotated[list_of(Annotated[float, Field(ge=0.0, le=3600.0)]), Field(min_length=1, max_length=20)]  # type: ignore[valid-type]
+    """times; of each the last fix epoch up to then"""
+    samples: Annotated[int, Field(ge=1000, le=1_000_000)] = 100_000
+    """of each fault at each of the times"""
+
+
 class IntegritySection(Section):
     """What watches the fixes, which faults it expects, and what is asked of it."""
 
@@ -74,8 +83,16 @@ class IntegritySection(Section):
     fault at a time"""
     limits: LimitsSection | None = None
     """null: levels and alarms are computed, and nothing is asked"""
+    tails: TailsSection | None = None
+    """null: levels are computed, and how often they are exceeded is not sampled"""
     decision_height_m: NonNegative | None = None
     """above the runway: from there to touchdown an approach has to be available throughout; null: all of the glide"""
+    exclusion: Literal["none", "residual", "rms"] = "none"
+    """after an alarm. residual: the source (chi2) or fault (mhss) without which alone the rest passes its own test,
+    the one of the largest normalised residual; rms: of the sources without which the rest passes, the one that leaves
+    the smallest RMS of residuals, as RTKLIB does; none: nothing"""
+    alarmed_fixes: Literal["use", "drop"] = "use"
+    """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5
     """chi2: of an alarm at an epoch without a fault"""
     p_md: Chance = 1e-3

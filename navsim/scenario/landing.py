@@ -106,6 +106,10 @@ class Landing(Section):
                 self.integrity.check_names(self.pseudolites.names())
             except KeyedError as error:
                 raise reject(str(error), "integrity", *error.path) from None
+            for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
+                if at > self.duration_s:
+                    text = f"is not within duration_s, {self.duration_s:g} s"
+                    raise reject(text, "integrity", "tails", "at_s", i)
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
         for i, requirement in enumerate(self.requirements):

@@ -27,7 +27,6 @@ from navsim.estimation.beliefs import Beliefs, clock_sigma
 from navsim.estimation.estimate import fly as fly_filter
 from navsim.estimation.estimate import in_all_lanes, is_smoother
 from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
-from navsim.estimation.receiver import fixes, residuals
 from navsim.estimation.records import (
     Events,
     FilterModel,
@@ -39,6 +38,7 @@ from navsim.estimation.records import (
     schedule,
     start,
 )
+from navsim.integrity.exclusion import NOTHING
 from navsim.models import code_loop, imu, pseudorange
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver, wander
@@ -46,6 +46,8 @@ from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
 from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
+from navsim.simulation.exclusion import Excluder, SettledFixes
+from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.sensors import true_values
 
 CARRIER_SIGMA = 3e-3
@@ -180,7 +182,9 @@ class Run:
     turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude; range_status (e, s):
     what became of each range, of no size where the filter is not tightly coupled; aided (a, MOST): what sensors beside
     the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers; aided_squared,
-    aided_degrees, aided_status (a,): as those of the fixes."""
+    aided_degrees, aided_status (a,): as those of the fixes; monitor_excluded (e,), monitor_level (e, 2): numbers of the
+    candidates that fixes are made without, -1 for none, and levels of those fixes, nan where there is no test; of no
+    size where nothing is excluded."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -204,6 +208,8 @@ class Run:
     monitor_statistic: np.ndarray
     monitor_status: np.ndarray
     fix_error: np.ndarray
+    monitor_excluded: np.ndarray
+    monitor_level: np.ndarray
 
     def one(self, which: int) -> Run:
         """One of several runs."""
@@ -327,20 +333,11 @@ def expected_measurements(world: World) -> tuple[np.ndarray, np.ndarray, np.ndar
     return ranges, rates, None if signals.smoothing is None else carrier(world, signals.delay)
 
 
-def receiver_fixes(
-    world: World, ranges: np.ndarray, rates: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The receiver's fixes from measurements (e, s), or of lanes (e, s, W): llh, velocity NED (e, 3), clocks (e,
-    MAX_CLOCKS), covariance of position and velocity (e, 6, 6); see `estimation.receiver`."""
-    signals = world.signals
-    out = [np.empty((ranges.shape[0], *shape, WIDTH)) for shape in ((3,), (3,), (MAX_CLOCKS,), (6, 6))]
-    of_lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
-    fixes(
-        world.start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
-        *(in_lanes(m) for m in (*of_lanes, *out)),
-    )  # fmt: skip
-    llh, velocity, clocks, cov = out if ranges.ndim == 3 else (m[..., 0].copy() for m in out)
-    return llh, velocity, clocks, cov
+def receiver_fixes(world: World, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
+    """The receiver's fixes from measurements (e, s), or of lanes (e, s, W)."""
+    lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
+    out = solved(world.start, world.signals, *lanes)
+    return out if ranges.ndim == 3 else ReceiverFixes(*(m[..., 0].copy() for m in out))
 
 
 @dataclass(frozen=True)
@@ -379,6 +376,23 @@ class Flight:
     def scales(self) -> tuple[int, ...]:
         """Numbers of the time scales that the filter has a bias of the clock for."""
         return self.beliefs.followed(self.world.scales)
+
+    @property
+    def candidates(self) -> tuple[monitoring.ExpectedFault, ...]:
+        """What may be excluded after an alarm."""
+        return () if self.watching is None else self.watching.candidates(self.world.signals)
+
+    @property
+    def drops(self) -> bool:
+        """Whether its filter does without fixes with an alarm, or their ranges."""
+        return self.watching is not None and self.watching.drops
+
+    @cached_property
+    def excluder(self) -> Excluder | None:
+        """What excludes it, if anything does."""
+        if self.watching is None or self.watching.exclusion == monitoring.NO_EXCLUSION:
+            return None
+        return Excluder(self.watching, self.world.signals, self.world.start, self.world.antenna_enu)
 
     def over(self, world: World) -> Flight:
         """The same in another world."""
@@ -538,9 +552,14 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     n = flight.covariance.shape[0]
     nav = with_clock(flight, initial_estimate(flight, inputs.initial), inputs.clock)
     ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
-    llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
-    own = table_of_ranges(flight, ranges, rates) if beliefs.tight else table_of_fixes(beliefs, llh, velocity, cov)
-    tables = measurements(flight, own, inputs.aided)
+    fixes = receiver_fixes(world, ranges, rates)
+    watched = Watched.of(flight, ranges, fixes.llh, fixes.clocks).settled(flight, ranges, rates, fixes)
+    llh, velocity, clocks, cov = fixes
+    if beliefs.tight:
+        tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
+    else:
+        given = np.where((watched.status == monitoring.ALARM)[:, None], np.nan, llh) if flight.drops else llh
+        tables = measurements(flight, table_of_fixes(beliefs, given, velocity, cov), inputs.aided)
 
     truth = world.at_filter
     account = empty_account(
@@ -558,7 +577,6 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
-    watched = Watched.of(flight, ranges, llh, clocks)
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
         of_runs(account.judgement.error), of_runs(account.sigma), of_runs(account.cross),
@@ -569,7 +587,8 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
             of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
         ),
         monitor_statistic=of_runs(watched.statistic), monitor_status=of_runs(watched.status).astype(np.int64),
-        fix_error=of_runs(watched.error),
+        fix_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
+        monitor_level=of_runs(watched.level),
     )  # fmt: skip
 
 
@@ -583,28 +602,48 @@ def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
 @dataclass(frozen=True)
 class Watched:
     """What a monitor says of the fixes of lanes, statistic and status (e, W), and the sizes of their errors, horizontal
-    and vertical (e, 2, W), m; of no size where nothing watches."""
+    and vertical (e, 2, W), m; of no size where nothing watches. excluded (e, W), level (e, 2, W): see `Run`."""
 
     statistic: np.ndarray
     status: np.ndarray
     error: np.ndarray
+    excluded: np.ndarray
+    level: np.ndarray
 
     @classmethod
     def of(cls, flight: Flight, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray) -> Watched:
         """Of fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) from ranges (e, s, W)."""
-        monitor, signals = flight.monitor, flight.world.signals
+        monitor, none = flight.monitor, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         if monitor is None:
-            return cls(np.empty((0, WIDTH)), np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
-        left, off = np.empty_like(ranges), np.empty_like(llh)
-        residuals(
-            signals.position, signals.clock, signals.antenna, flight.world.antenna_enu,
-            *(in_lanes(m) for m in (ranges, llh, clocks, left, off)),
-        )  # fmt: skip
+            return cls(none[0], *none, *none)
+        left, error = left_over(flight.world.signals, flight.world.antenna_enu, ranges, llh, clocks)
         fixed = ~np.isnan(llh[:, 0])
         statistic = np.where(fixed, monitor.statistic(left), np.nan)
         said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
-        sizes = np.stack([np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2), np.abs(off[:, 2])], axis=1)
-        return cls(statistic, said.astype(float), sizes)
+        return cls(statistic, said.astype(float), error, *none)
+
+    def settled(self, flight: Flight, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes) -> Watched:
+        """After exclusions, which change the fixes."""
+        excluder, monitor = flight.excluder, flight.monitor
+        if excluder is None or monitor is None:
+            return self
+        levels = np.repeat(monitoring.tested_levels(monitor)[..., None], WIDTH, axis=2)
+        now = SettledFixes(fixes, self.error.copy(), levels, np.full(self.status.shape, float(NOTHING)))
+        excluder.settle(self.status == monitoring.ALARM, ranges, rates, now)
+        status = np.where(now.excluded == NOTHING, self.status, monitoring.EXCLUDED)
+        return Watched(self.statistic, status, now.error, now.excluded, now.level)
+
+    def trusted(self, flight: Flight, ranges: np.ndarray) -> np.ndarray:
+        """Of ranges (e, s, W) those that are not excluded, nor of an epoch with an alarm where the filter does without;
+        nan for the others."""
+        out = ranges
+        if self.excluded.size:
+            for number, candidate in enumerate(flight.candidates):
+                taken = np.isin(flight.world.signals.names, candidate.sources)
+                out = np.where((self.excluded == number)[:, None] & taken[:, None], np.nan, out)
+        if flight.drops:
+            out = np.where((self.status == monitoring.ALARM)[:, None], np.nan, out)
+        return out
 
 
 def _of_events(

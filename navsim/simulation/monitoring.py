@@ -6,7 +6,7 @@ Source: `docs/theory/integrity.md`, section 7.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,11 +14,14 @@ import numpy as np
 from navsim.integrity import separation
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, SeparationMonitor
-from navsim.integrity.solution import Independent, rows_of, solve
+from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
 from navsim.models.pseudorange import Signals
 
-NO_FIX, UNTESTED, QUIET, ALARM = range(4)
-"""What a monitor says of an epoch: there is no fix, nothing to test it by, nothing wrong, something wrong."""
+NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
+"""What a monitor says of an epoch: there is no fix, nothing to test it by, nothing wrong, something wrong; something
+was, and is excluded."""
+NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
+"""Rules by which something is excluded after an alarm."""
 
 
 class Snapshot(Protocol):
@@ -35,6 +38,10 @@ class Snapshot(Protocol):
     @property
     def tested(self) -> np.ndarray:
         """Where there is a test (e,)."""
+
+    @property
+    def size(self) -> int:
+        """What it takes of memory, about, bytes."""
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """What tells a fault (e, W), of residuals (e, s, W) of fixes, m."""
@@ -55,20 +62,24 @@ class Monitoring:
     """How fixes are watched.
 
     test: by residuals, or the shares of solution separation. faults: that separation expects. nominal: bounds of the
-    biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's.
+    biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's. exclusion: rule
+    by which something is excluded after an alarm. drops: whether the filter does without fixes with an alarm.
     """
 
     test: ChiSquareTest | Allocation
     faults: tuple[ExpectedFault, ...]
     nominal: dict[str, float]
     accuracy: float
+    exclusion: str = NO_EXCLUSION
+    drops: bool = False
 
-    def expected(self, signals: Signals) -> tuple[ExpectedFault, ...]:
-        """The faults of sources that are used at all, then those two at once that have to be monitored with them."""
+    def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
+        """The faults of sources that are used at all, then those two at once that have to be monitored with them, where
+        a share of what is tolerated is."""
         if isinstance(self.test, ChiSquareTest):
             return ()
         alone = [fault for fault in self.faults if signals.used[:, list(_indices(signals.names, fault.sources))].any()]
-        pairs = separation.coincidences([fault.prior for fault in alone], self.test.p_unmonitored)
+        pairs = separation.coincidences([fault.prior for fault in alone], share * self.test.p_unmonitored)
         both = [(alone[i], alone[j], (i, j)) for i, j in pairs]
         return (
             *alone,
@@ -78,21 +89,67 @@ class Monitoring:
             ),
         )
 
+    def candidates(self, signals: Signals) -> tuple[ExpectedFault, ...]:
+        """What may be excluded: each source that is used at all, or each fault that separation expects, but for
+        coincidences."""
+        if self.exclusion == NO_EXCLUSION:
+            return ()
+        if self.exclusion == RESIDUAL and isinstance(self.test, Allocation):
+            return tuple(fault for fault in self.expected(signals) if not fault.of)
+        heard = np.flatnonzero(signals.used.any(axis=0))
+        return tuple(ExpectedFault(signals.names[i], (signals.names[i],), 0.0) for i in heard)
+
+    def without(self, flight: Signals, signals: Signals, candidate: int) -> Snapshot:
+        """The monitor of fixes from these signals, of some epochs of a flight, without a candidate of it. What its
+        levels are allowed to miss is shared by all candidates, and by the fix with all that is used."""
+        candidates = self.candidates(flight)
+        out = candidates[candidate].sources
+        share = 1.0 / (1.0 + len(candidates))
+        test: ChiSquareTest | Allocation
+        if isinstance(self.test, ChiSquareTest):
+            test = replace(self.test, p_md=share * self.test.p_md)
+        else:
+            p_hmi_v, p_hmi_h = share * self.test.p_hmi_vertical, share * self.test.p_hmi_horizontal
+            test = replace(self.test, p_hmi_vertical=p_hmi_v, p_hmi_horizontal=p_hmi_h)
+        # what there is to expect is not a matter of the epochs
+        expected = self.expected(_but(flight, out), share)
+        return self._over(_but(signals, out), expected, test)
+
     def over(self, signals: Signals) -> Snapshot:
         """The monitor of the fixes from these signals, of all that are used."""
-        # what is not used has neither a direction nor a sigma; any serve
-        los = np.where(signals.used[..., None], signals.los, 0.0)
-        sigma = np.where(signals.used, signals.fix_sigma, 1.0)
-        rows, noise = rows_of(los, signals.clock), Independent(sigma)
-        if isinstance(self.test, ChiSquareTest):
-            return Monitor(solve(rows, signals.used, noise), self.test)
+        return self._over(signals, self.expected(signals), self.test)
+
+    def _over(self, signals: Signals, expected: Sequence[ExpectedFault], test: ChiSquareTest | Allocation) -> Snapshot:
+        rows, sigma = _geometry(signals)
+        noise = Independent(sigma)
+        if isinstance(test, ChiSquareTest):
+            return Monitor(solve(rows, signals.used, noise), test)
         nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
-        expected = self.expected(signals)
         faults = [separation.Fault(_indices(signals.names, fault.sources), fault.prior, fault.of) for fault in expected]
-        found = separation.levels(
-            rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, self.test
-        )
+        found = separation.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
         return SeparationMonitor(found)
+
+
+def fix_of(signals: Signals) -> MonitoredFix:
+    """The fixes from these signals, as their monitors see them."""
+    rows, sigma = _geometry(signals)
+    return solve(rows, signals.used, Independent(sigma))
+
+
+def _geometry(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (e, s, u), and 1 sigma of ranges (e, s), m; what is not used has neither, and any serve."""
+    los = np.where(signals.used[..., None], signals.los, 0.0)
+    return rows_of(los, signals.clock), np.where(signals.used, signals.fix_sigma, 1.0)
+
+
+def _but(signals: Signals, names: Sequence[str]) -> Signals:
+    """Signals of which some are not used."""
+    return replace(signals, used=signals.used & ~np.isin(signals.names, names))
+
+
+def tested_levels(monitor: Snapshot) -> np.ndarray:
+    """Protection levels (e, 2), m, nan where there is no test."""
+    return np.where(monitor.tested[:, None], monitor.levels, np.nan)
 
 
 def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:

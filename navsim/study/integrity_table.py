@@ -21,7 +21,7 @@ from navsim.io.results import Result
 from navsim.io.schema import INTEGRITY_TABLE, MOST_LEVELS
 from navsim.models import events
 from navsim.models.pseudorange import Signals
-from navsim.simulation.monitoring import Monitoring, Snapshot
+from navsim.simulation.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.study.findings import notes
 from navsim.study.landing import Case
 from navsim.study.landing.integrity import Asked, asked_of, glide_of, told, within
@@ -62,7 +62,7 @@ class WatchedGlide:
         horizontal and the vertical level, m, inf where most have none."""
         monitor = self.monitor(sources)
         levels = np.where(np.isfinite(monitor.levels), monitor.levels, np.inf)
-        return np.array([within(self.asked, monitor).all(axis=1).mean(), *np.median(levels, axis=0)])
+        return np.array([within(self.asked, tested_levels(monitor)).all(axis=1).mean(), *np.median(levels, axis=0)])
 
 
 def watched(case: Case) -> WatchedGlide:

@@ -174,16 +174,6 @@ def asked(seconds: int, limits: tuple[float, float] = (10.0, 20.0), alert: float
     return integrity.Asked(np.array(limits), alert, time, every, every)
 
 
-class Levelled:
-    """A monitor with these levels."""
-
-    def __init__(self, levels: np.ndarray) -> None:
-        self.levels, self.threshold, self.tested = levels, np.ones(len(levels)), np.ones(len(levels), bool)
-
-    def statistic(self, residuals: np.ndarray) -> np.ndarray:
-        raise NotImplementedError
-
-
 @pytest.mark.parametrize(
     ("status", "level", "error", "region"),
     [
@@ -194,8 +184,7 @@ class Levelled:
     ],
 )
 def test_regions_of_what_is_no_pair(status: int, level: float, error: float, region: str) -> None:
-    monitor = Levelled(np.full((1, 2), level))
-    found = integrity.regions(asked(1), monitor, np.array([[status]]), np.full((1, 1, 2), error))
+    found = integrity.regions(asked(1), np.full((1, 1, 2), level), np.array([[status]]), np.full((1, 1, 2), error))
     assert integrity.REGIONS[found[0, 0, 0]] == region
 
 

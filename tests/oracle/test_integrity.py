@@ -13,6 +13,7 @@ from navsim.core.arrays import chi_square, normal
 from navsim.core.dop import geometry_covariance
 from navsim.integrity import forms
 from navsim.integrity.claims import possible
+from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
@@ -125,6 +126,32 @@ def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
     np.testing.assert_allclose(monitor.each(both)[0, :, 0], expected["w_test"], **close)
     np.testing.assert_allclose(monitor.each(both)[0, :, 1], entry["expected_biased"]["w_test"], **close)
     assert np.abs(monitor.each(both)[0, :, 1]).argmax() == entry["expected_biased"]["largest"]
+
+
+@pytest.mark.validates("exclusion of a biased range", "own numbers (w tests)", "(relative)", numbers="1e-8")
+def test_exclusion(cases: dict[str, Any], within: Within) -> None:
+    """Without a range the square of the residuals is smaller by that of its w. 25 m on one of them: the largest is its
+    own, but the rest passes without another one, too, so nothing is excluded; by the RMS it is. From 60 m on it is."""
+    entry = cases[CASE]
+    monitor, given = raim(cases), entry["inputs"]
+    source, seen = given["biased"]["index"], entry["expected_biased"]
+    rows = rows_towards(given["azimuth_elevation_deg"])
+    errors = np.repeat(np.array(given["range_errors_m"])[:, None], 2, axis=1)
+    errors[source] += [given["biased"]["add_m"], 60.0]
+    passes, rms = np.empty((8, 1, 2), bool), np.empty((8, 1, 2))
+    for i in range(8):
+        kept = np.arange(8)[None] != i
+        rest = Monitor(solve(rows, kept, monitor.solution.noise), monitor.test)
+        residual = left_of(rest, errors[None])
+        statistic = rest.statistic(residual)
+        assert statistic[0, 0] == pytest.approx(seen["wsse"] - seen["w_test"][i] ** 2, rel=within["numbers"])
+        passes[i] = statistic <= rest.threshold[:, None]
+        rms[i] = np.sqrt((residual**2).sum(axis=1) / 7)
+    inside = contained(np.eye(8, dtype=bool), np.ones((1, 8), bool))
+    assert list(np.flatnonzero(passes[:, 0, 0])) == [0, source]
+    assert list(alone(passes, inside)[0]) == [NOTHING, source]
+    assert list(least_rms(passes, rms, np.full((8, 1), 7))[0]) == [source, source]
+    assert list(least_rms(passes, rms, np.full((8, 1), 4))[0]) == [NOTHING, NOTHING]
 
 
 def ring(count: int, elevation_deg: float, first_deg: float) -> list[list[float]]:
@@ -398,23 +425,13 @@ def test_correlated_ranges_are_whitened() -> None:
         np.testing.assert_allclose(found.visibility[e][there], np.diag(m), rtol=1e-6, atol=1e-10)
 
 
-class Levelled:
-    """A monitor with one level at one epoch."""
-
-    def __init__(self, level: float) -> None:
-        self.levels, self.threshold, self.tested = np.full((1, 2), level), np.ones(1), np.ones(1, bool)
-
-    def statistic(self, residuals: np.ndarray) -> np.ndarray:
-        raise NotImplementedError
-
-
 @pytest.mark.validates("regions of a Stanford diagram", "Stanford-ESA diagram")
 def test_regions(cases: dict[str, Any]) -> None:
     for point in cases["stanford"]["points"]:
         limit, level, error = (float(point[name]) for name in ("al", "pl", "error"))
         every = np.ones(1, bool)
         asked = Asked(np.full(2, limit), 1.0, np.zeros(1), every, every)
-        found = regions(asked, Levelled(level), np.array([[QUIET]]), np.full((1, 1, 2), error))
+        found = regions(asked, np.full((1, 1, 2), level), np.array([[QUIET]]), np.full((1, 1, 2), error))
         assert REGIONS[found[0, 0, 0]].replace("_", "-") == point["region"]
 
 

@@ -10,6 +10,7 @@ from navsim.models.signals import Environment
 from navsim.scenario.filter import SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import times_of
+from navsim.simulation.exclusion import MOST_KEPT, STRETCH
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
@@ -49,6 +50,8 @@ FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
 SIGHT_TIME = 3e-6
 """Seconds a source of signals at an epoch, from orbits to what is seen of it."""
+_DRAW_TIME = 0.4e-6
+"""Seconds a draw of the errors of a fix."""
 _PREPARED_TIME = 16e-6
 """Seconds a sample of what all runs share."""
 _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
@@ -59,7 +62,8 @@ _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
-    while the filter waits for late fixes, fixes that are watched, sources whose ranges are measurements."""
+    while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
+    whose ranges are measurements."""
 
     samples: int
     epochs: int
@@ -69,6 +73,7 @@ class Extent:
     aided: int
     ahead: float
     watched: int
+    settled: int
     ranged: int = 0
 
     def sizes(self) -> dict[str, int]:
@@ -76,6 +81,7 @@ class Extent:
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
             "group": self.states // 3, "aided": self.aided, "watched": self.watched,
+            "settled": self.settled,
             "ranged": self.ranged,
         }  # fmt: skip
 
@@ -96,7 +102,9 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         scenario.filter.states(scales),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
-        0 if scenario.integrity is None else fixes.size, names if scenario.filter.tight else 0,
+        0 if scenario.integrity is None else fixes.size,
+        0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes.size,
+        names if scenario.filter.tight else 0,
     )  # fmt: skip
 
 
@@ -119,7 +127,11 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
-        BASE_TIME + prepared(here) + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers + 2e-9 * streamed,
+        BASE_TIME
+        + prepared(here)
+        + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers
+        + 2e-9 * streamed
+        + _sampling_time(scenario, here),
         shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
         result,
         runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
@@ -154,7 +166,15 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
     if scenario.filter.kind == SUM:
         of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
-    return WIDTH * of_one
+    if here.settled:  # fixes of a stretch without each candidate
+        of_one += NUMBER * FLOWN * STRETCH * here.sources
+    return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
+
+
+def _sampling_time(scenario: Landing, here: Extent) -> float:
+    """Seconds for the risks beyond the levels, of as many faults as there are sources, and some more."""
+    tails = None if scenario.integrity is None else scenario.integrity.tails
+    return 0.0 if tails is None else 3 * len(tails.at_s) * 1.5 * tails.samples * (here.sources + 4) * _DRAW_TIME
 
 
 def prepared(here: Extent) -> float:
@@ -175,10 +195,11 @@ def _stored(here: Extent, keep: str) -> float:
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
-        + of("monitor_statistic", "fix_error")
+        + of("monitor_statistic", "fix_error", "monitor_level")
         + here.epochs
         + here.aided
         + here.watched
+        + 2 * here.settled
     )
     if keep == "errors":
         return errors
@@ -206,7 +227,7 @@ def _analysed(scenario: Landing, here: Extent) -> Budget:
     outputs = here.epochs + 1
     result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (4 + len(SOURCES)) * here.states) + 101 * VARIABLE
     return Budget(
-        BASE_TIME + prepared(here) + analysis_time(here),
+        BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
         result,
     )

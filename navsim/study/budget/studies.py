@@ -165,7 +165,7 @@ def search_time(here: PlacementProblem) -> float:
     points = len(here.geometry.receiver)
     fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
     heard = 24 + max(here.study.pseudolites)
-    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, case.filter.states(1), 0, 0.0, 0)
+    whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, case.filter.states(1), 0, 0.0, 0, 0)
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
     cost = {
         GEOMETRY: 4.0 * points * _POINT_TIME, FULL: analysis_time(whole), COARSE: analysis_time(rough),

@@ -21,7 +21,7 @@ from navsim.study.findings import (
     positive,
     tally,
 )
-from navsim.study.landing import integrity, requirements
+from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, to_first_order
 from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
 from navsim.study.landing.ensemble import (
@@ -70,6 +70,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
         draft.put(f"/{group}/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     _summary(draft, case, analysis, square)
     integrity.described(draft, case)
+    tails.sampled_risks(draft, case, seed)
     mean, cov = _at_heights(case, analysis, crossing_times(case))
     requirements.judged(draft, case, 0, (mean, np.sqrt(np.diagonal(cov, axis1=1, axis2=2))))
     out = draft.result(attributes(case, seed))

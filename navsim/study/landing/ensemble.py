@@ -23,6 +23,7 @@ from navsim.io.findings import FIX, Finding
 from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import Run
+from navsim.simulation.monitoring import ALARM
 from navsim.study import findings as judging
 from navsim.study.ensemble import Ensemble
 from navsim.study.ensemble import fly_all as fly_ensemble
@@ -51,6 +52,8 @@ HISTORIES = {
         "monitor_statistic",
         "monitor_status",
         "fix_error",
+        "monitor_excluded",
+        "monitor_level",
     ),
     "all": tuple(Run.__dataclass_fields__),
 }
@@ -64,7 +67,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "status": ("epoch",), "range_status": ("epoch", "ranged"), "aided": ("aided", MOST),
     "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
-    "fix_error": ("watched", 2),
+    "fix_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -124,7 +127,8 @@ class LandingStudy:
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
         for runs in self.case.fly_runs(self.seed, first, count, measured):
-            fixes, outputs = fix_flaws(runs, self.solvable, self.case.beliefs), output_flaws(runs)
+            fixes = fix_flaws(runs, self.solvable, self.case.beliefs, self.case.flight.drops)
+            outputs = output_flaws(runs)
             error = runs.error[:, window]
             squares = _mean_square(error)
             rows.append(
@@ -267,17 +271,21 @@ def of_aids(case: Case, runs: Run) -> dict[str, np.ndarray]:
     }
 
 
-def fix_flaws(runs: Run, solvable: np.ndarray, beliefs: Beliefs) -> Flaws:
-    """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution."""
+def fix_flaws(runs: Run, solvable: np.ndarray, beliefs: Beliefs, drops: bool = False) -> Flaws:
+    """Flaws (run, flaw) of the fix epochs of several runs. solvable: (e,) where the geometry has a solution. drops:
+    whether the filter does without fixes with an alarm."""
     none = np.isnan(runs.fix_llh[..., 0])
     masks = np.zeros((none.shape[0], UNRANGED + 1, none.shape[1]), bool)
     masks[:, UNHEARD], masks[:, UNSOLVED] = none & ~solvable, none & solvable
+    unweighed = runs.status == NOT_USED
+    if drops:
+        unweighed &= runs.monitor_status != ALARM
     if beliefs.tight:
-        masks[:, UNRANGED] = runs.status == NOT_USED
+        masks[:, UNRANGED] = unweighed
         masks[:, GATED] = (runs.range_status == REJECTED).any(axis=2)
         return judging.tally(masks)
     masks[:, NO_VELOCITY] = beliefs.velocity & ~none & np.isnan(runs.fix_velocity[..., 0])
-    masks[:, UNWEIGHED] = ~none & (runs.status == NOT_USED)
+    masks[:, UNWEIGHED] = ~none & unweighed
     masks[:, GATED] = runs.status == REJECTED
     return judging.tally(masks)
 

@@ -19,8 +19,10 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
     systems = _systems(sources)
     nominal = {name: section.b_nom_m for members in systems.values() for name in members}
     nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
+    drops = section.alarmed_fixes == "drop"
     if section.method == "chi2":
-        return Monitoring(ChiSquareTest(section.p_fa, section.p_md), (), nominal, section.sigma_ratio_acc)
+        test = ChiSquareTest(section.p_fa, section.p_md)
+        return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops)
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
     faults += [ExpectedFault(name, (name,), section.p_pseudolite) for name in names]
     faults += [
@@ -33,7 +35,8 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
             section.p_hmi_v, section.p_hmi_h, section.p_fa_v, section.p_fa_h, section.p_unmonitored_max,
             samples=section.effective_samples,
         ),
-        tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc,
+        tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
+        drops,
     )  # fmt: skip
 
 

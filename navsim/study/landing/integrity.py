@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.separation import SeparationMonitor
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
+from navsim.models.events import Silence
 from navsim.simulation.landing import Run
-from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, Snapshot
+from navsim.simulation.monitoring import ALARM, EXCLUDED, NO_EXCLUSION, NO_FIX, QUIET, tested_levels
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import Case, on_glide, times_at_heights
 from navsim.study.partial import Arrays
@@ -26,6 +28,9 @@ WINDOW = 15.0
 REGIONS = ("nominal", "misleading", "hazardous", "unavailable", "unavailable_misleading", "alarm")
 """Where a pair of error and level lies in a Stanford diagram, but for those with an alarm."""
 NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE, UNAVAILABLE_MISLEADING, ALARMED = range(6)
+EXCLUSIONS = ("correct", "wrong", "needless")
+"""Outcomes of exclusions, by the events that there are at the time: what is left has no part in them; it has; there are
+none."""
 _EARLY = 1e-9
 """Of times, which are sums of intervals."""
 
@@ -64,10 +69,30 @@ def asked_of(case: Case) -> Asked | None:
     return Asked(limits, section.limits.tta_s, time, glide, due)
 
 
-def within(asked: Asked, monitor: Snapshot) -> np.ndarray:
-    """Where the levels (e, 2) are below their limits; a limit that is none asks for no level."""
-    levels = np.where(monitor.tested[:, None], monitor.levels, np.nan)
+def within(asked: Asked, levels: np.ndarray) -> np.ndarray:
+    """Where levels (..., 2) of tested fixes are below their limits; a limit that is none asks for no level."""
     return (levels <= asked.limits) | np.isinf(asked.limits)
+
+
+def faulty(case: Case) -> np.ndarray:
+    """Which ranges are wrong by an event (e, s) bool."""
+    signals = case.world.signals
+    out = np.zeros(signals.used.shape, bool)
+    for event in case.environment.events:
+        if not isinstance(event.what, Silence):
+            lasting = (signals.time >= event.begin) & (signals.time < event.end)
+            out |= lasting[:, None] & event.concerns(signals.names, case.environment.systems)
+    return out & signals.used
+
+
+def outcomes(case: Case) -> np.ndarray:
+    """What it comes to, by `EXCLUSIONS`, to exclude each candidate at each epoch (c + 1, e); `NOTHING` of none, which
+    is the last."""
+    wrong, names = faulty(case), case.world.signals.names
+    taken = np.array([np.isin(names, one.sources) for one in case.flight.candidates]).reshape(-1, 1, len(names))
+    remains = (wrong & ~taken).any(axis=2)
+    came = np.where(wrong.any(axis=1), remains.astype(np.int64), EXCLUSIONS.index("needless"))
+    return np.concatenate([came, np.full((1, wrong.shape[0]), NOTHING)])
 
 
 def tally(case: Case, runs: Run) -> Arrays:
@@ -81,20 +106,27 @@ def tally(case: Case, runs: Run) -> Arrays:
         "integrity_tested": (status >= QUIET).sum(axis=1),
         "integrity_alarms": (status == ALARM).sum(axis=1),
     }
+    levels = tested_levels(monitor)[None]
+    if excludes(case):
+        excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
+        came = outcomes(case)[excluded, np.flatnonzero(glide)]
+        out["integrity_exclusions"] = (came[..., None] == np.arange(len(EXCLUSIONS))).sum(axis=1)
     asked = asked_of(case)
     if asked is None:
         return out
-    low = within(asked, monitor)
-    quiet = runs.monitor_status == QUIET
-    available = quiet & low.all(axis=1)
+    low = within(asked, levels)
+    settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
+    available = settled & low.all(axis=2)
     out["integrity_available"] = available[:, glide].sum(axis=1)
+    if excludes(case):
+        out["integrity_regained"] = (available[:, glide] & (status == EXCLUDED)).sum(axis=1)
     out["integrity_approach"] = available[:, asked.due].all(axis=1).astype(np.int64) * int(asked.due.any())
     out["integrity_windows"] = windows(asked.time[glide], available[:, glide])
-    region = regions(asked, monitor, runs.monitor_status, runs.fix_error)[:, glide]
+    region = regions(asked, levels, runs.monitor_status, runs.fix_error)[:, glide]
     out["integrity_regions"] = np.stack([(region == i).sum(axis=1) for i in range(len(REGIONS))], axis=2)
     exceeded = runs.fix_error[:, glide] > asked.limits
     # a level above its limit has said already that the error may be large
-    misled = exceeded & low[glide]
+    misled = exceeded & low[:, glide]
     out["integrity_misled"] = np.zeros((status.shape[0], 2), np.int64)
     out["integrity_delay"] = np.full((status.shape[0], 2), np.nan)
     for run, axis in np.argwhere(misled.any(axis=1)):
@@ -103,11 +135,16 @@ def tally(case: Case, runs: Run) -> Arrays:
     return out
 
 
-def regions(asked: Asked, monitor: Snapshot, status: np.ndarray, error: np.ndarray) -> np.ndarray:
+def excludes(case: Case) -> bool:
+    """Whether something is excluded after alarms."""
+    watching = case.flight.watching
+    return watching is not None and watching.exclusion != NO_EXCLUSION
+
+
+def regions(asked: Asked, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Where in Stanford diagrams, horizontal and vertical, fixes with these errors (r, e, 2) lie (r, e, 2), by
-    `REGIONS`; status (r, e)."""
-    level = np.where(monitor.tested[:, None], monitor.levels, np.inf)
-    level = np.where(np.isnan(level), np.inf, level)
+    `REGIONS`; levels (r or 1, e, 2) of tested ones, status (r, e)."""
+    level = np.where(np.isnan(levels), np.inf, levels)
     below = error <= level
     inside = np.where(below, NOMINAL, np.where(error <= asked.limits, MISLEADING, HAZARDOUS))
     # an error without a fix is no number, and beyond no level
@@ -194,8 +231,14 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     tested, alarms = ensemble.per_run("integrity_tested"), ensemble.per_run("integrity_alarms")
     draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
     draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
+    if excludes(case):
+        draft["/integrity/candidate"] = np.array([one.name for one in case.flight.candidates], dtype=object)
+        _counted_exclusions(draft, branch, ensemble, alarms)
     if asked_of(case) is None:
         return
+    if excludes(case):
+        regained, exclusions = (ensemble.per_run(f"integrity_{name}") for name in ("regained", "exclusions"))
+        draft[f"{branch}/exclusions_available"] = share_over_runs(regained, exclusions.sum(axis=1))
     epochs = np.full(runs, int(glide_of(case).sum()))
     windows = ensemble.per_run("integrity_windows")
     draft[f"{branch}/availability"] = share_over_runs(ensemble.per_run("integrity_available"), epochs)
@@ -210,6 +253,16 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         draft[f"{branch}/stanford_{name}"] = counts[i].astype(np.int64)
     draft[f"{branch}/hmi"] = share_interval(int(misled.any(axis=1).sum()), runs)
     draft[f"{branch}/time_to_alert"] = np.fmax.reduce(delay, axis=None)
+
+
+def _counted_exclusions(draft: Draft, branch: str, ensemble: Ensemble, alarms: np.ndarray) -> None:
+    """What exclusions came to, of runs with so many other alarms (run,)."""
+    came = ensemble.per_run("integrity_exclusions")
+    for i, name in enumerate(EXCLUSIONS):
+        draft[f"{branch}/exclusions_{name}"] = np.int64(came[:, i].sum())
+    draft[f"{branch}/exclusions"] = np.int64(came.sum())
+    draft[f"{branch}/exclusion_share"] = share_over_runs(came.sum(axis=1), came.sum(axis=1) + alarms)
+    draft[f"{branch}/exclusion_wrong_share"] = share_over_runs(came[:, 1], came[:, :2].sum(axis=1))
 
 
 def share_over_runs(count: np.ndarray, of: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from navsim.io.results import Result, Stream
 from navsim.io.schema import LANDING
 from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
-from navsim.study.landing import integrity, requirements
+from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, counted
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
@@ -47,6 +47,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _watched(draft, case, ensemble)
     integrity.described(draft, case)
     integrity.counted(draft, case, ensemble)
+    tails.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
     requirements.judged(draft, case, ensemble.runs)
     out = draft.result(attributes(case, seed))
@@ -128,6 +129,11 @@ def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/integrity/status"] = _history(ensemble, "monitor_status", lambda block: block.astype(np.int8))
     for i, name in enumerate(("horizontal", "vertical")):
         draft[f"/integrity/error_{name}"] = _history(ensemble, "fix_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
+    if not integrity.excludes(case):
+        return
+    draft["/integrity/excluded"] = _history(ensemble, "monitor_excluded", lambda block: block.astype(np.int16))
+    for i, name in enumerate(("hpl", "vpl")):
+        draft[f"/integrity/{name}_run"] = _history(ensemble, "monitor_level", lambda block, i=i: block[..., i])  # type: ignore[misc]
 
 
 def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:

@@ -1,0 +1,48 @@
+"""The receiver's fixes of lanes, and what they leave of their ranges.
+
+The solution itself is `navsim.estimation.receiver`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.dop import MAX_CLOCKS
+from navsim.core.lanes import WIDTH, in_lanes
+from navsim.estimation.receiver import fixes, residuals
+from navsim.models.pseudorange import Signals
+
+
+class ReceiverFixes(NamedTuple):
+    """llh, velocity NED (e, 3, W), clocks (e, MAX_CLOCKS, W), covariance of position and velocity (e, 6, 6, W); of one
+    run without the last axis. nan without a fix."""
+
+    llh: np.ndarray
+    velocity: np.ndarray
+    clocks: np.ndarray
+    covariance: np.ndarray
+
+
+def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
+    """Fixes from measurements (e, s, W); start: (3,) ECEF, where the iteration begins."""
+    shapes: tuple[tuple[int, ...], ...] = ((3,), (3,), (MAX_CLOCKS,), (6, 6))
+    out = ReceiverFixes(*(np.empty((ranges.shape[0], *shape, WIDTH)) for shape in shapes))
+    fixes(
+        start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
+        *(in_lanes(m) for m in (ranges, rates, *out)),
+    )  # fmt: skip
+    return out
+
+
+def left_over(
+    signals: Signals, axes: np.ndarray, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) leave of their ranges (e, s, W), m, and the sizes of their
+    errors, horizontal and vertical (e, 2, W), m. axes: (e, 3, 3) rows east, north, up at the antenna."""
+    left, off = np.empty_like(ranges), np.empty_like(llh)
+    residuals(
+        signals.position, signals.clock, signals.antenna, axes, *(in_lanes(m) for m in (ranges, llh, clocks, left, off))
+    )
+    return left, np.stack([np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2), np.abs(off[:, 2])], axis=1)
