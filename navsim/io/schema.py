@@ -53,6 +53,7 @@ WORDS = {
     "confidence": "the confidence asked for",
     "of_axis": "the axis of the key",
     "points": "the values of its key, or points of the axis where it has several",
+    "statement": "the requirement in words",
     "moving": "the speed from which on the tuning counts fixes",
 }
 """Words that come with the data into units and meanings, and what they stand for."""
@@ -61,6 +62,7 @@ FAMILIES = {
     "system": "satellite system",
     "dimension": "axis of the study, named by its keys",
     "varied": "varied key, by its last part",
+    "number": "number of a requirement of the scenario, presets as their parts",
     "case": "further case, named by scan period and what is measured",
 }
 """Families whose members a study names."""
@@ -463,6 +465,8 @@ _INTEGRITY = Chapter(
     ),
 )  # fmt: skip
 
+VERDICTS = ("not met", "undecided", "met")
+"""What is said of a requirement, by its number in a sweep."""
 _ASKED_FOR = "where the scenario has `requirements`"
 _REQUIREMENTS = Chapter(
     "Requirements",
@@ -616,12 +620,15 @@ WATCHED_QUANTITIES = {
     "hmi": ("1", "share of runs with hazardously misleading information"),
 }
 """The same of runs, where limits are given."""
+LARGE = ("level_share", "availability", "approaches")
+"""Those of them that are the better the larger they are."""
 SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
 """What sweeps are made of."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """What became of a combination of a sweep, by its number."""
 
+_OF_REQUIREMENTS = "where `requirements` is one of `outputs`"
 _SWEEP = Chapter(
     "Sweep",
     "A cube for each output, an axis for each varied key or list of keys.",
@@ -637,6 +644,13 @@ _SWEEP = Chapter(
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
             for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES).items()
         ),
+        _a("/sweep/requirement_{number}", "*axes", "{unit}", "{statement}: what was found", SWEEP,
+           when=_OF_REQUIREMENTS, attributes=("limit", "least")),
+        _a("/sweep/requirement_{number}_{end}", "*axes", "{unit}", "{statement}: {end} end of the 95 % interval of "
+           "what was found", SWEEP, when=f"{_OF_REQUIREMENTS}, with method monte-carlo", end=("low", "high")),
+        _a("/sweep/requirement_{number}_verdict", "*axes", "1", "{statement}: "
+           + ", ".join(f"{number} {words}" for number, words in enumerate(VERDICTS)), SWEEP, WHOLE,
+           when=_OF_REQUIREMENTS),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
         _a("/plan/point", "point", "1", "points of the track", SWEEP, WHOLE),

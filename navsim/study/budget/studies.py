@@ -76,8 +76,7 @@ _REPLAYED_MEMORY = 3000
 
 def sweep(planned: Plan, workers: int) -> Budget:
     """All combinations of a study. Sizes are those of combinations spread over it that are valid."""
-    study = planned.study
-    names = columns(study)
+    names = columns(planned)
     keys = sum(len(axis.keys) for axis in planned.axes)
     of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
     axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)

@@ -66,8 +66,14 @@ def asked_of(case: Case) -> Asked | None:
 
 def within(asked: Asked, monitor: Snapshot) -> np.ndarray:
     """Where the levels (e, 2) are below their limits; a limit that is none asks for no level."""
-    levels = np.where(monitor.tested[:, None], monitor.levels, np.nan)
-    return (levels <= asked.limits) | np.isinf(asked.limits)
+    return relative_levels(asked, monitor) <= 1.0
+
+
+def relative_levels(asked: Asked, monitor: Snapshot) -> np.ndarray:
+    """The levels (e, 2) by their limits, inf where there is none, 0 where none is asked for."""
+    there = monitor.tested[:, None] & np.isfinite(monitor.levels)
+    relative = np.where(there, monitor.levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
+    return np.where(np.isinf(asked.limits), 0.0, relative)
 
 
 def tally(case: Case, runs: Run) -> Arrays:
