@@ -49,7 +49,7 @@ WORDS = {
     "unit": "its own",
     "key": "the varied key",
     "quantity": "what is optimised",
-    "how": "for an error of the filter: by the coarse analysis, in proportion",
+    "how": "for errors of the filter, levels and with requirements: by the coarse analysis, in proportion",
     "confidence": "the confidence asked for",
     "of_axis": "the axis of the key",
     "points": "the values of its key, or points of the axis where it has several",
@@ -620,6 +620,8 @@ WATCHED_QUANTITIES = {
     "hmi": ("1", "share of runs with hazardously misleading information"),
 }
 """The same of runs, where limits are given."""
+OBJECTIVE_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES
+"""What placements may be made best by."""
 LARGE = ("level_share", "availability", "approaches")
 """Those of them that are the better the larger they are."""
 SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
@@ -667,6 +669,7 @@ _SWEEP = Chapter(
     ),
 )  # fmt: skip
 
+_MEETING = "with `constraints.requirements`"
 _OPTIMIZE = Chapter(
     "Best placements",
     "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
@@ -691,18 +694,48 @@ _OPTIMIZE = Chapter(
         _a("/optimum/{coordinate}", "pseudolites pseudolite", "m", "WGS-84 {coordinate}", OPTIMIZE,
            coordinate=("height",)),
         _a("/optimum/neighbourhood", "pseudolites pseudolite loss bearing", "m",
-           "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first", OPTIMIZE),
+           "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first, or "
+           "requirements are not met to begin with", OPTIMIZE),
         _a("/optimum/violation", "pseudolites", "m", "by how much the tightest rule is broken; negative: room left",
            OPTIMIZE),
         *(
             _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
             for name, (units, meaning) in DOP_QUANTITIES.items()
         ),
+        _a("/front/met", "pseudolites", "1", "1: all requirements that placements are judged by are met", OPTIMIZE,
+           WHOLE, when=_MEETING),
+        _a("/front/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
+        _a("/front/fewest", "", "1", "fewest pseudolites with which they are met, 0 where none are needed, -1 where no "
+           "number will do", OPTIMIZE, WHOLE, when=_MEETING),
+        *(
+            _a(f"/requirements/{name}", "requirement", "1", meaning, OPTIMIZE, of, when=_MEETING)
+            for name, meaning, of in (
+                ("requirement", "numbers of the statements, in order", WHOLE),
+                ("statement", "what is asked for, in words", TEXT),
+                ("limit", "what is asked for", NUMBER),
+                ("decided", "1: placements are judged by it, 0: runs alone decide it", WHOLE),
+            )
+        ),
+        *(
+            entry
+            for name, meaning, of in (
+                ("value", "what was found, in the unit of the statement; nan where nothing is known of it", NUMBER),
+                ("verdict", "met, not met or undecided", TEXT),
+                ("utilisation", "the size that would just be kept as often as asked for, by the size asked for: above "
+                 "1 where it is not met, inf where none would be kept", NUMBER),
+            )
+            for entry in (
+                _a(f"/requirements/{name}", "pseudolites requirement", "1", meaning, OPTIMIZE, of, when=_MEETING),
+                _a(f"/requirements/{name}_without", "requirement", "1", f"{meaning}; without pseudolites", OPTIMIZE, of,
+                   when=_MEETING),
+            )
+        ),
         _a("/map/computed", "pseudolites", "1", "1: the map was computed", OPTIMIZE, WHOLE),
         _a("/map/s", "s", "m", "right of the runway's axis", OPTIMIZE),
         _a("/map/l1", "l1", "m", "before the threshold", OPTIMIZE),
         _a("/map/objective", "pseudolites s l1", "{unit}",
-           "{quantity}, the first pseudolite moved, the others kept{how}; nan where a rule is broken", OPTIMIZE),
+           "{quantity}, the first pseudolite moved, the others kept{how}; nan where a rule is broken, or "
+           "requirements are not met", OPTIMIZE),
     ),
 )  # fmt: skip
 

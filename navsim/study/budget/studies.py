@@ -135,16 +135,16 @@ def posing(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
     """What a search for placements takes but for its time, which is told by `search_time` once it is posed."""
     here = extent(scenario, sources)
     starts = 1 if study.period is None else study.period.count
-    most = max(study.pseudolites)
+    most = max(study.counts)
     # a map is judged at one go, choices of sites in chunks
-    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.pseudolites}
-    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.pseudolites)
+    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
+    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
     signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
     ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
     judged = _JUDGED_MEMORY * judged_places * _glide(scenario) * ruled
-    result = NUMBER * len(study.pseudolites) * (optimize.MAP_POINTS**2 + 30 * most) + 38 * VARIABLE
+    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 38 * VARIABLE
     flown = 0.0
-    if study.objective not in DOP_OBJECTIVES:
+    if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
         flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
     return Budget(
         BASE_TIME + SIGHT_TIME * starts * here.epochs * here.sources,
@@ -163,14 +163,18 @@ def search_time(here: PlacementProblem) -> float:
     case = here.scenario
     points = len(here.geometry.receiver)
     fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
-    heard = 24 + max(here.study.pseudolites)
+    heard = 24 + max(here.study.counts)
     whole = Extent(
         epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, len(case.filter.states()), 0, 0.0, 0
     )
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
-    cost = {
-        GEOMETRY: 4.0 * points * _POINT_TIME, FULL: analysis_time(whole), COARSE: analysis_time(rough),
-    }  # fmt: skip
+    full, coarse = (0.0, 0.0) if here.quick else (analysis_time(whole), analysis_time(rough))
+    if case.integrity is not None and (here.quick or here.requirements is not None):
+        # solution separation has a fix for each fault, and one for most sources
+        subsets = heard * (heard if case.integrity.method == "mhss" else 1)
+        full += SIGHT_TIME * fixes * heard + _LEVEL_TIME * points * subsets
+        coarse += SIGHT_TIME * fixes * heard + _LEVEL_TIME * min(points, MOST_LEVELS) * subsets
+    cost = {GEOMETRY: 4.0 * points * _POINT_TIME, FULL: full, COARSE: coarse}
     return sum(cost[way] * most for step in optimize.planned(here) for way, most in step.most.items())
 
 

@@ -50,6 +50,12 @@ def glide_of(case: Case) -> np.ndarray:
     return on_glide(case.scenario, case.trajectory, case.world.signals.time)
 
 
+def spread_over(epochs: np.ndarray, most: int) -> np.ndarray:
+    """So many of epochs (e,) at most, the first and the last among them."""
+    count = min(epochs.size, most)
+    return epochs[np.arange(count) * (epochs.size - 1) // max(count - 1, 1)]
+
+
 def asked_of(case: Case) -> Asked | None:
     """What the scenario asks, if anything."""
     section = case.scenario.integrity

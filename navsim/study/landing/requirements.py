@@ -112,8 +112,8 @@ Moments = tuple[np.ndarray, np.ndarray]
 
 
 def fulfilments(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> list[Fulfilment]:
-    """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say: levels
-    are judged by the geometry alone."""
+    """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
+    what a monitor would: nothing is known then of what rests on it."""
     return [
         replace(_found(one, draft, case, runs, moments), text=said.text)
         for said, (_, one) in zip(statements(case.scenario), single(case.scenario), strict=True)
@@ -247,9 +247,10 @@ def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: Draft, runs: int) -
 
 def _of_levels(one: LevelRequirement, nothing: Fulfilment, draft: Draft, case: Case) -> Fulfilment:
     """By the share of the epochs of the glide with a level within the size; what is no level is not."""
-    level = draft[f"/integrity/{one.of}"][glide_of(case)]
-    if not level.size:
+    path, glide = f"/integrity/{one.of}", glide_of(case)
+    if path not in draft or not glide.any():
         return nothing
+    level = draft[path][glide]
     share = float(np.mean(level <= one.below_m))
     return replace(nothing, value=_exactly(share), utilisation=_kept_by(level, one.share) / one.below_m)
 
@@ -258,9 +259,8 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
     """Between all epochs of the glide with levels within their limits, and those of them without a false alarm. What
     else may cause alarms, runs alone tell: faults, or ranges worse than the monitor holds them for."""
     asked, monitor, section = asked_of(case), case.flight.monitor, case.scenario.integrity
-    assert asked is not None
-    assert monitor is not None
-    assert section is not None
+    if asked is None or monitor is None or section is None:
+        return nothing
     relative = relative_levels(asked, monitor)[asked.glide].max(axis=1)
     if not relative.size:
         return nothing
