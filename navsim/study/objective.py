@@ -33,37 +33,24 @@ import numpy as np
 from navsim.io.findings import Finding
 from navsim.io.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
 from navsim.models import timescales
-from navsim.models.constellation import Remembering
-from navsim.models.kinematics import Motion
-from navsim.models.signals import Environment, build_signals
+from navsim.models.signals import Environment
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.simulation.landing_covariance import Analysis
-from navsim.study.landing import (
-    Case,
-    covariance_analysis,
-    covariance_findings,
-    covariance_summary,
-    integrity,
-    judged_without_runs,
-    prepare,
-)
+from navsim.study.analyses import SCREENED, Analyst, Judge, LevelScreen, flown, watched
+from navsim.study.landing import Case, prepare
 from navsim.study.landing.case import (
     Ask,
     crossing_times,
     environment,
     glide_epochs,
     touchdown_time,
-    world_of,
 )
-from navsim.study.landing.integrity import spread_over
 from navsim.study.landing.requirements import MET, Fulfilment, single
 from navsim.study.placement import Rules, rules
-from navsim.study.sweep import filter_outputs
 
 BROKEN = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""
@@ -74,10 +61,6 @@ UNMET = 1e7
 """Objective of a placement that misses the requirements by nothing; up to twice that for worse."""
 _LEVELLESS = 1e3
 """Load of a placement that no size would save, since levels are lacking at too many epochs; up to three times that."""
-COARSE_FIXES = 1.0
-"""Rate of fixes of the coarse analysis, Hz."""
-COARSE_IMU = 10.0
-"""Inertial samples of the coarse analysis, Hz."""
 _TRACK, _TRACK_MARGIN = 12.0, 0.3
 """Spacing of the points of the approach that rough rules ask, m, and their margin: 60 m from the aircraft, the nearest
 point is by no more than that nearer than the nearest of those asked."""
@@ -87,9 +70,6 @@ _ALIKE = 5
 """So many of them where levels alone are analysed."""
 _NO_FIX = 1e4
 """What an epoch without a fix counts as in ranking placements by their geometry, m."""
-
-Judge = Callable[[np.ndarray], np.ndarray]
-"""Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
 
 
 class Judged(NamedTuple):
@@ -145,7 +125,8 @@ class PlacementProblem:
     For what is analysed, an error of the filter or a level, or with requirements: coarse, the objective's quick judge;
     screens and features, what the geometry says of it (features: (n, f) of placements (n, k, 2), finite); found, the
     findings of a placement (k, 2); quick: levels are all that is analysed. None and none for objectives of geometry.
-    load, coarse_load: of the requirements.
+    load, coarse_load: of the requirements. level_screen: of placements of which levels are all that is analysed, where
+    there can be one.
     """
 
     study: Optimize
@@ -162,6 +143,7 @@ class PlacementProblem:
     requirements: Requirements | None = None
     load: Judge | None = None
     coarse_load: Judge | None = None
+    level_screen: LevelScreen | None = None
 
     @property
     def analysed(self) -> bool:
@@ -195,6 +177,14 @@ class PlacementProblem:
             values = judge(places[kept])
             out[kept] = np.where(np.isfinite(values), values, UNSOLVED)
         return out
+
+    def screened(self, places: np.ndarray) -> np.ndarray:
+        """Values (n,) of placements by their levels at some epochs."""
+        assert self.level_screen is not None
+        objective, load = self.level_screen(places)
+        if self.study.objective in DOP_OBJECTIVES:
+            objective = self.objective(places)
+        return merit(objective, load)
 
     def shown(self, value: np.ndarray) -> np.ndarray:
         """The objective as people have it, of what is made small."""
@@ -259,10 +249,10 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
     until = max(end, touchdown) if study.constraints.requirements else end
     full, coarse = (
-        _Analyst(
+        Analyst(
             kept,
-            _flown(case, until, rough) if flies else None,
-            _watched(case, rough) if watches and case.flight.watching is not None else None,
+            flown(case, until, rough) if flies else None,
+            watched(case, MOST_LEVELS if rough else None) if watches and case.flight.watching is not None else None,
         )
         for rough in (False, True)
     )
@@ -279,7 +269,13 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         full.findings if flies else None,
         not flies,
     )  # fmt: skip
-    return _with_requirements(here, full, coarse, document) if study.constraints.requirements else here
+    if study.constraints.requirements:
+        here = _with_requirements(here, full, coarse, document)
+    # the screen takes one pseudolite for as good as another, wherever it stands
+    if here.quick and not (sources.placed or sources.singled_out):
+        decided = None if here.requirements is None else here.requirements.decided
+        here = replace(here, level_screen=LevelScreen(kept, watched(case, SCREENED), study.objective, decided))
+    return here
 
 
 def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing, bool]:
@@ -309,9 +305,7 @@ def _refused(document: Document, key: KeyPath, text: str) -> InputError:
     return InputError([Problem(document.place(key), dotted(key), text)])
 
 
-def _with_requirements(
-    here: PlacementProblem, full: _Analyst, coarse: _Analyst, document: Document
-) -> PlacementProblem:
+def _with_requirements(here: PlacementProblem, full: Analyst, coarse: Analyst, document: Document) -> PlacementProblem:
     """The same with the base scenario's requirements; without pseudolites it shows which of them are decided."""
     found = full.fulfilments(np.empty((0, 2)))
     decided = np.array([not math.isnan(one.utilisation) for one in found])
@@ -407,160 +401,3 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, fli
 def _some(geometry: Geometry, epochs: np.ndarray) -> Geometry:
     """Of these epochs (e,) bool every fifth, which says enough."""
     return geometry.at(np.flatnonzero(epochs)[::5])
-
-
-@dataclass(frozen=True)
-class _Flight:
-    """A flight without pseudolites, ready to be given some.
-
-    heard: (s,) bool, the sources of which anything is heard. share: of the information of one of the receiver's fixes
-    in one of these, as a factor of its sigmas. watched: numbers of the fix epochs that are left (m,), where all that
-    counts are levels, of more; else None.
-    """
-
-    case: Case
-    motion: Motion
-    heard: np.ndarray
-    share: float
-    watched: np.ndarray | None = None
-
-    def with_pseudolites(self, llh: np.ndarray) -> Case:
-        """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
-        names = tuple(f"PL{i}" for i in range(1, len(llh) + 1))
-        sources = replace(self.case.environment, pseudolites=replace(self.case.pseudolites, names=names, llh=llh))
-        signals = build_signals(self.motion, self.case.scenario.epoch.timestamp(), sources)
-        signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
-        if self.watched is not None:
-            signals = signals.at(self.watched)
-        # fewer epochs have less to smooth already
-        share = self.share if signals.smoothing is None else self.share**2
-        signals = replace(
-            signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
-            fix_sigma=share * signals.fix_sigma,
-        )  # fmt: skip
-        return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
-
-
-class _Analyst:
-    """What is found of placements at one fidelity. flown: for the filter; watched: for levels; each None where nobody
-    asks. The last placement is remembered, since objective and requirements ask for the same."""
-
-    def __init__(self, kept: Rules, flown: _Flight | None, watched: _Flight | None) -> None:
-        self._kept, self._flown, self._watched = kept, flown, watched
-        self._last: tuple[bytes, _Found] | None = None
-
-    def _of(self, places: np.ndarray) -> _Found:
-        key = np.ascontiguousarray(places, np.float64).tobytes()
-        if self._last is None or self._last[0] != key:
-            llh = self._kept.plane.llh(places)
-            cases = [
-                None if flight is None else flight.with_pseudolites(llh) for flight in (self._flown, self._watched)
-            ]
-            self._last = key, _Found(*cases)
-        return self._last[1]
-
-    def judge(self, name: str) -> Judge:
-        """The judge of placements by an error of the filter, or by levels: large for a small share of epochs that have
-        them, inf for one of the others where not all have."""
-
-        def one(places: np.ndarray) -> float:
-            found = self._of(places)
-            if name not in LEVEL_OBJECTIVES:
-                return found.errors[name]
-            share = found.levels["level_share"]
-            if name in LARGE:
-                return 1.0 / share if share > 0.0 else math.inf
-            return found.levels[name] if share == 1.0 else math.inf
-
-        return lambda places: np.array([one(p) for p in places])
-
-    def fulfilments(self, places: np.ndarray) -> list[Fulfilment]:
-        """What is known of the base scenario's requirements with a placement (k, 2)."""
-        return self._of(places).fulfilments
-
-    def findings(self, places: np.ndarray) -> list[Finding]:
-        """What the covariance analysis of a placement (k, 2) finds."""
-        found = self._of(places)
-        assert found.flown is not None
-        return covariance_findings(found.flown, found.analysis)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """A placement, as it is flown and as it is watched."""
-
-    flown: Case | None
-    watched: Case | None
-
-    @cached_property
-    def analysis(self) -> Analysis:
-        assert self.flown is not None
-        return covariance_analysis(self.flown)
-
-    @cached_property
-    def errors(self) -> dict[str, float]:
-        assert self.flown is not None
-        return filter_outputs(covariance_summary(self.flown, self.analysis))
-
-    @cached_property
-    def levels(self) -> dict[str, float]:
-        assert self.watched is not None
-        return integrity.level_outputs(self.watched)
-
-    @cached_property
-    def fulfilments(self) -> list[Fulfilment]:
-        """By whichever of them knows."""
-        known = []
-        if self.watched is not None:
-            known.append(judged_without_runs(self.watched, None))
-        if self.flown is not None:
-            known.append(judged_without_runs(self.flown, self.analysis))
-        return [
-            next((one for one in each if not math.isnan(one.utilisation)), each[0]) for each in zip(*known, strict=True)
-        ]
-
-
-def _flown(case: Case, end: float, coarse: bool) -> _Flight:
-    """The flight whose filter is analysed, up to `end`, s."""
-    # levels are those of the receiver's own fixes, whatever the filter is given here
-    unwatched = replace(case, scenario=case.scenario.model_copy(update={"integrity": None}))
-    receiver, imu = case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz
-    return _flight(unwatched, end, *((COARSE_FIXES, COARSE_IMU) if coarse else (receiver, imu)))
-
-
-def _watched(case: Case, coarse: bool) -> _Flight:
-    """The flight whose fixes are watched, on the glide."""
-    end, scenario = touchdown_time(case.scenario, case.trajectory), case.scenario
-    flight = _flight(case, end, scenario.receiver.rate_hz, scenario.imu.rate_hz)
-    glide = np.flatnonzero(integrity.glide_of(flight.case))
-    epochs = spread_over(glide, MOST_LEVELS) if coarse else glide
-    if flight.case.world.signals.smoothing is not None or flight.case.environment.jamming is not None:
-        return replace(flight, watched=epochs)  # what a receiver remembers has to be gone through
-    return replace(flight, motion=case.trajectory.motion(flight.case.world.signals.time[epochs]))
-
-
-def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> _Flight:
-    """The flight up to the first fix after `end`, s, with at most these rates, Hz."""
-    scenario = case.scenario
-    receiver, imu = scenario.receiver, scenario.imu
-    fix_rate, imu_rate = min(fix_rate, receiver.rate_hz), min(imu_rate, imu.rate_hz)
-    # the error at a height is interpolated to the output after it
-    duration = min(end + receiver.latency_s + 1.0 / fix_rate + 1.0 / imu_rate, scenario.duration_s)
-    scenario = scenario.model_copy(
-        update={
-            "duration_s": duration,
-            "receiver": receiver.model_copy(update={"rate_hz": fix_rate}),
-            "imu": imu.model_copy(update={"rate_hz": imu_rate}),
-        }
-    )
-    sources: Environment = replace(
-        case.environment,
-        satellites=tuple(replace(g, constellation=Remembering(g.constellation)) for g in case.environment.satellites),
-    )
-    world = world_of(scenario, case.trajectory, sources)
-    return _Flight(
-        replace(case, scenario=scenario, environment=sources).over(world),
-        case.trajectory.motion(world.signals.time),
-        np.any(world.signals.used, axis=0),
-        math.sqrt(fix_rate / receiver.rate_hz),
-    )

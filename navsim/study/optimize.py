@@ -18,9 +18,10 @@ from navsim.io.results import Result
 from navsim.io.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
+from navsim.study.analyses import Judge
 from navsim.study.journal import Journal
 from navsim.study.landing.requirements import MET, Fulfilment
-from navsim.study.objective import BROKEN, UNMET, UNSOLVED, Judge, PlacementProblem, merit
+from navsim.study.objective import BROKEN, UNMET, UNSOLVED, PlacementProblem, merit
 from navsim.study.partial import Arrays, code_key
 from navsim.study.root import root_attributes
 from navsim.study.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
@@ -32,7 +33,7 @@ BEARINGS = np.arange(0.0, 360.0, 45.0)
 LOSSES = (0.01, 0.05)
 """Losses of the objective that bound the neighbourhood."""
 MAP_POINTS = 61
-ANALYSED_MAP_POINTS = 9
+ANALYSED_MAP_POINTS, WATCHED_MAP_POINTS = 9, 17
 _REACH = np.geomspace(1.0, 3000.0, 160)
 """Distances tried in the neighbourhood, m; where placements are analysed every doubling, and between by its curve."""
 _ANALYSED_REACH = 32.0 * 2.0 ** np.arange(-5, 7)
@@ -184,7 +185,7 @@ def _later_steps(here: PlacementProblem) -> list[Step]:
     counts = here.study.counts
     fidelity = COARSE if here.analysed else GEOMETRY
     reach = _ANALYSED_REACH.size if here.analysed else _REACH.size
-    points = ANALYSED_MAP_POINTS if here.analysed else MAP_POINTS
+    points = _map_points(here)
     return [
         *(Step(_around(count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
         *(Step(_mapping(count), {fidelity: points * points}) for count in counts),
@@ -278,10 +279,15 @@ def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -
     return out
 
 
+def _map_points(here: PlacementProblem) -> int:
+    """Along each axis of a map."""
+    return MAP_POINTS if not here.analysed else WATCHED_MAP_POINTS if here.quick else ANALYSED_MAP_POINTS
+
+
 def map_axes(here: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
     """The axes of maps of the objective: s (a,), l1 (b,), m."""
     low, high = here.limits()
-    points = ANALYSED_MAP_POINTS if here.analysed else MAP_POINTS
+    points = _map_points(here)
     return np.linspace(low[0], high[0], points), np.linspace(low[1], high[1], points)
 
 

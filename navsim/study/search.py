@@ -30,8 +30,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.scenario.optimize import LEVEL_OBJECTIVES
+from navsim.study.analyses import Judge
 from navsim.study.job import JobError
-from navsim.study.objective import BROKEN, UNMET, UNSOLVED, Judge, Judged, PlacementProblem, merit
+from navsim.study.objective import BROKEN, UNMET, UNSOLVED, Judged, PlacementProblem, merit
 from navsim.study.watch import Step, Watch
 
 if TYPE_CHECKING:
@@ -41,8 +42,8 @@ ALL_CHOICES = 2_000_000
 """Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_ANALYSED, of levels:
 ALL_WATCHED."""
 ALL_ANALYSED, ALL_WATCHED = 50, 200
-GEOMETRY, COARSE, FULL = "geometry", "coarse", "full"
-"""Ways of judging a placement: by the geometry kernel, by coarse and by full analysis."""
+GEOMETRY, LEVELS, COARSE, FULL = "geometry", "levels", "coarse", "full"
+"""Ways of judging a placement: by the geometry kernel, by levels at some epochs, by coarse and by full analysis."""
 CHUNK = 65_536
 """Choices of sites judged at a time."""
 _POPULATION, _GENERATIONS = 30, 400
@@ -55,18 +56,36 @@ _MORE = 4000
 _SINGLES, _POOL = 4096, 3000
 """Places for one pseudolite, and placements put together of them, that the search for a filter begins with."""
 _SCREEN_GENERATIONS = 25
-_LEARNING = 3
-"""Placements analysed a round of the surrogate."""
+_LEVEL_GENERATIONS, _LEVEL_MORE, _LEVEL_STARTS = 60, 400, 2
+"""The same where levels at some epochs judge, which is next to the coarse analysis; places tried for one more; starts
+beside those of the study's effort, lest what can be met is missed."""
 _TEACHERS = 40
 """Placements the surrogate learns from at least."""
 _HOPES = 0.0, 1.0
 """How far a round hopes for what is not known: standard deviations, by turns."""
 _REGION = 4.0
 """Every second round stays around the best: how far, in distances that new placements keep from the old."""
-_NEARBY, _FINISHED = 6, (20.0,)
-"""Coarse analyses a coordinate with which the best placement is finished, and the sizes of their simplices, m."""
-_WATCHED_NEARBY, _WATCHED_FINISHED = 20, (100.0, 20.0, 4.0)
-"""The same where levels are all that is analysed, which costs less."""
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How much is analysed coarsely. first: times 16, and 8 a pseudolite, to begin with. learning: a round of the
+    surrogate. finished: best placements that are finished. sizes: of their simplices, m. tries: a coordinate in each.
+    """
+
+    first: int
+    learning: int
+    finished: int
+    sizes: tuple[float, ...]
+    tries: int
+
+    def finishing(self, count: int) -> int:
+        """Analyses that finish the best placements."""
+        return self.finished * len(self.sizes) * self.tries * 2 * count
+
+
+_FLOWN, _WATCHED = _Pace(1, 3, 1, (20.0,), 6), _Pace(3, 10, 3, (100.0, 20.0, 4.0), 15)
+"""Of covariance analyses, and where levels are all that is analysed, which costs less."""
 _AGAIN = 4
 """How often at most the best are judged again, by requirements that the coarse analysis makes stricter."""
 _HEAVY = 30.0
@@ -114,7 +133,7 @@ class Found:
 
 def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
     """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""
-    effort = here.study.effort
+    effort, pace = here.study.effort, _pace(here)
     rounds = _rounds(count) * effort
     if here.study.sites:
         usable = int(np.sum(_usable(here)))
@@ -127,18 +146,21 @@ def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
             return [Step(_choosing(count), {GEOMETRY: tried})]
         screening = Step(_choosing(count), {GEOMETRY: len(here.screens) * tried})
         pool = len(here.screens) * min(tried, _POOL)
-        learning = {GEOMETRY: rounds * pool, COARSE: _first(count) + rounds * _LEARNING}
+        learning = {GEOMETRY: rounds * pool, COARSE: _first(here, count) + rounds * pace.learning}
         return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here)})]
     if not here.analysed:
         per_start = 2 * count * (_POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES)
         return [Step(_evolving(count), {GEOMETRY: effort * per_start + _MORE * earlier})]
     evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
-    screening = Step(_screening(count), {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)})
-    learning = {
-        GEOMETRY: rounds * (2 * _POOL + evolving),
-        COARSE: _first(count) + rounds * _LEARNING + _finishing(here) * 2 * count,
-    }
-    anew = {} if here.requirements is None else {COARSE: _AGAIN * _finishing(here) * 2 * count}
+    most = {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)}
+    learning = {COARSE: _first(here, count) + pace.finishing(count)}
+    if here.level_screen is not None:
+        most[LEVELS] = (_LEVEL_STARTS + effort) * _members(count) * (_LEVEL_GENERATIONS + 1) + _LEVEL_MORE * earlier
+    else:
+        learning[COARSE] += rounds * pace.learning
+        learning[GEOMETRY] = rounds * (2 * _POOL + evolving)
+    screening = Step(_screening(count), most)
+    anew = {} if here.requirements is None else {COARSE: _AGAIN * pace.finishing(count)}
     return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here), **anew})]
 
 
@@ -147,9 +169,8 @@ def _all(here: PlacementProblem) -> int:
     return ALL_WATCHED if here.quick else ALL_ANALYSED
 
 
-def _finishing(here: PlacementProblem) -> int:
-    """Coarse analyses a coordinate with which the best placement is finished."""
-    return _WATCHED_NEARBY * len(_WATCHED_FINISHED) if here.quick else _NEARBY * len(_FINISHED)
+def _pace(here: PlacementProblem) -> _Pace:
+    return _WATCHED if here.quick else _FLOWN
 
 
 def _decisions(here: PlacementProblem) -> int:
@@ -186,9 +207,9 @@ def _members(count: int) -> int:
     return 12 * count + 12
 
 
-def _first(count: int) -> int:
+def _first(here: PlacementProblem, count: int) -> int:
     """Placements the surrogate begins to learn from."""
-    return 16 + 8 * count
+    return _pace(here).first * (16 + 8 * count)
 
 
 class Trials:
@@ -198,17 +219,17 @@ class Trials:
     def __init__(self, here: PlacementProblem, watch: Watch, searching: bool) -> None:
         self._here, self._watch, self._searching = here, watch, searching
 
-    def at_once(self, places: np.ndarray, judge: Judge | None = None) -> np.ndarray:
+    def at_once(self, places: np.ndarray, judge: Judge | None = None, way: str = GEOMETRY) -> np.ndarray:
         """Values (n,) of placements (n, k, 2) by the objective of geometry or by a judge that stands in for one."""
-        with self._watch.trying(GEOMETRY, len(places)):
+        with self._watch.trying(way, len(places)):
             values = self._here.value(places) if judge is None else self._here.rough_value(places, judge)
         if judge is None:
             self._offer(places, values)
         return values
 
-    def by(self, judge: Judge) -> Judge:
+    def by(self, judge: Judge, way: str = GEOMETRY) -> Judge:
         """A judge that stands in for the objective, as used here."""
-        return lambda places: self.at_once(places, judge)
+        return lambda places: self.at_once(places, judge, way)
 
     def coarse(self, places: np.ndarray) -> Judged:
         """Placements (n, k, 2) by coarse analysis."""
@@ -576,7 +597,7 @@ def _place_analysed(
 ) -> tuple[np.ndarray, float]:
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(here, count)
-    size = _members(count)
+    size, pace = _members(count), _pace(here)
     with watch.step(_screening(count)):
         pool = _pool(here, count, rng)
         lists: list[Iterable[np.ndarray]] = []
@@ -586,14 +607,18 @@ def _place_analysed(
             lists += [_evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
             if earlier is not None and len(earlier) < count:
                 lists.append(_one_more(here, count, earlier, rng, trials, screen))
+        if here.level_screen is not None:
+            lists = _by_levels(here, count, rng, lists, earlier, trials)
         lists.append(pool)
     learner = _Learner(here, trials)
     with watch.step(_learning(count)):
         gaps = _gaps(here, count)
-        learner.analyse(learner.new(_in_turn(lists), _first(count), gaps[0]))
+        learner.analyse(
+            learner.new(_in_turn(lists), _first(here, count), gaps[0] if here.level_screen is None else 1.0)
+        )
         low, high = here.limits()
         for i, gap in enumerate(gaps):
-            if not learner.solved:
+            if not learner.solved or here.level_screen is not None:
                 break
             best = np.array(learner.ranked()[: size // 3])
             if i % 2:  # around the best, and by turns around the best elsewhere
@@ -601,26 +626,49 @@ def _place_analysed(
                 near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
                 judge = trials.by(learner.surrogate(0.0, around))
                 evolved = near[np.argsort(judge(near), kind="stable")][:size]
-                learner.analyse(learner.new(evolved, _LEARNING, 0.2 * gap))
+                learner.analyse(learner.new(evolved, pace.learning, 0.2 * gap))
                 continue
             judge = trials.by(learner.surrogate(_HOPES[i // 2 % len(_HOPES)]))
             moved = best[rng.integers(min(len(best), 6), size=_POOL)]
             moved[np.arange(_POOL), rng.integers(count, size=_POOL)] = pool[rng.integers(len(pool), size=_POOL), 0]
             likely = [some[np.argsort(judge(some), kind="stable")][: size // 3] for some in (pool, moved)]
             evolved = _evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, np.concatenate([best, *likely]))
-            learner.analyse(learner.new(evolved, _LEARNING, gap))
-
-        sizes, tries = (_WATCHED_FINISHED, _WATCHED_NEARBY) if here.quick else (_FINISHED, _NEARBY)
+            learner.analyse(learner.new(evolved, pace.learning, gap))
 
         def value(x: np.ndarray) -> float:
             learner.analyse([x.reshape(count, 2)])
             return float(learner.values[-1])
 
         def refine() -> None:
-            _finish(value, learner.ranked()[0].ravel(), bounds, sizes, tries)
+            for best in learner.apart(pace.finished, _REGION * gaps[-1]):
+                _finish(value, best.ravel(), bounds, pace.sizes, pace.tries)
 
         refine()
     return _decided(learner, count, here, trials, watch, refine)
+
+
+def _by_levels(
+    here: PlacementProblem,
+    count: int,
+    rng: np.random.Generator,
+    screened: list[Iterable[np.ndarray]],
+    earlier: np.ndarray | None,
+    trials: Trials,
+) -> list[Iterable[np.ndarray]]:
+    """Lists of placements, the best of each first, by levels at some epochs; they begin with what is best by screens,
+    and with chance."""
+    judge, bounds, size = trials.by(here.screened, LEVELS), _bounds(here, count), _members(count)
+    promising = np.array(list(itertools.islice(_in_turn(screened), size // 2)))
+    pool = _pool(here, count, rng)
+    out: list[Iterable[np.ndarray]] = []
+    for _ in range(_LEVEL_STARTS + here.study.effort):
+        start = np.concatenate([promising, pool[rng.integers(len(pool), size=size - len(promising))]])
+        out.append(_evolve(judge, bounds, rng, _LEVEL_GENERATIONS, 1, start))
+    if earlier is not None and len(earlier) < count:
+        added = pool[rng.integers(len(pool), size=(_LEVEL_MORE, count - len(earlier))), 0]
+        whole = np.concatenate([np.repeat(earlier[None], len(added), axis=0), added], axis=1)
+        out.append(whole[np.argsort(judge(whole), kind="stable")[:size]])
+    return out
 
 
 def _decided(
@@ -662,7 +710,7 @@ def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.nd
     pool = source[rng.integers(len(source), size=(_POOL, count))]
     kept = pool[here.rules.violation(pool) <= 0.0]
     # where next to nothing keeps the rules, evolution begins with what breaks them
-    return kept if len(kept) >= _first(count) + _members(count) else pool
+    return kept if len(kept) >= _first(here, count) + _members(count) else pool
 
 
 def _choose_analysed(
@@ -680,17 +728,17 @@ def _choose_analysed(
         ranked = [
             _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
         ]
-    learner = _Learner(here, trials)
+    learner, pace = _Learner(here, trials), _pace(here)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
     with watch.step(_learning(count)):
         starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
-        learner.analyse(learner.new(starts, _first(count), 0.0))
+        learner.analyse(learner.new(starts, _first(here, count), 0.0))
         for _ in range(_rounds(count) * here.study.effort):
             if not learner.solved:
                 break
             pool = np.unique(np.concatenate([pool, _neighbours(usable, learner.ranked()[0])]), axis=0)
             order = np.argsort(trials.at_once(usable[pool], learner.surrogate(0.0)), kind="stable")
-            learner.analyse(learner.new((usable[c] for c in pool[order]), _LEARNING, 0.0))
+            learner.analyse(learner.new((usable[c] for c in pool[order]), pace.learning, 0.0))
     places, value = _decided(learner, count, here, trials, watch)
     return places, value, False
 

@@ -15,6 +15,7 @@ from navsim.scenario.load import read
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.shipped import path
 from navsim.study import integrity_table, optimize, replay, table2
+from navsim.study.analyses import COARSE_FIXES, COARSE_IMU, SCREENED
 from navsim.study.budget.estimate import (
     AXIS,
     BASE_MEMORY,
@@ -46,8 +47,8 @@ from navsim.study.budget.landing import (
 from navsim.study.ensemble import BATCH
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
-from navsim.study.objective import COARSE_FIXES, COARSE_IMU, PlacementProblem
-from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY
+from navsim.study.objective import PlacementProblem
+from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY, LEVELS
 from navsim.study.sweep import MOST_MAP_SITES, Axis, Plan, columns
 
 _WIDTHS = 100
@@ -169,12 +170,14 @@ def search_time(here: PlacementProblem) -> float:
     )
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
     full, coarse = (0.0, 0.0) if here.quick else (analysis_time(whole), analysis_time(rough))
+    levels = 0.0
     if case.integrity is not None and (here.quick or here.requirements is not None):
         # solution separation has a fix for each fault, and one for most sources
         subsets = heard * (heard if case.integrity.method == "mhss" else 1)
         full += SIGHT_TIME * fixes * heard + _LEVEL_TIME * points * subsets
         coarse += SIGHT_TIME * fixes * heard + _LEVEL_TIME * min(points, MOST_LEVELS) * subsets
-    cost = {GEOMETRY: 4.0 * points * _POINT_TIME, FULL: full, COARSE: coarse}
+        levels = _LEVEL_TIME * SCREENED * subsets
+    cost = {GEOMETRY: 4.0 * points * _POINT_TIME, FULL: full, COARSE: coarse, LEVELS: levels}
     return sum(cost[way] * most for step in optimize.planned(here) for way, most in step.most.items())
 
 
