@@ -11,8 +11,9 @@ of what the filter, or the monitor, will make of a placement. A surrogate [3], l
 process on top, learns the rest from coarse analyses; round by round, the placements it holds best are analysed and it
 learns anew. The best are then judged by the full analysis, which alone decides. Requirements are searched in the same
 way, with any objective: a second surrogate learns their load, and a placement expected not to meet them ranks behind
-all that are [2]. Where the full analysis finds the best a little beyond what is allowed, the coarse one is asked for
-as much less, and the best are judged again.
+all that are [2]. Where levels are all that is analysed no surrogate is needed: differential evolution goes by the
+levels of whole populations at some epochs, the best are analysed and finished by Nelder-Mead. Where the full analysis
+finds the best a little beyond what is allowed, the coarse one is asked for as much less, and the best are judged again.
 
 Sources: [1] Storn & Price, J. Global Optimization 11 (1997). [2] Deb, An efficient constraint handling method for
 genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186 (2000). [3] Jones, Schonlau & Welch, Efficient global

@@ -78,6 +78,19 @@ REQUIRED: dict[str, object] = {
 }
 
 
+def test_excluded_satellites_are_as_good_as_silent(tmp_path: Path) -> None:
+    """They are among the signals, unused, and no fault to expect."""
+    priors = {"integrity": {"method": "mhss", "p_constellations": {"glonass": 1e-8}}}
+    silence = {"events": [{"what": "silence", "sources": ["R23"]}]}
+    levels = []
+    for i, out in enumerate(({"sky.exclude": ["R23"]}, silence, {})):
+        path = study(tmp_path, "outputs: [hpl_max, vpl_max]", WATCHED | priors | out)
+        navsim("sweep", path, "--figures", "none", "-q", "-o", f"{i}.h5", cwd=tmp_path)
+        levels.append(np.array([read(tmp_path / f"{i}.h5")[f"/sweep/{name}"] for name in ("hpl_max", "vpl_max")]))
+    np.testing.assert_allclose(levels[0], levels[1], rtol=1e-9)
+    assert (levels[0] > 1.1 * levels[2]).all()
+
+
 @pytest.mark.parametrize("method", ["monte-carlo", "covariance"])
 def test_requirements_are_judged_as_in_single_landings(tmp_path: Path, method: str) -> None:
     path = study(tmp_path, f"method: {method}\nruns: 8\noutputs: [requirements]", WATCHED | REQUIRED)

@@ -77,8 +77,9 @@ def within(asked: Asked, monitor: Snapshot) -> np.ndarray:
 
 def relative_levels(asked: Asked, monitor: Snapshot) -> np.ndarray:
     """The levels (e, 2) by their limits, inf where there is none, 0 where none is asked for."""
-    there = monitor.tested[:, None] & np.isfinite(monitor.levels)
-    relative = np.where(there, monitor.levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
+    levels = monitor.levels
+    there = monitor.tested[:, None] & np.isfinite(levels)
+    relative = np.where(there, levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
     return np.where(np.isinf(asked.limits), 0.0, relative)
 
 
@@ -163,8 +164,9 @@ def described(draft: Draft, case: Case) -> None:
         return
     draft["/integrity/time"] = case.world.signals.time
     draft["/integrity/threshold"] = monitor.threshold
+    levels = monitor.levels
     for i, name in enumerate(("hpl", "vpl")):
-        draft[f"/integrity/{name}"] = monitor.levels[:, i]
+        draft[f"/integrity/{name}"] = levels[:, i]
     if isinstance(monitor, SeparationMonitor):
         expected = case.flight.expected
         draft["/integrity/fault"] = np.array([fault.name for fault in expected], dtype=object)
@@ -173,10 +175,10 @@ def described(draft: Draft, case: Case) -> None:
         draft["/integrity/unmonitored"] = monitor.found.unmonitored
         draft["/integrity/emt"] = monitor.found.emt
     glide = glide_of(case)
-    there = np.isfinite(monitor.levels[glide]).all(axis=1)
+    there = np.isfinite(levels[glide]).all(axis=1)
     draft["/summary/integrity/level_share"] = there.mean() if there.size else math.nan
     for i, name in enumerate(("hpl", "vpl")):
-        values = monitor.levels[glide][there, i]
+        values = levels[glide][there, i]
         numbers = np.full(5, np.nan)
         if values.size:
             numbers[:] = values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])
