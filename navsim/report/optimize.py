@@ -231,7 +231,7 @@ def front(result: Result) -> Figure:
         met = result["/front/met"].astype(bool)
         if np.isfinite(none):
             met = np.append(bool(result["/front/met_without"]), met)
-        ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met")
+        ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
         fewest = int(result["/front/fewest"])
         legend_above(fig, ax, 1, f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none")
     ax.set_xticks(counts)
@@ -248,9 +248,37 @@ def _label(variable: Variable, width: int) -> str:
     return fill(variable.long_name + ("" if variable.units == "1" else f", {variable.units}"), width)
 
 
+def utilisation(result: Result) -> Figure:
+    """How much of what is allowed each requirement takes that placements are judged by, against their number."""
+    from textwrap import fill
+
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+
+    branch = "/requirements"
+    chosen = np.flatnonzero(result[f"{branch}/decided"])
+    statements = [fill(str(result[f"{branch}/statement"][k]), 60) for k in chosen]
+    fig = new_figure(1.3 * COLUMN, 2.6 + 0.17 * sum(text.count("\n") + 1 for text in statements))
+    ax = fig.subplots()
+    counts = np.append(0, result["/pseudolites"].astype(int))
+    used = np.vstack([result[f"{branch}/utilisation_without"][None], result[f"{branch}/utilisation"]])
+    marks = "osD^v<>Pp"
+    for i, (k, statement) in enumerate(zip(chosen, statements, strict=True)):
+        shown = np.where(np.isfinite(used[:, k]), used[:, k], np.nan)
+        ax.plot(counts, shown, f"{marks[i % len(marks)]}-", color=COLOURS[i % len(COLOURS)], ms=5, mfc="none",
+                label=statement)  # fmt: skip
+    ax.axhline(1.0, color="black", lw=0.9, ls="--", label="what is asked for: met below")
+    ax.set_xticks(counts)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("pseudolites")
+    ax.set_ylabel("size kept as often as asked for,\nby the size asked for")
+    legend_above(fig, ax, 1)
+    return fig
+
+
 def figures(result: Result) -> dict[str, Figure]:
-    """The plan, and the front."""
-    return {"plan": plan(result), "front": front(result)}
+    """The plan, the front, and what becomes of requirements."""
+    out = {"plan": plan(result), "front": front(result)}
+    return out | ({"requirements": utilisation(result)} if "/front/met" in result else {})
 
 
 VIEW = View(one_by_one(tables), 140, figures, more=best_plain)

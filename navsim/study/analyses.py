@@ -62,6 +62,12 @@ class Prepared:
     share: float
     watched: np.ndarray | None = None
 
+    @property
+    def axes(self) -> np.ndarray:
+        """East, north, up at the epochs that are left (m, 3, 3) rows, ECEF."""
+        axes = enu_matrix(self.motion.llh)
+        return axes if self.watched is None else axes[self.watched]
+
     def with_pseudolites(self, llh: np.ndarray) -> Case:
         """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
         names = tuple(f"PL{i}" for i in range(1, len(llh) + 1))
@@ -151,7 +157,7 @@ class LevelScreen:
         away = self._kept.plane.ecef(places)[:, None] - signals.antenna[:, None]
         towards = away / np.linalg.norm(away, axis=-1, keepdims=True)
         los = np.repeat(signals.los[None], n, axis=0)
-        los[:, :, s - k :] = np.einsum("eij,nekj->neki", enu_matrix(self._flight.motion.llh), towards)
+        los[:, :, s - k :] = np.einsum("eij,nekj->neki", self._flight.axes, towards)
         stacked = replace(
             signals, los=los.reshape(n * e, s, 3), used=np.tile(signals.used, (n, 1)),
             fix_sigma=np.tile(signals.fix_sigma, (n, 1)),
@@ -233,10 +239,18 @@ def flown(case: Case, end: float, coarse: bool) -> Prepared:
 
 def watched(case: Case, most: int | None = None) -> Prepared:
     """The flight whose fixes are watched, on the glide; at so many epochs at most."""
+    return _watched(case, lambda glide: glide if most is None else spread_over(glide, most))
+
+
+def screened(case: Case) -> Prepared:
+    """The same at the middles of some stretches of the glide: how code smoothing begins is not what levels are like."""
+    return _watched(case, lambda glide: glide[np.unique((2 * np.arange(SCREENED) + 1) * glide.size // (2 * SCREENED))])
+
+
+def _watched(case: Case, chosen: Callable[[np.ndarray], np.ndarray]) -> Prepared:
     end, scenario = touchdown_time(case.scenario, case.trajectory), case.scenario
     flight = _flight(case, end, scenario.receiver.rate_hz, scenario.imu.rate_hz)
-    glide = np.flatnonzero(integrity.glide_of(flight.case))
-    epochs = glide if most is None else spread_over(glide, most)
+    epochs = chosen(np.flatnonzero(integrity.glide_of(flight.case)))
     if flight.case.world.signals.smoothing is not None or flight.case.environment.jamming is not None:
         return replace(flight, watched=epochs)  # what a receiver remembers has to be gone through
     return replace(flight, motion=case.trajectory.motion(flight.case.world.signals.time[epochs]))

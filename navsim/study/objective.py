@@ -40,7 +40,7 @@ from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.study.analyses import SCREENED, Analyst, Judge, LevelScreen, flown, watched
+from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
 from navsim.study.landing import Case, prepare
 from navsim.study.landing.case import (
     Ask,
@@ -271,10 +271,9 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     )  # fmt: skip
     if study.constraints.requirements:
         here = _with_requirements(here, full, coarse, document)
-    # the screen takes one pseudolite for as good as another, wherever it stands
-    if here.quick and not (sources.placed or sources.singled_out):
+    if here.quick and epochs.size and not (sources.placed or sources.singled_out):
         decided = None if here.requirements is None else here.requirements.decided
-        here = replace(here, level_screen=LevelScreen(kept, watched(case, SCREENED), study.objective, decided))
+        here = replace(here, level_screen=LevelScreen(kept, screened(case), study.objective, decided))
     return here
 
 

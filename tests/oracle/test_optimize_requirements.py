@@ -175,20 +175,35 @@ def test_the_share_of_epochs_with_levels_is_made_large(tmp_path: Path) -> None:
     assert float(here.shown(np.array(found.value))) >= float((1.0 / brute.objective).max())
 
 
+def test_a_receiver_that_remembers_is_gone_through(tmp_path: Path) -> None:
+    """With smoothed code an epoch depends on those before it, and 95 % of them are kept by a level that some epochs of
+    the beginning decide: of fewer, coarsely."""
+    smoothed = settings(CHI2, [LPV200[0]], EVENING) | {"receiver.rate_hz": 2, "receiver.smoothing_s": 20}
+    here = posed(tmp_path, smoothed, "vpl_p95", [1])
+    brute = here.judged(choices(here, 1, 500.0))
+    found = search(here, 1)[1]
+    assert (found.value, found.load) == pytest.approx(tuple(float(x[0]) for x in here.judged(found.places[None])[1:]))
+    if found.met:
+        assert found.value <= brute.value.min() * 1.05
+    else:
+        assert found.load <= brute.load.min() * 1.05
+
+
 @pytest.mark.parametrize("integrity", [CHI2, MHSS])
 def test_screened_levels_rank_placements_as_the_whole_glide_does(tmp_path: Path, integrity: dict[str, Any]) -> None:
-    here = posed(tmp_path, settings(integrity, LPV200, MORNING), "vpl_p95", [3])
+    common = settings(integrity, LPV200, MORNING) | {"receiver.rate_hz": 2}
+    here = posed(tmp_path, common, "vpl_p95", [3])
     places = np.random.default_rng(8).uniform([-2000, -1500], [2000, 4000], (20, 3, 2))
     places = places[here.rules.violation(places) <= 0.0]
     assert here.level_screen is not None
     objective, load = here.level_screen(places)
     full = here.judged(places)
     # the worst of some epochs for what most of all keep
-    np.testing.assert_allclose(objective, full.objective, rtol=0.1)
-    np.testing.assert_allclose(load, full.load, rtol=0.1)
+    np.testing.assert_allclose(objective, full.objective, rtol=0.25)
+    np.testing.assert_allclose(load, full.load, rtol=0.25)
     assert np.corrcoef(objective, full.objective)[0, 1] > 0.95
     coarse = here.judged(places, coarse=True)
-    np.testing.assert_allclose(coarse.objective, full.objective, rtol=2e-3)
+    np.testing.assert_allclose(coarse.objective, full.objective, rtol=0.02)
 
 
 def test_what_misses_requirements_ranks_behind_all_that_meets_them() -> None:

@@ -164,7 +164,7 @@ def test_requirements_are_told_with_every_number(place: Path) -> None:
     # where moving the first one would break them the map is empty, with one it is all of it
     assert np.isnan(result["/map/objective"][0]).all()
     assert np.isfinite(result["/map/objective"][1]).any()
-    for name in ("plan", "front"):
+    for name in ("plan", "front", "requirements"):
         with Image.open(place / f"judged_{name}.png") as image:
             assert min(image.size) > 300
     data = json.loads(navsim("show", "judged.h5", "--json", cwd=place).stdout)
