@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from navsim.io.results import Result, Sort
-from navsim.io.schema import OBJECTIVE_QUANTITIES
+from navsim.io.schema import LARGE, OBJECTIVE_QUANTITIES
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
@@ -61,7 +59,9 @@ class OptimizeJob:
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
-        self._watch.tell = lambda progress: tell(0, said(progress, unit, self.posed))
+        self._watch.tell = lambda progress: tell(
+            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
+        )
         found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store))
         result = optimize.optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
@@ -77,16 +77,17 @@ def _unmet(result: Result) -> bool:
     return "/front/met" in result and not result["/front/met"].any()
 
 
-def said(progress: Progress, unit: str, posed: PlacementProblem) -> str:
-    """Where a search stands in words; unit: of the objective."""
+def said(progress: Progress, unit: str, large: bool = False, quick: bool = False) -> str:
+    """Where a search stands in words; unit: of the objective, large: it is the reciprocal of what is made small; quick:
+    levels are all that is analysed."""
     analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))
     tried = f"{sum(progress.tried.values())} placements tried"
     if analysed:
-        tried += f", {analysed} by {'levels' if posed.quick else 'covariance analysis'}"
+        tried += f", {analysed} by {'levels' if quick else 'covariance analysis'}"
     best = "none found yet"
     if progress.best is not None and progress.places is not None:
         at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
-        best = f"best {float(posed.shown(np.array(progress.best))):.4g}{'' if unit == '1' else f' {unit}'}"
+        best = f"best {1.0 / progress.best if large else progress.best:.4g}{'' if unit == '1' else f' {unit}'}"
         if progress.best >= UNMET:
             best = f"requirements not met yet, the worst of them by a factor of {load_of(progress.best):.4g}"
         best += f" at s, l1 {at} m"
