@@ -27,6 +27,8 @@ def named(result: Result) -> dict[str, tuple[str, ...]]:
 
     found = {"system": under("/navigation"), "case": under("/cases"), "varied": under("/sweep/axes")}
     found["sensor"] = tuple(dict.fromkeys((*under("/aiding"), *under("/summary/aiding"))))
+    numbered = (re.fullmatch(r"/sweep/requirement_(\d+)", path) for path in result.variables)
+    found["number"] = tuple(match[1] for match in numbered if match)
     if "/outcome/combination" in result:
         found["dimension"] = result.variables["/outcome/combination"].dims
     return found

@@ -146,6 +146,8 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
             say(f"finished {job.work} are kept in {store.folder}; the same command goes on from there")
     if outcome.interrupted:
         raise KeyboardInterrupt
+    if outcome.failed:
+        leave(RUN_FAILED, f"{name}: {outcome.failed} ({target} is complete)")
     require(outcome.result, target, wanted.required)
     return outcome.result
 

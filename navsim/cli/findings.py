@@ -39,8 +39,20 @@ def require(result: Result, target: Path, required: Required) -> None:
 
 
 def unmet(result: Result) -> list[str]:
-    """What is asked of a landing and is not met, or nothing can be said of, in words."""
+    """What is asked of a landing, or of combinations, and is not met, or nothing can be said of, in words."""
+    import re
+
+    from navsim.io.schema import VERDICTS
+
     branch = "/summary/requirements"
+    swept = [path for path in result.variables if re.fullmatch(r"/sweep/requirement_\d+_verdict", path)]
+    if swept:
+        out = []
+        for path in swept:
+            name, verdict = path.split("/")[-1].removesuffix("_verdict"), result[path]
+            if some := int((verdict != VERDICTS.index("met")).sum()):
+                out.append(f"{name}: not met, or undecided, in {some} of {verdict.size} combinations")
+        return out
     if f"{branch}/verdict" not in result:
         return ["the scenario has no requirements"]
     pairs = zip(result[f"{branch}/statement"], result[f"{branch}/verdict"], strict=True)

@@ -49,10 +49,11 @@ WORDS = {
     "unit": "its own",
     "key": "the varied key",
     "quantity": "what is optimised",
-    "how": "for an error of the filter: by the coarse analysis, in proportion",
+    "how": "for errors of the filter, levels and with requirements: by the coarse analysis, in proportion",
     "confidence": "the confidence asked for",
     "of_axis": "the axis of the key",
     "points": "the values of its key, or points of the axis where it has several",
+    "statement": "the requirement in words",
     "moving": "the speed from which on the tuning counts fixes",
 }
 """Words that come with the data into units and meanings, and what they stand for."""
@@ -61,6 +62,7 @@ FAMILIES = {
     "system": "satellite system",
     "dimension": "axis of the study, named by its keys",
     "varied": "varied key, by its last part",
+    "number": "number of a requirement of the scenario, presets as their parts",
     "case": "further case, named by scan period and what is measured",
 }
 """Families whose members a study names."""
@@ -513,6 +515,8 @@ _INTEGRITY = Chapter(
     ),
 )  # fmt: skip
 
+VERDICTS = ("not met", "undecided", "met")
+"""What is said of a requirement, by its number in a sweep."""
 _ASKED_FOR = "where the scenario has `requirements`"
 _REQUIREMENTS = Chapter(
     "Requirements",
@@ -674,12 +678,17 @@ WATCHED_QUANTITIES = {
     "hmi": ("1", "share of runs with hazardously misleading information"),
 }
 """The same of runs, where limits are given."""
+OBJECTIVE_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES
+"""What placements may be made best by."""
+LARGE = ("level_share", "availability", "approaches")
+"""Those of them that are the better the larger they are."""
 SWEEP_QUANTITIES = QUANTITIES | LEVEL_QUANTITIES | WATCHED_QUANTITIES
 """What sweeps are made of."""
 
 OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """What became of a combination of a sweep, by its number."""
 
+_OF_REQUIREMENTS = "where `requirements` is one of `outputs`"
 _SWEEP = Chapter(
     "Sweep",
     "A cube for each output, an axis for each varied key or list of keys.",
@@ -695,6 +704,13 @@ _SWEEP = Chapter(
                when="with method monte-carlo, where it is one of `outputs`", end=("low", "high"))
             for name, (units, meaning) in (FILTER_QUANTITIES | WATCHED_QUANTITIES).items()
         ),
+        _a("/sweep/requirement_{number}", "*axes", "{unit}", "{statement}: what was found", SWEEP,
+           when=_OF_REQUIREMENTS, attributes=("limit", "least")),
+        _a("/sweep/requirement_{number}_{end}", "*axes", "{unit}", "{statement}: {end} end of the 95 % interval of "
+           "what was found", SWEEP, when=f"{_OF_REQUIREMENTS}, with method monte-carlo", end=("low", "high")),
+        _a("/sweep/requirement_{number}_verdict", "*axes", "1", "{statement}: "
+           + ", ".join(f"{number} {words}" for number, words in enumerate(VERDICTS)), SWEEP, WHOLE,
+           when=_OF_REQUIREMENTS),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
         _a("/plan/point", "point", "1", "points of the track", SWEEP, WHOLE),
@@ -711,6 +727,7 @@ _SWEEP = Chapter(
     ),
 )  # fmt: skip
 
+_MEETING = "with `constraints.requirements`"
 _OPTIMIZE = Chapter(
     "Best placements",
     "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
@@ -735,18 +752,48 @@ _OPTIMIZE = Chapter(
         _a("/optimum/{coordinate}", "pseudolites pseudolite", "m", "WGS-84 {coordinate}", OPTIMIZE,
            coordinate=("height",)),
         _a("/optimum/neighbourhood", "pseudolites pseudolite loss bearing", "m",
-           "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first", OPTIMIZE),
+           "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first, or "
+           "requirements are not met to begin with", OPTIMIZE),
         _a("/optimum/violation", "pseudolites", "m", "by how much the tightest rule is broken; negative: room left",
            OPTIMIZE),
         *(
             _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
             for name, (units, meaning) in DOP_QUANTITIES.items()
         ),
+        _a("/front/met", "pseudolites", "1", "1: all requirements that placements are judged by are met", OPTIMIZE,
+           WHOLE, when=_MEETING),
+        _a("/front/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
+        _a("/front/fewest", "", "1", "fewest pseudolites with which they are met, 0 where none are needed, -1 where no "
+           "number will do", OPTIMIZE, WHOLE, when=_MEETING),
+        *(
+            _a(f"/requirements/{name}", "requirement", "1", meaning, OPTIMIZE, of, when=_MEETING)
+            for name, meaning, of in (
+                ("requirement", "numbers of the statements, in order", WHOLE),
+                ("statement", "what is asked for, in words", TEXT),
+                ("limit", "what is asked for", NUMBER),
+                ("decided", "1: placements are judged by it, 0: runs alone decide it", WHOLE),
+            )
+        ),
+        *(
+            entry
+            for name, meaning, of in (
+                ("value", "what was found, in the unit of the statement; nan where nothing is known of it", NUMBER),
+                ("verdict", "met, not met or undecided", TEXT),
+                ("utilisation", "the size that would just be kept as often as asked for, by the size asked for: above "
+                 "1 where it is not met, inf where none would be kept", NUMBER),
+            )
+            for entry in (
+                _a(f"/requirements/{name}", "pseudolites requirement", "1", meaning, OPTIMIZE, of, when=_MEETING),
+                _a(f"/requirements/{name}_without", "requirement", "1", f"{meaning}; without pseudolites", OPTIMIZE, of,
+                   when=_MEETING),
+            )
+        ),
         _a("/map/computed", "pseudolites", "1", "1: the map was computed", OPTIMIZE, WHOLE),
         _a("/map/s", "s", "m", "right of the runway's axis", OPTIMIZE),
         _a("/map/l1", "l1", "m", "before the threshold", OPTIMIZE),
         _a("/map/objective", "pseudolites s l1", "{unit}",
-           "{quantity}, the first pseudolite moved, the others kept{how}; nan where a rule is broken", OPTIMIZE),
+           "{quantity}, the first pseudolite moved, the others kept{how}; nan where a rule is broken, or "
+           "requirements are not met", OPTIMIZE),
     ),
 )  # fmt: skip
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from navsim.io.results import Result
+from navsim.io.results import Result, Variable
+from navsim.io.schema import LARGE
 from navsim.report.table import ABSENT, Cell, Table, cell, number
 from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
@@ -30,18 +31,24 @@ def tables(result: Result) -> list[Table | str]:
     variable = result.variables["/front/objective"]
     none = variable.attributes["without_pseudolites"]
     heads = ("pseudolites", "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
-    front = Table(f"{name}: {variable.long_name}", heads)
-    front.add("0", f"{none:.4f}")
+    judged = "/front/met" in result
+    front = Table(f"{name}: {variable.long_name}", (*heads, *(("requirements",) if judged else ())))
+    front.add("0", number(none, 4), *([""] * 6), *((_met(result["/front/met_without"]),) if judged else ()))
     for i, count in enumerate(result["/pseudolites"]):
         value = result["/front/objective"][i]
-        gain = cell("{:.1f} %", 100 * (1 - value / none)) if np.isfinite(none) else ABSENT
+        # what is made large gains the other way round
+        gain = value / none - 1 if name in LARGE else 1 - value / none
+        gain = cell("{:.1f} %", float(100 * gain)) if np.isfinite(gain) else ABSENT
         dops = [number(result[f"/optimum/{dop}"][i]) for dop in ("pdop", "hdop", "vdop")]
         tried = "{} (all)" if result["/front/every_choice"][i] else "{}"
         tried += "" if result["/front/finished"][i] else " (stopped)"
         margin = result["/optimum/violation"][i]
         room = "none given" if np.isneginf(margin) else cell("{:.2f} left", float(-margin))
         evaluations = cell(tried, int(result["/front/evaluations"][i]))
-        front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room)
+        front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room,
+                  *((_met(result["/front/met"][i]),) if judged else ()))  # fmt: skip
+    if judged:
+        front.notes = _fewest(int(result["/front/fewest"]))
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
     places = Table(
         "Where they stand, and how far each may be moved before the objective worsens (by direction; * to the limit of "
@@ -56,28 +63,92 @@ def tables(result: Result) -> list[Table | str]:
             reach = [_reach(row) if explored else "not computed" for row in around]
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
             places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
-    return [front, places]
+    return [front, *([requirements(result)] if judged else []), places]
+
+
+def _met(flag: np.ndarray) -> str:
+    return "met" if flag else "not met"
+
+
+def _fewest(number: int) -> str:
+    """With how many pseudolites requirements are met, in words."""
+    if number < 0:
+        return "the requirements are met by no placement found, whatever the number of pseudolites"
+    return f"the fewest pseudolites with which the requirements are met: {number}"
+
+
+def requirements(result: Result) -> Table:
+    """Every requirement with each number of pseudolites: the verdict, the figure, and what is left of the size."""
+    counts = [0, *(int(count) for count in result["/pseudolites"])]
+    heads = ("requirement", "limit", *(f"{count} pseudolite{'' if count == 1 else 's'}" for count in counts))
+    out = Table("Requirements: verdict, what was found (room within the size asked for)", heads)
+    branch = "/requirements"
+    for k, statement in enumerate(result[f"{branch}/statement"]):
+        cells = []
+        for i in range(len(counts)):
+            value, verdict, used = (
+                result[f"{branch}/{name}_without"][k] if i == 0 else result[f"{branch}/{name}"][i - 1, k]
+                for name in ("value", "verdict", "utilisation")
+            )
+            cells.append(_fulfilled(str(verdict), float(value), float(used)))
+        out.add(str(statement), cell("{:g}", float(result[f"{branch}/limit"][k])), *cells)
+    if not result[f"{branch}/decided"].all():
+        out.notes = "what is undecided is left to runs (navsim run) and was no constraint"
+    return out
+
+
+def _fulfilled(verdict: str, value: float, utilisation: float) -> Cell:
+    if np.isnan(value):
+        return cell("{}", verdict)
+    if not np.isfinite(utilisation):
+        return cell("{}: {:.4g}", verdict, value)
+    return cell("{}: {:.4g} ({:.1f} %)", verdict, value, 100.0 * (1.0 - utilisation))
 
 
 def best_plain(result: Result) -> dict[str, Any]:
     """The optima as plain data."""
     none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
     out: dict[str, Any] = {"objective": str(result.attributes["objective"])}
+    judged = "/front/met" in result
+    if judged:
+        out["fewest"] = int(result["/front/fewest"]) if int(result["/front/fewest"]) >= 0 else None
     out["without_pseudolites"] = none if np.isfinite(none) else None
     out["stopped"] = str(result.attributes["stopped"])
     out["placements"] = [
         {
             "pseudolites": int(count),
-            "value": float(result["/front/objective"][i]),
+            "value": _plain(float(result["/front/objective"][i])),
             "finished": bool(result["/front/finished"][i]),
             "sites": [
                 {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
                 for k in range(int(count))
             ],
+            **(
+                {"met": bool(result["/front/met"][i]), "requirements": _requirements_plain(result, i)} if judged else {}
+            ),
         }
         for i, count in enumerate(result["/pseudolites"])
     ]
     return out
+
+
+def _plain(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _requirements_plain(result: Result, i: int) -> list[dict[str, Any]]:
+    """Every requirement with the i-th placement as plain data."""
+    branch = "/requirements"
+    return [
+        {
+            "statement": str(statement),
+            "verdict": str(result[f"{branch}/verdict"][i, k]),
+            "limit": float(result[f"{branch}/limit"][k]),
+            "value": _plain(float(result[f"{branch}/value"][i, k])),
+            "utilisation": _plain(float(result[f"{branch}/utilisation"][i, k])),
+        }
+        for k, statement in enumerate(result[f"{branch}/statement"])
+    ]
 
 
 _NEAR = 1.0
@@ -107,17 +178,17 @@ def plan(result: Result) -> Figure:
     height = min(2.7, max(1.3, 5.5 * across / max(along, 1.0)))
     fig = new_figure(2 * COLUMN, 0.8 + height * len(counts))
     axes = fig.subplots(len(counts), 1, squeeze=False, sharex=True)[:, 0]
-    variable = result.variables["/front/objective"]
+    variable, large = result.variables["/front/objective"], str(result.attributes["objective"]) in LARGE
     for i, ax in enumerate(axes):
         finite = maps[i][np.isfinite(maps[i])]
         if finite.size:
             shown = np.ma.masked_invalid(maps[i])
             image = ax.pcolormesh(
-                -l1, s, shown, shading="nearest", cmap="viridis_r", vmin=finite.min(),
-                vmax=np.percentile(finite, 95), rasterized=True,
+                -l1, s, shown, shading="nearest", cmap="viridis" if large else "viridis_r",
+                vmin=np.percentile(finite, 5 if large else 0), vmax=np.percentile(finite, 100 if large else 95),
+                rasterized=True,
             )  # fmt: skip
-            unit = "" if variable.units == "1" else f", {variable.units}"
-            fig.colorbar(image, ax=ax, label=variable.long_name + unit, extend="max")
+            fig.colorbar(image, ax=ax, label=_label(variable, 30), extend="min" if large else "max")
         x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
         ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites",
                 clip_on=False, zorder=5)  # fmt: skip
@@ -130,7 +201,8 @@ def plan(result: Result) -> Figure:
         stopped = "" if result["/front/finished"][i] else " (search stopped)"
         border = _on_border(result, i)
         where = f"; on the border of the area: {', '.join(border)}" if border else ""
-        ax.set_title(f"{many}: {value:.4g}{stopped}{where}{'' if computed else '; map not computed'}")
+        met = f"; requirements {_met(result['/front/met'][i])}" if "/front/met" in result else ""
+        ax.set_title(f"{many}: {value:.4g}{met}{stopped}{where}{'' if computed else '; map not computed'}")
         ax.set_ylabel("right of the axis, m")
         ax.update_datalim([(-l1[-1], s[0]), (-l1[0], s[-1])])
         ax.set_facecolor("#dddddd" if computed else "white")
@@ -138,13 +210,14 @@ def plan(result: Result) -> Figure:
         ax.margins(0.03)
         label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
     legend_above(fig, axes[0], 2, "colours: PL1 moved" + (", the others kept" if counts.max() > 1 else ""))
-    axes[-1].set_xlabel("along the runway from the threshold, m; grey: not allowed")
+    unmet = ", or requirements not met" if "/front/met" in result else ""
+    axes[-1].set_xlabel(f"along the runway from the threshold, m; grey: not allowed{unmet}")
     return fig
 
 
 def front(result: Result) -> Figure:
     """The objective against the number of pseudolites."""
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
     fig = new_figure(COLUMN, 2.4)
     ax = fig.subplots()
@@ -154,16 +227,58 @@ def front(result: Result) -> Figure:
     if np.isfinite(none):
         counts, values = np.append(0, counts), np.append(none, values)
     ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
+    if "/front/met" in result:
+        met = result["/front/met"].astype(bool)
+        if np.isfinite(none):
+            met = np.append(bool(result["/front/met_without"]), met)
+        ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
+        fewest = int(result["/front/fewest"])
+        legend_above(fig, ax, 1, f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none")
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("pseudolites")
-    ax.set_ylabel(variable.long_name + ("" if variable.units == "1" else f", {variable.units}"))
+    ax.set_ylabel(_label(variable, 38))
+    return fig
+
+
+def _label(variable: Variable, width: int) -> str:
+    """What a variable is, with its unit, in lines of this width."""
+    from textwrap import fill
+
+    return fill(variable.long_name + ("" if variable.units == "1" else f", {variable.units}"), width)
+
+
+def utilisation(result: Result) -> Figure:
+    """How much of what is allowed each requirement takes that placements are judged by, against their number."""
+    from textwrap import fill
+
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+
+    branch = "/requirements"
+    chosen = np.flatnonzero(result[f"{branch}/decided"])
+    statements = [fill(str(result[f"{branch}/statement"][k]), 60) for k in chosen]
+    fig = new_figure(1.3 * COLUMN, 2.6 + 0.17 * sum(text.count("\n") + 1 for text in statements))
+    ax = fig.subplots()
+    counts = np.append(0, result["/pseudolites"].astype(int))
+    used = np.vstack([result[f"{branch}/utilisation_without"][None], result[f"{branch}/utilisation"]])
+    marks = "osD^v<>Pp"
+    for i, (k, statement) in enumerate(zip(chosen, statements, strict=True)):
+        shown = np.where(np.isfinite(used[:, k]), used[:, k], np.nan)
+        ax.plot(counts, shown, f"{marks[i % len(marks)]}-", color=COLOURS[i % len(COLOURS)], ms=5, mfc="none",
+                label=statement)  # fmt: skip
+    ax.axhline(1.0, color="black", lw=0.9, ls="--", label="what is asked for: met below")
+    ax.set_xticks(counts)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("pseudolites")
+    ax.set_ylabel("size kept as often as asked for,\nby the size asked for")
+    legend_above(fig, ax, 1)
     return fig
 
 
 def figures(result: Result) -> dict[str, Figure]:
-    """The plan, and the front."""
-    return {"plan": plan(result), "front": front(result)}
+    """The plan, the front, and what becomes of requirements."""
+    out = {"plan": plan(result), "front": front(result)}
+    return out | ({"requirements": utilisation(result)} if "/front/met" in result else {})
 
 
 VIEW = View(one_by_one(tables), 140, figures, more=best_plain)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.io.schema import LARGE, VERDICTS
 from navsim.report import table
 from navsim.report.table import Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PANELS = 4
+_VERDICT = "_verdict"
+"""How the outputs end that are verdicts on requirements."""
 
 
 def outputs(result: Result) -> list[str]:
@@ -48,15 +51,34 @@ def csv_text(result: Result) -> str:
     names, columns = list(keys(result)), outputs(result)
     cubes = [result[f"/sweep/{name}"] for name in columns]
     indices = np.ndindex(*cubes[0].shape)
-    rows = ([*(setting(result, name, i) for name in names), *(cube[i] for cube in cubes)] for i in indices)
+
+    def said(name: str, value: object) -> object:
+        return VERDICTS[int(str(value))] if name.endswith(_VERDICT) else value
+
+    rows = (
+        [*(setting(result, name, i) for name in names), *map(said, columns, (cube[i] for cube in cubes))]
+        for i in indices
+    )
     return table.csv_text([*names, *columns], rows)
 
 
-def best(cube: np.ndarray) -> tuple[int, ...] | None:
-    """The combination of the smallest value, None where there is none."""
-    if not np.any(np.isfinite(cube)):
+def shown(result: Result) -> list[str]:
+    """The outputs that are figures by themselves: neither ends of intervals nor verdicts."""
+    return [name for name in outputs(result) if not name.endswith(("_low", "_high", _VERDICT))]
+
+
+def large(result: Result, name: str) -> bool:
+    """Whether an output is the better the larger it is."""
+    return name in LARGE or bool(result.variables[f"/sweep/{name}"].attributes.get("least", 0))
+
+
+def best(cube: np.ndarray, large: bool) -> tuple[int, ...] | None:
+    """The combination of the smallest value, or of the largest; None where there is none."""
+    known = np.isfinite(cube)
+    if not np.any(known):
         return None
-    return tuple(int(i) for i in np.unravel_index(int(np.nanargmin(cube)), cube.shape))
+    ranked = np.where(known, -cube if large else cube, np.inf)
+    return tuple(int(i) for i in np.unravel_index(int(np.argmin(ranked)), cube.shape))
 
 
 def at_ends(result: Result, index: tuple[int, ...]) -> list[str]:
@@ -78,11 +100,9 @@ def tables(result: Result) -> list[Table | str]:
     combinations = int(result.attributes["combinations"])
     title = f"{combinations} combinations, method {result.attributes['method']}; the best for each output"
     out = Table(title, ("output", "smallest", "median", "largest", *(f"best {name}" for name in names)))
-    for name in outputs(result):
-        if name.endswith(("_low", "_high")):
-            continue
+    for name in shown(result):
         cube = result[f"/sweep/{name}"]
-        index = best(cube)
+        index = best(cube, large(result, name))
         if index is None:
             out.add(name, table.ABSENT, table.ABSENT, table.ABSENT)
             continue
@@ -92,7 +112,26 @@ def tables(result: Result) -> list[Table | str]:
             out.notes = "* the end of its range: the best may lie beyond"
         places = (cell("{} *" if key in ends else "{}", as_text(setting(result, key, index))) for key in names)
         out.add(name, *spread, *places)
-    return [out]
+    judged = requirements(result)
+    return [out] if judged is None else [out, judged]
+
+
+def requirements(result: Result) -> Table | None:
+    """In how many combinations each requirement is met; None where they are no output."""
+    numbered = [name.removesuffix(_VERDICT) for name in outputs(result) if name.endswith(_VERDICT)]
+    if not numbered:
+        return None
+    out = Table("Requirements, in how many combinations", ("output", "what is asked for", "limit", *VERDICTS[::-1]))
+    every = np.full(result["/outcome/combination"].shape, True)
+    for name in numbered:
+        variable, verdict = result.variables[f"/sweep/{name}"], result[f"/sweep/{name}{_VERDICT}"]
+        every &= verdict == VERDICTS.index("met")
+        statement = variable.long_name.removesuffix(": what was found")
+        limit = cell("at least {:g}" if large(result, name) else "at most {:g}", float(variable.attributes["limit"]))
+        counts = [cell("{}", int(np.sum(verdict == code))) for code in reversed(range(len(VERDICTS)))]
+        out.add(name, statement, limit, *counts)
+    out.notes = f"all of them together are met in {int(every.sum())} of {every.size}"
+    return out
 
 
 def best_plain(result: Result) -> dict[str, object]:
@@ -101,7 +140,10 @@ def best_plain(result: Result) -> dict[str, object]:
     out = {k: v if isinstance(v, str) else int(v) for k, v in out.items()}  # type: ignore[call-overload]
     for name in outputs(result):
         cube = result[f"/sweep/{name}"]
-        index = best(cube)
+        if name.endswith(_VERDICT):
+            out[name] = {word: int(np.sum(cube == code)) for code, word in enumerate(VERDICTS)}
+            continue
+        index = best(cube, large(result, name))
         if index is not None:
             place = {key: np.asarray(setting(result, key, index)).item() for key in keys(result)}
             out[name] = {"value": float(cube[index]), **place, "at_end_of_range": at_ends(result, index)}
@@ -111,11 +153,9 @@ def best_plain(result: Result) -> dict[str, object]:
 def figures(result: Result) -> dict[str, Figure]:
     """A map of each output where two axes move pseudolites, else curves along the longest numeric axis."""
     out = {}
-    for name in outputs(result):
-        if name.endswith(("_low", "_high")):
-            continue
+    for name in shown(result):
         cube = result[f"/sweep/{name}"]
-        if best(cube) is None:
+        if best(cube, large(result, name)) is None:
             continue
         plane = _plane(result)
         out[name] = _map(result, name, cube, plane) if plane else _curves(result, name, cube)
@@ -150,7 +190,8 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
 
     dims = dimensions(result)
     others = [axis for axis in range(cube.ndim) if axis not in plane]
-    found = best(cube)
+    better = large(result, name)
+    found = best(cube, better)
     assert found is not None
     panels = list(np.ndindex(*(cube.shape[axis] for axis in others)))
     if len(panels) > _MOST_PANELS:
@@ -158,7 +199,8 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     first_along = result["/plan/site_along"][..., 0]
     panels = [p for p in panels if np.any(np.isfinite(first_along[_slice(cube.ndim, others, p)]))]
     finite = cube[np.isfinite(cube)]
-    low, high = float(finite.min()), float(np.percentile(finite, 98))
+    # the bad end, where next to nothing is solved, is cut
+    low, high = np.percentile(finite, [2, 100] if better else [0, 98]).tolist()
     views = [_View(result, cube.ndim, others, panel) for panel in panels]
     heights = [view.height for view in views]
     fig = new_figure(2 * COLUMN, 0.9 + sum(h + 0.35 for h in heights))
@@ -169,7 +211,12 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
         place = _slice(cube.ndim, others, panel)
         values = cube[place]
         hollow = hollow or not np.all(np.isfinite(values))
-        style = {"cmap": "viridis_r", "vmin": low, "vmax": max(high, low + 1e-12), "rasterized": True}
+        style = {
+            "cmap": "viridis" if better else "viridis_r",
+            "vmin": low,
+            "vmax": max(high, low + 1e-12),
+            "rasterized": True,
+        }
         for along, right in view.sites:
             shown = np.ma.masked_invalid(values)
             numbers = [result[f"/{dims[axis]}"] for axis in plane]
@@ -186,7 +233,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
                     max(upper, 0.4 * reach) if upper > -reach else upper)  # fmt: skip
         ax.set_facecolor("#dddddd")
         ax.grid(visible=False)
-        here = best(values)
+        here = best(values, better)
         if here is not None:
             along, right = result["/plan/site_along"][place][here], result["/plan/site_right"][place][here]
             ax.plot(
@@ -208,7 +255,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     axes[-1].set_xlabel("along the runway from the threshold, m" + ("; grey: no solution" if hollow else ""))
     legend_above(fig, axes[0], 3)
     if image is not None:
-        fig.colorbar(image, ax=list(axes), label=_label(result, name), extend="max", shrink=0.8)
+        fig.colorbar(image, ax=list(axes), label=_label(result, name), extend="min" if better else "max", shrink=0.8)
     return fig
 
 

@@ -126,6 +126,10 @@ class IntegritySection(Section):
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
     """independent samples of an approach, by which the probabilities are divided"""
 
+    def false_alarm(self) -> float:
+        """The largest probability of an alarm at an epoch without a fault."""
+        return self.p_fa if self.method == "chi2" else (self.p_fa_v + self.p_fa_h) / self.effective_samples
+
     def check_names(self, pseudolites: Sequence[str]) -> None:
         """Raise for members of groups that are none of these pseudolites."""
         for i, group in enumerate(self.ground_groups or ()):

@@ -4,14 +4,35 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from navsim.scenario.base import Checksum, NonNegative, Pair, Section, Signed, Size, Version, list_of, reject
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Dotted
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS, Dotted
 
 DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
 """Objectives from the geometry alone."""
-OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS)
+LEVEL_OBJECTIVES = LEVEL_OUTPUTS
+"""Objectives by the levels of watched fixes, which follow from the geometry too."""
+OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES)
+Number = Annotated[int, Field(ge=1, le=12)]
+"""Of pseudolites."""
+
+
+class Numbers(Section):
+    """Numbers of pseudolites one after the other, both ends included."""
+
+    first: Number
+    last: Number
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.last < self.first:
+            raise reject("must not lie below first", "last")
+        return self
+
+
+def _written(value: Any) -> str:
+    return "range" if isinstance(value, (dict, Numbers)) else "list"
 
 
 class Area(Section):
@@ -72,6 +93,9 @@ class Constraints(Section):
     """least and largest distance from the aircraft during the glide"""
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
+    requirements: bool = False
+    """that those `requirements` of the base scenario are met that levels and covariance analysis decide; where no
+    placement meets them, the one that misses the worst of them by least is given, and the command fails"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -101,10 +125,14 @@ class Optimize(Section):
     """scenario file, relative to this one"""
     set: dict[Dotted, Any] = Field(default_factory=dict)
     """settings of the base: dotted keys and values"""
-    pseudolites: list_of(Annotated[int, Field(ge=1, le=12)])  # type: ignore[valid-type]
-    """numbers of pseudolites to place; several give the front of accuracy against number"""
+    pseudolites: Annotated[
+        Annotated[list_of(Number), Tag("list")] | Annotated[Numbers, Tag("range")],  # type: ignore[valid-type]
+        Discriminator(_written),
+    ]
+    """numbers of pseudolites to place, a list or first and last; several give the front of accuracy against number"""
     objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
-    """what is made small: a mean or (…_max) worst DOP or SKO of the glide, or an error of the filter"""
+    """what is made small: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, a protection level
+    where all of the glide has it; or large, the share of its epochs that have levels (level_share)"""
     area: Area | None = None
     sites: list_of(SiteChoice) = ()  # type: ignore[valid-type]
     """instead of area: the places there are; the choice is then combinatorial"""
@@ -121,10 +149,18 @@ class Optimize(Section):
             raise reject("give exactly one of area and sites", "area")
         if not self.pseudolites:
             raise reject("an empty list", "pseudolites")
-        if len({*self.pseudolites}) < len(self.pseudolites):
+        if len({*self.counts}) < len(self.counts):
             raise reject("a number stands twice", "pseudolites")
-        if self.sites and max(self.pseudolites) > len(self.sites):
+        if self.sites and max(self.counts) > len(self.sites):
             raise reject(f"there are only {len(self.sites)} sites", "pseudolites")
-        if self.period is not None and self.objective not in DOP_OBJECTIVES:
-            raise reject("errors of the filter are taken over one epoch; leave this out", "period")
+        if self.period is not None and (self.objective not in DOP_OBJECTIVES or self.constraints.requirements):
+            raise reject(
+                "errors of the filter, levels and requirements are taken over one epoch; leave this out", "period"
+            )
         return self
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """The numbers of pseudolites, the smallest first."""
+        given = self.pseudolites
+        return tuple(range(given.first, given.last + 1)) if isinstance(given, Numbers) else tuple(sorted(given))

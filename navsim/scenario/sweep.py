@@ -18,6 +18,8 @@ from navsim.scenario.base import Section, Version, list_of, reject
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
 """Outputs of every method; of those that fly a filter besides; all that there are."""
+REQUIREMENTS = "requirements"
+"""The output that stands for a figure and a verdict of each requirement of the base scenario."""
 LEVEL_OUTPUTS, WATCHED_OUTPUTS = tuple(LEVEL_QUANTITIES), tuple(WATCHED_QUANTITIES)
 """Outputs of every method where fixes are watched; of runs besides, where limits are given."""
 MOST_VALUES = 100_000
@@ -136,9 +138,9 @@ class Sweep(Section):
     vary: Annotated[list_of(Vary), Field(min_length=1)]  # type: ignore[valid-type]
     method: Literal["dop", "covariance", "monte-carlo"] = "dop"
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
-    outputs: list_of(Literal[OUTPUTS]) = ()  # type: ignore[valid-type]
+    outputs: list_of(Literal[(*OUTPUTS, REQUIREMENTS)]) = ()  # type: ignore[valid-type]
     """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes,
-    hpl_p95 to hmi, is asked for by name"""
+    hpl_p95 to hmi, and verdicts on the base scenario's requirements are asked for by name"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""
     samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None

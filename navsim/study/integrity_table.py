@@ -24,7 +24,7 @@ from navsim.models.pseudorange import Signals
 from navsim.simulation.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.study.findings import notes
 from navsim.study.landing import Case
-from navsim.study.landing.integrity import Asked, asked_of, glide_of, told, within
+from navsim.study.landing.integrity import Asked, asked_of, glide_of, spread_over, told, within
 from navsim.study.root import root_attributes
 
 SATELLITES = (2, 3, 4, 5, 6, 7)
@@ -72,8 +72,7 @@ def watched(case: Case) -> WatchedGlide:
     assert asked is not None
     if not glide.size:
         raise ValueError("there is no fix epoch on the glide within duration_s")
-    count = min(glide.size, MOST_LEVELS)
-    spread = glide[np.arange(count) * (glide.size - 1) // max(count - 1, 1)]
+    spread = spread_over(glide, MOST_LEVELS)
     signals = case.world.signals
     ground = np.array([system == events.PSEUDOLITES for system in case.environment.systems], bool)
     throughout = signals.used[glide].all(axis=0)

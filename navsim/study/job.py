@@ -63,12 +63,14 @@ class Tell(Protocol):
 @dataclass(frozen=True)
 class Outcome:
     """What a job came to. warnings: of how it ended, beside the findings in the result. stopped: why it ended before
-    all was done, "" where it did not; what was finished is kept then. interrupted: by the user."""
+    all was done, "" where it did not; what was finished is kept then. interrupted: by the user. failed: why the command
+    fails although the result is complete, "" where it does not."""
 
     result: Result
     warnings: tuple[str, ...] = ()
     stopped: str = ""
     interrupted: bool = False
+    failed: str = ""
 
 
 class Job(Protocol):

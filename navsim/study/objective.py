@@ -1,15 +1,21 @@
-"""What a search for placements makes small: an objective of the geometry, or an error of the filter.
+"""What a search for placements makes small, an objective of the geometry, a protection level, or an error of the
+filter; and what placements have to meet.
 
-An error of the filter is a linear covariance analysis of every placement. What does not depend on it is done once: the
-flight (cut where the objective no longer looks), the orbits, the sources that are ever heard. It is to be had in three
-ways, each much dearer as the one before and closer to the truth [1]:
+An error of the filter is a linear covariance analysis of every placement, a level the monitor of its fixes. What does
+not depend on it is done once: the flight (cut where the objective no longer looks), the orbits, the sources that are
+ever heard. It is to be had in three ways, each much dearer as the one before and closer to the truth [1]:
 
     screens     accuracy of fixes by the geometry kernel: over the last seconds before the objective is read, the glide
-    coarse      covariance analysis with a fix a second of the same information, inertial samples at 10 Hz
-    objective   covariance analysis as a landing by itself has it
+    coarse      covariance analysis with a fix a second of the same information, inertial samples at 10 Hz; levels at
+                some epochs of the glide
+    objective   covariance analysis, and levels, as a landing by itself has them
+
+Requirements are judged as those of landings are (`study.landing.requirements`). The load of a placement is the largest
+utilisation among them; one of a load above 1 ranks behind all that meet them, by its load [2].
 
 Source: [1] Peherstorfer, Willcox & Gunzburger, Survey of multifidelity methods in uncertainty propagation, inference,
-and optimization, SIAM Review 60 (2018).
+and optimization, SIAM Review 60 (2018). [2] Deb, An efficient constraint handling method for genetic algorithms,
+Comput. Methods Appl. Mech. Engrg. 186 (2000).
 """
 
 from __future__ import annotations
@@ -17,62 +23,110 @@ from __future__ import annotations
 import datetime
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from navsim.io.findings import Finding
-from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.io.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
 from navsim.models import timescales
-from navsim.models.constellation import Remembering
-from navsim.models.kinematics import Motion
-from navsim.models.signals import Environment, build_signals
+from navsim.models.signals import Environment
 from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
-from navsim.scenario.source import Document, InputError, Problem, set_value
+from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
+from navsim.scenario.requirements import ErrorRequirement, RmsRequirement
+from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.study.landing import Case, covariance_analysis, covariance_findings, covariance_summary, prepare
+from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
+from navsim.study.landing import Case, prepare
 from navsim.study.landing.case import (
     Ask,
     crossing_times,
     environment,
     glide_epochs,
     touchdown_time,
-    world_of,
 )
+from navsim.study.landing.requirements import MET, Fulfilment, single
 from navsim.study.placement import Rules, rules
-from navsim.study.sweep import filter_outputs
 
 BROKEN = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""
 UNSOLVED = 1e8
-"""Objective of a placement that keeps the rules and leaves an epoch without a fix."""
-COARSE_FIXES = 1.0
-"""Rate of fixes of the coarse analysis, Hz."""
-COARSE_IMU = 10.0
-"""Inertial samples of the coarse analysis, Hz."""
+"""Objective of a placement that keeps the rules and leaves an epoch without a fix, or without a level that is the
+objective."""
+UNMET = 1e7
+"""Objective of a placement that misses the requirements by nothing; up to twice that for worse."""
+_LEVELLESS = 1e3
+"""Load of a placement that no size would save, since levels are lacking at too many epochs; up to three times that."""
 _TRACK, _TRACK_MARGIN = 12.0, 0.3
 """Spacing of the points of the approach that rough rules ask, m, and their margin: 60 m from the aircraft, the nearest
 point is by no more than that nearer than the nearest of those asked."""
 _STRETCHES = (30.0, 15.0, 5.0)
 """Where the glide is divided to describe its geometry, s before the objective is read."""
+_ALIKE = 5
+"""So many of them where levels alone are analysed."""
 _NO_FIX = 1e4
 """What an epoch without a fix counts as in ranking placements by their geometry, m."""
 
-Judge = Callable[[np.ndarray], np.ndarray]
-"""Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
+
+class Judged(NamedTuple):
+    """Of placements (n,): value, what a search makes small; objective, nan where a rule is broken; load of the
+    requirements, 0 where there are none, nan where a rule is broken."""
+
+    value: np.ndarray
+    objective: np.ndarray
+    load: np.ndarray
+
+
+def merit(objective: np.ndarray, load: np.ndarray, most: float = 1.0) -> np.ndarray:
+    """What a search makes small, of objectives and loads of placements that keep the rules; a load may be `most`."""
+    solved = np.isfinite(objective)
+    unmet = UNMET * (2.0 - most / np.maximum(load, most))
+    return np.where(solved, np.where(load > most, unmet, objective), UNSOLVED)
+
+
+def load_of(value: float) -> float:
+    """The load of a placement that misses the requirements, by its value."""
+    return 1.0 / (2.0 - value / UNMET)
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What placements have to meet. decided: which of the base scenario's requirements (q,) bool levels and covariance
+    analysis decide; the others are left to runs. judge, coarse: what they find of a placement (k, 2), in full and
+    coarsely."""
+
+    decided: np.ndarray
+    judge: Callable[[np.ndarray], list[Fulfilment]]
+    coarse: Callable[[np.ndarray], list[Fulfilment]]
+
+    def load(self, found: Sequence[Fulfilment]) -> float:
+        """The largest utilisation; at most 1 where all that is decided is met."""
+        return max(_load(one) for one, decided in zip(found, self.decided, strict=True) if decided)
+
+
+def _load(one: Fulfilment) -> float:
+    if not math.isfinite(one.utilisation):  # the figure says how far off it is all the same
+        short = one.limit - one.value[0]
+        return _LEVELLESS * (2.0 + (short if math.isfinite(short) else 1.0))
+    # the verdict stands where rounding has the utilisation on the other side
+    if one.verdict() == MET:
+        return min(one.utilisation, 1.0)
+    return min(max(one.utilisation, math.nextafter(1.0, 2.0)), _LEVELLESS)
 
 
 @dataclass(frozen=True)
 class PlacementProblem:
     """An objective with its rules, and warnings about the sky.
 
-    For an error of the filter: coarse, its quick judge; screens and features, what the geometry says of it (features:
-    (n, f) of placements (n, k, 2), finite); found, the findings of a placement (k, 2). None and none for objectives of
-    geometry.
+    For what is analysed, an error of the filter or a level, or with requirements: coarse, the objective's quick judge;
+    screens and features, what the geometry says of it (features: (n, f) of placements (n, k, 2), finite); found, the
+    findings of a placement (k, 2); quick: levels are all that is analysed. None and none for objectives of geometry.
+    load, coarse_load: of the requirements. level_screen: of placements of which levels are all that is analysed, where
+    there can be one.
     """
 
     study: Optimize
@@ -85,21 +139,56 @@ class PlacementProblem:
     screens: tuple[Judge, ...] = ()
     features: Judge | None = None
     found: Callable[[np.ndarray], list[Finding]] | None = None
+    quick: bool = False
+    requirements: Requirements | None = None
+    load: Judge | None = None
+    coarse_load: Judge | None = None
+    level_screen: LevelScreen | None = None
 
     @property
-    def flown(self) -> bool:
-        """Whether the objective is an error of the filter."""
+    def analysed(self) -> bool:
+        """Whether placements are analysed one by one: for an error of the filter, levels, requirements."""
         return self.coarse is not None
 
-    def value(self, places: np.ndarray, judge: Judge | None = None) -> np.ndarray:
-        """What a search makes small (n,): the judge's value, or the objective, where rules are kept, else how badly
-        they are broken. Below UNSOLVED all rules are kept and there is a solution."""
-        return _ranked(places, self.rules.violation(places), judge or self.objective)
+    def judged(self, places: np.ndarray, coarse: bool = False) -> Judged:
+        """What the objective, or its quick judge, and the requirements say of placements. Values below UNMET keep all
+        rules, have a solution and meet the requirements."""
+        broken = self.rules.violation(places)
+        judge, load = (self.coarse or self.objective, self.coarse_load) if coarse else (self.objective, self.load)
+        found = Judged(_of_broken(broken), np.full(len(places), np.nan), np.full(len(places), np.nan))
+        if np.any(kept := broken <= 0.0):
+            found.objective[kept] = judge(places[kept])
+            found.load[kept] = 0.0 if load is None else load(places[kept])
+            found.value[kept] = merit(found.objective[kept], found.load[kept])
+        return found
+
+    def value(self, places: np.ndarray) -> np.ndarray:
+        """What a search makes small (n,): the objective, where rules are kept and requirements met, else how badly they
+        are not."""
+        return self.judged(places).value
 
     def rough_value(self, places: np.ndarray, judge: Judge) -> np.ndarray:
-        """The same by rules that ask fewer points of the approach, and a margin that makes up for it."""
+        """The same by a judge that stands in for the objective, and by rules that ask fewer points of the approach,
+        with a margin that makes up for it."""
         rough, margin = self._rough_rules
-        return _ranked(places, rough.violation(places) + margin, judge)
+        broken = rough.violation(places) + margin
+        out = _of_broken(broken)
+        if np.any(kept := broken <= 0.0):
+            values = judge(places[kept])
+            out[kept] = np.where(np.isfinite(values), values, UNSOLVED)
+        return out
+
+    def screened(self, places: np.ndarray) -> np.ndarray:
+        """Values (n,) of placements by their levels at some epochs."""
+        assert self.level_screen is not None
+        objective, load = self.level_screen(places)
+        if self.study.objective in DOP_OBJECTIVES:
+            objective = self.objective(places)
+        return merit(objective, load)
+
+    def shown(self, value: np.ndarray) -> np.ndarray:
+        """The objective as people have it, of what is made small."""
+        return np.asarray(1.0 / value if self.study.objective in LARGE else value)
 
     @cached_property
     def _rough_rules(self) -> tuple[Rules, float]:
@@ -121,6 +210,11 @@ class PlacementProblem:
         return np.array([[site.s_m, site.l1_m] for site in self.study.sites])
 
 
+def _of_broken(broken: np.ndarray) -> np.ndarray:
+    """Values of placements that break a rule by so much (n,)."""
+    return np.where(broken > 0.0, BROKEN * (1.0 + np.maximum(broken, 0.0)), np.nan)
+
+
 def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> PlacementProblem:
     """The base scenario, the rules and the objective of a study, once `ask` has let it pass. Raises InputError, and
     what `ask` raises."""
@@ -129,9 +223,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         if isinstance(bare.data.get("pseudolites"), dict):
             bare.data["pseudolites"].pop(key, None)
     set_value(bare, "pseudolites.count", 0, document.place(("base",)), document.folder)
-    if study.objective not in DOP_OBJECTIVES:
-        set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
-    scenario = validated(Landing, bare)
+    scenario, flies = _posed(study, document, bare)
     sources, scenario, warnings = environment(scenario, bare)
     ask(scenario, sources)
     trajectory = scenario.trajectory()
@@ -144,25 +236,93 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     geometry = glide_geometry(trajectory, sources, starts, fixes, counted)
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
-    if study.objective in DOP_OBJECTIVES:
-        objective = partial(_of_geometry, study.objective, geometry, kept)
+    objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
+    if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
         return PlacementProblem(study, scenario, kept, geometry, objective, warnings)
     case = prepare(scenario, bare)
-    end = _read_at(study.objective, case)
-    if not math.isfinite(end):
-        place = document.place(("objective",))
-        text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
-        raise InputError([Problem(place, "objective", f"{text}: {case.scenario.duration_s:g}")])
-    flight = _flight(case, end, case.scenario.receiver.rate_hz, case.scenario.imu.rate_hz)
-    return PlacementProblem(
-        study, scenario, kept, geometry,
-        flight.judge(study.objective, kept),
-        warnings,
-        _flight(case, end, COARSE_FIXES, COARSE_IMU).judge(study.objective, kept),
-        _screens(study.objective, geometry, epochs, end, kept),
-        _features(geometry, epochs, end, kept),
-        partial(flight.findings, kept),
+    end = touchdown = touchdown_time(scenario, trajectory)
+    if study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES):
+        end = _read_at(study.objective, case)
+        if not math.isfinite(end):
+            text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
+            raise _refused(document, ("objective",), f"{text}: {case.scenario.duration_s:g}")
+    watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
+    until = max(end, touchdown) if study.constraints.requirements else end
+    full, coarse = (
+        Analyst(
+            kept,
+            flown(case, until, rough) if flies else None,
+            watched(case, MOST_LEVELS if rough else None) if watches and case.flight.watching is not None else None,
+        )
+        for rough in (False, True)
+    )
+    first: tuple[Judge, ...] = ()
+    quick = objective
+    if study.objective in DOP_OBJECTIVES:
+        first = (objective,)
+    else:
+        objective, quick = full.judge(study.objective), coarse.judge(study.objective)
+    here = PlacementProblem(
+        study, scenario, kept, geometry, objective, warnings, quick,
+        (*first, *_screens(study.objective, geometry, epochs, end, kept)),
+        _features(geometry, epochs, end, kept, flies),
+        full.findings if flies else None,
+        not flies,
     )  # fmt: skip
+    if study.constraints.requirements:
+        here = _with_requirements(here, full, coarse, document)
+    if here.quick and epochs.size and not (sources.placed or sources.singled_out):
+        decided = None if here.requirements is None else here.requirements.decided
+        here = replace(here, level_screen=LevelScreen(kept, screened(case), study.objective, decided))
+    return here
+
+
+def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing, bool]:
+    """The base scenario, and whether its filter is analysed. Raises InputError where it has not what the study asks
+    for."""
+    of_filter = study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES)
+    if of_filter:
+        set_value(bare, "method", "covariance", document.place(("objective",)), document.folder)
+    scenario = validated(Landing, bare)
+    if study.objective in LEVEL_OBJECTIVES and scenario.integrity is None:
+        text = f"{study.objective} needs `integrity`, which {study.base} does not have"
+        raise _refused(document, ("objective",), text)
+    judged, key = study.constraints.requirements, ("constraints", "requirements")
+    if judged and not scenario.requirements:
+        raise _refused(document, key, f"there are no `requirements` in {study.base}")
+    flies = of_filter or (
+        judged and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in single(scenario))
+    )
+    # of pushed runs nothing watches the fixes
+    if flies != of_filter or (scenario.method == "rare" and (judged or study.objective in LEVEL_OBJECTIVES)):
+        set_value(bare, "method", "covariance", document.place(key), document.folder)
+        scenario = validated(Landing, bare)
+    return scenario, flies
+
+
+def _refused(document: Document, key: KeyPath, text: str) -> InputError:
+    return InputError([Problem(document.place(key), dotted(key), text)])
+
+
+def _with_requirements(here: PlacementProblem, full: Analyst, coarse: Analyst, document: Document) -> PlacementProblem:
+    """The same with the base scenario's requirements; without pseudolites it shows which of them are decided."""
+    found = full.fulfilments(np.empty((0, 2)))
+    decided = np.array([not math.isnan(one.utilisation) for one in found])
+    left = [one.text for one, known in zip(found, decided, strict=True) if not known]
+    if not decided.any():
+        text = f"levels and covariance analysis decide none of them: {'; '.join(left)}"
+        raise _refused(document, ("constraints", "requirements"), text)
+    asked = Requirements(decided, full.fulfilments, coarse.fulfilments)
+
+    def judge(by: Callable[[np.ndarray], list[Fulfilment]]) -> Judge:
+        return lambda places: np.array([asked.load(by(one)) for one in places])
+
+    warnings = [*here.warnings]
+    if left:
+        warnings.append(f"requirements that runs alone decide (navsim run) are no constraint here: {'; '.join(left)}")
+    return replace(
+        here, warnings=warnings, requirements=asked, load=judge(asked.judge), coarse_load=judge(asked.coarse)
+    )
 
 
 def _check_known(sources: Environment, starts: np.ndarray, document: Document) -> None:
@@ -179,15 +339,6 @@ def _check_known(sources: Environment, starts: np.ndarray, document: Document) -
                 "period"
             )
             raise InputError([Problem(document.place(("period",)), "period", text)])
-
-
-def _ranked(places: np.ndarray, broken: np.ndarray, judge: Judge) -> np.ndarray:
-    out = np.where(broken > 0.0, BROKEN * (1.0 + np.maximum(broken, 0.0)), np.nan)
-    kept = broken <= 0.0
-    if np.any(kept):
-        values = judge(places[kept])
-        out[kept] = np.where(np.isfinite(values), values, UNSOLVED)
-    return out
 
 
 def _of_geometry(name: str, geometry: Geometry, kept: Rules, places: np.ndarray) -> np.ndarray:
@@ -215,7 +366,7 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
     axis over the glide up to then. Epochs without a fix count first."""
     before = time <= end
     late = before & (time > end - RMS_WINDOW)
-    row = 2 if name.startswith("vertical") else 1
+    row = 2 if name.startswith(("v", "fix_vertical")) else 1
 
     def screen(of: int, part: Geometry, places: np.ndarray) -> np.ndarray:
         values, lost = part.fix_sigmas(kept.plane.ecef(places))
@@ -225,10 +376,14 @@ def _screens(name: str, geometry: Geometry, time: np.ndarray, end: float, kept: 
     return tuple(partial(screen, *part) for part in parts)
 
 
-def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> Judge:
+def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules, flies: bool) -> Judge:
     """Logarithms of the mean SKO of fixes in space, horizontal, vertical, and epochs without a fix, over stretches of
-    the glide before `end`: the filter forgets the earlier ones, by how much differs."""
-    edges = (-math.inf, *(end - before for before in _STRETCHES), end)
+    the glide before `end`: the filter forgets the earlier ones, by how much differs. Levels are of each epoch by
+    itself: the stretches are alike then."""
+    if flies:
+        edges = [-math.inf, *(end - before for before in _STRETCHES), end]
+    else:
+        edges = [-math.inf, *np.quantile(time, np.arange(1, _ALIKE + 1) / _ALIKE).tolist()]
     parts = [_some(geometry, (time > first) & (time <= last)) for first, last in itertools.pairwise(edges)]
     parts = [part for part in parts if len(part.receiver)]
 
@@ -245,72 +400,3 @@ def _features(geometry: Geometry, time: np.ndarray, end: float, kept: Rules) -> 
 def _some(geometry: Geometry, epochs: np.ndarray) -> Geometry:
     """Of these epochs (e,) bool every fifth, which says enough."""
     return geometry.at(np.flatnonzero(epochs)[::5])
-
-
-@dataclass(frozen=True)
-class _Flight:
-    """A flight without pseudolites, ready to be given some.
-
-    heard: (s,) bool, the sources of which anything is heard. share: of the information of one of the receiver's fixes
-    in one of these, as a factor of its sigmas.
-    """
-
-    case: Case
-    motion: Motion
-    heard: np.ndarray
-    share: float
-
-    def judge(self, name: str, kept: Rules) -> Judge:
-        """The judge of placements by an error of the filter."""
-
-        def one(places: np.ndarray) -> float:
-            here = self.with_pseudolites(kept.plane.llh(places))
-            return filter_outputs(covariance_summary(here, covariance_analysis(here)))[name]
-
-        return lambda places: np.array([one(p) for p in places])
-
-    def findings(self, kept: Rules, places: np.ndarray) -> list[Finding]:
-        """What the covariance analysis of a placement (k, 2) finds."""
-        here = self.with_pseudolites(kept.plane.llh(places))
-        return covariance_findings(here, covariance_analysis(here))
-
-    def with_pseudolites(self, llh: np.ndarray) -> Case:
-        """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
-        names = tuple(f"PL{i}" for i in range(1, len(llh) + 1))
-        sources = replace(self.case.environment, pseudolites=replace(self.case.pseudolites, names=names, llh=llh))
-        signals = build_signals(self.motion, self.case.scenario.epoch.timestamp(), sources)
-        signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
-        # fewer epochs have less to smooth already
-        share = self.share if signals.smoothing is None else self.share**2
-        signals = replace(
-            signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
-            fix_sigma=share * signals.fix_sigma,
-        )  # fmt: skip
-        return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
-
-
-def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> _Flight:
-    """The flight up to the first fix after `end`, s, with at most these rates, Hz."""
-    scenario = case.scenario
-    receiver, imu = scenario.receiver, scenario.imu
-    fix_rate, imu_rate = min(fix_rate, receiver.rate_hz), min(imu_rate, imu.rate_hz)
-    # the error at a height is interpolated to the output after it
-    duration = min(end + receiver.latency_s + 1.0 / fix_rate + 1.0 / imu_rate, scenario.duration_s)
-    scenario = scenario.model_copy(
-        update={
-            "duration_s": duration,
-            "receiver": receiver.model_copy(update={"rate_hz": fix_rate}),
-            "imu": imu.model_copy(update={"rate_hz": imu_rate}),
-        }
-    )
-    sources: Environment = replace(
-        case.environment,
-        satellites=tuple(replace(g, constellation=Remembering(g.constellation)) for g in case.environment.satellites),
-    )
-    world = world_of(scenario, case.trajectory, sources)
-    return _Flight(
-        replace(case, scenario=scenario, environment=sources).over(world),
-        case.trajectory.motion(world.signals.time),
-        np.any(world.signals.used, axis=0),
-        math.sqrt(fix_rate / receiver.rate_hz),
-    )

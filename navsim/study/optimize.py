@@ -15,11 +15,13 @@ from navsim.core.arrays.earth import llh_from_ecef
 from navsim.io.draft import Draft
 from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
-from navsim.io.schema import OPTIMIZE, QUANTITIES
+from navsim.io.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
+from navsim.study.analyses import Judge
 from navsim.study.journal import Journal
-from navsim.study.objective import UNSOLVED, Judge, PlacementProblem
+from navsim.study.landing.requirements import MET, Fulfilment
+from navsim.study.objective import BROKEN, UNMET, UNSOLVED, PlacementProblem, merit
 from navsim.study.partial import Arrays, code_key
 from navsim.study.root import root_attributes
 from navsim.study.search import COARSE, FULL, GEOMETRY, Found, NoPlacement, Trials, named, search_one, steps
@@ -31,11 +33,11 @@ BEARINGS = np.arange(0.0, 360.0, 45.0)
 LOSSES = (0.01, 0.05)
 """Losses of the objective that bound the neighbourhood."""
 MAP_POINTS = 61
-FLOWN_MAP_POINTS = 9
+ANALYSED_MAP_POINTS, WATCHED_MAP_POINTS = 9, 17
 _REACH = np.geomspace(1.0, 3000.0, 160)
-"""Distances tried in the neighbourhood, m; for an error of the filter every doubling, and between by its curve."""
-_FLOWN_REACH = 32.0 * 2.0 ** np.arange(-5, 7)
-_FLOWN_FIRST = 5
+"""Distances tried in the neighbourhood, m; where placements are analysed every doubling, and between by its curve."""
+_ANALYSED_REACH = 32.0 * 2.0 ** np.arange(-5, 7)
+_ANALYSED_FIRST = 5
 """Where among them the search outwards or inwards begins."""
 
 TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
@@ -80,12 +82,12 @@ def planned(here: PlacementProblem) -> list[Step]:
 
 
 def _search_steps(here: PlacementProblem) -> list[Step]:
-    return [step for i, count in enumerate(sorted(here.study.pseudolites)) for step in steps(here, count, i > 0)]
+    return [step for i, count in enumerate(here.study.counts) for step in steps(here, count, i > 0)]
 
 
 def _searches(here: PlacementProblem, seed: int, watch: Watch, journal: Journal) -> Iterator[tuple[int, Found]]:
     earlier: np.ndarray | None = None
-    for count in sorted(here.study.pseudolites):
+    for count in here.study.counts:
         found = Found.of(journal.step(f"found-{count}", partial(_search_arrays, here, count, seed, earlier, watch)))
         earlier = found.places
         yield count, found
@@ -115,7 +117,13 @@ def solve(
     if here.coarse is not None:
         full, coarse = journal.remembering(FULL, here.objective), journal.remembering(COARSE, here.coarse)
         here = replace(here, objective=full, coarse=coarse)
-    counts = tuple(sorted(here.study.pseudolites))
+    if here.load is not None and here.coarse_load is not None:
+        full, coarse = (
+            journal.remembering(f"{fidelity}-load", judge)
+            for fidelity, judge in ((FULL, here.load), (COARSE, here.coarse_load))
+        )
+        here = replace(here, load=full, coarse_load=coarse)
+    counts = here.study.counts
     trials = Trials(here, watch, searching=False)
     watch.plan(planned(here))
     nothing = np.empty((1, 0, 2))
@@ -159,10 +167,10 @@ def _keep_unfinished(here: PlacementProblem, outcome: SearchOutcome, counts: tup
     """The best so far of the number of pseudolites whose search was stopped."""
     if len(outcome.found) == len(counts) or watch.places is None:
         return
-    value = float(here.value(watch.places[None])[0])
-    if value < UNSOLVED:
-        count = len(watch.places)
-        outcome.found[count] = Found(watch.places, value, watch.tried_since(), False, finished=False)
+    best = here.judged(watch.places[None])
+    if best.value[0] < UNSOLVED:
+        count, objective, load = len(watch.places), float(best.objective[0]), float(best.load[0])
+        outcome.found[count] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
 
 
 def _around(count: int) -> str:
@@ -174,10 +182,10 @@ def _mapping(count: int) -> str:
 
 
 def _later_steps(here: PlacementProblem) -> list[Step]:
-    counts = sorted(here.study.pseudolites)
-    fidelity = COARSE if here.flown else GEOMETRY
-    reach = _FLOWN_REACH.size if here.flown else _REACH.size
-    points = FLOWN_MAP_POINTS if here.flown else MAP_POINTS
+    counts = here.study.counts
+    fidelity = COARSE if here.analysed else GEOMETRY
+    reach = _ANALYSED_REACH.size if here.analysed else _REACH.size
+    points = _map_points(here)
     return [
         *(Step(_around(count), {fidelity: count * BEARINGS.size * reach}) for count in counts),
         *(Step(_mapping(count), {fidelity: points * points}) for count in counts),
@@ -185,23 +193,29 @@ def _later_steps(here: PlacementProblem) -> list[Step]:
 
 
 def _judged(here: PlacementProblem, best: Found, trials: Trials) -> Judge:
-    """The objective; for an error of the filter the coarse analysis, in proportion so that it is right at the best."""
+    """The objective; where placements are analysed the coarse analysis, in proportion so that it is right at the best;
+    inf where there is no solution or requirements are not met."""
     if here.coarse is None:
         return trials.at_once
-    scale = best.value / float(trials.coarse(best.places[None])[0])
+    there = trials.coarse(best.places[None])
+    scale = best.value / float(there.objective[0])
+    heavier = best.load / float(there.load[0]) if here.requirements is not None else 1.0
 
     def judge(places: np.ndarray) -> np.ndarray:
-        values = trials.coarse(places)
-        return np.where(values < UNSOLVED, scale * values, values)
+        found = trials.coarse(places)
+        values = merit(scale * found.objective, heavier * found.load)
+        return np.where((found.value < BROKEN) & (values < UNMET), values, np.inf)
 
     return judge
 
 
 def neighbourhood(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
-    """How far each pseudolite may be moved by itself before the objective worsens, by LOSSES and BEARINGS (k, 2, 8), m;
-    nan where the area or a rule ends it first."""
+    """How far each pseudolite may be moved by itself before the objective worsens, by LOSSES and BEARINGS (k, 2, 8), m,
+    or requirements are no longer met; nan where the area or a rule ends it first, and where they never were."""
+    if not best.met:
+        return np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
     judge = _judged(here, best, trials)
-    reach = _FLOWN_REACH if here.flown else _REACH
+    reach = _ANALYSED_REACH if here.analysed else _REACH
     out = np.full((len(best.places), len(LOSSES), BEARINGS.size), np.nan)
     for k in range(len(best.places)):
         for b, bearing in enumerate(np.radians(BEARINGS)):
@@ -217,7 +231,7 @@ def neighbourhood(here: PlacementProblem, best: Found, trials: Trials) -> np.nda
             blocked = int(np.argmin(usable)) if not usable.all() else reach.size
             if not blocked:
                 continue
-            if here.flown:
+            if here.analysed:
                 out[k, :, b] = _reached(judge, moved[:blocked], reach, best.value)
                 continue
             values = judge(moved[:blocked])
@@ -241,7 +255,7 @@ def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -
             losses[i] = float(judge(moved[i : i + 1])[0]) / value - 1.0
         return losses[i]
 
-    first = min(_FLOWN_FIRST, len(moved) - 1)
+    first = min(_ANALYSED_FIRST, len(moved) - 1)
     inward = first
     while loss(inward) > LOSSES[0] and inward > 0:
         inward -= 1
@@ -254,7 +268,10 @@ def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -
         if not beyond:
             continue
         i = beyond[0]
-        if i == 0 or loss(i - 1) <= 0.0 or loss(i) >= UNSOLVED:
+        if not np.isfinite(loss(i)):  # a cliff: as far as is known to be on this side of it
+            out[j] = reach[i - 1] if i else 0.0
+            continue
+        if i == 0 or loss(i - 1) <= 0.0:
             out[j] = reach[i]
             continue
         power = np.log(loss(i) / loss(i - 1)) / np.log(reach[i] / reach[i - 1])
@@ -262,18 +279,26 @@ def _reached(judge: Judge, moved: np.ndarray, reach: np.ndarray, value: float) -
     return out
 
 
+def _map_points(here: PlacementProblem) -> int:
+    """Along each axis of a map."""
+    return MAP_POINTS if not here.analysed else WATCHED_MAP_POINTS if here.quick else ANALYSED_MAP_POINTS
+
+
 def map_axes(here: PlacementProblem) -> tuple[np.ndarray, np.ndarray]:
     """The axes of maps of the objective: s (a,), l1 (b,), m."""
     low, high = here.limits()
-    points = FLOWN_MAP_POINTS if here.flown else MAP_POINTS
+    points = _map_points(here)
     return np.linspace(low[0], high[0], points), np.linspace(low[1], high[1], points)
 
 
 def objective_map(here: PlacementProblem, best: Found, trials: Trials) -> np.ndarray:
-    """The objective with the first pseudolite moved over the area (a, b), nan where a rule is broken."""
+    """The objective with the first pseudolite moved over the area (a, b), nan where a rule is broken, or
+    requirements are not met."""
     s, l1 = map_axes(here)
     moved = np.repeat(best.places[None], s.size * l1.size, axis=0)
     moved[:, 0] = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
+    if not best.met:
+        return np.full((s.size, l1.size), np.nan)
     values = _judged(here, best, trials)(moved)
     return np.where(values < UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
@@ -283,13 +308,14 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     study, found = here.study, outcome.found
     counts = sorted(found)
     most = max(counts)
-    unit, quantity = QUANTITIES[study.objective]
-    draft = Draft(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.flown else ""})
+    unit, quantity = OBJECTIVE_QUANTITIES[study.objective]
+    draft = Draft(OPTIMIZE, {"how": "; by the coarse analysis, in proportion" if here.analysed else ""})
     draft["/pseudolites"] = np.array(counts)
     draft["/pseudolite"] = np.arange(1, most + 1)
     draft["/bearing"] = BEARINGS
     draft["/loss"] = np.array(LOSSES)
-    values, without = np.array([found[c].value for c in counts]), {"without_pseudolites": outcome.without}
+    values = here.shown(np.array([found[c].value for c in counts]))
+    without = {"without_pseudolites": float(here.shown(np.array(outcome.without)))}
     draft.put("/front/objective", values, without, unit=unit, quantity=quantity)
     draft["/front/evaluations"] = np.array([sum(found[c].tried.values()) for c in counts])
     for fidelity in (COARSE, FULL):
@@ -324,15 +350,62 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     s, l1 = map_axes(here)
     draft["/map/s"] = s
     draft["/map/l1"] = l1
-    maps = np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts])
+    maps = here.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
     draft.put("/map/objective", maps, unit=unit, quantity=quantity)
+    unmet = _requirements(draft, here, outcome)
     attributes = root_attributes(
         "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
-        undone="; ".join(outcome.undone(study.pseudolites)),
+        undone="; ".join(outcome.undone(study.counts)),
     )  # fmt: skip
     out = draft.result(attributes)
-    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome)))
+    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome) + unmet))
     return out
+
+
+def _requirements(draft: Draft, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:
+    """What becomes of the requirements with each number of pseudolites and without any, and what of them no placement
+    meets; nothing where there are none."""
+    asked = here.requirements
+    if asked is None:
+        return []
+    counts = sorted(outcome.found)
+    places = [np.empty((0, 2)), *(outcome.found[c].places for c in counts)]
+    judged = [asked.judge(each) for each in places]
+    met = np.array([asked.load(each) <= 1.0 for each in judged])
+    statements = np.array([one.text for one in judged[0]], dtype=object)
+    value = np.array([[one.value[0] for one in each] for each in judged])
+    verdict = np.array([[one.verdict() for one in each] for each in judged], dtype=object)
+    utilisation = np.array([[one.utilisation for one in each] for each in judged])
+    draft["/requirements/requirement"] = np.arange(1, statements.size + 1)
+    draft["/requirements/statement"] = statements
+    draft["/requirements/limit"] = np.array([one.limit for one in judged[0]])
+    draft["/requirements/decided"] = asked.decided.astype(np.int8)
+    for name, data in (("value", value), ("verdict", verdict), ("utilisation", utilisation)):
+        draft[f"/requirements/{name}"], draft[f"/requirements/{name}_without"] = data[1:], data[0]
+    draft["/front/met"], draft["/front/met_without"] = met[1:].astype(np.int8), np.int8(met[0])
+    fewest = next((number for number, good in zip((0, *counts), met, strict=True) if good), -1)
+    draft["/front/fewest"] = np.int64(fewest)
+    out = []
+    for i, count in enumerate(counts, start=1):
+        if met[i]:
+            continue
+        missed = [
+            f"{text} ({_missed(one)})"
+            for text, one, decided in zip(statements, judged[i], asked.decided, strict=True)
+            if decided and one.verdict() != MET
+        ]
+        every = "every choice of sites was tried" if outcome.found[count].every else "of those tried"
+        said = f"{named(count)}: no placement meets the requirements ({every}); the nearest misses {'; '.join(missed)}"
+        out.append(Finding("requirements", said, (), len(missed), int(asked.decided.sum())))
+    return out
+
+
+def _missed(one: Fulfilment) -> str:
+    """A figure that is not what is asked for, in words."""
+    figure = f"{one.value[0]:.4g} of {one.limit:g}"
+    if not np.isfinite(one.utilisation):
+        return f"{figure}, no size would do"
+    return f"{figure}; {100.0 * (one.utilisation - 1.0):.3g} % beyond the size"
 
 
 def _findings(here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:

@@ -6,10 +6,14 @@ before; each is finished by Nelder-Mead down to centimetres. Placements that bre
 them, by how much they break it [2], so the answer keeps them all. A list of sites: every choice where there are few
 enough, else the best of many greedy choices improved by exchanges.
 
-Errors of the filter: the accuracy of fixes over parts of the approach, which costs microseconds, says most of what the
-filter will make of a placement. A surrogate [3], linear in its logarithms with a Gaussian process on top, learns the
-rest from coarse covariance analyses; round by round, the placements it holds best are analysed and it learns anew. The
-best are then judged by the full analysis, which alone decides.
+Errors of the filter, and levels: the accuracy of fixes over parts of the approach, which costs microseconds, says most
+of what the filter, or the monitor, will make of a placement. A surrogate [3], linear in its logarithms with a Gaussian
+process on top, learns the rest from coarse analyses; round by round, the placements it holds best are analysed and it
+learns anew. The best are then judged by the full analysis, which alone decides. Requirements are searched in the same
+way, with any objective: a second surrogate learns their load, and a placement expected not to meet them ranks behind
+all that are [2]. Where levels are all that is analysed no surrogate is needed: differential evolution goes by the
+levels of whole populations at some epochs, the best are analysed and finished by Nelder-Mead. Where the full analysis
+finds the best a little beyond what is allowed, the coarse one is asked for as much less, and the best are judged again.
 
 Sources: [1] Storn & Price, J. Global Optimization 11 (1997). [2] Deb, An efficient constraint handling method for
 genetic algorithms, Comput. Methods Appl. Mech. Engrg. 186 (2000). [3] Jones, Schonlau & Welch, Efficient global
@@ -26,18 +30,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navsim.scenario.optimize import LEVEL_OBJECTIVES
+from navsim.study.analyses import Judge
 from navsim.study.job import JobError
-from navsim.study.objective import BROKEN, UNSOLVED, Judge, PlacementProblem
+from navsim.study.objective import BROKEN, UNMET, UNSOLVED, Judged, PlacementProblem, merit
 from navsim.study.watch import Step, Watch
 
 if TYPE_CHECKING:
     from scipy.optimize import Bounds
 
 ALL_CHOICES = 2_000_000
-"""Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_FLOWN."""
-ALL_FLOWN = 50
-GEOMETRY, COARSE, FULL = "geometry", "coarse", "full"
-"""Ways of judging a placement: by the geometry kernel, by coarse and by full covariance analysis."""
+"""Choices of sites up to which every one is tried for an objective of geometry; of a filter: ALL_ANALYSED, of levels:
+ALL_WATCHED."""
+ALL_ANALYSED, ALL_WATCHED = 50, 200
+GEOMETRY, LEVELS, COARSE, FULL = "geometry", "levels", "coarse", "full"
+"""Ways of judging a placement: by the geometry kernel, by levels at some epochs, by coarse and by full analysis."""
 CHUNK = 65_536
 """Choices of sites judged at a time."""
 _POPULATION, _GENERATIONS = 30, 400
@@ -50,16 +57,40 @@ _MORE = 4000
 _SINGLES, _POOL = 4096, 3000
 """Places for one pseudolite, and placements put together of them, that the search for a filter begins with."""
 _SCREEN_GENERATIONS = 25
-_LEARNING = 3
-"""Placements analysed a round of the surrogate."""
+_LEVEL_GENERATIONS, _LEVEL_MORE, _LEVEL_STARTS = 60, 400, 2
+"""The same where levels at some epochs judge, which is next to the coarse analysis; places tried for one more; starts
+beside those of the study's effort, lest what can be met is missed."""
 _TEACHERS = 40
 """Placements the surrogate learns from at least."""
 _HOPES = 0.0, 1.0
 """How far a round hopes for what is not known: standard deviations, by turns."""
 _REGION = 4.0
 """Every second round stays around the best: how far, in distances that new placements keep from the old."""
-_NEARBY = 6
-"""Coarse analyses a coordinate with which the best placement is finished."""
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How much is analysed coarsely. first: times 16, and 8 a pseudolite, to begin with. learning: a round of the
+    surrogate. finished: best placements that are finished. sizes: of their simplices, m. tries: a coordinate in each.
+    """
+
+    first: int
+    learning: int
+    finished: int
+    sizes: tuple[float, ...]
+    tries: int
+
+    def finishing(self, count: int) -> int:
+        """Analyses that finish the best placements."""
+        return self.finished * len(self.sizes) * self.tries * 2 * count
+
+
+_FLOWN, _WATCHED = _Pace(1, 3, 1, (20.0,), 6), _Pace(3, 10, 3, (100.0, 20.0, 4.0), 15)
+"""Of covariance analyses, and where levels are all that is analysed, which costs less."""
+_AGAIN = 4
+"""How often at most the best are judged again, by requirements that the coarse analysis makes stricter."""
+_HEAVY = 30.0
+"""Loads beyond are taken for this: how far beyond does not lead on."""
 
 
 class NoPlacement(JobError):
@@ -68,21 +99,29 @@ class NoPlacement(JobError):
 
 @dataclass(frozen=True)
 class Found:
-    """The best placement of one number of pseudolites. places: (k, 2) s and l1, m. tried: placements judged, by the way
-    of judging. every: every choice of sites was judged by the objective. finished: the search came to its end."""
+    """The best placement of one number of pseudolites. places: (k, 2) s and l1, m. value: its objective, not finite
+    where it has none and misses the requirements. tried: placements judged, by the way of judging. every: every choice
+    of sites was judged by the objective. finished: the search came to its end. load: of the requirements; above 1 no
+    placement was found that meets them, and this one misses the worst of them by least."""
 
     places: np.ndarray
     value: float
     tried: dict[str, int]
     every: bool
     finished: bool
+    load: float = 0.0
+
+    @property
+    def met(self) -> bool:
+        """Whether it meets all requirements that placements are judged by."""
+        return self.load <= 1.0
 
     def arrays(self) -> dict[str, np.ndarray]:
         """As arrays, of which `of` makes the same again."""
         return {
             "places": self.places, "value": np.array(self.value), "every": np.array(self.every),
             "finished": np.array(self.finished), "way": np.array(list(self.tried)),
-            "tried": np.array(list(self.tried.values())),
+            "tried": np.array(list(self.tried.values())), "load": np.array(self.load),
         }  # fmt: skip
 
     @staticmethod
@@ -90,36 +129,54 @@ class Found:
         """What `arrays` was made of."""
         tried = dict(zip(arrays["way"].tolist(), arrays["tried"].tolist(), strict=True))
         every, finished = bool(arrays["every"]), bool(arrays["finished"])
-        return Found(arrays["places"], float(arrays["value"]), tried, every, finished)
+        return Found(arrays["places"], float(arrays["value"]), tried, every, finished, float(arrays["load"]))
 
 
 def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
     """What a search for `count` pseudolites will do, at most. earlier: there is a placement of fewer."""
-    effort = here.study.effort
+    effort, pace = here.study.effort, _pace(here)
     rounds = _rounds(count) * effort
     if here.study.sites:
         usable = int(np.sum(_usable(here)))
         choices = math.comb(usable, count)
-        if here.flown and choices <= ALL_FLOWN:
+        if here.analysed and choices <= _all(here):
             return [Step(_choosing(count), {FULL: choices})]
         # greedy choices, and some three rounds of exchanges of every site
         tried = choices if choices <= ALL_CHOICES else 5 * effort * 4 * count * usable
-        if not here.flown:
+        if not here.analysed:
             return [Step(_choosing(count), {GEOMETRY: tried})]
         screening = Step(_choosing(count), {GEOMETRY: len(here.screens) * tried})
         pool = len(here.screens) * min(tried, _POOL)
-        learning = {GEOMETRY: rounds * pool, COARSE: _first(count) + rounds * _LEARNING}
-        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: effort + 1})]
-    if not here.flown:
+        learning = {GEOMETRY: rounds * pool, COARSE: _first(here, count) + rounds * pace.learning}
+        return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here)})]
+    if not here.analysed:
         per_start = 2 * count * (_POPULATION * (_GENERATIONS + 1) + len(_FINISHING) * _FINISHING_TRIES)
         return [Step(_evolving(count), {GEOMETRY: effort * per_start + _MORE * earlier})]
     evolving = _members(count) * (_SCREEN_GENERATIONS + 1)
-    screening = Step(_screening(count), {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)})
-    learning = {
-        GEOMETRY: rounds * (2 * _POOL + evolving),
-        COARSE: _first(count) + rounds * _LEARNING + _NEARBY * 2 * count,
-    }
-    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: effort + 1})]
+    most = {GEOMETRY: len(here.screens) * (_POOL + evolving + _MORE * earlier)}
+    learning = {COARSE: _first(here, count) + pace.finishing(count)}
+    if here.level_screen is not None:
+        most[LEVELS] = (_LEVEL_STARTS + effort) * _members(count) * (_LEVEL_GENERATIONS + 1) + _LEVEL_MORE * earlier
+    else:
+        learning[COARSE] += rounds * pace.learning
+        learning[GEOMETRY] = rounds * (2 * _POOL + evolving)
+    screening = Step(_screening(count), most)
+    anew = {} if here.requirements is None else {COARSE: _AGAIN * pace.finishing(count)}
+    return [screening, Step(_learning(count), learning), Step(_deciding(count), {FULL: _decisions(here), **anew})]
+
+
+def _all(here: PlacementProblem) -> int:
+    """Choices of sites up to which every one is analysed in full."""
+    return ALL_WATCHED if here.quick else ALL_ANALYSED
+
+
+def _pace(here: PlacementProblem) -> _Pace:
+    return _WATCHED if here.quick else _FLOWN
+
+
+def _decisions(here: PlacementProblem) -> int:
+    """Full analyses at the end."""
+    return (here.study.effort + 1) * (1 if here.requirements is None else 1 + _AGAIN)
 
 
 def named(count: int) -> str:
@@ -151,45 +208,45 @@ def _members(count: int) -> int:
     return 12 * count + 12
 
 
-def _first(count: int) -> int:
+def _first(here: PlacementProblem, count: int) -> int:
     """Placements the surrogate begins to learn from."""
-    return 16 + 8 * count
+    return _pace(here).first * (16 + 8 * count)
 
 
 class Trials:
-    """Judges placements under the eyes of a watch; every value is that of `PlacementProblem.value`. searching: the best
-    are offered to the watch."""
+    """Judges placements under the eyes of a watch, as `PlacementProblem` does. searching: the best are offered to the
+    watch."""
 
     def __init__(self, here: PlacementProblem, watch: Watch, searching: bool) -> None:
         self._here, self._watch, self._searching = here, watch, searching
 
-    def at_once(self, places: np.ndarray, judge: Judge | None = None) -> np.ndarray:
+    def at_once(self, places: np.ndarray, judge: Judge | None = None, way: str = GEOMETRY) -> np.ndarray:
         """Values (n,) of placements (n, k, 2) by the objective of geometry or by a judge that stands in for one."""
-        with self._watch.trying(GEOMETRY, len(places)):
+        with self._watch.trying(way, len(places)):
             values = self._here.value(places) if judge is None else self._here.rough_value(places, judge)
         if judge is None:
             self._offer(places, values)
         return values
 
-    def by(self, judge: Judge) -> Judge:
+    def by(self, judge: Judge, way: str = GEOMETRY) -> Judge:
         """A judge that stands in for the objective, as used here."""
-        return lambda places: self.at_once(places, judge)
+        return lambda places: self.at_once(places, judge, way)
 
-    def coarse(self, places: np.ndarray) -> np.ndarray:
-        """Values (n,) by coarse covariance analysis."""
-        return self._one_by_one(places, COARSE, self._here.coarse)
+    def coarse(self, places: np.ndarray) -> Judged:
+        """Placements (n, k, 2) by coarse analysis."""
+        return self._one_by_one(places, COARSE)
 
-    def full(self, places: np.ndarray) -> np.ndarray:
-        """Values (n,) of an error of the filter."""
-        return self._one_by_one(places, FULL, None)
+    def full(self, places: np.ndarray) -> Judged:
+        """The same by full analysis."""
+        return self._one_by_one(places, FULL)
 
-    def _one_by_one(self, places: np.ndarray, fidelity: str, judge: Judge | None) -> np.ndarray:
-        values = np.empty(len(places))
+    def _one_by_one(self, places: np.ndarray, fidelity: str) -> Judged:
+        out = []
         for i in range(len(places)):
             with self._watch.trying(fidelity, 1):
-                values[i : i + 1] = self._here.value(places[i : i + 1], judge)
-                self._offer(places[i : i + 1], values[i : i + 1])
-        return values
+                out.append(self._here.judged(places[i : i + 1], coarse=fidelity == COARSE))
+                self._offer(places[i : i + 1], out[-1].value)
+        return Judged(*map(np.concatenate, zip(*out, strict=True)))
 
     def _offer(self, places: np.ndarray, values: np.ndarray) -> None:
         best = int(np.argmin(values))
@@ -203,15 +260,20 @@ def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarra
     trials = Trials(here, watch, searching=True)
     every = False
     if here.study.sites:
-        choose = _choose_flown if here.flown else _choose
+        choose = _choose_analysed if here.analysed else _choose
         places, value, every = choose(here, count, seed, trials, watch)
     else:
-        place = _place_flown if here.flown else _place
+        place = _place_analysed if here.analysed else _place
         places, value = place(here, count, seed, earlier, trials, watch)
-    if value >= UNSOLVED:
-        reason = "breaks a rule" if value >= BROKEN else "leaves epochs of the glide without a fix"
+    if value >= BROKEN or (value >= UNSOLVED and here.requirements is None):
+        what = "protection level" if here.study.objective in LEVEL_OBJECTIVES else "fix"
+        reason = "breaks a rule" if value >= BROKEN else f"leaves epochs of the glide without a {what}"
         raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
-    return Found(places, value, watch.tried_since(), every, finished=True)
+    if here.requirements is None:
+        return Found(places, value, watch.tried_since(), every, finished=True)
+    best = here.judged(places[None])
+    objective, load = float(best.objective[0]), float(best.load[0])
+    return Found(places, objective, watch.tried_since(), every, finished=True, load=load)
 
 
 # --- objectives of geometry
@@ -379,7 +441,7 @@ def _exchanged(usable: np.ndarray, count: int, seed: int, effort: int, judge: Ju
     return sorted(out)
 
 
-# --- errors of the filter
+# --- errors of the filter, levels, requirements
 
 
 class Surrogate:
@@ -426,17 +488,33 @@ class _Learner:
     def __init__(self, here: PlacementProblem, trials: Trials) -> None:
         self._here, self._trials = here, trials
         self.places: list[np.ndarray] = []
-        self.values: list[float] = []
+        self._found: list[Judged] = []
+        self.most = 1.0
+        """What a load may be here, so that the full analysis finds it to be no more than 1."""
 
     def analyse(self, places: Iterable[np.ndarray]) -> None:
         """Coarse analyses of placements (k, 2)."""
         for one in places:
             self.places.append(one)
-            self.values.append(float(self._trials.coarse(one[None])[0]))
+            self._found.append(self._trials.coarse(one[None]))
+
+    def _column(self, name: str) -> np.ndarray:
+        return np.array([getattr(one, name)[0] for one in self._found])
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Of the placements (n,)."""
+        return self._column("load")
+
+    @property
+    def values(self) -> np.ndarray:
+        """What is made small (n,), with `most`."""
+        values = self._column("value")
+        return np.where(values < BROKEN, merit(self._column("objective"), self.loads, self.most), values)
 
     def surrogate(self, hope: float, around: np.ndarray | None = None) -> Judge:
         """The judge made of the better half of what solved and kept the rules, or of what is nearest to a placement."""
-        features, values = self._here.features, np.array(self.values)
+        features, values = self._here.features, self.values
         assert features is not None
         order = np.argsort(values, kind="stable")
         order = order[values[order] < UNSOLVED]
@@ -444,13 +522,26 @@ class _Learner:
             gaps = [apart(self.places[i], around) for i in order]
             order = order[np.argsort(gaps, kind="stable")]
         known = order[: max(_TEACHERS, order.size // 2)]
-        fitted = Surrogate(features(np.array(self.places)[known]), values[known])
-        return lambda places: fitted(features(places), hope)
+        taught = features(np.array(self.places)[known])
+        objective = Surrogate(taught, self._column("objective")[known])
+        if self._here.requirements is None:
+            return lambda places: objective(features(places), hope)
+        load, most = Surrogate(taught, np.minimum(self.loads[known], _HEAVY)), self.most
+
+        def expected(places: np.ndarray) -> np.ndarray:
+            told = features(places)
+            return merit(objective(told, hope), load(told, hope), most)
+
+        return expected
 
     @property
     def solved(self) -> int:
         """Placements with a value."""
-        return int(np.sum(np.array(self.values) < UNSOLVED))
+        return int(np.sum(self.values < UNSOLVED))
+
+    def load_of(self, places: np.ndarray) -> float:
+        """The load found of one of the placements."""
+        return float(self.loads[next(i for i, one in enumerate(self.places) if one is places)])
 
     def ranked(self) -> list[np.ndarray]:
         """Placements, the best first."""
@@ -502,12 +593,12 @@ def _gaps(here: PlacementProblem, count: int) -> np.ndarray:
     return np.geomspace(0.02 * float(np.linalg.norm(high - low)), 2.0, _rounds(count) * here.study.effort)
 
 
-def _place_flown(
+def _place_analysed(
     here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
 ) -> tuple[np.ndarray, float]:
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(here, count)
-    size = _members(count)
+    size, pace = _members(count), _pace(here)
     with watch.step(_screening(count)):
         pool = _pool(here, count, rng)
         lists: list[Iterable[np.ndarray]] = []
@@ -517,14 +608,18 @@ def _place_flown(
             lists += [_evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, ranked[:size]), ranked]
             if earlier is not None and len(earlier) < count:
                 lists.append(_one_more(here, count, earlier, rng, trials, screen))
+        if here.level_screen is not None:
+            lists = _by_levels(here, count, rng, lists, earlier, trials)
         lists.append(pool)
     learner = _Learner(here, trials)
     with watch.step(_learning(count)):
         gaps = _gaps(here, count)
-        learner.analyse(learner.new(_in_turn(lists), _first(count), gaps[0]))
+        learner.analyse(
+            learner.new(_in_turn(lists), _first(here, count), gaps[0] if here.level_screen is None else 1.0)
+        )
         low, high = here.limits()
         for i, gap in enumerate(gaps):
-            if not learner.solved:
+            if not learner.solved or here.level_screen is not None:
                 break
             best = np.array(learner.ranked()[: size // 3])
             if i % 2:  # around the best, and by turns around the best elsewhere
@@ -532,33 +627,77 @@ def _place_flown(
                 near = np.clip(around + _REGION * gap * rng.uniform(-1.0, 1.0, (_POOL // 3, count, 2)), low, high)
                 judge = trials.by(learner.surrogate(0.0, around))
                 evolved = near[np.argsort(judge(near), kind="stable")][:size]
-                learner.analyse(learner.new(evolved, _LEARNING, 0.2 * gap))
+                learner.analyse(learner.new(evolved, pace.learning, 0.2 * gap))
                 continue
             judge = trials.by(learner.surrogate(_HOPES[i // 2 % len(_HOPES)]))
             moved = best[rng.integers(min(len(best), 6), size=_POOL)]
             moved[np.arange(_POOL), rng.integers(count, size=_POOL)] = pool[rng.integers(len(pool), size=_POOL), 0]
             likely = [some[np.argsort(judge(some), kind="stable")][: size // 3] for some in (pool, moved)]
             evolved = _evolve(judge, bounds, rng, _SCREEN_GENERATIONS, 1, np.concatenate([best, *likely]))
-            learner.analyse(learner.new(evolved, _LEARNING, gap))
+            learner.analyse(learner.new(evolved, pace.learning, gap))
 
         def value(x: np.ndarray) -> float:
             learner.analyse([x.reshape(count, 2)])
-            return learner.values[-1]
+            return float(learner.values[-1])
 
-        _finish(value, learner.ranked()[0].ravel(), bounds, (20.0,), _NEARBY)
-    return _decided(learner, count, here, trials, watch)
+        def refine() -> None:
+            for best in learner.apart(pace.finished, _REGION * gaps[-1]):
+                _finish(value, best.ravel(), bounds, pace.sizes, pace.tries)
+
+        refine()
+    return _decided(learner, count, here, trials, watch, refine)
+
+
+def _by_levels(
+    here: PlacementProblem,
+    count: int,
+    rng: np.random.Generator,
+    screened: list[Iterable[np.ndarray]],
+    earlier: np.ndarray | None,
+    trials: Trials,
+) -> list[Iterable[np.ndarray]]:
+    """Lists of placements, the best of each first, by levels at some epochs; they begin with what is best by screens,
+    and with chance."""
+    judge, bounds, size = trials.by(here.screened, LEVELS), _bounds(here, count), _members(count)
+    promising = np.array(list(itertools.islice(_in_turn(screened), size // 2)))
+    pool = _pool(here, count, rng)
+    out: list[Iterable[np.ndarray]] = []
+    for _ in range(_LEVEL_STARTS + here.study.effort):
+        start = np.concatenate([promising, pool[rng.integers(len(pool), size=size - len(promising))]])
+        out.append(_evolve(judge, bounds, rng, _LEVEL_GENERATIONS, 1, start))
+    if earlier is not None and len(earlier) < count:
+        added = pool[rng.integers(len(pool), size=(_LEVEL_MORE, count - len(earlier))), 0]
+        whole = np.concatenate([np.repeat(earlier[None], len(added), axis=0), added], axis=1)
+        out.append(whole[np.argsort(judge(whole), kind="stable")[:size]])
+    return out
 
 
 def _decided(
-    learner: _Learner, count: int, here: PlacementProblem, trials: Trials, watch: Watch
+    learner: _Learner,
+    count: int,
+    here: PlacementProblem,
+    trials: Trials,
+    watch: Watch,
+    refine: Callable[[], None] = lambda: None,
 ) -> tuple[np.ndarray, float]:
-    """The best by the full analysis of the best by the coarse one, 10 m apart."""
+    """The best by the full analysis of the best by the coarse one, 10 m apart. Where none of them meets requirements
+    that the coarse one holds for met, it is made as much stricter, and what is refined by it is judged again."""
+    best, lowest = np.empty((0, 2)), math.inf
     with watch.step(_deciding(count)):
-        best = learner.apart(here.study.effort + 1, 10.0)
         watch.judge_anew()
-        values = trials.full(np.array(best))
-    i = int(np.argmin(values))
-    return best[i], float(values[i])
+        for again in range(1 + _AGAIN):
+            if again:
+                refine()
+            some = learner.apart(here.study.effort + 1, 10.0)
+            found = trials.full(np.array(some))
+            i = int(np.argmin(found.value))
+            if found.value[i] < lowest:
+                best, lowest = some[i], float(found.value[i])
+            expected = np.array([learner.load_of(one) for one in some])
+            if lowest < UNMET or not (expected <= learner.most).any():
+                break
+            learner.most = min(learner.most, float(np.fmin.reduce(expected / found.load)))
+    return best, lowest
 
 
 def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -572,35 +711,35 @@ def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.nd
     pool = source[rng.integers(len(source), size=(_POOL, count))]
     kept = pool[here.rules.violation(pool) <= 0.0]
     # where next to nothing keeps the rules, evolution begins with what breaks them
-    return kept if len(kept) >= _first(count) + _members(count) else pool
+    return kept if len(kept) >= _first(here, count) + _members(count) else pool
 
 
-def _choose_flown(
+def _choose_analysed(
     here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch
 ) -> tuple[np.ndarray, float, bool]:
-    """The best `count` of the study's sites by an error of the filter."""
+    """The best `count` of the study's sites by analyses."""
     usable = _sites(here, count)
-    if math.comb(len(usable), count) <= ALL_FLOWN:
+    if math.comb(len(usable), count) <= _all(here):
         with watch.step(_choosing(count)):
             choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
-            values = trials.full(choices)
+            values = trials.full(choices).value
         best = int(np.argmin(values))
         return choices[best], float(values[best]), True
     with watch.step(_choosing(count)):
         ranked = [
             _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
         ]
-    learner = _Learner(here, trials)
+    learner, pace = _Learner(here, trials), _pace(here)
     pool = np.unique(np.sort(np.concatenate(ranked), axis=1), axis=0)
     with watch.step(_learning(count)):
         starts = (usable[list(c)] for c in _in_turn([*ranked, np.random.default_rng([seed, count]).permutation(pool)]))
-        learner.analyse(learner.new(starts, _first(count), 0.0))
+        learner.analyse(learner.new(starts, _first(here, count), 0.0))
         for _ in range(_rounds(count) * here.study.effort):
             if not learner.solved:
                 break
             pool = np.unique(np.concatenate([pool, _neighbours(usable, learner.ranked()[0])]), axis=0)
             order = np.argsort(trials.at_once(usable[pool], learner.surrogate(0.0)), kind="stable")
-            learner.analyse(learner.new((usable[c] for c in pool[order]), _LEARNING, 0.0))
+            learner.analyse(learner.new((usable[c] for c in pool[order]), pace.learning, 0.0))
     places, value = _decided(learner, count, here, trials, watch)
     return places, value, False
 

@@ -22,7 +22,7 @@ from navsim.io import files
 from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result
-from navsim.io.schema import HEIGHTS, OUTCOMES, SWEEP
+from navsim.io.schema import HEIGHTS, OUTCOMES, SWEEP, VERDICTS
 from navsim.models.kinematics import Frame
 from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
@@ -33,7 +33,15 @@ from navsim.scenario.load import NO_RECORDED, resolved_yaml
 from navsim.scenario.signals import PseudolitesSection
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS, WATCHED_OUTPUTS, Sweep, Vary
+from navsim.scenario.sweep import (
+    DOP_OUTPUTS,
+    FILTER_OUTPUTS,
+    LEVEL_OUTPUTS,
+    REQUIREMENTS,
+    WATCHED_OUTPUTS,
+    Sweep,
+    Vary,
+)
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
@@ -44,11 +52,13 @@ from navsim.study.landing import (
     covariance_findings,
     covariance_summary,
     integrity,
+    judged_without_runs,
     prepare,
     result,
 )
 from navsim.study.landing import fly_all as fly_landing
 from navsim.study.landing.case import environment, files_of, glide_epochs, on_glide
+from navsim.study.landing.requirements import UNDECIDED, Fulfilment, Statement, statements
 from navsim.study.landing.tree import geometry_summary
 from navsim.study.partial import Arrays, PartialError, Store, code_key
 from navsim.study.root import root_attributes
@@ -177,6 +187,11 @@ class Plan:
         assert error is not None
         raise error
 
+    @property
+    def asked(self) -> list[Statement]:
+        """The requirements that every combination is judged by; none where they are no output."""
+        return statements(self.first[0]) if REQUIREMENTS in self.study.wanted() else []
+
     @cached_property
     def frame(self) -> Frame:
         """The frame of the first combination's touchdown point."""
@@ -203,7 +218,7 @@ class Plan:
     def geometry_alone(self) -> bool:
         """Whether all combinations only move pseudolites, without effect on what else is heard, and fly no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
-        moves &= not set(self.study.wanted()) & set(LEVEL_OUTPUTS)
+        moves &= not set(self.study.wanted()) & {*LEVEL_OUTPUTS, REQUIREMENTS}
         return moves and not self.sources.placed and not self.sources.singled_out
 
     @cached_property
@@ -299,6 +314,11 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
     out = Plan(study, document, base, seed, axes(study, seed))
     _ = out.pinned
     _check_watched(study, *out.first)
+    if REQUIREMENTS in study.wanted():
+        for i, vary in enumerate(study.vary):
+            if any(key.split(".")[0] == REQUIREMENTS for key in vary.names()):
+                text = "what is asked for has to be the same in all combinations where `outputs` has requirements"
+                raise InputError([Problem(document.place(("vary", i)), dotted(("vary", i)), text)])
     return out
 
 
@@ -310,8 +330,10 @@ class SweepStudy:
 
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
         """Combinations first ... first + count - 1."""
-        names = columns(self.plan.study)
+        names = columns(self.plan)
         rows = {name: np.full(count, np.nan) for name in names}
+        for name in verdicts(self.plan):
+            rows[name] = np.full(count, VERDICTS.index(UNDECIDED), np.int8)
         rows["outcome"] = np.full(count, INVALID, np.int8)
         rows["findings"] = np.zeros((count, len(LANDING)), bool)
         rows["warned"] = np.zeros(count, bool)
@@ -328,10 +350,9 @@ class SweepStudy:
             rows["findings"][i] = marks(f.name for f in what)
             unfixed = without_fix(what)
             rows["outcome"][i] = NO_FIX if unfixed else COMPUTED
-            if unfixed and "level_share" in names:
-                rows["level_share"][i] = found["level_share"]
-            if not unfixed:
-                for name in names:
+            for name in names:
+                # that there are no levels, and what follows from that, is known of flights without a fix too
+                if not unfixed or name == "level_share" or name.startswith(_NUMBERED):
                     rows[name][i] = found[name]
         return rows, {}, {}
 
@@ -359,7 +380,7 @@ class SweepStudy:
             rows["outcome"][members] = np.where(solved, COMPUTED, NO_FIX)
             rows["findings"][members, _UNHEARD] = lost > 0.0
             rows["findings"][members, _NO_EPOCH] = len(geometry.receiver) == 0
-            for name in columns(self.plan.study):
+            for name in columns(self.plan):
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
     def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool]:
@@ -382,10 +403,15 @@ class SweepStudy:
         if method == "covariance":
             analysis = covariance_analysis(case)
             outputs = out | filter_outputs(covariance_summary(case, analysis))
+            if self.plan.asked:
+                outputs |= _of_fulfilments(judged_without_runs(case, analysis))
             return outputs, site, covariance_findings(case, analysis), warned
         if method == "monte-carlo":
             flown = _flown(case, self.plan.seed, self.plan.study.runs)
-            return out | filter_outputs(flown) | _watched_outputs(flown), site, of(flown), warned
+            outputs = out | filter_outputs(flown) | _watched_outputs(flown)
+            return outputs | _requirement_outputs(flown), site, of(flown), warned
+        if self.plan.asked:
+            out |= _of_fulfilments(judged_without_runs(case, None))
         epochs = int(glide.sum())
         found = []
         if lost:
@@ -438,6 +464,31 @@ def _watched_outputs(flown: Result) -> dict[str, float]:
     return out
 
 
+_NUMBERED = "requirement_"
+
+
+def _requirement_outputs(flown: Result) -> dict[str, float]:
+    """What was found of requirements, in the order of the scenario, as it stands in a result; nothing without any."""
+    branch = "/summary/requirements"
+    if f"{branch}/verdict" not in flown:
+        return {}
+    return _numbered(flown[f"{branch}/value"], [str(word) for word in flown[f"{branch}/verdict"]])
+
+
+def _of_fulfilments(found: Sequence[Fulfilment]) -> dict[str, float]:
+    """The same of what no result was made of."""
+    return _numbered(np.array([one.value for one in found]), [one.verdict() for one in found])
+
+
+def _numbered(values: np.ndarray, words: Sequence[str]) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for i, (interval, word) in enumerate(zip(values, words, strict=True), start=1):
+        name = f"{_NUMBERED}{i}"
+        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
+        out[f"{name}_verdict"] = VERDICTS.index(word)
+    return out
+
+
 def _check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
     """Raise InputError for outputs of watched fixes where nothing watches, or nothing is asked."""
     section = scenario.integrity
@@ -448,16 +499,30 @@ def _check_watched(study: Sweep, scenario: Landing, document: Document) -> None:
         if lacking:
             text = f"the output {name} needs `{lacking}`, which the scenario does not have"
             raise InputError([Problem(document.place(("integrity",)), "integrity", text)])
+    if REQUIREMENTS in study.wanted() and not scenario.requirements:
+        text = "the output requirements needs `requirements`, of which the scenario has none"
+        raise InputError([Problem(document.place((REQUIREMENTS,)), REQUIREMENTS, text)])
 
 
-def columns(study: Sweep) -> list[str]:
+def columns(planned: Plan) -> list[str]:
     """What is stored of each combination; Monte Carlo figures come with their intervals."""
+    study, flown = planned.study, planned.study.method == "monte-carlo"
     out = []
     for name in study.wanted():
+        if name == REQUIREMENTS:
+            for i in range(1, len(planned.asked) + 1):
+                ends = ("", "_low", "_high", "_verdict") if flown else ("", "_verdict")
+                out += [f"{_NUMBERED}{i}{end}" for end in ends]
+            continue
         out.append(name)
-        if study.method == "monte-carlo" and name in (*FILTER_OUTPUTS, *WATCHED_OUTPUTS):
+        if flown and name in (*FILTER_OUTPUTS, *WATCHED_OUTPUTS):
             out += [f"{name}_low", f"{name}_high"]
     return out
+
+
+def verdicts(planned: Plan) -> list[str]:
+    """Those of the columns that are verdicts, as numbers of `schema.VERDICTS`."""
+    return [f"{_NUMBERED}{i}_verdict" for i in range(1, len(planned.asked) + 1)]
 
 
 def compute(
@@ -485,6 +550,7 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         SWEEP,
         dimension=[axis.name for axis in planned.axes],
         varied=[short(study, key) for axis in planned.axes for key in axis.keys],
+        number=[str(i) for i in range(1, len(planned.asked) + 1)],
     )
     for axis in planned.axes:
         alone = len(axis.keys) == 1
@@ -493,12 +559,19 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         for j, key in enumerate(axis.keys):
             values = _column([p[j] for p in axis.points])
             draft.put(f"/sweep/axes/{short(study, key)}", values, key=key, of_axis=axis.name)
-    for name in columns(study):
-        draft[f"/sweep/{name}"] = found.per_run(name).reshape(planned.shape)
+    for name in columns(planned):
+        cube = found.per_run(name).reshape(planned.shape)
+        if name.startswith(_NUMBERED):
+            said = planned.asked[int(name.split("_")[1]) - 1]
+            plain = name.count("_") == 1
+            attributes = {"limit": said.limit, "least": int(said.least)} if plain else {}
+            draft.put(f"/sweep/{name}", cube, attributes, unit=said.unit, statement=said.text)
+        else:
+            draft[f"/sweep/{name}"] = cube
     _places(draft, planned, found)
     outcome = found.per_run("outcome")
     draft["/outcome/combination"] = outcome.reshape(planned.shape)
-    attributes = root_attributes(
+    root = root_attributes(
         "sweep",
         planned.seed,
         planned.pinned,
@@ -509,7 +582,7 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         combinations=planned.size,
         refused=int(np.sum(outcome != COMPUTED)),
     )
-    out = draft.result(attributes)
+    out = draft.result(root)
     out.variables.update(kept(_findings(planned, found, outcome)))
     return out
 

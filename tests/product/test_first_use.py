@@ -332,7 +332,7 @@ def test_version(tmp_path: Path) -> None:
         ("navsim sw", {"sweep"}),
         ("navsim run --method c", {"covariance"}),
         ("navsim run --keep ", {"errors", "all", "none"}),
-        ("navsim init placement_", {"placement_optimum", "placement_sweep"}),
+        ("navsim init placement_", {"placement_lpv200", "placement_optimum", "placement_sweep"}),
         ("navsim schema mls", {"mls-elevation"}),
     ],
 )

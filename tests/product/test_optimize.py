@@ -118,3 +118,122 @@ def test_what_cannot_be_done_is_said(place: Path, text: str, code: int, expected
     done = navsim("optimize", study(place, text), "-o", "bad.h5", cwd=place, code=code)
     assert expected in done.stderr
     assert not (place / "bad.h5").exists()
+
+
+JUDGED = """set:
+  receiver.rate_hz: 1
+  duration_s: 61
+  integrity: {method: chi2, limits: {hal_m: 40, val_m: 35, tta_s: 6}}
+  requirements:
+    - {what: level, of: vpl, below_m: 40}
+    - {what: misleading, at_most: 1.0e-6}
+sites: [{s_m: 400, l1_m: 200}, {s_m: -900, l1_m: 2500}, {s_m: 1500, l1_m: 3000}, {s_m: -1500, l1_m: -500}]
+constraints: {requirements: true}
+"""
+
+
+def judged(place: Path, text: str = JUDGED) -> Path:
+    file = place / "judged.yaml"
+    file.write_text(f"kind: optimize\nversion: 1\nbase: {BASE}\nobjective: vpl_p95\n{text}")
+    return file
+
+
+NUMBERS = "pseudolites={first: 1, last: 3}"
+
+
+def test_requirements_are_told_with_every_number(place: Path) -> None:
+    """In the result, the table, the figures, as JSON; what levels do not decide is said."""
+    done = navsim("optimize", judged(place), "--set", NUMBERS, "-o", "judged.h5", cwd=place)
+    result = read(place / "judged.h5")
+    as_declared(result)
+    met, used = result["/front/met"], result["/requirements/utilisation"][:, 0]
+    assert met.tolist() == [0, 1, 1]
+    assert (used <= 1.0).tolist() == [False, True, True]
+    assert not result["/front/met_without"]
+    assert int(result["/front/fewest"]) == 2
+    assert result["/requirements/verdict"][:, 0].tolist() == ["not met", "met", "met"]
+    assert set(result["/requirements/verdict"][:, 1]) == {"undecided"}
+    assert result["/requirements/decided"].tolist() == [1, 0]
+    assert f"met: 1 ({100 * (1 - used[1]):.1f} %)" in done.stdout
+    assert "the fewest pseudolites with which the requirements are met: 2" in done.stdout
+    assert "runs alone decide (navsim run) are no constraint here: misleading information" in done.stderr
+    assert (
+        "1 pseudolite: no placement meets the requirements (every choice of sites was tried); the nearest"
+        in done.stderr
+    )
+    # where moving the first one would break them the map is empty, with one it is all of it
+    assert np.isnan(result["/map/objective"][0]).all()
+    assert np.isfinite(result["/map/objective"][1]).any()
+    for name in ("plan", "front", "requirements"):
+        with Image.open(place / f"judged_{name}.png") as image:
+            assert min(image.size) > 300
+    data = json.loads(navsim("show", "judged.h5", "--json", cwd=place).stdout)
+    assert data["fewest"] == 2
+    assert [one["met"] for one in data["placements"]] == [False, True, True]
+    assert data["placements"][0]["requirements"][0]["verdict"] == "not met"
+
+
+def test_what_cannot_be_met_fails_with_the_nearest(place: Path) -> None:
+    """The result is whole and has the placement that misses by least; the exit code says that it is no answer."""
+    limit = "set.requirements=[{what: level, of: vpl, below_m: 5}]"
+    done = navsim("optimize", judged(place), "--set", NUMBERS, "--set", limit, "-o", "no.h5", cwd=place, code=3)
+    assert "no placement found meets the requirements (no.h5 is complete)" in done.stderr
+    assert "met by no placement found, whatever the number of pseudolites" in done.stdout
+    result = read(place / "no.h5")
+    as_declared(result)
+    assert int(result["/front/fewest"]) == -1
+    used = result["/requirements/utilisation"][:, 0]
+    assert (used > 1.0).all()
+    assert (np.diff(used) < 0.0).all()
+    for used_here in used:
+        assert f"{100 * (used_here - 1):.3g} % beyond the size" in done.stderr
+
+
+def test_requirements_that_need_no_pseudolites(place: Path) -> None:
+    limit = "set.requirements=[{what: level, of: vpl, below_m: 80}]"
+    done = navsim("optimize", judged(place), "--set", "pseudolites=[1]", "--set", limit, "-o", "n.h5", cwd=place)
+    assert "the fewest pseudolites with which the requirements are met: 0" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (["set.requirements=[]"], "constraints.requirements: there are no `requirements` in"),
+        (["set.integrity=null", "constraints={}", "set.requirements=[]"], "objective: vpl_p95 needs `integrity`"),
+        (
+            ["set.requirements=[{what: misleading, at_most: 1.0e-6}]"],
+            "constraints.requirements: levels and covariance analysis decide none of them: misleading information",
+        ),
+        (
+            ["period={hours: 2, count: 4}"],
+            "period: errors of the filter, levels and requirements are taken over one epoch",
+        ),
+        (["pseudolites={first: 3, last: 2}"], "pseudolites.last: must not lie below first"),
+        (["pseudolites={first: 1, lst: 2}"], "pseudolites.lst: unknown key; did you mean 'last'?"),
+        (["pseudolites={first: 0, last: 2}"], "pseudolites.first: input should be greater than or equal to 1"),
+        (["pseudolites={first: 1, last: 5}"], "pseudolites: there are only 4 sites"),
+        (["pseudolites=2"], "pseudolites: "),
+    ],
+)
+def test_requirements_that_cannot_be_asked(place: Path, settings: list[str], expected: str) -> None:
+    keys = [part for key in (NUMBERS, *settings) for part in ("--set", key)]
+    done = navsim("optimize", judged(place), *keys, "-o", "bad.h5", cwd=place, code=2)
+    assert expected in done.stderr
+    assert not (place / "bad.h5").exists()
+
+
+def test_a_search_under_requirements_goes_on_after_its_time(place: Path) -> None:
+    """What was analysed is remembered with its load: the same in the end as in one go."""
+    file = judged(place, JUDGED.replace("sites: [", "effort: 1\narea: {s_m: [200, 900], l1_m: [0, 1500]}\nnone: [")
+                  .replace("none: [{s_m: 400, l1_m: 200}, {s_m: -900, l1_m: 2500}, {s_m: 1500, l1_m: 3000}, "
+                           "{s_m: -1500, l1_m: -500}]\n", ""))  # fmt: skip
+    common = ("--set", "pseudolites=[1]", "--set", "set.requirements=[{what: level, of: hpl, below_m: 30}]", "-q",
+              "--figures", "none")  # fmt: skip
+    navsim("optimize", file, *common, "-o", "whole.h5", cwd=place)
+    navsim("optimize", file, *common, "-o", "cut.h5", "--time-limit", 1.5, cwd=place, code=None)
+    navsim("optimize", file, *common, "-o", "cut.h5", "--force", cwd=place)
+    whole, cut = (stored(place / name) for name in ("whole.h5", "cut.h5"))
+    for data in (whole, cut):
+        for name in [name for name in data if name.startswith("/front/evaluations")]:
+            data.pop(name)
+    assert whole == cut

@@ -15,6 +15,7 @@ from navsim.scenario.load import read
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.shipped import path
 from navsim.study import integrity_table, optimize, replay, table2
+from navsim.study.analyses import COARSE_FIXES, COARSE_IMU, SCREENED
 from navsim.study.budget.estimate import (
     AXIS,
     BASE_MEMORY,
@@ -46,8 +47,8 @@ from navsim.study.budget.landing import (
 from navsim.study.ensemble import BATCH
 from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
-from navsim.study.objective import COARSE_FIXES, COARSE_IMU, PlacementProblem
-from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY
+from navsim.study.objective import PlacementProblem
+from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY, LEVELS
 from navsim.study.sweep import MOST_MAP_SITES, Axis, Plan, columns
 
 _WIDTHS = 100
@@ -76,8 +77,7 @@ _REPLAYED_MEMORY = 3000
 
 def sweep(planned: Plan, workers: int) -> Budget:
     """All combinations of a study. Sizes are those of combinations spread over it that are valid."""
-    study = planned.study
-    names = columns(study)
+    names = columns(planned)
     keys = sum(len(axis.keys) for axis in planned.axes)
     of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
     axes = sum(len(axis.points) * (len(axis.keys) + 1) for axis in planned.axes)
@@ -136,16 +136,16 @@ def posing(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
     """What a search for placements takes but for its time, which is told by `search_time` once it is posed."""
     here = extent(scenario, sources)
     starts = 1 if study.period is None else study.period.count
-    most = max(study.pseudolites)
+    most = max(study.counts)
     # a map is judged at one go, choices of sites in chunks
-    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.pseudolites}
-    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.pseudolites)
+    at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
+    judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
     signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
     ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
     judged = _JUDGED_MEMORY * judged_places * _glide(scenario) * ruled
-    result = NUMBER * len(study.pseudolites) * (optimize.MAP_POINTS**2 + 30 * most) + 38 * VARIABLE
+    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 38 * VARIABLE
     flown = 0.0
-    if study.objective not in DOP_OBJECTIVES:
+    if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
         flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
     return Budget(
         BASE_TIME + SIGHT_TIME * starts * here.epochs * here.sources,
@@ -164,12 +164,18 @@ def search_time(here: PlacementProblem) -> float:
     case = here.scenario
     points = len(here.geometry.receiver)
     fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
-    heard = 24 + max(here.study.pseudolites)
+    heard = 24 + max(here.study.counts)
     whole = Extent(epochs(case.duration_s, case.imu.rate_hz).size, fixes, heard, 1, case.filter.states(1), 0, 0.0, 0, 0)
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
-    cost = {
-        GEOMETRY: 4.0 * points * _POINT_TIME, FULL: analysis_time(whole), COARSE: analysis_time(rough),
-    }  # fmt: skip
+    full, coarse = (0.0, 0.0) if here.quick else (analysis_time(whole), analysis_time(rough))
+    levels = 0.0
+    if case.integrity is not None and (here.quick or here.requirements is not None):
+        # solution separation has a fix for each fault, and one for most sources
+        subsets = heard * (heard if case.integrity.method == "mhss" else 1)
+        full += SIGHT_TIME * fixes * heard + _LEVEL_TIME * points * subsets
+        coarse += SIGHT_TIME * fixes * heard + _LEVEL_TIME * min(points, MOST_LEVELS) * subsets
+        levels = _LEVEL_TIME * SCREENED * subsets
+    cost = {GEOMETRY: 4.0 * points * _POINT_TIME, FULL: full, COARSE: coarse, LEVELS: levels}
     return sum(cost[way] * most for step in optimize.planned(here) for way, most in step.most.items())
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from navsim.io.results import Sort
-from navsim.io.schema import QUANTITIES
+from navsim.io.results import Result, Sort
+from navsim.io.schema import LARGE, OBJECTIVE_QUANTITIES
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
@@ -17,7 +17,7 @@ from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, Options, Outcome, Tell
 from navsim.study.journal import Journal
-from navsim.study.objective import PlacementProblem, problem
+from navsim.study.objective import UNMET, PlacementProblem, load_of, problem
 from navsim.study.partial import Store
 from navsim.study.search import COARSE, FULL
 from navsim.study.watch import Progress, Watch
@@ -52,32 +52,44 @@ class OptimizeJob:
         allow(replace(asked[0], time_s=asked[0].time_s + estimates.search_time(self.posed)), at_most=True)
 
     def described(self) -> str:
-        return f"{self.section.objective} for {list(self.section.pseudolites)} pseudolites"
+        return f"{self.section.objective} for {list(self.section.counts)} pseudolites"
 
     def key(self) -> dict[str, object]:
         return optimize.partial_key(self.posed, self.options.seed)
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
-        unit = QUANTITIES[self.section.objective][0]
-        self._watch.tell = lambda progress: tell(0, said(progress, unit))
+        unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
+        self._watch.tell = lambda progress: tell(
+            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
+        )
         found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store))
         result = optimize.optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
         why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""
         if why:
             why += f"; undone: {result.attributes['undone']}"
-        return Outcome(result, stopped=why, interrupted=interrupted)
+        failed = "no placement found meets the requirements" if _unmet(result) else ""
+        return Outcome(result, stopped=why, interrupted=interrupted, failed=failed)
 
 
-def said(progress: Progress, unit: str) -> str:
-    """Where a search stands in words; unit: of the objective."""
+def _unmet(result: Result) -> bool:
+    """Whether requirements are met with none of the numbers of pseudolites, although placements had to."""
+    return "/front/met" in result and not result["/front/met"].any()
+
+
+def said(progress: Progress, unit: str, large: bool = False, quick: bool = False) -> str:
+    """Where a search stands in words; unit: of the objective, large: it is the reciprocal of what is made small; quick:
+    levels are all that is analysed."""
     analysed = sum(progress.tried.get(fidelity, 0) for fidelity in (COARSE, FULL))
     tried = f"{sum(progress.tried.values())} placements tried"
     if analysed:
-        tried += f", {analysed} by covariance analysis"
+        tried += f", {analysed} by {'levels' if quick else 'covariance analysis'}"
     best = "none found yet"
     if progress.best is not None and progress.places is not None:
         at = ", ".join(f"({s:.0f}, {l1:.0f})" for s, l1 in progress.places)
-        best = f"best {progress.best:.4g}{'' if unit == '1' else f' {unit}'} at s, l1 {at} m"
+        best = f"best {1.0 / progress.best if large else progress.best:.4g}{'' if unit == '1' else f' {unit}'}"
+        if progress.best >= UNMET:
+            best = f"requirements not met yet, the worst of them by a factor of {load_of(progress.best):.4g}"
+        best += f" at s, l1 {at} m"
     remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
     return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"

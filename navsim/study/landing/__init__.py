@@ -6,6 +6,7 @@ from navsim.study.landing.covariance import (
     covariance_findings,
     covariance_result,
     covariance_summary,
+    judged_without_runs,
 )
 from navsim.study.landing.ensemble import findings, fly_all, partial_key, stopping_rule
 from navsim.study.landing.result import result
@@ -18,6 +19,7 @@ __all__ = [
     "covariance_summary",
     "findings",
     "fly_all",
+    "judged_without_runs",
     "partial_key",
     "prepare",
     "result",

@@ -71,8 +71,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     _summary(draft, case, analysis, square)
     integrity.described(draft, case)
     tails.sampled_risks(draft, case, seed)
-    mean, cov = _at_heights(case, analysis, crossing_times(case))
-    requirements.judged(draft, case, 0, (mean, np.sqrt(np.diagonal(cov, axis1=1, axis2=2))))
+    requirements.judged(draft, case, 0, _moments(case, analysis))
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(covariance_findings(case, analysis)))
     return out
@@ -124,6 +123,18 @@ def covariance_summary(case: Case, analysis: Analysis) -> Draft:
     draft = Draft(COVARIANCE)
     _summary(draft, case, analysis, _squares(analysis))
     return draft
+
+
+def judged_without_runs(case: Case, analysis: Analysis | None) -> list[requirements.Fulfilment]:
+    """What is known of each requirement of a case by the geometry, and by its covariance analysis if there is one."""
+    draft = Draft(COVARIANCE) if analysis is None else covariance_summary(case, analysis)
+    integrity.described(draft, case)
+    return requirements.fulfilments(draft, case, 0, None if analysis is None else _moments(case, analysis))
+
+
+def _moments(case: Case, analysis: Analysis) -> requirements.Moments:
+    mean, cov = _at_heights(case, analysis, crossing_times(case))
+    return mean, np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
 
 
 def _squares(analysis: Analysis) -> np.ndarray:

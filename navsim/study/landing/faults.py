@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from navsim.integrity.residuals import ChiSquareTest
 from navsim.integrity.separation import Allocation
 from navsim.models.signals import Environment
@@ -17,7 +19,8 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
         return None
     names = sources.pseudolites.names
     systems = _systems(sources)
-    nominal = {name: section.b_nom_m for members in systems.values() for name in members}
+    # satellites that are not to be used are among the signals all the same
+    nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
     nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
     drops = section.alarmed_fixes == "drop"
     if section.method == "chi2":
@@ -49,11 +52,18 @@ def _groups(section: IntegritySection, pseudolites: tuple[str, ...]) -> tuple[Gr
 def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:
     """Satellites by what they belong to; those that the receiver is not to use are left out."""
     found: dict[str, list[str]] = {}
-    groups = [(group.names, group.chosen) for group in sources.satellites]
-    if sources.listed is not None:
-        groups.append((sources.listed.names, sources.listed.chosen))
-    names = [(name, bool(use)) for of_group, chosen in groups for name, use in zip(of_group, chosen, strict=True)]
+    names = [
+        (name, bool(use))
+        for of_group, chosen in _satellites(sources)
+        for name, use in zip(of_group, chosen, strict=True)
+    ]
     for (name, use), system in zip(names, sources.systems, strict=False):
         if use:
             found.setdefault(system, []).append(name)
     return {system: tuple(members) for system, members in found.items()}
+
+
+def _satellites(sources: Environment) -> list[tuple[tuple[str, ...], np.ndarray]]:
+    """Names of satellites, group by group, and which of them the receiver is to use."""
+    groups = [(group.names, group.chosen) for group in sources.satellites]
+    return groups if sources.listed is None else [*groups, (sources.listed.names, sources.listed.chosen)]

@@ -55,6 +55,12 @@ def glide_of(case: Case) -> np.ndarray:
     return on_glide(case.scenario, case.trajectory, case.world.signals.time)
 
 
+def spread_over(epochs: np.ndarray, most: int) -> np.ndarray:
+    """So many of epochs (e,) at most, the first and the last among them."""
+    count = min(epochs.size, most)
+    return epochs[np.arange(count) * (epochs.size - 1) // max(count - 1, 1)]
+
+
 def asked_of(case: Case) -> Asked | None:
     """What the scenario asks, if anything."""
     section = case.scenario.integrity
@@ -70,8 +76,15 @@ def asked_of(case: Case) -> Asked | None:
 
 
 def within(asked: Asked, levels: np.ndarray) -> np.ndarray:
-    """Where levels (..., 2) of tested fixes are below their limits; a limit that is none asks for no level."""
-    return (levels <= asked.limits) | np.isinf(asked.limits)
+    """Where levels (..., 2) of tested fixes, nan of others, are below their limits; a limit that is none asks for no
+    level."""
+    return relative_levels(asked, levels) <= 1.0
+
+
+def relative_levels(asked: Asked, levels: np.ndarray) -> np.ndarray:
+    """Levels (..., 2) by their limits, inf where there is none, 0 where none is asked for."""
+    relative = np.where(np.isfinite(levels), levels, np.inf) / np.where(np.isinf(asked.limits), 1.0, asked.limits)
+    return np.where(np.isinf(asked.limits), 0.0, relative)
 
 
 def faulty(case: Case) -> np.ndarray:
@@ -188,8 +201,9 @@ def described(draft: Draft, case: Case) -> None:
         return
     draft["/integrity/time"] = case.world.signals.time
     draft["/integrity/threshold"] = monitor.threshold
+    levels = monitor.levels
     for i, name in enumerate(("hpl", "vpl")):
-        draft[f"/integrity/{name}"] = monitor.levels[:, i]
+        draft[f"/integrity/{name}"] = levels[:, i]
     if isinstance(monitor, SeparationMonitor):
         expected = case.flight.expected
         draft["/integrity/fault"] = np.array([fault.name for fault in expected], dtype=object)
@@ -198,10 +212,10 @@ def described(draft: Draft, case: Case) -> None:
         draft["/integrity/unmonitored"] = monitor.found.unmonitored
         draft["/integrity/emt"] = monitor.found.emt
     glide = glide_of(case)
-    there = np.isfinite(monitor.levels[glide]).all(axis=1)
+    there = np.isfinite(levels[glide]).all(axis=1)
     draft["/summary/integrity/level_share"] = there.mean() if there.size else math.nan
     for i, name in enumerate(("hpl", "vpl")):
-        values = monitor.levels[glide][there, i]
+        values = levels[glide][there, i]
         numbers = np.full(5, np.nan)
         if values.size:
             numbers[:] = values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])

@@ -15,7 +15,8 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE, HEIGHTS, RARE
+from navsim.io.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
+from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import (
     AlertRequirement,
     AnySingle,
@@ -27,11 +28,13 @@ from navsim.scenario.requirements import (
     RiskRequirement,
     RmsRequirement,
 )
+from navsim.simulation.landing_covariance import folded_quantile
+from navsim.simulation.monitoring import tested_levels
 from navsim.study.landing.case import Case
-from navsim.study.landing.integrity import glide_of, share_of_alike
+from navsim.study.landing.integrity import asked_of, glide_of, relative_levels, share_of_alike
 from navsim.study.statistics import rms_interval_of_means, share_interval
 
-MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
+NOT_MET, UNDECIDED, MET = VERDICTS
 MOST_RUNS = 10**12
 """Where it is given up to look for a number of runs."""
 _AXES = ("lateral", "along", "vertical")
@@ -47,6 +50,7 @@ class Fulfilment:
     limit: float
     least: bool = False
     again: Callable[[int], np.ndarray] | None = None
+    utilisation: float = math.nan
 
     def verdict(self, value: np.ndarray | None = None) -> str:
         """Of what was found, or of another value (3,)."""
@@ -73,10 +77,10 @@ UNKNOWN = np.full(3, np.nan)
 """Of what a method tells nothing."""
 
 
-def single(case: Case) -> list[tuple[str, AnySingle]]:
+def single(scenario: Landing) -> list[tuple[str, AnySingle]]:
     """The requirements of a scenario, presets as their parts, and what stands before each in words."""
     out: list[tuple[str, AnySingle]] = []
-    for one in case.scenario.requirements:
+    for one in scenario.requirements:
         if isinstance(one, PresetRequirement):
             out += [(f"{one.operation}: ", part) for part in one.parts()]
         else:
@@ -84,16 +88,44 @@ def single(case: Case) -> list[tuple[str, AnySingle]]:
     return out
 
 
-def judged(draft: Draft, case: Case, runs: int, moments: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-    """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for. moments: of a
-    covariance analysis, mean (h, 3) and 1 sigma (h, 3) of the errors at the heights."""
-    asked = single(case)
-    if not asked:
-        return
-    found = [
-        replace(fulfilled, text=before + fulfilled.text)
-        for before, fulfilled in ((before, _found(one, draft, case, runs, moments)) for before, one in asked)
+@dataclass(frozen=True)
+class Statement:
+    """A requirement in words. unit: of its figure. limit: what is asked for; least: whether that is a lower limit."""
+
+    text: str
+    unit: str
+    limit: float
+    least: bool
+
+
+def statements(scenario: Landing) -> list[Statement]:
+    """All requirements of a scenario, presets as their parts, in the order in which they are judged."""
+    out = []
+    for before, one in single(scenario):
+        text, limit, least = _statement(one)
+        unit = {RmsRequirement: "m", AlertRequirement: "s"}.get(type(one), "1")
+        out.append(Statement(before + text, unit, limit, least))
+    return out
+
+
+Moments = tuple[np.ndarray, np.ndarray]
+"""Of a covariance analysis, mean (h, 3) and 1 sigma (h, 3) of the errors at the heights."""
+
+
+def fulfilments(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> list[Fulfilment]:
+    """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
+    what a monitor would: nothing is known then of what rests on it."""
+    return [
+        replace(_found(one, draft, case, runs, moments), text=said.text)
+        for said, (_, one) in zip(statements(case.scenario), single(case.scenario), strict=True)
     ]
+
+
+def judged(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> None:
+    """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for."""
+    found = fulfilments(draft, case, runs, moments)
+    if not found:
+        return
     branch = "/summary/requirements"
     draft[f"{branch}/requirement"] = np.arange(1, len(found) + 1)
     draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
@@ -103,9 +135,7 @@ def judged(draft: Draft, case: Case, runs: int, moments: tuple[np.ndarray, np.nd
     draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
 
 
-def _found(
-    one: AnySingle, draft: Draft, case: Case, runs: int, moments: tuple[np.ndarray, np.ndarray] | None
-) -> Fulfilment:
+def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
     """What a summary says of a requirement."""
     text, limit, least = _statement(one)
     nothing = Fulfilment(text, UNKNOWN, limit, least)
@@ -113,12 +143,14 @@ def _found(
         return _of_box(nothing, draft, runs)
     if draft.layout == RARE:
         return nothing
+    if isinstance(one, LevelRequirement):
+        return _of_levels(one, nothing, draft, case)
+    if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement) and one.what == "availability":
+        return _available_by_levels(one, nothing, case)
     if isinstance(one, ErrorRequirement):
         return _of_error(one, nothing, draft, runs, moments)
     if isinstance(one, RmsRequirement):
         return _of_rms(one, nothing, draft, runs)
-    if isinstance(one, LevelRequirement):
-        return replace(nothing, value=_exactly(_share_of_levels(one, draft, case)))
     if draft.layout == COVARIANCE:
         return nothing
     if isinstance(one, AlertRequirement):
@@ -171,6 +203,8 @@ def _of_box(nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
 
         return replace(nothing, value=value, again=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
     if draft.layout == COVARIANCE:  # between the most probable of its sides and the sum of all
+        if "/summary/box/axis_first_order" not in draft:
+            return nothing
         sides = draft["/summary/box/axis_first_order"]
         most = min(1.0, float(np.nansum(sides)))
         return replace(nothing, value=np.array([most, float(np.nanmax(sides)), most]))
@@ -182,14 +216,17 @@ def _of_error(
     nothing: Fulfilment,
     draft: Draft,
     runs: int,
-    moments: tuple[np.ndarray, np.ndarray] | None,
+    moments: Moments | None,
 ) -> Fulfilment:
     height, axis = list(HEIGHTS).index(one.at), _AXES.index(one.of)
-    if moments is not None:
-        mean, sigma = (float(moment[height, axis]) for moment in moments)
+    if draft.layout == COVARIANCE:
+        mean, sigma = (math.nan, math.nan) if moments is None else (float(moment[height, axis]) for moment in moments)
         if not math.isfinite(sigma):
             return nothing
-        return replace(nothing, value=_exactly(1.0 - float(normal.exceedance(np.array(one.below_m), mean, sigma))))
+        share = 1.0 - float(normal.exceedance(np.array(one.below_m), mean, sigma))
+        return replace(
+            nothing, value=_exactly(share), utilisation=folded_quantile(one.share, mean, sigma) / one.below_m
+        )
     error = draft[f"/summary/at/{one.of}_run"][:, height]
     if np.isnan(error).all():  # the height is not passed
         return nothing
@@ -197,18 +234,54 @@ def _of_error(
 
 
 def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: Draft, runs: int) -> Fulfilment:
+    if draft.layout == COVARIANCE and f"/summary/rms/{one.of}" not in draft:
+        return nothing
     value = draft[f"/summary/rms/{one.of}"]
-    if draft.layout == COVARIANCE or not np.isfinite(value).all():
+    if draft.layout == COVARIANCE:
+        return replace(nothing, value=value, utilisation=float(value[0]) / one.below_m)
+    if not np.isfinite(value).all():
         return replace(nothing, value=value)
     axes = draft["/summary/rms/position_ned"][:, 0]
     squares = (axes[:2] if one.of == "horizontal" else axes[2:]) ** 2
     return replace(nothing, value=value, again=lambda n: rms_interval_of_means(squares, n))
 
 
-def _share_of_levels(one: LevelRequirement, draft: Draft, case: Case) -> float:
-    """Share of the epochs of the glide with a level within the size; what is no level is not."""
-    glide = glide_of(case)
-    return float(np.mean(draft[f"/integrity/{one.of}"][glide] <= one.below_m)) if glide.any() else math.nan
+def _of_levels(one: LevelRequirement, nothing: Fulfilment, draft: Draft, case: Case) -> Fulfilment:
+    """By the share of the epochs of the glide with a level within the size; what is no level is not."""
+    path, glide = f"/integrity/{one.of}", glide_of(case)
+    if path not in draft or not glide.any():
+        return nothing
+    level = draft[path][glide]
+    share = float(np.mean(level <= one.below_m))
+    return replace(nothing, value=_exactly(share), utilisation=_kept_by(level, one.share) / one.below_m)
+
+
+def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
+    """Between all epochs of the glide with levels within their limits, and those of them without a false alarm. What
+    else may cause alarms, runs alone tell: faults, or ranges worse than the monitor holds them for."""
+    asked, monitor, section = asked_of(case), case.flight.monitor, case.scenario.integrity
+    if asked is None or monitor is None or section is None:
+        return nothing
+    relative = relative_levels(asked, tested_levels(monitor))[asked.glide].max(axis=1)
+    if not relative.size:
+        return nothing
+    share = float(np.mean(relative <= 1.0))
+    if section.sigma_ratio_acc < 1.0 or any(event.what != "silence" for event in case.scenario.events):
+        return replace(nothing, value=np.array([share, 0.0, share]))
+    quiet = 1.0 - section.false_alarm()
+    due = one.at_least / quiet
+    return replace(
+        nothing,
+        value=np.array([share, share * quiet, share]),
+        utilisation=_kept_by(relative, due) if due <= 1.0 else math.inf,
+    )
+
+
+def _kept_by(values: np.ndarray, share: float) -> float:
+    """The smallest size that this share of values (n,) is within, inf where so many are none."""
+    ordered = np.sort(np.where(np.isnan(values), np.inf, values))
+    shares = np.arange(1, ordered.size + 1) / ordered.size
+    return float(ordered[np.searchsorted(shares, share)])
 
 
 def _of_shares(
