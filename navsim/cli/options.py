@@ -95,7 +95,11 @@ class Required:
     """What a result must be worth for the command to succeed."""
 
     require_fix: Annotated[
-        bool, typer.Option("--require-fix", help="Exit 3 where any epoch has no fix, or a fix could not be used.")
+        bool,
+        typer.Option(
+            "--require-fix",
+            help="Exit 3 where any epoch has no fix, or a fix could not be used; tightly coupled: no range.",
+        ),
     ] = False
     require_consistent: Annotated[
         bool,

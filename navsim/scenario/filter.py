@@ -36,7 +36,7 @@ class Gate(Section):
     probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
     """chance of rejecting a good fix; 0: no gate"""
     max_rejected: Annotated[int, Field(ge=0, le=1_000_000)] = 10
-    """rejections in a row after which a fix is taken nevertheless"""
+    """rejections in a row after which a fix is taken nevertheless, or a source's range"""
 
 
 class Components(Section):

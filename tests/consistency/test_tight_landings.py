@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -141,6 +142,36 @@ def test_a_clock_that_jumps_is_forgotten(kind: str) -> None:
     assert np.all(jumped.status[:, first] == REJECTED)
     assert np.all(jumped.status[:, first + 1 :] == USED)
     assert np.all(jumped.range_status[:, first + 1 :] != REJECTED)
+
+
+def test_what_is_excluded_is_not_weighed() -> None:
+    """A step that the gate would let in: the monitor excludes the satellite, and the tight filter does without it."""
+    event = json.dumps([{"what": "step", "sources": ["R07"], "at_s": 20, "until_s": 60, "error_m": 120.0}])
+    watched = ("integrity={method: chi2, exclusion: residual, alarmed_fixes: drop}", "filter.gate.probability=0")
+    settings = (*SHORT, "filter.kind=eskf", f"events={event}", "signals.range_sigma_m=1")
+    excluded, taken = flown(case(*settings, *watched), 8), flown(case(*settings, watched[1]), 8)
+    which = case(*SHORT).world.signals.names.index("R07")
+    at = slice(42, 68)
+    assert (excluded.range_status[:, at, which] == NOT_USED).mean() > 0.95
+    assert (taken.range_status[:, at, which] == USED).all()
+    sizes = [np.sqrt(np.mean(np.sum(one.error[:, 45:, :3] ** 2, axis=2))) for one in (excluded, taken)]
+    assert sizes[0] < 0.1 * sizes[1]
+
+
+@pytest.mark.parametrize("sky", ["nominal-glonass", "nominal"])
+@pytest.mark.parametrize("runs", [1, 2])
+def test_figures_have_the_clock(sky: str, runs: int, tmp_path: Path) -> None:
+    ready = case(*SHORT, f"sky.source={sky}")
+    made = result(ready, fly_all(ready, SEED, 0, runs, threads(), keep="all"), SEED, keep="all")
+    from navsim.report.figures import errors
+
+    figure = errors(made)
+    labels = [axis.get_ylabel() for axis in figure.axes if axis.axison]
+    scales = ["glonass"] if sky == "nominal-glonass" else ["glonass", "gps"]
+    assert [label for label in labels if label.startswith("clock")] == [
+        *(f"clock bias {scale}, m" for scale in scales), "clock drift, m/s",
+    ]  # fmt: skip
+    assert len(labels) == 15 + len(scales) + 1
 
 
 def test_findings_and_results_of_ranges() -> None:

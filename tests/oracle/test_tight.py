@@ -134,9 +134,12 @@ SKIES = {
 }  # fmt: skip
 
 
-def one_epoch(kind: int, moved: float, order: Sequence[int] | None, *assignments: str) -> tuple[Any, Any]:
+def one_epoch(
+    kind: int, moved: float, order: Sequence[int] | None, *assignments: str, own: bool = False
+) -> tuple[Any, Any]:
     """States of a tight and of a loose filter after the ranges, or the fix, of one epoch of the glide, from the same
-    start: as far off as `moved` (m, m/s, 0.1 rad), nothing known of the clock; order: of the ranges."""
+    start: as far off as `moved` (m, m/s, 0.1 rad), nothing known of the clock; order: of the ranges; own: whether
+    the fix is the receiver's own."""
     ready = case("filter.coupling=tight", "duration_s=31", "receiver.rate_hz=1", *assignments)
     flight, world = ready.flight, ready.world
     epoch = 29
@@ -165,7 +168,7 @@ def one_epoch(kind: int, moved: float, order: Sequence[int] | None, *assignments
     tight = start(nav, p, 1, len(world.signals.names))
     flown(table, imu, model, tight)
     llh, velocity, _, cov = receiver_fixes(world, ranges, rates)
-    if flight.beliefs.velocity:
+    if flight.beliefs.velocity and not own:
         velocity[epoch], cov[epoch] = of_all_unknowns(ready, epoch, k)
     fixes = table_of_fixes(flight.beliefs, *(m[epoch : epoch + 1] for m in (llh, velocity, cov)))
     loose = start(nav[: states.NAV_SENSORS + first - states.SENSORS], p[:first, :first], 1)
@@ -213,6 +216,15 @@ def test_with_an_unknown_clock_it_is_the_loose_one(sky: str, kind: int, velocity
     assert np.abs(off[:2]).max() * 6.4e6 < 1e-6
     assert abs(off[2]) < 1e-6
     assert np.abs(off[3:6]).max() < 1e-7
+
+
+def test_the_receivers_own_fix_knows_a_little_less() -> None:
+    """It solves ranges and range rates one after the other; those of near sources know of the place, too."""
+    tight, loose = one_epoch(ESKF, 0.0, None, own=True)
+    size = np.sqrt(np.diagonal(loose.covariance))
+    lost = 1.0 - np.diagonal(tight.covariance)[:3] / size[:3] ** 2
+    assert 0.005 < lost.max() < 0.03
+    assert lost.min() > -1e-6
 
 
 @pytest.mark.parametrize("sky", SKIES)
