@@ -425,6 +425,8 @@ _SEPARATED = f"{_WATCHED} with method mhss"
 _ASKED = f"{_WATCHED} with limits"
 _SAMPLED = f"{_WATCHED} with tails"
 _EXCLUDING = f"{_WATCHED} with exclusion"
+_TRIED = f"{_WATCHED} with innovations"
+_TRIED_KEPT = f"{_TRIED}, {_KEPT}"
 _EXCLUDING_KEPT = f"{_EXCLUDING}, {_KEPT}"
 _EXCLUDING_ASKED = f"{_EXCLUDING} and limits"
 _INTEGRITY = Chapter(
@@ -450,6 +452,8 @@ _INTEGRITY = Chapter(
            "alarm, and a source or fault excluded", LANDING, WHOLE, when=_WATCHED_KEPT),
         _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix", LANDING,
            when=_WATCHED_KEPT, axis=("horizontal", "vertical")),
+        _a("/integrity/innovation_ratio", "run time", "1", "sum of the normalised innovations squared of a window by "
+           "its threshold, above which it is an alarm; nan where nothing was weighed", LANDING, when=_TRIED_KEPT),
         _a("/integrity/candidate", "candidate", "1", "sources or faults that may be excluded", LANDING, TEXT,
            when=_EXCLUDING),
         _a("/integrity/excluded", "run time", "1", "number of the candidate that the fix is made without, from 0; -1 "
@@ -485,6 +489,9 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/alarms", "", "1", "those of them with an alarm, but for exclusions", LANDING, WHOLE,
            when=_WATCHED),
         _a("/summary/integrity/alarm_share", "interval", "1", "their share", LANDING, when=_WATCHED),
+        _a("/summary/integrity/innovation_alarms", "", "1", "epochs on the glide with an alarm by the innovations, of "
+           "all runs; they are among the alarms", LANDING, WHOLE, when=_TRIED),
+        _a("/summary/integrity/innovation_share", "interval", "1", "their share", LANDING, when=_TRIED),
         _a("/summary/integrity/exclusions", "", "1", "fixes on the glide that were made without what was excluded "
            "after an alarm, of all runs; they are none of the alarms", LANDING, WHOLE, when=_EXCLUDING),
         _a("/summary/integrity/exclusions_{outcome}", "", "1", "those of them, by the events that there are at the "

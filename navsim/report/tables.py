@@ -260,6 +260,8 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested fixes", _alarms)
+    if any("/summary/integrity/innovation_share" in result for _, result in results):
+        row("alarms by innovations, of epochs", lambda r: _share(r, "/summary/integrity/innovation_share"))
     if any("/summary/integrity/exclusions" in result for _, result in results):
         row("exclusions: correct, wrong, needless", _exclusions)
     if any("/summary/integrity/exclusions_available" in result for _, result in results):

@@ -75,6 +75,15 @@ class TailsSection(Section):
     """of each fault at each of the times"""
 
 
+class InnovationsSection(Section):
+    """A test of the filter's innovations, which sees what no single fix shows."""
+
+    window_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 30.0
+    """how long innovations are added up; 0: each epoch by itself"""
+    p_fa: Chance = 1e-5
+    """of an alarm at an epoch without a fault"""
+
+
 class IntegritySection(Section):
     """What watches the fixes, which faults it expects, and what is asked of it."""
 
@@ -85,6 +94,8 @@ class IntegritySection(Section):
     """null: levels and alarms are computed, and nothing is asked"""
     tails: TailsSection | None = None
     """null: levels are computed, and how often they are exceeded is not sampled"""
+    innovations: InnovationsSection | None = None
+    """null: the filter's innovations are not watched"""
     decision_height_m: NonNegative | None = None
     """above the runway: from there to touchdown an approach has to be available throughout; null: all of the glide"""
     exclusion: Literal["none", "residual", "rms"] = "none"

@@ -184,7 +184,7 @@ class Run:
     the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers; aided_squared,
     aided_degrees, aided_status (a,): as those of the fixes; monitor_excluded (e,), monitor_level (e, 2): numbers of the
     candidates that fixes are made without, -1 for none, and levels of those fixes, nan where there is no test; of no
-    size where nothing is excluded."""
+    size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -210,6 +210,7 @@ class Run:
     fix_error: np.ndarray
     monitor_excluded: np.ndarray
     monitor_level: np.ndarray
+    innovation_ratio: np.ndarray
 
     def one(self, which: int) -> Run:
         """One of several runs."""
@@ -577,16 +578,22 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
+    of_events = _of_events(
+        flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
+        of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
+    )  # fmt: skip
+    status, ratio = of_runs(watched.status).astype(np.int64), np.empty((count, 0))
+    if flight.watching is not None and flight.watching.innovations is not None:
+        squared, degrees = of_events["innovation_squared"], of_events["degrees"]
+        ratio = flight.watching.innovations.ratio(world.signals.time, squared, degrees)
+        status = np.where(ratio > 1.0, monitoring.ALARM, status)
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
         of_runs(account.judgement.error), of_runs(account.sigma), of_runs(account.cross),
         of_runs(account.judgement.nees), of_runs(account.judgement.nees_position_velocity),
         of_runs(account.judgement.nees_group),
-        **_of_events(
-            flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
-            of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
-        ),
-        monitor_statistic=of_runs(watched.statistic), monitor_status=of_runs(watched.status).astype(np.int64),
+        **of_events,
+        monitor_statistic=of_runs(watched.statistic), monitor_status=status, innovation_ratio=ratio,
         fix_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
     )  # fmt: skip

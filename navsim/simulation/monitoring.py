@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from navsim.integrity import separation
+from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, SeparationMonitor
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
@@ -64,6 +65,7 @@ class Monitoring:
     test: by residuals, or the shares of solution separation. faults: that separation expects. nominal: bounds of the
     biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's. exclusion: rule
     by which something is excluded after an alarm. drops: whether the filter does without fixes with an alarm.
+    innovations: how those of the filter are watched, if they are.
     """
 
     test: ChiSquareTest | Allocation
@@ -72,6 +74,7 @@ class Monitoring:
     accuracy: float
     exclusion: str = NO_EXCLUSION
     drops: bool = False
+    innovations: InnovationTest | None = None
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
         """The faults of sources that are used at all, then those two at once that have to be monitored with them, where

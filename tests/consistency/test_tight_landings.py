@@ -12,6 +12,7 @@ from navsim.core import states
 from navsim.core.arrays import chi_square
 from navsim.estimation.records import NOT_USED, REJECTED, USED
 from navsim.simulation.landing import Run
+from navsim.simulation.monitoring import ALARM
 from navsim.study.executor import threads
 from navsim.study.landing import Case, covariance_analysis, fly_all, result
 from tests.helpers import case
@@ -172,6 +173,30 @@ def test_figures_have_the_clock(sky: str, runs: int, tmp_path: Path) -> None:
         *(f"clock bias {scale}, m" for scale in scales), "clock drift, m/s",
     ]  # fmt: skip
     assert len(labels) == 15 + len(scales) + 1
+
+
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_innovations_see_a_spoofer_whom_no_fix_shows(coupling: str) -> None:
+    """All satellites spoofed up by 2 m/s: no more alarms of single fixes than by chance, but of the innovations;
+    without a spoofer those are as rare as they ought to be."""
+    event = json.dumps([{"what": "spoof", "sources": ["glonass"], "at_s": 15, "rate_ned_m_s": [0, 0, -2]}])
+    watched = "integrity={method: chi2, p_fa: 1.0e-3, innovations: {window_s: 5, p_fa: 1.0e-3}}"
+    settings = ("duration_s=35", "receiver.rate_hz=2", "filter.kind=gaussian-sum", f"filter.coupling={coupling}")
+    honest = flown(case(*settings, watched), 64)
+    share = (honest.innovation_ratio > 1.0).mean()
+    assert share < 8e-3  # windows of ten epochs go together
+    spoofed = flown(case(*settings, watched, f"events={event}"), 16)
+    late = slice(50, None)
+    assert (spoofed.innovation_ratio[:, late] > 1.0).mean() > 0.9
+    assert (spoofed.monitor_status[:, late] == ALARM).mean() > 0.9
+    alone = flown(case(*settings, "integrity={method: chi2, p_fa: 1.0e-3}", f"events={event}"), 16)
+    assert (alone.monitor_status[:, late] == ALARM).mean() < 0.02
+    assert alone.innovation_ratio.size == 0
+    made = case(*settings, watched)
+    ensemble = fly_all(made, SEED, 0, 2, threads(), keep="errors")
+    told = result(made, ensemble, SEED, keep="errors")
+    assert told["/integrity/innovation_ratio"].shape == (2, 70)
+    assert told["/summary/integrity/innovation_share"].shape == (3,)
 
 
 def test_findings_and_results_of_ranges() -> None:

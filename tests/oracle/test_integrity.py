@@ -14,6 +14,7 @@ from navsim.core.dop import geometry_covariance
 from navsim.integrity import forms
 from navsim.integrity.claims import possible
 from navsim.integrity.exclusion import NOTHING, alone, contained, least_rms
+from navsim.integrity.innovations import InnovationTest, SteadyWalk, detection
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent, silent_apart
 from navsim.integrity.separation import Allocation, Fault, Levels, levels
@@ -444,3 +445,48 @@ def test_alert_limits(cases: dict[str, Any]) -> None:
         given = min(row["val"]) if isinstance(row["val"], list) else row["val"]
         assert (horizontal, vertical) == (row["hal"], given), name
     assert LimitsSection.model_fields["tta_s"].is_required()
+
+
+@pytest.mark.validates("Slow ramp behind a filter, by its innovations", "closed form", steady="1e-8")
+def test_ramp_behind_a_filter(cases: dict[str, Any], within: Within) -> None:
+    given, expected = (cases["innovation_ramp"][part] for part in ("inputs", "expected"))
+    walk = SteadyWalk.of(given["q"], given["r"])
+    slope = given["ramp_per_epoch"]
+    found = (walk.p, walk.gain, walk.s, slope / walk.gain, walk.noncentrality(slope))
+    names = ("p_minus", "gain", "innovation_variance", "steady_innovation", "lambda_per_epoch")
+    np.testing.assert_allclose(found, [expected[name] for name in names], rtol=0, atol=within["steady"])
+    window = given["window"]
+    chance = detection(window, window * walk.noncentrality(slope), given["p_fa"])
+    assert chance == pytest.approx(expected["detection_probability"], abs=within["steady"])
+
+
+def test_sums_of_innovations_detect_a_ramp_as_often_as_expected(cases: dict[str, Any]) -> None:
+    """Simulated filters long after the ramp began: alarms of the window within the 99 % binomial interval."""
+    given, expected = (cases["innovation_ramp"][part] for part in ("inputs", "expected"))
+    walk, runs, epochs = SteadyWalk.of(given["q"], given["r"]), 40_000, 90
+    random = np.random.default_rng(8)
+    truth, estimate, squared = np.zeros(runs), np.zeros(runs), np.zeros((runs, epochs))
+    for k in range(epochs):
+        truth += np.sqrt(given["q"]) * random.standard_normal(runs)
+        measured = truth + np.sqrt(given["r"]) * random.standard_normal(runs) + given["ramp_per_epoch"] * k
+        innovation = measured - estimate
+        squared[:, k] = innovation**2 / walk.s
+        estimate += walk.gain * innovation
+    test = InnovationTest(given["window"] - 0.5, given["p_fa"])
+    ratio = test.ratio(np.arange(float(epochs)), squared, np.ones((runs, epochs), int))
+    chance = expected["detection_probability"]
+    reach = 2.576 * np.sqrt(runs * chance * (1.0 - chance))
+    assert abs((ratio[:, -1] > 1.0).sum() - runs * chance) < reach
+
+
+def test_windows_of_innovations() -> None:
+    """Sums by hand: of what is in the window, whatever is missing; nan where nothing is."""
+    time = np.array([1.0, 2.0, 3.0, 4.0, 9.0])
+    squared = np.array([[1.0, np.nan, 4.0, 2.0, np.nan]])
+    degrees = np.array([[1, 0, 2, 1, 0]])
+    ratio = InnovationTest(2.0, 1e-3).ratio(time, squared, degrees)
+    limit = {n: chi_square.exceeded(1e-3, n) for n in (1, 2, 3)}
+    np.testing.assert_allclose(ratio[0, :4], [1 / limit[1], 1 / limit[1], 4 / limit[2], 6 / limit[3]], rtol=1e-12)
+    assert np.isnan(ratio[0, 4])
+    each = InnovationTest(0.0, 1e-3).ratio(time, squared, degrees)
+    np.testing.assert_allclose(each[0, [0, 2, 3]], [1 / limit[1], 4 / limit[2], 2 / limit[1]], rtol=1e-12)

@@ -63,7 +63,7 @@ class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
     while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
-    whose ranges are measurements."""
+    whose ranges are measurements, epochs whose innovations are watched."""
 
     samples: int
     epochs: int
@@ -75,6 +75,7 @@ class Extent:
     watched: int
     settled: int
     ranged: int = 0
+    tried: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -83,6 +84,7 @@ class Extent:
             "group": self.states // 3, "aided": self.aided, "watched": self.watched,
             "settled": self.settled,
             "ranged": self.ranged,
+            "tried": self.tried,
         }  # fmt: skip
 
 
@@ -105,6 +107,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         0 if scenario.integrity is None else fixes.size,
         0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes.size,
         names if scenario.filter.tight else 0,
+        0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes.size,
     )  # fmt: skip
 
 
@@ -195,7 +198,7 @@ def _stored(here: Extent, keep: str) -> float:
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
-        + of("monitor_statistic", "fix_error", "monitor_level")
+        + of("monitor_statistic", "fix_error", "monitor_level", "innovation_ratio")
         + here.epochs
         + here.aided
         + here.watched

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest
 from navsim.integrity.separation import Allocation
 from navsim.models.signals import Environment
@@ -22,10 +23,11 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
     # satellites that are not to be used are among the signals all the same
     nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
     nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m)
-    drops = section.alarmed_fixes == "drop"
+    drops, asked = section.alarmed_fixes == "drop", section.innovations
+    innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
     if section.method == "chi2":
         test = ChiSquareTest(section.p_fa, section.p_md)
-        return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops)
+        return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations)
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
     faults += [ExpectedFault(name, (name,), section.p_pseudolite) for name in names]
     faults += [
@@ -39,7 +41,7 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
             samples=section.effective_samples,
         ),
         tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
-        drops,
+        drops, innovations,
     )  # fmt: skip
 
 

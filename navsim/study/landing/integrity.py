@@ -119,6 +119,8 @@ def tally(case: Case, runs: Run) -> Arrays:
         "integrity_tested": (status >= QUIET).sum(axis=1),
         "integrity_alarms": (status == ALARM).sum(axis=1),
     }
+    if watches_innovations(case):
+        out["integrity_innovations"] = (runs.innovation_ratio[:, glide] > 1.0).sum(axis=1)
     levels = tested_levels(monitor)[None]
     if excludes(case):
         excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
@@ -152,6 +154,12 @@ def excludes(case: Case) -> bool:
     """Whether something is excluded after alarms."""
     watching = case.flight.watching
     return watching is not None and watching.exclusion != NO_EXCLUSION
+
+
+def watches_innovations(case: Case) -> bool:
+    """Whether the filter's innovations are watched."""
+    watching = case.flight.watching
+    return watching is not None and watching.innovations is not None
 
 
 def regions(asked: Asked, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -245,6 +253,10 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     tested, alarms = ensemble.per_run("integrity_tested"), ensemble.per_run("integrity_alarms")
     draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
     draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
+    if watches_innovations(case):
+        found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
+        draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())
+        draft[f"{branch}/innovation_share"] = share_over_runs(found, np.full(runs, glide))
     if excludes(case):
         draft["/integrity/candidate"] = np.array([one.name for one in case.flight.candidates], dtype=object)
         _counted_exclusions(draft, branch, ensemble, alarms)

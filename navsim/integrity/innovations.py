@@ -1,0 +1,69 @@
+"""Innovations of a filter against what it expects of them, added up over a window of time.
+
+A fault that grows slowly is followed by the filter: each innovation alone is small, all together they are not chance.
+
+Source: `docs/theory/integrity.md`, section 9; Tanil, Khanafseh, Joerger & Pervan, An INS monitor to detect GNSS
+spoofers capable of tracking vehicle position, IEEE TAES 54(1) (2018).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays import chi_square
+
+
+@dataclass(frozen=True)
+class InnovationTest:
+    """The chi-square test of sums of normalised innovations squared. window: s. p_fa: probability of an alarm at an
+    epoch without a fault."""
+
+    window: float
+    p_fa: float
+
+    def ratio(self, time: np.ndarray, squared: np.ndarray, degrees: np.ndarray) -> np.ndarray:
+        """Sums over the window that ends with each epoch, it at least, by their threshold (r, e); above 1 they are an
+        alarm, nan where nothing was weighed in the window.
+
+        time: (e,) s, increasing. squared: (r, e) normalised innovations squared, nan where nothing was weighed.
+        degrees: (r, e) int of them.
+        """
+        first = np.minimum(np.searchsorted(time, time - self.window + 1e-9), np.arange(time.size))
+        sums, counts = (
+            np.concatenate([np.zeros((squared.shape[0], 1)), np.cumsum(each, axis=1)], axis=1)
+            for each in (np.where(degrees > 0, squared, 0.0), degrees)
+        )
+        last = np.arange(1, time.size + 1)
+        total, count = sums[:, last] - sums[:, first], counts[:, last] - counts[:, first]
+        each, index = np.unique(count, return_inverse=True)
+        limits = np.array([chi_square.exceeded(self.p_fa, n) if n > 0 else math.nan for n in each])
+        return np.asarray(total / limits[index].reshape(count.shape))
+
+
+@dataclass(frozen=True)
+class SteadyWalk:
+    """The filter of a scalar random walk in its steady state: variance p of the prediction, gain, variance s of the
+    innovation."""
+
+    p: float
+    gain: float
+    s: float
+
+    @classmethod
+    def of(cls, q: float, r: float) -> SteadyWalk:
+        """That of a walk with the variance q a step, measured with the variance r."""
+        p = 0.5 * (q + math.sqrt(q * q + 4.0 * q * r))
+        return cls(p, p / (p + r), p + r)
+
+    def noncentrality(self, slope: float) -> float:
+        """Of one normalised innovation squared, long after the measurements began to run away by `slope` a step: the
+        filter follows, late by slope / gain."""
+        return (slope / self.gain) ** 2 / self.s
+
+
+def detection(degrees: int, noncentrality: float, p_fa: float) -> float:
+    """The probability that a sum of so many degrees and this noncentrality is an alarm."""
+    return 1.0 - chi_square.probability_below(chi_square.exceeded(p_fa, degrees), degrees, noncentrality)
