@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.estimation.records import NOT_USED, USED
 from navsim.io.export import export
-from navsim.io.results import Result
+from navsim.io.results import Result, write
 from navsim.models.kinematics import Motion
 from navsim.models.recording import Ranges
-from navsim.scenario.load import read_replay
+from navsim.scenario.load import read, read_replay
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import draw
@@ -204,3 +205,35 @@ def test_a_station_that_stands_still(shared: Path, tmp_path: Path) -> None:
     assert after.sum() > 10
     assert np.sqrt(np.mean(errors**2)) < 1.1 * np.sqrt(np.nanmean(fixes**2))
     assert (flown["/innovations/range_status"] == USED).sum(axis=1).min() > 9
+
+
+def test_a_recorded_flight_with_simulated_ranges(shared: Path, tmp_path: Path) -> None:
+    """The circuits of fw_thor75, flown again with two satellites and a pseudolite left for 30 s: NEES/6 within the
+    99.99 % band, errors well below the loose filter's."""
+    folder = shared / "data/fw_thor75"
+    (tmp_path / "log.yaml").write_text(
+        f"kind: replay\nversion: 1\nimu: {{file: {folder}/imu.csv.gz}}\ngnss: {{file: {folder}/gnss.csv}}\n"
+        "start_s: 150\nend_s: 400\ntuning: none\n"
+    )
+    recorded = replayed(tmp_path / "log.yaml")
+    write(tmp_path / "flight.h5", recorded)
+    (tmp_path / "landing.yaml").write_text(
+        "kind: landing\nversion: 1\nepoch: 2012-09-13T12:00:00Z\nduration_s: 85\n"
+        "runway: {threshold: {lat_deg: 45.32988, lon_deg: -93.22812}, heading_deg: 0, height_m: 200}\n"
+        "approach: {profile: recorded, file: flight.h5, start_s: 300}\nreceiver: {rate_hz: 2}\n"
+        "sky: {source: nominal}\npseudolites: {count: 1, s_m: 300, l1_m: 500}\nimu: {preset: paper}\n"
+    )
+    names = landing.prepare(*read(tmp_path / "landing.yaml")).world.signals.names
+    silent = [name for name in names if name not in ("G03", "G04", "PL1")]
+    events = json.dumps([{"what": "silence", "sources": silent, "at_s": 50, "until_s": 80}])
+    sizes, runs = [], 32
+    for coupling in ("loose", "tight"):
+        ready = landing.prepare(*read(tmp_path / "landing.yaml", (f"filter.coupling={coupling}", f"events={events}")))
+        flown = list(ready.fly_runs(9, 0, runs, False))
+        last = int(np.searchsorted(ready.world.filter_time, 80.0 - 1e-6)) - 1
+        errors = np.concatenate([one.error[:, last, :2] for one in flown])
+        sizes.append(float(np.sqrt(np.mean(np.sum(errors**2, axis=1)))))
+        nees = np.concatenate([one.nees_position_velocity[:, last] for one in flown]).mean() / 6
+        low, high = (chi_square.quantile(p, 6 * runs) / (6 * runs) for p in (5e-5, 1.0 - 5e-5))
+        assert low < nees < high
+    assert sizes[1] < 0.6 * sizes[0], sizes
