@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from navsim.core import states
 from navsim.core.arrays.clock import densities, step_covariance
 from navsim.core.arrays.earth import RATE, ecef_from_llh, ned_matrix
+from navsim.core.covariance import gain, joseph
 from navsim.estimation.clock import ReceiverClock, carry_clock_covariance
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
@@ -21,13 +22,14 @@ from navsim.estimation.records import ESKF, FILTERS, TFG, FilterModel, History, 
 from navsim.models.receiver import wander
 from navsim.models.sky import unit_vector
 from navsim.simulation.landing import (
+    draw,
     exact_clock,
     receiver_fixes,
     table_of_fixes,
     table_of_ranges,
     without_noise,
 )
-from navsim.study.landing import Case
+from navsim.study.landing import Case, covariance_analysis
 from tests.conftest import DATA, Within
 from tests.helpers import case
 
@@ -284,3 +286,69 @@ def test_an_unreceived_system_has_no_clock() -> None:
     assert ready.states[15:] == ("clock_bias_gps", "clock_drift")
     both = replace(ready.flight.beliefs, clock=None)
     assert both.followed((0, 1)) == ()
+
+
+@pytest.mark.validates("Separation of a filter and one with fewer measurements", "closed form", covariances="1e-9")
+def test_filters_with_fewer_measurements(cases: dict[str, Any], within: Within) -> None:
+    """The update of navsim's filters, scalar by scalar, in the worked case; the covariance of the difference is that of
+    the covariances, by the joint recursion."""
+    entry = cases["filter_solution_separation"]
+    given = entry["inputs"]
+    phi, q = np.array(given["phi"]), np.array(given["q"])
+    both = ((np.array([given["h_a"]], float), given["r_a"]), (np.array([given["h_b"]], float), given["r_b"]))
+    covariances = [np.array(given["p0"]) for _ in range(2)]
+    # errors of the main filter and of the sub-filter, which begin alike
+    joint = np.tile(covariances[0], (2, 2))
+    for step in range(given["steps"] + 200):
+        covariances = [phi @ p @ phi.T + q for p in covariances]
+        joint = np.kron(np.eye(2), phi) @ joint @ np.kron(np.eye(2), phi).T + np.tile(q, (2, 2))
+        for number, (h, r) in enumerate(both if step < given["steps"] else ()):
+            turn, noise = np.eye(4), np.zeros((4, 1))
+            for which in range(2):
+                if which == 0 or number == 0:
+                    k = weighed(covariances[which], h, r)
+                    own = slice(2 * which, 2 * which + 2)
+                    turn[own, own] -= k @ h
+                    noise[own] = k
+            joint = turn @ joint @ turn.T + r * noise @ noise.T
+        expected = {given["steps"] - 1: entry["expected"], given["steps"] + 199: entry["coasting_200_steps"]}.get(step)
+        if expected is None:
+            continue
+        apart = joint[:2, :2] + joint[2:, 2:] - joint[:2, 2:] - joint[2:, :2]
+        for found, name in zip((*covariances, apart), ("p_main", "p_sub", "separation_covariance"), strict=True):
+            np.testing.assert_allclose(found, expected[name], rtol=0, atol=within["covariances"])
+        np.testing.assert_allclose(covariances[1] - covariances[0], apart, rtol=0, atol=within["covariances"])
+
+
+def weighed(p: np.ndarray, h: np.ndarray, r: float) -> np.ndarray:
+    """P (n, n) after a scalar measurement, in place, by navsim's kernels; returns its gain (n, 1)."""
+    n = p.shape[0]
+    rows, noise = np.zeros((states.MOST, n)), np.full((states.MOST, states.MOST), r)
+    rows[:1] = h
+    pht, k, work = (np.zeros((n, states.MOST)) for _ in range(3))
+    assert gain(p, rows, noise, 1, pht, np.zeros((states.MOST, states.MOST)), k)
+    joseph(p, rows, noise, 1, pht, k, work)
+    return k[:, :1]
+
+
+def test_a_filter_without_a_source_differs_by_the_difference_of_covariances() -> None:
+    """Landings with and without a satellite and a pseudolite, the same noise of all else: the difference of their
+    positions and velocities has the covariance P_sub - P_main that an optimal filter gives it, within 4.5 standard
+    errors."""
+    settings = (
+        "filter.coupling=tight", "filter.kind=eskf", "duration_s=30", "receiver.rate_hz=2",
+        "initial_errors.attitude_deg=0.5", "filter.gate.probability=0",
+    )  # fmt: skip
+    event = json.dumps([{"what": "silence", "sources": ["R07", "PL1"], "at_s": 0, "until_s": 30}])
+    runs, pair = 160, (case(*settings), case(*settings, f"events={event}"))
+    drawn = [draw(one.flight, 3, range(8)) for one in pair]
+    heard = np.isfinite(drawn[1].ranges)
+    np.testing.assert_array_equal(drawn[0].ranges[heard], drawn[1].ranges[heard])
+    errors = [np.concatenate([run.error for run in one.fly_runs(3, 0, runs, False)]) for one in pair]
+    believed = [covariance_analysis(one).believed for one in pair]
+    for when in (20, 40, 59):
+        apart = (errors[1] - errors[0])[:, when, :6]
+        expected = (believed[1] - believed[0])[when, :6, :6]
+        found = apart.T @ apart / runs
+        spread = np.sqrt((expected**2 + np.outer(np.diag(expected), np.diag(expected))) / runs)
+        assert np.all(np.abs(found - expected) < 4.5 * spread), when
