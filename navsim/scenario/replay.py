@@ -179,7 +179,7 @@ class Gnss(Section):
     def _ranges(self) -> Self:
         if not self.navigation:
             for key in ("navigation_sha256", "range_sigma_m", "range_rate_sigma_m_s", "mask_deg", "clock"):
-                if key in self.model_fields_set and getattr(self, key) is not None:
+                if getattr(self, key) != type(self).model_fields[key].default:
                     raise reject("is for RINEX observations: give `navigation`", key)
             return self
         default = type(self)(file=self.file).convention()

@@ -20,30 +20,30 @@ _STEP = 1e-3 * SPEED_OF_LIGHT
 
 
 @dataclass(frozen=True)
-class Messages:
+class NavigationMessages:
     """What navigation files tell: the constellations that fly by them, and Klobuchar's coefficients, if they do."""
 
     constellations: tuple[Constellation, ...]
     klobuchar: tuple[np.ndarray, np.ndarray] | None
 
 
-def read_messages(path: Path, lenient: bool, dropped: Dropped) -> Messages:
+def read_messages(path: Path, lenient: bool, dropped: Dropped) -> NavigationMessages:
     """The messages of a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`."""
     found = read_nav(path, lenient)
     for text in found.left_out:
         dropped.add(text, 1)
-    return Messages(tuple(found.constellations()), found.klobuchar)
+    return NavigationMessages(tuple(found.constellations()), found.klobuchar)
 
 
-def together(several: list[Messages]) -> Messages:
+def together(several: list[NavigationMessages]) -> NavigationMessages:
     """Those of several files, the first one's where two have the same system."""
     each = {one.system.name: one for messages in reversed(several) for one in messages.constellations}
     klobuchar = next((messages.klobuchar for messages in several if messages.klobuchar is not None), None)
-    return Messages(tuple(each.values()), klobuchar)
+    return NavigationMessages(tuple(each.values()), klobuchar)
 
 
 def read_ranges(
-    path: Path, messages: Messages, mask: float, fewest: int, shift: float, dropped: Dropped
+    path: Path, messages: NavigationMessages, mask: float, fewest: int, shift: float, dropped: Dropped
 ) -> tuple[Fixes, Ranges]:
     """Fixes from RINEX observations, and their ranges with those of epochs that have no fix.
 

@@ -176,6 +176,7 @@ ALIKE = {
     "imu.": "inertial sensors",
     "altimeter.": "a sensor beside the receiver",
     "initial_errors.": "of the filter", "filter.": "the filter",
+    "receiver.clock.": "noise that each run draws",
     "approach.profile": "by the shipped scenarios",
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",
     "approach.start_s": "the same", "approach.touchdown_s": "the same",
