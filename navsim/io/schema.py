@@ -349,7 +349,8 @@ _SUMMARY = Chapter(
         _a("/summary/count/runs", "", "1", "number of runs; 0 in a covariance analysis", _FLOWN, WHOLE),
         _a("/summary/count/fixes", "", "1", "number of fixes, of all runs", (*_FLOWN, REPLAY), WHOLE),
         _a("/summary/count/epochs_without_fix", "", "1", "epochs without a fix, of all runs", _FLOWN, WHOLE),
-        _a("/summary/count/rejected", "", "1", "fixes rejected by the gate, of all runs", (LANDING, REPLAY), WHOLE),
+        _a("/summary/count/rejected", "", "1", "fixes rejected by the gate, or ranges, of all runs",
+           (LANDING, REPLAY), WHOLE),
     ),
 )  # fmt: skip
 

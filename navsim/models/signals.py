@@ -6,6 +6,7 @@ Source: `docs/theory/landing.md`, section 4; the effects are those of `models.ef
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,6 +103,13 @@ class Environment:
         of_satellites = [group.constellation.system.name for group in self.satellites for _ in group.names]
         of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
         return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
+
+    def systems_of(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The same of sources by their names; those that are none of the environment's are pseudolites placed later."""
+        listed = () if self.listed is None else self.listed.names
+        own = (*(name for group in self.satellites for name in group.names), *listed, *self.pseudolites.names)
+        known = dict(zip(own, self.systems, strict=True))
+        return tuple(known.get(name, PSEUDOLITES) for name in names)
 
     @property
     def scale_offsets(self) -> np.ndarray:

@@ -144,6 +144,8 @@ class Gnss(Section):
     """their checksums, in order; when given, others are refused"""
     mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
     """satellites lower than this are left out, of RINEX observations"""
+    atmosphere: bool = True
+    """take troposphere and ionosphere out of RINEX observations; false: of a simulation that has neither"""
     range_sigma_m: Sigma | None = None
     """1 sigma of a pseudorange overhead, for `coupling: tight`; it grows as 1 / sin(elevation); untuned 1"""
     range_rate_sigma_m_s: Sigma | None = None
@@ -178,7 +180,14 @@ class Gnss(Section):
     @model_validator(mode="after")
     def _ranges(self) -> Self:
         if not self.navigation:
-            for key in ("navigation_sha256", "range_sigma_m", "range_rate_sigma_m_s", "mask_deg", "clock"):
+            for key in (
+                "navigation_sha256",
+                "range_sigma_m",
+                "range_rate_sigma_m_s",
+                "mask_deg",
+                "clock",
+                "atmosphere",
+            ):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise reject("is for RINEX observations: give `navigation`", key)
             return self

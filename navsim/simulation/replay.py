@@ -15,6 +15,7 @@ import numpy as np
 from navsim.core import covariance, states
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.core.dop import geometry_covariance
 from navsim.estimation import error_state
 from navsim.estimation.beliefs import Beliefs, clock_sigma
 from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
@@ -203,6 +204,8 @@ def fly(
     kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and flight.gaps else beliefs.kind
     noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
     known = valid if is_smoother(kind) else arrival
+    if beliefs.tight and flight.ranges is not None:
+        noise = _noise_of_fixes(flight.ranges.take(np.arange(count)), llh, range_sigma, noise)
     fixes = FixTable(llh, velocity, noise, beliefs.lever_arm)
     tables: dict[int, FixTable | RangeTable] = {PROBE if beliefs.tight else FIX: fixes}
     heard, scales = np.zeros((count, 0), bool), ()
@@ -244,6 +247,28 @@ def fly(
         outputs, history.navigation, history.sigma(), history.innovation[weighed], history.innovation_sigma[weighed],
         squared, degrees, status, logs, of_ranges, range_status,
     )  # fmt: skip
+
+
+def _noise_of_fixes(ranges: Ranges, llh: np.ndarray, sigma: tuple[float, float], otherwise: np.ndarray) -> np.ndarray:
+    """Covariance of position and velocity (m, 6, 6), NED, of fixes llh (m, 3) by the geometry of their ranges;
+    otherwise: where that has no solution."""
+    here = np.where(np.isfinite(llh), llh, 0.0)
+    away = np.einsum("mij,msj->msi", earth.ned_matrix(here), ranges.position - earth.ecef_from_llh(here)[:, None])
+    los = away[..., [1, 0, 2]] * [1.0, 1.0, -1.0] / np.linalg.norm(away, axis=2, keepdims=True)
+    los = np.where(np.isfinite(ranges.pseudorange)[..., None], los, np.nan)
+    out = otherwise.copy()
+    one_clock, ned = np.zeros_like(ranges.clock), [1, 0, 2]
+    sign = np.outer([1.0, 1.0, -1.0], [1.0, 1.0, -1.0])
+    for first, clock, weight in (
+        (0, ranges.clock, (sigma[0] * ranges.slant) ** -2.0),
+        (3, one_clock, np.full(ranges.slant.shape, sigma[1] ** -2.0)),
+    ):
+        solution, unknowns = geometry_covariance(los, clock, weight)
+        solved = (unknowns > 0) & np.isfinite(llh[:, 0])
+        block = slice(first, first + 3)
+        turned = solution[:, :3, :3][:, ned][:, :, ned] * sign
+        out[solved, block, block] = turned[solved]
+    return out
 
 
 def _table_of(

@@ -156,7 +156,12 @@ def of_flight(result: Result, probability: float, withheld: np.ndarray | None = 
     ):
         if some := _instants(mask, when):
             out.append(counted(name, some.count, total, some.first, some.last))
-    out += rejections(_instants(status == REJECTED, time), int(given.sum()), probability)
+    if "/innovations/range_status" in result:
+        of_ranges = result["/innovations/range_status"]
+        gated, weighed = (of_ranges == REJECTED).any(axis=1), int((of_ranges != NOT_USED).sum())
+        out += rejections(_instants(gated, time), int(given.sum()), probability, each=weighed)
+    else:
+        out += rejections(_instants(status == REJECTED, time), int(given.sum()), probability)
     degrees = int(result["/innovations/degrees"].sum())
     if degrees:
         mean = float(np.nansum(result["/innovations/normalized_squared"])) / degrees

@@ -43,19 +43,20 @@ def together(several: list[NavigationMessages]) -> NavigationMessages:
 
 
 def read_ranges(
-    path: Path, messages: NavigationMessages, mask: float, fewest: int, shift: float, dropped: Dropped
+    path: Path, messages: NavigationMessages, options: PositioningOptions, fewest: int, shift: float, dropped: Dropped
 ) -> tuple[Fixes, Ranges]:
     """Fixes from RINEX observations, and their ranges with those of epochs that have no fix.
 
-    mask: rad. fewest: satellites of a fix. shift: from GPS s to the times wanted, s. dropped: what was left out is
-    added. Raises FileError, OSError as `rinex_obs.read_obs`, and where there are fewer than two fixes.
+    options: but for the ionosphere's coefficients, which the messages have. fewest: satellites of a fix. shift: from
+    GPS s to the times wanted, s. dropped: what was left out is added. Raises FileError, OSError as
+    `rinex_obs.read_obs`, and where there are fewer than two fixes.
     """
     observations = read_obs(path, dropped.lenient)
     for text in observations.left_out:
         dropped.add(text, 1)
     try:
-        options = PositioningOptions(mask=mask, klobuchar=messages.klobuchar)
-        solution = solve(observations, messages.constellations, options)
+        klobuchar = messages.klobuchar if options.troposphere else None
+        solution = solve(observations, messages.constellations, replace(options, klobuchar=klobuchar))
     except ValueError as error:
         raise FileError(0, str(error), path) from None
     solved = np.isfinite(solution.llh[:, 0])
@@ -66,6 +67,9 @@ def read_ranges(
         raise FileError(0, f"{solved.sum()} fixes by these messages; two are the least", path)
     time = solution.time + shift
     ranges = replace(_steadied(solution.ranges, solution.clocks), time=time)
+    empty = ~np.isfinite(ranges.pseudorange).any(axis=1)
+    dropped.add("epochs without a range that the messages can use", int(empty.sum()))
+    ranges = ranges.take(np.flatnonzero(~empty))
     return Fixes(time[solved], solution.llh[solved], solution.velocity[solved]), ranges
 
 

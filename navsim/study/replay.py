@@ -46,6 +46,7 @@ from navsim.study.findings import notes, of_flight
 from navsim.study.job import JobError
 from navsim.study.recorded_ranges import read_messages, read_ranges, together
 from navsim.study.root import root_attributes
+from navsim.study.single_point import PositioningOptions
 from navsim.study.statistics import gate_limits
 
 MOVING = 3.0
@@ -291,9 +292,10 @@ def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
             raise InputError([Problem(place, f"gnss.navigation[{i}]", message)]) from None
     shift = gnss.time_offset_s - float(gps_from_utc(scenario.epoch.timestamp()))
     messages = together(several)
+    options = PositioningOptions(mask=gnss.mask_deg * DEG, troposphere=gnss.atmosphere)
     fixes, ranges = _read(
         document, scenario, "gnss",
-        lambda path: read_ranges(path, messages, gnss.mask_deg * DEG, gnss.min_satellites, shift, dropped),
+        lambda path: read_ranges(path, messages, options, gnss.min_satellites, shift, dropped),
     )  # fmt: skip
     return _Table(fixes, fixes, dropped), ranges
 
@@ -608,7 +610,7 @@ def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed
     for name, count in (
         ("samples", flight.imu_time.size),
         ("fixes", flight.arrival.size),
-        ("rejected", np.sum(flown.status == REJECTED)),
+        ("rejected", np.sum((flown.status if flight.ranges is None else flown.range_status) == REJECTED)),
         ("gaps", len(flight.gaps)),
     ):
         draft[f"/summary/count/{name}"] = np.int64(count)

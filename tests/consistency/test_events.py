@@ -184,3 +184,9 @@ def test_an_event_that_nobody_hears_is_told() -> None:
     assert "events[0]: step of R03: none of them is received then" in text
     heard = after({"what": "step", "sources": ["glonass"], "error_m": 9, "at_s": 2})
     assert not [warning for warning in heard.warnings if "events" in warning]
+
+
+def test_pseudolites_that_are_placed_later_are_told_by_what_they_are() -> None:
+    """A search places its own beside those of its base: events and their warnings know them."""
+    bare = landing.prepare(*read(SCENARIOS / "landing.yaml", (*BRIEF, "pseudolites.count=0")))
+    assert bare.environment.systems_of(("R01", "PL1", "R24")) == ("glonass", "pseudolites", "glonass")

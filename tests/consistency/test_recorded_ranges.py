@@ -12,7 +12,7 @@ import pytest
 
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import RATE, SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.estimation.records import NOT_USED, USED
+from navsim.estimation.records import NOT_USED, REJECTED, USED
 from navsim.io.export import export
 from navsim.io.results import Result, write
 from navsim.models.kinematics import Motion
@@ -92,8 +92,11 @@ def test_a_flight_is_flown_by_its_ranges(written: Written) -> None:
     np.testing.assert_array_equal(tight["/innovations/degrees"], 2 * used.sum(axis=1))
     np.testing.assert_array_equal(np.isfinite(tight["/innovations/range"]), used)
     assert np.nanstd(tight["/innovations/range"][50:]) < 1.5
-    # the fixes are told, and not used
+    # the fixes are told, and not used; their sizes are those of the geometry
     assert np.isfinite(tight["/innovations/position_ned"]).all()
+    for name in ("position", "velocity"):
+        ratio = tight[f"/innovations/{name}_ned"][50:] / tight[f"/innovations/{name}_ned_sigma"][50:]
+        assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5, name
 
 
 def test_an_outage_of_all_and_of_some(written: Written) -> None:
@@ -123,6 +126,22 @@ def test_an_outage_of_all_and_of_some(written: Written) -> None:
 def test_other_kinds(written: Written, kind: str) -> None:
     one = replayed(written.folder / "log.yaml", f"filter.kind={kind}", "end_s=40")
     assert np.sqrt(np.mean(off(one, written.truth)[100:] ** 2)) < 1.0
+
+
+def test_what_a_gate_rejects_is_counted(written: Written) -> None:
+    """A satellite that is off by 100 m is told, and the others fly on; ranges without an atmosphere say so."""
+    recording = replay.prepare(*read_replay(written.folder / "log.yaml", ("filter.gate={probability: 1.0e-4}",)))
+    assert recording.ranges is not None
+    wrong = recording.ranges.pseudorange.copy()
+    best = int(np.argmin(np.where(np.isfinite(wrong).all(axis=0), recording.ranges.slant[0], np.inf)))
+    wrong[60:90, best] += 100.0
+    one = replay.compute(replace(recording, ranges=replace(recording.ranges, pseudorange=wrong)))
+    rejected = one["/innovations/range_status"] == REJECTED
+    assert rejected[:, best].sum() > 20
+    assert one["/summary/count/rejected"] == rejected.sum()
+    assert "rejected_ranges" in list(one["/findings/finding"])
+    bare = replayed(written.folder / "log.yaml", "gnss.atmosphere=false", "end_s=40")
+    assert off(bare, written.truth)[100:, 2].mean() - off(one, written.truth)[100:300, 2].mean() > 3.0
 
 
 def test_noise_of_ranges_is_tuned(written: Written) -> None:

@@ -94,7 +94,8 @@ class Case:
         """Whether any source of an event is, while it lasts."""
         signals, model = self.world.signals, event.model()
         lasting = (signals.time >= model.begin) & (signals.time < model.end)
-        return bool(signals.used[np.ix_(lasting, model.concerns(signals.names, self.environment.systems))].any())
+        concerned = model.concerns(signals.names, self.environment.systems_of(signals.names))
+        return bool(signals.used[np.ix_(lasting, concerned)].any())
 
     def over(self, world: World) -> Case:
         """The same in another world, of the sources that it has now."""

@@ -94,6 +94,10 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     outputs[NOT_POSITIVE] = ~positive(analysis.believed)
     outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
     found = notes([*case.warnings, *integrity.told(case)])
+    if integrity.is_kept_from_faults(case):
+        found += notes(
+            ["the covariance analysis knows no exclusion and drops no fix: errors are those with the faults"]
+        )
     found += of_fixes(case, _one(fixes)) + of_outputs(case, _one(outputs))
     if outputs[NOT_POSITIVE].any():
         return found  # no normalised square is defined

@@ -94,7 +94,7 @@ def faulty(case: Case) -> np.ndarray:
     for event in case.environment.events:
         if not isinstance(event.what, Silence):
             lasting = (signals.time >= event.begin) & (signals.time < event.end)
-            out |= lasting[:, None] & event.concerns(signals.names, case.environment.systems)
+            out |= lasting[:, None] & event.concerns(signals.names, case.environment.systems_of(signals.names))
     return out & signals.used
 
 
@@ -154,6 +154,12 @@ def excludes(case: Case) -> bool:
     """Whether something is excluded after alarms."""
     watching = case.flight.watching
     return watching is not None and watching.exclusion != NO_EXCLUSION
+
+
+def is_kept_from_faults(case: Case) -> bool:
+    """Whether runs do without fixes or sources after alarms, and events cause some: what matrices alone, and levels of
+    all sources, do not know."""
+    return (excludes(case) or case.flight.drops) and bool(faulty(case).any())
 
 
 def watches_innovations(case: Case) -> bool:

@@ -31,7 +31,14 @@ from navsim.scenario.requirements import (
 from navsim.simulation.landing_covariance import folded_quantile
 from navsim.simulation.monitoring import tested_levels
 from navsim.study.landing.case import Case
-from navsim.study.landing.integrity import asked_of, glide_of, relative_levels, share_of_alike
+from navsim.study.landing.integrity import (
+    asked_of,
+    excludes,
+    glide_of,
+    is_kept_from_faults,
+    relative_levels,
+    share_of_alike,
+)
 from navsim.study.statistics import rms_interval_of_means, share_interval
 
 NOT_MET, UNDECIDED, MET = VERDICTS
@@ -147,6 +154,8 @@ def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments
         return _of_levels(one, nothing, draft, case)
     if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement) and one.what == "availability":
         return _available_by_levels(one, nothing, case)
+    if draft.layout == COVARIANCE and is_kept_from_faults(case):
+        return nothing
     if isinstance(one, ErrorRequirement):
         return _of_error(one, nothing, draft, runs, moments)
     if isinstance(one, RmsRequirement):
@@ -253,7 +262,9 @@ def _of_levels(one: LevelRequirement, nothing: Fulfilment, draft: Draft, case: C
         return nothing
     level = draft[path][glide]
     share = float(np.mean(level <= one.below_m))
-    return replace(nothing, value=_exactly(share), utilisation=_kept_by(level, one.share) / one.below_m)
+    # levels after an exclusion are higher, in runs that have one
+    value = np.array([share, 0.0, share]) if excludes(case) else _exactly(share)
+    return replace(nothing, value=value, utilisation=_kept_by(level, one.share) / one.below_m)
 
 
 def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
