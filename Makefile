@@ -26,6 +26,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/covariance_against_runs.py
 	$(BIN)/python scripts/covariance_matrix.py
 	$(BIN)/python scripts/filter_consistency.py
+	$(BIN)/python scripts/outages.py
 	$(BIN)/python scripts/rare_events.py
 	$(BIN)/python scripts/recorded_approach.py
 	$(BIN)/python -m pytest -n 2 --long
