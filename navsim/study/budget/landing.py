@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from navsim.core.lanes import WIDTH
+from navsim.core.states import clock_states
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SUM
@@ -79,9 +80,10 @@ class Extent:
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
+        of_clock = clock_states(self.clocks) if self.ranged else 0
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
-            "group": self.states // 3, "aided": self.aided, "watched": self.watched,
+            "group": (self.states - of_clock) // 3, "aided": self.aided, "watched": self.watched,
             "settled": self.settled,
             "ranged": self.ranged,
             "tried": self.tried,
