@@ -76,11 +76,16 @@ class Beliefs:
     def covariance(self, position: float, velocity: float, attitude: float, scales: Sequence[int] = ()) -> np.ndarray:
         """P (n, n) of a start with these 1 sigmas per axis, m, m/s, rad; scales: as of `model`."""
         known = initial_covariance((position, velocity, attitude, *self.sensors.sigma), self.sensors.blocks)
-        sigma = clock_sigma(len(self.followed(scales)))
-        out = np.zeros((known.shape[0] + sigma.size,) * 2)
-        out[: known.shape[0], : known.shape[0]] = known
-        out[known.shape[0] :, known.shape[0] :] = np.diag(sigma**2)
-        return out
+        return with_unknown_clock(known, len(self.followed(scales)))
+
+
+def with_unknown_clock(known: np.ndarray, scales: int) -> np.ndarray:
+    """P (n + c, n + c) of a start with P (n, n) of all but a clock against so many time scales."""
+    sigma = clock_sigma(scales)
+    out = np.zeros((known.shape[0] + sigma.size,) * 2)
+    out[: known.shape[0], : known.shape[0]] = known
+    out[known.shape[0] :, known.shape[0] :] = np.diag(sigma**2)
+    return out
 
 
 def clock_sigma(scales: int) -> np.ndarray:

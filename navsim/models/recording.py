@@ -81,6 +81,11 @@ class Ranges:
     range_rate: np.ndarray
     slant: np.ndarray
 
+    @property
+    def clocks(self) -> tuple[int, ...]:
+        """Numbers of the clocks of the sources that are ever received."""
+        return tuple(np.unique(self.clock[np.isfinite(self.pseudorange).any(axis=0)]).tolist())
+
     def take(self, index: np.ndarray) -> Ranges:
         """Some of the epochs."""
         per_epoch = ("time", "position", "velocity", "distance", "pseudorange", "range_rate", "slant")

@@ -7,7 +7,6 @@ and a process noise that knows it; smoothing carries across.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.core.dop import geometry_covariance
 from navsim.estimation import error_state
-from navsim.estimation.beliefs import Beliefs, clock_sigma
+from navsim.estimation.beliefs import Beliefs, with_unknown_clock
 from navsim.estimation.estimate import FILTER_KINDS, estimate, is_smoother, lost
 from navsim.estimation.observations import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable
 from navsim.estimation.records import ImuData, by_epoch, schedule, start
@@ -179,18 +178,19 @@ def fly(
     times: np.ndarray,
     until: float = np.inf,
     withheld: np.ndarray | None = None,
-    range_sigma: tuple[float, float] = (math.nan, math.nan),
+    range_sigma: tuple[float, float] | None = None,
 ) -> Replayed:
     """The flight through a filter or smoother.
 
     fix_sigma: (6,) of position and velocity of the fixes, north, east, down, m, m/s. times: (t,) at which to answer,
     beside those when fixes came. until: end early, s. withheld: (m,) bool, fixes, or the ranges of their epochs, that
     the filter is not given (their innovation is nan). range_sigma: of pseudoranges (m) and range rates (m/s) overhead,
-    for a tightly coupled filter. Raises ArithmeticError where a smoother's covariance fails, ValueError for a flight
-    without ranges that a tightly coupled filter is to fly.
+    for a tightly coupled filter. Raises ArithmeticError where a smoother's covariance fails, ValueError for a tightly
+    coupled filter without ranges or their sigmas.
     """
-    if beliefs.tight and flight.ranges is None:
-        raise ValueError("a tightly coupled filter needs ranges")
+    ranges = flight.ranges if beliefs.tight else None
+    if beliefs.tight and (ranges is None or range_sigma is None):
+        raise ValueError("a tightly coupled filter needs ranges and their sigmas")
     until = min(until, float(flight.imu_time[-1]))
     count = int(np.sum(flight.arrival <= until + 1e-9))
     arrival = flight.arrival[:count]
@@ -204,18 +204,17 @@ def fly(
     kind = FILTER_KINDS["map"] if is_smoother(beliefs.kind) and flight.gaps else beliefs.kind
     noise = np.tile(np.diag(beliefs.sigma_scale**2 * fix_sigma**2), (count, 1, 1))
     known = valid if is_smoother(kind) else arrival
-    if beliefs.tight and flight.ranges is not None:
-        noise = _noise_of_fixes(flight.ranges.take(np.arange(count)), llh, range_sigma, noise)
-    fixes = FixTable(llh, velocity, noise, beliefs.lever_arm)
-    tables: dict[int, FixTable | RangeTable] = {PROBE if beliefs.tight else FIX: fixes}
-    heard, scales = np.zeros((count, 0), bool), ()
-    if beliefs.tight and flight.ranges is not None:
-        ranges = flight.ranges.take(np.arange(count))
-        scales = tuple(np.unique(ranges.clock).tolist())
+    tables: dict[int, FixTable | RangeTable] = {}
+    scales: tuple[int, ...] = ()
+    heard = np.zeros((count, 0), bool)
+    if ranges is not None and range_sigma is not None:
+        scales, ranges = ranges.clocks, ranges.take(np.arange(count))
         heard = np.isfinite(ranges.pseudorange)
         if withheld is not None:
             heard &= ~withheld[:count, None]
+        noise = _noise_of_fixes(ranges, llh, range_sigma, noise)
         tables[RANGE] = _table_of(ranges, heard, scales, range_sigma, beliefs.lever_arm)
+    tables[PROBE if beliefs.tight else FIX] = FixTable(llh, velocity, noise, beliefs.lever_arm)
     epoch = np.nonzero(heard)[0]
     events = schedule(outputs, (PROBE if beliefs.tight else FIX, valid, known), (RANGE, valid[epoch], known[epoch]))
     model = replace(beliefs, kind=kind).model(_noise(flight, beliefs), scales)
@@ -317,10 +316,7 @@ def _start(
     if not scales or flight.ranges is None:
         return nav, matrix
     clock = _first_clock(flight, flight.ranges, scales)
-    whole = np.zeros((matrix.shape[0] + clock.size,) * 2)
-    whole[: matrix.shape[0], : matrix.shape[0]] = matrix
-    whole[matrix.shape[0] :, matrix.shape[0] :] = np.diag(clock_sigma(len(scales)) ** 2)
-    return np.concatenate([nav, clock]), whole
+    return np.concatenate([nav, clock]), with_unknown_clock(matrix, len(scales))
 
 
 def _first_clock(flight: RecordedFlight, ranges: Ranges, scales: tuple[int, ...]) -> np.ndarray:
@@ -336,10 +332,10 @@ def _first_clock(flight: RecordedFlight, ranges: Ranges, scales: tuple[int, ...]
     out = []
     for scale in scales:
         own = bias[:, ranges.clock == scale]
-        some = np.flatnonzero(np.isfinite(own).any(axis=1))
-        out.append(float(np.nanmedian(own[some[0]])) if some.size else 0.0)
-    some = np.flatnonzero(np.isfinite(rate).any(axis=1))
-    return np.array([*out, float(np.nanmedian(rate[some[0]])) if some.size else 0.0])
+        out.append(float(np.nanmedian(own[np.isfinite(own).any(axis=1)][0])))
+    some = rate[np.isfinite(rate).any(axis=1)]
+    # without a range rate nothing is known of the drift, which the filter believes
+    return np.array([*out, float(np.nanmedian(some[0])) if some.size else 0.0])
 
 
 def _noise(flight: RecordedFlight, beliefs: Beliefs) -> np.ndarray:

@@ -497,7 +497,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         )
     except ArithmeticError as error:
         raise ReplayError(str(error)) from None
-    scales = [] if flight.ranges is None else [flight.ranges.scales[k] for k in np.unique(flight.ranges.clock)]
+    scales = [] if flight.ranges is None else [flight.ranges.scales[clock] for clock in flight.ranges.clocks]
     names = states.names(states.biases(), scales), states.units(states.biases(), len(scales))
     draft = Draft(REPLAY, {"mixed": ", ".join(dict.fromkeys(names[1]))})
     _filter(draft, flown, np.isin(flown.time, times), *names)
