@@ -31,6 +31,7 @@ class Judging(NamedTuple):
     judgement: Judgement
     sigma: np.ndarray
     cross: np.ndarray
+    innovation: np.ndarray
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
@@ -64,8 +65,8 @@ def _opened_account(left):
             registers(judgement.error), registers(judgement.nees), registers(judgement.nees_position_velocity),
             registers(judgement.nees_group),
         ),
-        sigma, registers(left.cross), registers(left.innovation_squared), registers(left.degrees),
-        registers(left.status), room(sigma, (n, n)), room(sigma, (n,)), room(sigma, (n,)),
+        sigma, registers(left.cross), registers(left.innovation), registers(left.innovation_squared),
+        registers(left.degrees), registers(left.status), room(sigma, (n, n)), room(sigma, (n,)), room(sigma, (n,)),
     )  # fmt: skip
 
 
@@ -113,13 +114,19 @@ def _no_innovation(left, i):
 
 @in_kernels(_no_innovation)
 def _no_innovation_kept(left, i):
-    return _nan_innovation if left.instance_class is History else lambda left, i: None
+    return _nan_innovation if left.instance_class is History else _nan_of_account
 
 
 def _nan_innovation(left, i):
     for a in range(MOST):
         left.innovation[i, a] = math.nan
         left.innovation_sigma[i, a] = math.nan
+
+
+def _nan_of_account(left, i):
+    if left.innovation.shape[0] > 0:
+        for a in range(MOST):
+            left.innovation[i, a] = math.nan
 
 
 @kernel
@@ -131,20 +138,26 @@ def nothing_yet(left, i):
     left.status[i] = NOT_USED
 
 
-def keep_innovation(have, weighed, m, z, s, left, i):
+def keep_innovation(ahead, have, weighed, m, z, s, left, i):
     """Innovations z (m,) and 1 sigma, from the factor s of their covariance, of event i, where they are kept; nan where
-    there is none."""
+    there is none. A history keeps none of the copy that runs ahead."""
     raise NotImplementedError("keep_innovation is for kernels")
 
 
 @in_kernels(keep_innovation)
-def _keep_innovation(have, weighed, m, z, s, left, i):
-    if left.instance_class is History:
-        return _innovation_kept
-    return lambda have, weighed, m, z, s, left, i: None
+def _keep_innovation(ahead, have, weighed, m, z, s, left, i):
+    return _innovation_kept if left.instance_class is History else _innovation_of_account
 
 
-def _innovation_kept(have, weighed, m, z, s, left, i):
+def _innovation_of_account(ahead, have, weighed, m, z, s, left, i):
+    if left.innovation.shape[0] > 0:
+        for a in range(m):
+            left.innovation[i, a] = select(weighed & (have[a] > 0.0), z[a], math.nan)
+
+
+def _innovation_kept(ahead, have, weighed, m, z, s, left, i):
+    if ahead:
+        return
     for a in range(m):
         t = s[a, 0] * s[a, 0]
         for b in range(1, a + 1):
@@ -152,6 +165,22 @@ def _innovation_kept(have, weighed, m, z, s, left, i):
         there = weighed & (have[a] > 0.0)
         left.innovation[i, a] = select(there, z[a], math.nan)
         left.innovation_sigma[i, a] = select(there, math.sqrt(t), math.nan)
+
+
+def keep_use(used, m, left, i):
+    """Of event i an account keeps only the innovations (m,) that were used."""
+    raise NotImplementedError("keep_use is for kernels")
+
+
+@in_kernels(keep_use)
+def _keep_use(used, m, left, i):
+    return (lambda used, m, left, i: None) if left.instance_class is History else _use_of_account
+
+
+def _use_of_account(used, m, left, i):
+    if left.innovation.shape[0] > 0:
+        for a in range(m):
+            left.innovation[i, a] = select(used, left.innovation[i, a], math.nan)
 
 
 @kernel

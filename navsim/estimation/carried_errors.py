@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core.jit import kernel
-from navsim.core.lanes import fma, numbers, registers, room, small_matrix, small_vector
+from navsim.core.lanes import fma, numbers, registers, room, select, small_matrix, small_vector
+from navsim.core.linear import copy_matrix
 from navsim.core.states import MOST, SENSORS
 from navsim.estimation.clock import carry_clock_covariance
 
@@ -285,3 +286,136 @@ def carry_covariances(route, added, place, density, p, r, variance, second, sums
                     for c in range(lanes):
                         total += alone[a, lanes * b + c]
                     second[w, a, b] = total
+
+
+@kernel
+def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
+    """Carry how far filters that are given less are from one that flies, in lanes of its runs.
+
+    route: of that filter. gains (w, f, n, MOST): of the f others. innovation (k, MOST): at its events, those it used,
+    nan for others. fix (k,): the row of a fix in `apart` (f, e, MOST), fixes of the others minus its own, nan where
+    they have none; -1 for measurements that all are given alike. scale (o, f, 3): of differences of position. x (2, f,
+    n): zero, and room for the copy that runs ahead; overwritten. Out: farthest (o,), the largest scaled difference.
+
+    With d the others' estimates minus the filter's, and each event's innovation z at the filter's estimate,
+    d <- d + L (z + apart - H d) - K z.
+    """
+    innovation, apart, x, farthest = registers(innovation), registers(apart), registers(x), registers(farthest)
+    others, n = x.shape[1], x.shape[2]
+    first, scales = route.clock
+    z, seen, off = small_vector(x, MOST), small_vector(x, MOST), small_vector(x, MOST)
+    before = 0
+    for i in range(route.ahead.shape[0]):
+        ahead = 1 if route.ahead[i] else 0
+        at, w, row = route.interval[i], route.weighed[i], route.output[i]
+        largest = 0.0 * farthest[0]
+        if w >= 0:
+            for a in range(MOST):
+                used = innovation[i, a] == innovation[i, a]
+                z[a] = select(used, innovation[i, a], 0.0)
+        for f in range(others):
+            if ahead > before:
+                for j in range(n):
+                    x[1, f, j] = x[0, f, j]
+            one = x[ahead, f]
+            if at >= 0:
+                _carry_column(route.phi[at], route.rest[at], one)
+                for b in range(scales):
+                    one[first + b] += route.length[at] * one[first + scales]
+            if row >= 0:
+                for q in range(3):
+                    size = scale[row, f, q] * one[q]
+                    size = select(size < 0.0, -size, size)
+                    largest = select(size > largest, size, largest)
+            if w >= 0:
+                for a in range(MOST):
+                    off[a] = z[a]
+                    if fix[i] >= 0:
+                        off[a] += apart[f, fix[i], a]
+                _observe_difference(route.h[w], one, off, innovation[i], seen)
+                for j in range(n):
+                    t = one[j]
+                    for a in range(MOST):
+                        t = fma(gains[w, f, j, a], seen[a], fma(-route.gain[w, j, a], z[a], t))
+                    one[j] = t
+        if row >= 0:
+            farthest[row] = largest
+        before = ahead
+
+
+@kernel
+def _observe_difference(h, x, off, innovation, seen):
+    """seen (m,) <- off - H x, 0 where `off` or the innovation is not there."""
+    for a in range(h.shape[0]):
+        t = off[a]
+        for j in range(x.shape[0]):
+            if h[a, j] != 0.0:
+                t = fma(-h[a, j], x[j], t)
+        there = (innovation[a] == innovation[a]) & (off[a] == off[a])
+        seen[a] = select(there, t, 0.0)
+
+
+@kernel
+def _line(matrix, side, j, line):
+    """line (S,) <- column (side 0) or row (1) j of a matrix (S, S)."""
+    for k in range(line.shape[0]):
+        line[k] = matrix[k, j] if side == 0 else matrix[j, k]
+
+
+@kernel
+def _put_line(line, side, j, matrix):
+    """The reverse of `_line`."""
+    for k in range(line.shape[0]):
+        if side == 0:
+            matrix[k, j] = line[k]
+        else:
+            matrix[j, k] = line[k]
+
+
+@kernel
+def carry_excess(route, gains, cross, x, excess):
+    """Carry by how much the covariance of the errors of two filters is more than that of the first's.
+
+    Of filters that see the same and weigh it as well as can be it is none: the error of the better one is in that of
+    the other (docs/theory/integrity.md, section 10). route: of the first filter. gains (w, n, MOST): of the other.
+    cross (w, MOST, MOST): covariance of what the first measures with what the other does, minus that of the first. x
+    (2, n, n): zero, and room for the copy that runs ahead; overwritten. Out: excess (o, 3, 3) of positions.
+    """
+    size = x.shape[1]
+    first, scales = route.clock
+    seen, nothing, column = np.empty(MOST), np.zeros(MOST), np.empty(size)
+    before = 0
+    for i in range(route.ahead.shape[0]):
+        ahead = 1 if route.ahead[i] else 0
+        if ahead > before:
+            copy_matrix(x[0], x[1])
+        before = ahead
+        one, at, w, row = x[ahead], route.interval[i], route.weighed[i], route.output[i]
+        # from the left by what happens to the first filter, then from the right by what happens to the other
+        for side in range(2) if at >= 0 else range(0):
+            for j in range(size):
+                _line(one, side, j, column)
+                _carry_column(route.phi[at], route.rest[at], column)
+                for b in range(scales):
+                    column[first + b] += route.length[at] * column[first + scales]
+                _put_line(column, side, j, one)
+        if row >= 0:
+            for j in range(3):
+                for k in range(3):
+                    excess[row, j, k] = one[j, k]
+        if w >= 0:
+            for side in range(2):
+                gain = route.gain[w] if side == 0 else gains[w]
+                for j in range(size):
+                    _line(one, side, j, column)
+                    _observe_column(route.h[w], column, nothing, seen)
+                    for k in range(size):
+                        for a in range(MOST):
+                            column[k] -= gain[k, a] * seen[a]
+                    _put_line(column, side, j, one)
+            for a in range(MOST):
+                for b in range(MOST):
+                    if cross[w, a, b] != 0.0:
+                        for j in range(size):
+                            for k in range(size):
+                                one[j, k] += route.gain[w, j, a] * cross[w, a, b] * gains[w, k, b]

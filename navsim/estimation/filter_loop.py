@@ -25,7 +25,7 @@ from navsim.core.lanes import any_lane, no, registers, room, select
 from navsim.core.linear import copy, copy_matrix
 from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
-from navsim.estimation.answers import answer, keep_decision, keep_innovation, nothing_yet, opened
+from navsim.estimation.answers import answer, keep_decision, keep_innovation, keep_use, nothing_yet, opened
 from navsim.estimation.charts import correct, own_error, turn_axes
 from navsim.estimation.clock import forget_clock, has_jumped, run_clock_on
 from navsim.estimation.error_state import between
@@ -217,19 +217,19 @@ def count_rejection(weighed, used, where, rejected):
 
 
 @kernel
-def decide(keep, weighed, degrees, m, gauge, where, model, rejected, left, i):
+def decide(ahead, weighed, degrees, m, gauge, where, model, rejected, left, i):
     """Whether what was weighed is used: it passes the gate, or enough before it did not.
 
     gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. where: its slot. rejected
-    (slots,): counted on. Where `keep`, it is left as that of event i.
+    (slots,): counted on. Unless it is that of the copy that runs ahead, it is left as that of event i.
     """
-    if keep:
-        keep_innovation(gauge.have, weighed, m, gauge.z, gauge.s, left, i)
+    keep_innovation(ahead, gauge.have, weighed, m, gauge.z, gauge.s, left, i)
     q = whitened_square(gauge.s, gauge.z, m)
     used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
     if where == PROBE:
         used = used & no(used)
-    if keep:
+    keep_use(used, m, left, i)
+    if not ahead:
         keep_decision(weighed, used, q, degrees, left, i)
     count_rejection(weighed, used, where, rejected)
     return used
@@ -392,7 +392,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
             if any_lane(weighed):
                 errors_from(gauge.k, gauge.z, m, gauge.x)
                 where = slot(what, row, measurements)
-                used = decide(ahead == 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
+                used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
                 if any_lane(used):
                     update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
             if what == RANGE:

@@ -562,7 +562,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 _share(fewer, weight)
             weighed = _together(weight, zs, ss, m, gauge.z, gauge.s) & (degrees > 0.0) & sound
             where = slot(what, row, measurements)
-            used = decide(ahead == 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
+            used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
             for j in range(count):
                 if any_lane(used & (weight[j] > 0.0)):
                     errors_from(ks[j], zs[j], m, gauge.x)

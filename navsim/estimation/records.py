@@ -172,13 +172,15 @@ class Account(NamedTuple):
 
     At its outputs: truth; judgement; sigma (o, n) of the errors, nan where a variance is negative; cross (o, 6), what
     else a turn of axes needs of the covariance, its elements NE, ND, ED of position, then of attitude. Of its events:
-    innovation_squared, degrees, status as of a `History`.
+    innovation_squared, degrees, status as of a `History`; innovation (k, MOST) those that were used, also by the copy
+    that runs ahead, nan for others, of no size where they are not wanted.
     """
 
     truth: Truth
     judgement: Judgement
     sigma: np.ndarray
     cross: np.ndarray
+    innovation: np.ndarray
     innovation_squared: np.ndarray
     degrees: np.ndarray
     status: np.ndarray
@@ -188,16 +190,18 @@ class Account(NamedTuple):
         return Account(self.truth.each(change), Judgement(*map(change, self.judgement)), *map(change, self[2:]))
 
 
-def empty_account(truth: Truth, states: int, events: int, *lanes: int, clock: int = 0) -> Account:
+def empty_account(
+    truth: Truth, states: int, events: int, *lanes: int, clock: int = 0, innovations: bool = False
+) -> Account:
     """Room for what an estimator of so many states, some of them the clock's, leaves beside a truth, of one run or of
-    so many lanes."""
+    so many lanes; innovations: whether they are wanted."""
     o, n, groups = truth.llh.shape[0], states, (states - clock) // 3
     judgement = Judgement(
         np.empty((o, n, *lanes)), np.empty((o, *lanes)), np.empty((o, *lanes)), np.empty((o, groups, *lanes))
     )
     return Account(
         truth, judgement, np.empty((o, n, *lanes)), np.empty((o, 6, *lanes)),
-        *(np.empty((events, *lanes)) for _ in range(3)),
+        np.empty((events if innovations else 0, MOST, *lanes)), *(np.empty((events, *lanes)) for _ in range(3)),
     )  # fmt: skip
 
 

@@ -245,7 +245,7 @@ def run(imu, measurements, events, state, model, passes, history):
             errors_from(k, z, m, x)
             if first:
                 weighed = used
-                keep_innovation(have, weighed, m, z, s, left, e)
+                keep_innovation(False, have, weighed, m, z, s, left, e)
                 q = whitened_square(s, z, m)
                 where = slot(what, events.row[e], measurements)
                 used = weighed & (no(q > limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))

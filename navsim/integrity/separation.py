@@ -70,27 +70,38 @@ class Allocation:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """How far the whole solution, and those without each fault, may be off without one; axes east, north, up, m.
+
+    solved: (e,), separate_solved: (k, e) bool, where there are such solutions. sigma: (e, 3), separate_sigma: (k, e, 3)
+    1 sigma. apart: (k, e, 3) 1 sigma of their differences. bias: (e, 3), separate_bias: (k, e, 3) that nominal biases
+    reach. nan where there is no solution.
+    """
+
+    solved: np.ndarray
+    separate_solved: np.ndarray
+    sigma: np.ndarray
+    separate_sigma: np.ndarray
+    apart: np.ndarray
+    bias: np.ndarray
+    separate_bias: np.ndarray
+
+
+@dataclass(frozen=True)
 class Levels:
     """What solution separation says of epochs; axes east, north, up; nan where there is none.
 
     available: (e,) whether there is a level. unmonitored: (e,) probability of what is not monitored. monitored: (k, e)
-    faults. sigma: (e, 3), separate_sigma: (k, e, 3) of the fixes, without each fault. separator: (k, e, 3, s) the
-    difference of the fixes by errors of ranges, threshold: (k, e, 3) what it may be, m. bias: (e, 3), separate_bias:
-    (k, e, 3) that nominal biases reach, m. level: (e, 3) m. accuracy: (e, 3) 1 sigma of what the fix is without a
-    fault, m. emt: (e,) effective monitor threshold, m.
+    faults. threshold: (k, e, 3) what the difference of the solutions with and without a fault may be, m. level: (e, 3)
+    m. spread: of the solutions. emt: (e,) effective monitor threshold, m.
     """
 
     available: np.ndarray
     unmonitored: np.ndarray
     monitored: np.ndarray
-    sigma: np.ndarray
-    separate_sigma: np.ndarray
-    separator: np.ndarray
     threshold: np.ndarray
-    bias: np.ndarray
-    separate_bias: np.ndarray
     level: np.ndarray
-    accuracy: np.ndarray
+    spread: Spread
     emt: np.ndarray
 
     @property
@@ -104,6 +115,15 @@ class Levels:
         return self.level[:, UP]
 
 
+@dataclass(frozen=True)
+class FixLevels(Levels):
+    """Those of fixes. separator: (k, e, 3, s) the differences of the fixes by errors of ranges. accuracy: (e, 3) 1
+    sigma of what the fix is without a fault, m."""
+
+    separator: np.ndarray
+    accuracy: np.ndarray
+
+
 def levels(
     rows: np.ndarray,
     used: np.ndarray,
@@ -113,21 +133,50 @@ def levels(
     faults: Sequence[Fault],
     allocation: Allocation,
     unlisted: float | None = None,
-) -> Levels:
-    """The levels of epochs.
+) -> FixLevels:
+    """The levels of fixes of epochs.
 
     rows (e, s, u), used (e, s): see `solution.solve`. noise: that bounds the errors of ranges; accuracy: that they have
     without faults. nominal: (e, s) m, bound of their biases. unlisted: probability of what `faults` do not name, where
     it is not that of several of them at once.
     """
     whole = solve(rows, used, noise)
-    priors = np.array([fault.prior for fault in faults])
     without = [_without(rows, used, noise, fault) for fault in faults]
+    shape = len(faults), used.shape[0]
+    separator = np.array([s.estimator - whole.estimator for s in without]).reshape(*shape, 3, used.shape[1])
+    spread = Spread(
+        whole.solved,
+        np.array([s.solved for s in without]).reshape(shape),
+        _sigma(whole),
+        np.array([_sigma(s) for s in without]).reshape(*shape, 3),
+        np.array([np.sqrt(accuracy.variance(one)) for one in separator]).reshape(*shape, 3),
+        _reach(whole, nominal),
+        np.array([_reach(s, nominal) for s in without]).reshape(*shape, 3),
+    )
+    found = allotted(spread, used, faults, allocation, unlisted)
+    of_fix = np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan)
+    return FixLevels(**vars(found), separator=separator, accuracy=of_fix)
+
+
+def allotted(
+    spread: Spread,
+    used: np.ndarray,
+    faults: Sequence[Fault],
+    allocation: Allocation,
+    unlisted: float | None = None,
+    idle: np.ndarray | None = None,
+) -> Levels:
+    """The levels of solutions that use ranges (e, s), by their spread; other arguments are those of `levels`.
+
+    idle: (k, e) bool, faults that are not monitored where what is tolerated has room for them, the least probable
+    first.
+    """
+    priors = np.array([fault.prior for fault in faults])
     touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults]).reshape(len(faults), -1)
     for k, fault in enumerate(faults):
         if fault.of:  # where one of them is not there, it is the other alone
             touched[k] = touched[list(fault.of)].all(axis=0)
-    monitored = touched & np.array([s.solved for s in without]).reshape(touched.shape)
+    monitored = touched & spread.separate_solved
     if unlisted is None:
         alone = [not fault.of for fault in faults]
         listed = [fault.of for fault in faults if fault.of]
@@ -135,32 +184,30 @@ def levels(
     else:
         unmonitored = np.full(used.shape[0], unlisted)
     unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
+    spared = np.zeros_like(monitored) if idle is None else idle & monitored
+    for k in np.argsort(priors, kind="stable"):
+        left = spared[k] & (unmonitored + priors[k] <= allocation.p_unmonitored)
+        monitored[k] &= ~left
+        unmonitored = unmonitored + np.where(left, priors[k], 0.0)
 
-    sigma, bias = _sigma(whole), _reach(whole, nominal)
-    separate_sigma = np.array([_sigma(s) for s in without]).reshape(*monitored.shape, 3)
-    separate_bias = np.array([_reach(s, nominal) for s in without]).reshape(*monitored.shape, 3)
-    separator = np.array([s.estimator - whole.estimator for s in without]).reshape(*monitored.shape, 3, used.shape[1])
-    apart = np.array([np.sqrt(accuracy.variance(one)) for one in separator]).reshape(*monitored.shape, 3)
-    threshold = _factors(allocation, monitored.sum(axis=0)) * apart
+    threshold = _factors(allocation, monitored.sum(axis=0)) * spread.apart
     threshold[~monitored] = np.nan
 
     p_hmi = np.array([*[0.5 * allocation.p_hmi_horizontal] * 2, allocation.p_hmi_vertical]) / allocation.samples
     total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
-    left = 1.0 - unmonitored / total
-    available = whole.solved & (unmonitored <= allocation.p_unmonitored) & (left > 0.0)
+    share = 1.0 - unmonitored / total
+    available = spread.solved & (unmonitored <= allocation.p_unmonitored) & (share > 0.0)
     level = np.full((used.shape[0], 3), np.nan)
     at = np.flatnonzero(available)
     for axis in (EAST, NORTH, UP):
         level[at, axis] = _level(
-            p_hmi[axis] * left[at], bias[at, axis], sigma[at, axis], np.where(monitored, priors[:, None], 0.0)[:, at],
-            (threshold + separate_bias)[:, at, axis], separate_sigma[:, at, axis],
+            p_hmi[axis] * share[at], spread.bias[at, axis], spread.sigma[at, axis],
+            np.where(monitored, priors[:, None], 0.0)[:, at], (threshold + spread.separate_bias)[:, at, axis],
+            spread.separate_sigma[:, at, axis],
         )  # fmt: skip
     counted = np.where(monitored & (priors[:, None] >= allocation.p_emt), threshold[..., UP], 0.0)
-    return Levels(
-        available, unmonitored, monitored, sigma, separate_sigma, separator, threshold, bias, separate_bias, level,
-        np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan),
-        np.where(whole.solved, counted.max(axis=0, initial=0.0), np.nan),
-    )  # fmt: skip
+    emt = np.where(spread.solved, counted.max(axis=0, initial=0.0), np.nan)
+    return Levels(available, unmonitored, monitored, threshold, level, spread, emt)
 
 
 def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> MonitoredFix:
@@ -259,7 +306,7 @@ def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
 class SeparationMonitor:
     """The test whether fixes without the sources of a fault are too far from the whole ones."""
 
-    def __init__(self, found: Levels) -> None:
+    def __init__(self, found: FixLevels) -> None:
         self.found = found
         there = found.monitored[..., None] & (found.threshold > 0.0)
         # residuals instead of errors serve as well: of those the whole fix makes nothing

@@ -16,7 +16,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square, normal
 from navsim.integrity.residuals import Monitor
-from navsim.integrity.separation import Levels
+from navsim.integrity.separation import FixLevels
 from navsim.integrity.solution import Independent, MonitoredFix
 
 UNMOVED = 0.1
@@ -129,7 +129,7 @@ def under_squares(monitor: Monitor, epoch: int, axis: int) -> TailCase:
     return TailCase(estimate, residual, sigma, SquareTest(residual, threshold, degrees), used)
 
 
-def under_separations(fix: MonitoredFix, found: Levels, epoch: int, axis: int) -> TailCase:
+def under_separations(fix: MonitoredFix, found: FixLevels, epoch: int, axis: int) -> TailCase:
     """The fix of an epoch under the test of its separations `found`; axis: east, north, up."""
     estimate, residual, sigma, used = _whitened(fix, epoch, axis)
     seen = found.monitored[:, epoch]

@@ -436,22 +436,25 @@ _INTEGRITY = Chapter(
     "of epochs have the interval that runs give them, since epochs of a run go together.",
     (
         _a("/integrity/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_WATCHED),
-        _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all that is used; inf where a "
+        _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all that is used, with method "
+           "filter of the filter at its answer to it, as all that follows; inf where a "
            "range is not checked, nan where there is none", _FLOWN, when=_WATCHED),
         _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
         _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
         _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
            when=_SEPARATED),
         _a("/integrity/prior", "fault", "1", "their probabilities", _FLOWN, when=_SEPARATED),
-        _a("/integrity/monitored", "fault time", "1", "1 where the fix without the fault is compared", _FLOWN, WHOLE,
+        _a("/integrity/monitored", "fault time", "1", "1 where what is without the fault is compared", _FLOWN, WHOLE,
            when=_SEPARATED),
         _a("/integrity/unmonitored", "time", "1", "probability of what is not monitored", _FLOWN, when=_SEPARATED),
         _a("/integrity/emt", "time", "m", "effective monitor threshold", _FLOWN, when=_SEPARATED),
         _a("/integrity/statistic", "run time", "1", "square of the residuals in sigmas (chi2), or the largest "
-           "difference of fixes by its threshold (mhss); nan without a fix", LANDING, when=_WATCHED_KEPT),
-        _a("/integrity/status", "run time", "1", "0 no fix, 1 nothing to test it by, 2 nothing wrong, 3 alarm, 4 "
-           "alarm, and a source or fault excluded", LANDING, WHOLE, when=_WATCHED_KEPT),
-        _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix", LANDING,
+           "difference of fixes, or filters, by its threshold (mhss, filter); nan without a fix", LANDING,
+           when=_WATCHED_KEPT),
+        _a("/integrity/status", "run time", "1", "0 no fix, or nothing received (filter); 1 nothing to test it by, 2 "
+           "nothing wrong, 3 alarm, 4 alarm, and a source or fault excluded; 0 and 3 are alerts", LANDING, WHOLE,
+           when=_WATCHED_KEPT),
+        _a("/integrity/error_{axis}", "run time", "m", "size of the {axis} error of the fix, or the filter", LANDING,
            when=_WATCHED_KEPT, axis=("horizontal", "vertical")),
         _a("/integrity/innovation_ratio", "run time", "1", "sum of the normalised innovations squared of a window by "
            "its threshold, above which it is an alarm; nan where nothing was weighed", LANDING, when=_TRIED_KEPT),
@@ -489,6 +492,8 @@ _INTEGRITY = Chapter(
            when=_WATCHED),
         _a("/summary/integrity/alarms", "", "1", "those of them with an alarm, but for exclusions", LANDING, WHOLE,
            when=_WATCHED),
+        _a("/summary/integrity/lost", "", "1", "epochs on the glide, of all runs, without a fix, or with nothing "
+           "received (filter): alerts, too, but none of the alarms", LANDING, WHOLE, when=_WATCHED),
         _a("/summary/integrity/alarm_share", "interval", "1", "their share", LANDING, when=_WATCHED),
         _a("/summary/integrity/innovation_alarms", "", "1", "epochs on the glide with an alarm by the innovations, of "
            "all runs; they are among the alarms", LANDING, WHOLE, when=_TRIED),

@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.figures import COLOURS, COLUMN, SMALL, blocks, legend_above, new_figure, touchdown
-from navsim.report.tables import runs_of
+from navsim.report.tables import runs_of, setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +28,12 @@ def _limit(result: Result, name: str) -> float:
     return float(result[path]) if path in result else np.inf
 
 
+def _whose(result: Result) -> str:
+    return "filter" if setting(result, "integrity", "method") == "filter" else "fix"
+
+
 def levels(result: Result) -> Figure:
-    """Protection levels over time, beside their limits and the errors of the fixes."""
+    """Protection levels over time, beside their limits and the errors of the fixes, or of the filter."""
     fig = new_figure(2 * COLUMN, 4.4)
     axes = fig.subplots(2, 1, sharex=True)
     time = result["/integrity/time"]
@@ -45,7 +49,7 @@ def levels(result: Result) -> Figure:
             largest = np.full(time.size, -np.inf)
             for block in blocks(result, f"/integrity/error_{axis}"):
                 largest = np.fmax(largest, np.fmax.reduce(block, axis=0))
-            several = "largest error of all runs" if result["/run"].size > 1 else "error of the fix"
+            several = "largest error of all runs" if result["/run"].size > 1 else f"error of the {_whose(result)}"
             ax.plot(time, np.where(np.isfinite(largest), largest, np.nan), color=_ERROR, lw=0.6, label=several)
             alarms = sum((block == _ALARM).any(axis=0) for block in blocks(result, "/integrity/status"))
             there = np.flatnonzero(alarms)
@@ -62,7 +66,8 @@ def levels(result: Result) -> Figure:
 
 
 def stanford(result: Result) -> Figure:
-    """How often errors of fixes met protection levels, epochs with an alarm, or after touchdown, left out."""
+    """How often errors of fixes, or of the filter, met protection levels, but for epochs with an alarm, or after
+    touchdown."""
     fig = new_figure(2 * COLUMN, 3.2)
     axes = fig.subplots(1, 2)
     landed = touchdown(result)
@@ -82,7 +87,7 @@ def stanford(result: Result) -> Figure:
             # what is beyond the frame is counted at its edge
             counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
         _diagram(ax, edges, counts, most, top)
-        ax.set_xlabel(f"{axis} error of the fix, m")
+        ax.set_xlabel(f"{axis} error of the {_whose(result)}, m")
         ax.set_ylabel(f"{axis} protection level, m")
     until = " until touchdown" if np.isfinite(landed) else ""
     fig.suptitle(

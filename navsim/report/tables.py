@@ -202,6 +202,10 @@ def _alarms(result: Result) -> Cell | str:
     return cell("{} of {}", alarms, tested)
 
 
+def _count(result: Result, path: str) -> Cell | str:
+    return cell("{}", int(result[path])) if path in result else ABSENT
+
+
 def _exclusions(result: Result) -> Cell | str:
     branch = "/summary/integrity/exclusions"
     if branch not in result:
@@ -247,19 +251,24 @@ _INTEGRITY = {
 
 
 def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
-    """What the monitor of the fixes came to."""
+    """What the monitor of the fixes, or of the filter, came to."""
 
     def row(label: str, shown: Callable[[Result], Cell | str]) -> None:
         table.add(f"  {label}", *(shown(result) for _, result in results))
 
     flown = any("/summary/integrity/alarms" in result for _, result in results)
     asked = any("/summary/integrity/hmi" in result for _, result in results)
-    table.head("Integrity of the fixes on the glide", *("mean (min - max), m" for _ in results))
+    methods = [setting(result, "integrity", "method") for _, result in results if "/integrity/hpl" in result]
+    whose = {"filter" if method == "filter" else "fixes" for method in methods}
+    title = f"Integrity of the {' or the '.join(sorted(whose))} on the glide"
+    table.head(title, *("mean (min - max), m" for _ in results))
     for name in ("hpl", "vpl"):
         row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
     row("share of epochs with levels", _level_share)
     if flown:
-        row("alarms, of tested fixes", _alarms)
+        row("alarms, of tested epochs", _alarms)
+        if any(int(r["/summary/integrity/lost"]) for _, r in results if "/summary/integrity/lost" in r):
+            row("alerts for want of a fix or source", lambda r: _count(r, "/summary/integrity/lost"))
     if any("/summary/integrity/innovation_share" in result for _, result in results):
         row("alarms by innovations, of epochs", lambda r: _share(r, "/summary/integrity/innovation_share"))
     if any("/summary/integrity/exclusions" in result for _, result in results):

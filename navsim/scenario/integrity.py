@@ -87,9 +87,10 @@ class InnovationsSection(Section):
 class IntegritySection(Section):
     """What watches the fixes, which faults it expects, and what is asked of it."""
 
-    method: Literal["mhss", "chi2"] = "mhss"
+    method: Literal["mhss", "chi2", "filter"] = "mhss"
     """mhss: solution separation, the fix without each fault against the whole one; chi2: the residuals' square, one
-    fault at a time"""
+    fault at a time; filter: solution separation of the filter, which without each fault goes on by its inertial sensors
+    and the other sources; levels, errors and alarms are then the filter's"""
     limits: LimitsSection | None = None
     """null: levels and alarms are computed, and nothing is asked"""
     tails: TailsSection | None = None
@@ -109,7 +110,7 @@ class IntegritySection(Section):
     p_md: Chance = 1e-3
     """chi2: of no alarm at an epoch with the fault that the levels are of"""
     p_hmi_v: Chance = 9.8e-8
-    """mhss, as all that follow: of a vertical error beyond the level without an alarm"""
+    """mhss and filter, as all that follow: of a vertical error beyond the level without an alarm"""
     p_hmi_h: Chance = 2e-9
     """of a horizontal one"""
     p_fa_v: Chance = 3.9e-6
@@ -136,6 +137,20 @@ class IntegritySection(Section):
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
     """independent samples of an approach, by which the probabilities are divided"""
+
+    @model_validator(mode="after")
+    def _of_fixes_alone(self) -> Self:
+        if self.method == "filter":
+            for name, default, why in (
+                ("exclusion", "none", "fixes are solved anew without what is excluded"),
+                ("alarmed_fixes", "use", "alarms of the filter come after it took the fix"),
+                ("tails", None, "they are sampled of fixes"),
+                ("sigma_ratio_acc", 1.0, "the filter has one covariance"),
+            ):
+                if getattr(self, name) != default:
+                    shown = "null" if default is None else f"{default:g}" if name == "sigma_ratio_acc" else default
+                    raise reject(f"method filter goes with {shown} alone: {why}; use mhss or chi2", name)
+        return self
 
     def false_alarm(self) -> float:
         """The largest probability of an alarm at an epoch without a fault."""

@@ -106,6 +106,9 @@ class Landing(Section):
                 self.integrity.check_names(self.pseudolites.names())
             except KeyedError as error:
                 raise reject(str(error), "integrity", *error.path) from None
+            if self.integrity.method == "filter" and self.filter.kind in SMOOTHERS:
+                text = f"is for a filter, {self.filter.kind} is a smoother; use mhss or chi2, or another filter.kind"
+                raise reject(text, "integrity", "method")
             for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
                 if at > self.duration_s:
                     text = f"is not within duration_s, {self.duration_s:g} s"

@@ -28,6 +28,7 @@ from navsim.estimation.estimate import fly as fly_filter
 from navsim.estimation.estimate import in_all_lanes, is_smoother
 from navsim.estimation.observations import FIX, RANGE, FixTable, Measurements, RangeTable
 from navsim.estimation.records import (
+    Account,
     Events,
     FilterModel,
     ImuData,
@@ -207,7 +208,7 @@ class Run:
     aided_status: np.ndarray
     monitor_statistic: np.ndarray
     monitor_status: np.ndarray
-    fix_error: np.ndarray
+    watched_error: np.ndarray
     monitor_excluded: np.ndarray
     monitor_level: np.ndarray
     innovation_ratio: np.ndarray
@@ -347,7 +348,7 @@ class Flight:
 
     initial, gyro, accel: the truth. beliefs: the filter's. covariance: (n, n) it starts from. events: what happens in
     the order of the filter. weighed: (e, 1) the event of each fix, or (e, s) of each range, -1 of one that is not
-    received. model: `beliefs` as kernels take them. watching: how fixes are watched, if they are. start: 1 sigma of the
+    received. model: `beliefs` as kernels take them. watching: how it is watched, if it is. start: 1 sigma of the
     initial errors that the filter believes in.
     """
 
@@ -364,9 +365,19 @@ class Flight:
     watching: monitoring.Monitoring | None = None
 
     @cached_property
-    def monitor(self) -> monitoring.Snapshot | None:
+    def bank(self) -> monitoring.Bank | None:
+        """What watches the filter, if anything does."""
+        return None if self.watching is None or self.watching.bank is None else self.watching.bank(self)
+
+    @cached_property
+    def snapshot(self) -> monitoring.Snapshot | None:
         """What watches the fixes, if anything does."""
-        return None if self.watching is None else self.watching.over(self.world.signals)
+        return None if self.watching is None or self.watching.bank else self.watching.over(self.world.signals)
+
+    @property
+    def monitor(self) -> monitoring.Watch | None:
+        """What watches the landing, if anything does."""
+        return self.snapshot or self.bank
 
     @property
     def expected(self) -> tuple[monitoring.ExpectedFault, ...]:
@@ -554,7 +565,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     nav = with_clock(flight, initial_estimate(flight, inputs.initial), inputs.clock)
     ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
     fixes = receiver_fixes(world, ranges, rates)
-    watched = Watched.of(flight, ranges, fixes.llh, fixes.clocks).settled(flight, ranges, rates, fixes)
+    watched = Watched.of_fixes(flight, ranges, fixes.llh, fixes.clocks).settled(flight, ranges, rates, fixes)
     llh, velocity, clocks, cov = fixes
     if beliefs.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
@@ -565,10 +576,12 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     truth = world.at_filter
     account = empty_account(
         Truth(truth.llh, truth.velocity_ned, truth.quaternion, inputs.sensors), n, flight.events.time.size, WIDTH,
-        clock=flight.model.clock_states,
+        clock=flight.model.clock_states, innovations=flight.bank is not None,
     )  # fmt: skip
     start_ = begun(flight, nav, in_all_lanes(flight.covariance))
     fly_filter(ImuData(world.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, account)
+    if flight.bank is not None:
+        watched = Watched.of_filter(flight, account, fixes, ranges, rates)
 
     def of_runs(lanes: np.ndarray) -> np.ndarray:
         runs = np.empty((count, *lanes.shape[:-1]))
@@ -594,7 +607,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         of_runs(account.judgement.nees_group),
         **of_events,
         monitor_statistic=of_runs(watched.statistic), monitor_status=status, innovation_ratio=ratio,
-        fix_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
+        watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
     )  # fmt: skip
 
@@ -608,8 +621,9 @@ def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
 
 @dataclass(frozen=True)
 class Watched:
-    """What a monitor says of the fixes of lanes, statistic and status (e, W), and the sizes of their errors, horizontal
-    and vertical (e, 2, W), m; of no size where nothing watches. excluded (e, W), level (e, 2, W): see `Run`."""
+    """What a monitor says of the fixes of lanes, or of their filters, statistic and status (e, W), and the sizes of
+    errors, horizontal and vertical (e, 2, W), m; of no size where nothing watches. excluded (e, W), level (e, 2, W):
+    see `Run`."""
 
     statistic: np.ndarray
     status: np.ndarray
@@ -618,9 +632,23 @@ class Watched:
     level: np.ndarray
 
     @classmethod
-    def of(cls, flight: Flight, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray) -> Watched:
+    def of_filter(
+        cls, flight: Flight, account: Account, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+    ) -> Watched:
+        """Of a filter, by what it left, and the fixes that it was given of ranges and rates (e, s, W)."""
+        bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
+        assert bank is not None
+        statistic = bank.statistic(account.innovation, fixes, ranges, rates)
+        received = np.repeat(flight.world.signals.used.any(axis=1, keepdims=True), WIDTH, axis=1)
+        said = monitoring.status(bank.tested, bank.threshold, statistic, received)
+        error = np.abs(account.judgement.error[1:, states.POS : states.POS + 3])
+        off = np.stack([np.hypot(error[:, 0], error[:, 1]), error[:, 2]], axis=1)
+        return cls(statistic, said.astype(float), off, *none)
+
+    @classmethod
+    def of_fixes(cls, flight: Flight, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray) -> Watched:
         """Of fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) from ranges (e, s, W)."""
-        monitor, none = flight.monitor, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
+        monitor, none = flight.snapshot, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         if monitor is None:
             return cls(none[0], *none, *none)
         left, error = left_over(flight.world.signals, flight.world.antenna_enu, ranges, llh, clocks)
@@ -631,7 +659,7 @@ class Watched:
 
     def settled(self, flight: Flight, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes) -> Watched:
         """After exclusions, which change the fixes."""
-        excluder, monitor = flight.excluder, flight.monitor
+        excluder, monitor = flight.excluder, flight.snapshot
         if excluder is None or monitor is None:
             return self
         levels = np.repeat(monitoring.tested_levels(monitor)[..., None], WIDTH, axis=2)

@@ -31,7 +31,7 @@ from navsim.core.dop import MAX_CLOCKS
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs, clock_sigma
-from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances
+from navsim.estimation.carried_errors import Route, carry_columns, carry_covariances, carry_excess
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
@@ -334,10 +334,15 @@ def _densities(flight: Flight) -> np.ndarray:
     return np.array([gyro.noise_density**2, accel.noise_density**2, gyro.drive(), accel.drive()])
 
 
-def along_truth(flight: Flight) -> AlongTruth:
-    """Fly the filter of a flight along the truth, without noise."""
+def along_truth(flight: Flight, without: np.ndarray | None = None, noisy: bool = True) -> AlongTruth:
+    """Fly the filter of a flight along the truth, without noise.
+
+    without: (s,) bool, sources of which it is given nothing. noisy: whether what sensor noise adds is wanted.
+    """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     ranges, rates = without_noise(world)
+    if without is not None:
+        ranges = np.where(without, np.nan, ranges)
     own: FixTable | RangeTable
     if beliefs.tight:
         epoch, source = np.nonzero(world.signals.used)
@@ -363,7 +368,7 @@ def along_truth(flight: Flight) -> AlongTruth:
         flight.model,
         np.concatenate([mine, truth]),
         mine.size + _MARKOV,
-        _densities(flight) > 0.0,
+        (_densities(flight) > 0.0) & noisy,
         in_lanes(np.zeros((1, ROWS))),
         lin,
     )
@@ -378,13 +383,13 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     """
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
     along = along or along_truth(flight)
-    steps, lin, by_range, by_rate, epoch, true = along
+    _, lin, by_range, by_rate, epoch, true = along
     s, events, e, outputs = world.signals, flight.events, world.signals.time.size, world.filter_time.size
     own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
     own += (CLOCK,) if flight.scales else ()
     sources = (*own, *(aid.sensor.name for aid in world.aids))
-    carried = _Augmented(beliefs.sensors.blocks, [state.block for state in true], len(flight.scales))
-    n, route = carried.n, carried.route(events, steps, lin)
+    carried, route = _route(flight, along)
+    n = carried.n
     kind = RANGE if beliefs.tight else FIX
     weighed, row = _weighed(events, route, kind)
     there = lin.have > 0.0
@@ -494,6 +499,49 @@ def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.n
         return np.zeros((m, MOST, 0))
     size = np.where(signals.used[:, :, None], signals.space, 0.0)
     return np.einsum("mrs,msk->mrsk", by_range, size[epoch]).reshape(m, MOST, -1)
+
+
+def responses(flight: Flight, along: AlongTruth) -> np.ndarray:
+    """Errors of the filter's states at its outputs (o, n, s) by a bias of 1 m that each range always has."""
+    carried, route = _route(flight, along)
+    weighed, row = _weighed(flight.events, route, RANGE if flight.beliefs.tight else FIX)
+    sources = along.by_range.shape[2]
+    off = np.zeros((*along.lin.have.shape, sources))
+    off[weighed] = np.where(along.lin.have[weighed, :, None] > 0.0, along.by_range[row], 0.0)
+    return _carry_columns(route, np.zeros((carried.size, sources)), off)[0]
+
+
+def route_of_filter(flight: Flight, along: AlongTruth) -> Route:
+    """What happens to the states of a filter alone, whatever the truth is."""
+    carried, route = _route(flight, along)
+    return route.of(np.arange(carried.n))
+
+
+def excess(flight: Flight, route: Route, whole: AlongTruth, other: AlongTruth) -> np.ndarray:
+    """Of a filter that is given less, the covariance of its position errors with those of the whole one, minus the
+    covariance of the latter, at the outputs (o, 3, 3), m2, by what both believe; route: of the whole one."""
+    signals, beliefs = flight.world.signals, flight.beliefs
+    out = np.zeros((flight.world.filter_time.size, 3, 3))
+    if beliefs.tight:  # ranges are weighed as well as can be
+        return out
+    weighed, row = _weighed(flight.events, route, FIX)
+    slopes = [(whole.by_range, other.by_range, signals.fix_sigma)]
+    slopes += [(whole.by_rate, other.by_rate, signals.rate_sigma)] if beliefs.velocity else []
+    total = np.zeros((signals.time.size, MOST, MOST))
+    for mine, its, sigma in slopes:
+        weight = np.where(signals.used, beliefs.sigma_scale * sigma, 0.0)[:, None] ** 2
+        total += (mine * weight) @ np.swapaxes(its - mine, 1, 2)
+    there = whole.lin.have[weighed, :, None] * other.lin.have[weighed, None, :]
+    cross, n = np.zeros((*whole.lin.have.shape, MOST)), route.gain.shape[1]
+    cross[weighed] = np.where(there > 0.0, total[row], 0.0)
+    carry_excess(route, other.lin.gain, cross, np.zeros((2, n, n)), out)
+    return out
+
+
+def _route(flight: Flight, along: AlongTruth) -> tuple[_Augmented, Route]:
+    """The state carried, and what happens to it."""
+    carried = _Augmented(flight.beliefs.sensors.blocks, [state.block for state in along.true], len(flight.scales))
+    return carried, carried.route(flight.events, along.steps, along.lin)
 
 
 def _at_start(

@@ -5,9 +5,9 @@ Source: `docs/theory/integrity.md`, section 7.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,16 +17,17 @@ from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, SeparationMonitor
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
 from navsim.models.pseudorange import Signals
+from navsim.simulation.fixes import ReceiverFixes
 
 NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
-"""What a monitor says of an epoch: there is no fix, nothing to test it by, nothing wrong, something wrong; something
-was, and is excluded."""
+"""What a monitor says of an epoch: there is no fix, or nothing is received; nothing to test it by, nothing wrong,
+something wrong; something was, and is excluded."""
 NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
 """Rules by which something is excluded after an alarm."""
 
 
-class Snapshot(Protocol):
-    """A monitor of the fixes of epochs, each by itself."""
+class Watch(Protocol):
+    """What watches a landing, whichever way."""
 
     @property
     def levels(self) -> np.ndarray:
@@ -44,8 +45,22 @@ class Snapshot(Protocol):
     def size(self) -> int:
         """What it takes of memory, about, bytes."""
 
+
+class Snapshot(Watch, Protocol):
+    """A monitor of the fixes of epochs, each by itself."""
+
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """What tells a fault (e, W), of residuals (e, s, W) of fixes, m."""
+
+
+class Bank(Watch, Protocol):
+    """A monitor of the filter, at its outputs."""
+
+    def statistic(
+        self, innovation: np.ndarray, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+    ) -> np.ndarray:
+        """What tells a fault (e, W), of innovations (k, MOST, W) that the filter used, nan for others, and of fixes
+        from measurements (e, s, W)."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +80,8 @@ class Monitoring:
     test: by residuals, or the shares of solution separation. faults: that separation expects. nominal: bounds of the
     biases of sources by their names, m. accuracy: 1 sigma of ranges without a fault by the receiver's. exclusion: rule
     by which something is excluded after an alarm. drops: whether the filter does without fixes with an alarm.
-    innovations: how those of the filter are watched, if they are.
+    innovations: how those of the filter are watched, if they are. bank: makes what watches the filter of a flight,
+    where it is the filter and not its fixes that is watched.
     """
 
     test: ChiSquareTest | Allocation
@@ -75,6 +91,7 @@ class Monitoring:
     exclusion: str = NO_EXCLUSION
     drops: bool = False
     innovations: InnovationTest | None = None
+    bank: Callable[[Any], Bank] | None = None
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
         """The faults of sources that are used at all, then those two at once that have to be monitored with them, where
@@ -128,7 +145,7 @@ class Monitoring:
         if isinstance(test, ChiSquareTest):
             return Monitor(solve(rows, signals.used, noise), test)
         nominal = np.broadcast_to([self.nominal[name] for name in signals.names], sigma.shape)
-        faults = [separation.Fault(_indices(signals.names, fault.sources), fault.prior, fault.of) for fault in expected]
+        faults = faults_of(signals.names, expected)
         found = separation.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
         return SeparationMonitor(found)
 
@@ -150,7 +167,17 @@ def _but(signals: Signals, names: Sequence[str]) -> Signals:
     return replace(signals, used=signals.used & ~np.isin(signals.names, names))
 
 
-def tested_levels(monitor: Snapshot) -> np.ndarray:
+def faults_of(names: Sequence[str], expected: Sequence[ExpectedFault]) -> list[separation.Fault]:
+    """Faults that are expected of sources of these names."""
+    return [separation.Fault(_indices(names, fault.sources), fault.prior, fault.of) for fault in expected]
+
+
+def alerted(status: np.ndarray) -> np.ndarray:
+    """Where the user is told not to trust the position: an alarm, or no fix at all, or nothing received any more."""
+    return (status == ALARM) | (status == NO_FIX)
+
+
+def tested_levels(monitor: Watch) -> np.ndarray:
     """Protection levels (e, 2), m, nan where there is no test."""
     return np.where(monitor.tested[:, None], monitor.levels, np.nan)
 

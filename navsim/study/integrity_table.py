@@ -21,6 +21,7 @@ from navsim.io.results import Result
 from navsim.io.schema import INTEGRITY_TABLE, MOST_LEVELS
 from navsim.models import events
 from navsim.models.pseudorange import Signals
+from navsim.simulation.landing import Flight
 from navsim.simulation.monitoring import Monitoring, Snapshot, tested_levels
 from navsim.study.findings import notes
 from navsim.study.landing import Case
@@ -32,8 +33,9 @@ SATELLITES = (2, 3, 4, 5, 6, 7)
 PSEUDOLITES = (0, 1, 2)
 """Numbers of pseudolites, their rows."""
 CELLS = len(PSEUDOLITES) * len(SATELLITES)
-MOST_SUBSETS = 60
-"""Where there are more subsets of satellites, so many are drawn."""
+MOST_SUBSETS, MOST_SUBSETS_OF_FILTERS = 60, 12
+"""Where there are more subsets of satellites, so many are drawn; fewer where levels are those of filters, which take a
+second each."""
 _FLAGS = ("fix", "detection", "exclusion", "ground_loss")
 
 
@@ -43,6 +45,7 @@ class WatchedGlide:
 
     watching: how fixes are watched. asked: the limits. signals: of the epochs with levels. satellites: (n,) numbers of
     those sources that are used throughout the glide; pseudolites: (k,) of the first ones. epochs: of the whole glide.
+    flight, chosen: where levels are the filter's, all of it, and the numbers of the epochs with levels (m,).
     """
 
     watching: Monitoring
@@ -51,18 +54,39 @@ class WatchedGlide:
     satellites: np.ndarray
     pseudolites: np.ndarray
     epochs: int
+    flight: Flight | None
+    chosen: np.ndarray
+
+    @property
+    def subsets(self) -> int:
+        """How many subsets of satellites are taken at most."""
+        return MOST_SUBSETS if self.flight is None else MOST_SUBSETS_OF_FILTERS
 
     def monitor(self, sources: np.ndarray) -> Snapshot:
         """The monitor of fixes from sources with these numbers (m,) alone."""
-        left = np.isin(np.arange(len(self.signals.names)), sources)
-        return self.watching.over(replace(self.signals, used=self.signals.used & left))
+        return self.watching.over(_of_these(self.signals, sources))
+
+    def levels(self, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Levels (m, 2) with sources of these numbers alone, of all epochs, and nan where there is no test."""
+        if self.flight is None:
+            monitor = self.monitor(sources)
+            return monitor.levels, tested_levels(monitor)
+        world = self.flight.world
+        bank = self.flight.over(replace(world, signals=_of_these(world.signals, sources))).bank
+        assert bank is not None
+        return bank.levels[self.chosen], tested_levels(bank)[self.chosen]
 
     def judged(self, sources: np.ndarray) -> np.ndarray:
-        """Of such fixes (3,): the share of epochs with both levels within their limits; the medians over epochs of the
-        horizontal and the vertical level, m, inf where most have none."""
-        monitor = self.monitor(sources)
-        levels = np.where(np.isfinite(monitor.levels), monitor.levels, np.inf)
-        return np.array([within(self.asked, tested_levels(monitor)).all(axis=1).mean(), *np.median(levels, axis=0)])
+        """Of what such sources give (3,): the share of epochs with both levels within their limits; the medians over
+        epochs of the horizontal and the vertical level, m, inf where most have none."""
+        levels, tested = self.levels(sources)
+        levels = np.where(np.isfinite(levels), levels, np.inf)
+        return np.array([within(self.asked, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
+
+
+def _of_these(signals: Signals, sources: np.ndarray) -> Signals:
+    """Signals of which only those with these numbers (m,) are used."""
+    return replace(signals, used=signals.used & np.isin(np.arange(len(signals.names)), sources))
 
 
 def watched(case: Case) -> WatchedGlide:
@@ -78,18 +102,17 @@ def watched(case: Case) -> WatchedGlide:
     throughout = signals.used[glide].all(axis=0)
     return WatchedGlide(
         watching, asked, signals.at(spread), np.flatnonzero(throughout & ~ground),
-        np.flatnonzero(ground)[: max(PSEUDOLITES)], glide.size,
+        np.flatnonzero(ground)[: max(PSEUDOLITES)], glide.size, case.flight if watching.bank else None, spread,
     )  # fmt: skip
 
 
-def subsets(satellites: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """Subsets (m, count) of so many of satellites (n,): all, of more than `MOST_SUBSETS` so many different ones, by
-    chance."""
-    if math.comb(satellites.size, count) <= MOST_SUBSETS:
+def subsets(satellites: np.ndarray, count: int, seed: int, most: int = MOST_SUBSETS) -> np.ndarray:
+    """Subsets (m, count) of so many of satellites (n,): all, of more than `most` so many different ones, by chance."""
+    if math.comb(satellites.size, count) <= most:
         return np.array(list(itertools.combinations(satellites, count)), int).reshape(-1, count)
     rng = generator(seed, 0, "subsets", count)
     found: set[tuple[int, ...]] = set()
-    while len(found) < MOST_SUBSETS:
+    while len(found) < most:
         found.add(tuple(sorted(rng.choice(satellites, count, replace=False).tolist())))
     return np.array(sorted(found))
 
@@ -105,7 +128,7 @@ def cells(here: WatchedGlide, seed: int, done: Callable[[int], None]) -> tuple[n
     taken = np.zeros(len(SATELLITES), int)
     places = itertools.product(enumerate(SATELLITES), enumerate(PSEUDOLITES))
     for finished, ((i, count), (k, added)) in enumerate(places):
-        chosen = subsets(here.satellites, count, seed)
+        chosen = subsets(here.satellites, count, seed, here.subsets)
         taken[i] = len(chosen)
         if len(chosen) and added <= here.pseudolites.size:
             ground = here.pseudolites[:added]

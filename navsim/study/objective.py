@@ -239,6 +239,10 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
     if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
         return PlacementProblem(study, scenario, kept, geometry, objective, warnings)
+    watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
+    if watches and scenario.integrity is not None and scenario.integrity.method == "filter":
+        text = "levels of filters take seconds each and are not searched; use integrity.method mhss, then navsim run"
+        raise _refused(document, ("base",), f"{study.base}: {text}")
     case = prepare(scenario, bare)
     end = touchdown = touchdown_time(scenario, trajectory)
     if study.objective not in (*DOP_OBJECTIVES, *LEVEL_OBJECTIVES):
@@ -246,7 +250,6 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         if not math.isfinite(end):
             text = f"'{study.objective}' has no value: the flight of {study.base} does not pass there within duration_s"
             raise _refused(document, ("objective",), f"{text}: {case.scenario.duration_s:g}")
-    watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
     until = max(end, touchdown) if study.constraints.requirements else end
     full, coarse = (
         Analyst(

@@ -141,7 +141,7 @@ def test_fixes_without_the_faulty_source(rule: str) -> None:
     for e in np.flatnonzero(excluded)[::3]:
         place, _, _ = anew(c, run.pseudorange, e, ("R01",))
         off = ned_matrix(c.world.at_filter.llh[e + 1]) @ (place - c.world.signals.antenna[e])
-        np.testing.assert_allclose(run.fix_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
+        np.testing.assert_allclose(run.watched_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
     assert c.flight.watching is not None
     deaf = faulty(rule, [{"what": "silence", "sources": ["R01"]}])
     assert deaf.flight.monitor is not None
@@ -180,7 +180,7 @@ def test_a_run_does_not_depend_on_its_neighbours() -> None:
     c = faulty("method: chi2, p_fa: 0.01, exclusion: residual, alarmed_fixes: drop", STEP)
     several, single = simulation.fly(c.flight, 5, range(4)).one(2), simulation.fly(c.flight, 5, [2]).one(0)
     assert (several.monitor_excluded != NOTHING).any()
-    for name in ("fix_llh", "fix_velocity", "fix_error", "monitor_level", "monitor_excluded", "error", "status"):
+    for name in ("fix_llh", "fix_velocity", "watched_error", "monitor_level", "monitor_excluded", "error", "status"):
         np.testing.assert_array_equal(getattr(several, name), getattr(single, name), err_msg=name)
 
 
@@ -191,7 +191,7 @@ def test_nothing_changes_where_there_is_no_alarm() -> None:
     )
     assert set(ready.monitor_status) == {QUIET}
     assert quiet.monitor_excluded.size == quiet.monitor_level.size == 0
-    for name in ("fix_llh", "error", "sigma", "nees", "status", "fix_error"):
+    for name in ("fix_llh", "error", "sigma", "nees", "status", "watched_error"):
         np.testing.assert_array_equal(getattr(quiet, name), getattr(ready, name))
 
 

@@ -71,7 +71,7 @@ def test_residuals_are_those_of_the_fix() -> None:
         alarm = bool(left @ left > monitor.threshold[e])
         assert run.monitor_status[e] == (ALARM if alarm else QUIET)
         off = ned_matrix(c.world.at_filter.llh[e + 1]) @ (place - c.world.signals.antenna[e])
-        np.testing.assert_allclose(run.fix_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
+        np.testing.assert_allclose(run.watched_error[e], [np.hypot(off[0], off[1]), abs(off[2])], rtol=1e-3, atol=1e-4)
 
 
 def test_separations_are_those_of_fixes_without_the_fault() -> None:

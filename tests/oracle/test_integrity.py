@@ -214,7 +214,7 @@ def test_worked_example_of_araim(cases: dict[str, Any], within: Within) -> None:
     assert found.unmonitored[0] == pytest.approx(expected["p_unmonitored"], rel=1e-6)
     apart = found.threshold[-2:, 0, UP] / expected["k_fa_v"]
     for i, (ours, wanted, printed) in enumerate(
-        zip(np.transpose([found.separate_sigma[-2:, 0, UP], apart, found.separate_bias[-2:, 0, UP]]),
+        zip(np.transpose([found.spread.separate_sigma[-2:, 0, UP], apart, found.spread.separate_bias[-2:, 0, UP]]),
             expected["constellation_modes"], published["constellation_modes"], strict=True)
     ):  # fmt: skip
         names = ("sigma_u", "sigma_ss_u", "bias_u")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from navsim.core.lanes import WIDTH
-from navsim.core.states import clock_states
+from navsim.core.states import MOST, clock_states
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SUM
@@ -51,6 +51,9 @@ FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
 SIGHT_TIME = 3e-6
 """Seconds a source of signals at an epoch, from orbits to what is seen of it."""
+_BANK_TIME, _WATCHED_TIME = 0.07, 0.085
+"""Parts of a covariance analysis that the gains of a filter take by which the filter is watched, and of a run that its
+fixes do."""
 _DRAW_TIME = 0.4e-6
 """Seconds a draw of the errors of a fix."""
 _PREPARED_TIME = 16e-6
@@ -64,7 +67,7 @@ class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
     while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
-    whose ranges are measurements, epochs whose innovations are watched."""
+    whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about."""
 
     samples: int
     epochs: int
@@ -77,6 +80,7 @@ class Extent:
     settled: int
     ranged: int = 0
     tried: int = 0
+    filters: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -110,6 +114,8 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes.size,
         names if scenario.filter.tight else 0,
         0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes.size,
+        # one for each source that is received, about half of a sky, for each system, and some for two at once
+        0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
     )  # fmt: skip
 
 
@@ -136,7 +142,8 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
         + prepared(here)
         + -(-runs // WIDTH) * WIDTH * run_time(scenario, here) / workers
         + 2e-9 * streamed
-        + _sampling_time(scenario, here),
+        + _sampling_time(scenario, here)
+        + bank_time(here),
         shared_memory(here) + held + 3 * STATISTICS * runs + sums + image,
         result,
         runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
@@ -155,6 +162,8 @@ def run_time(scenario: Landing, here: Extent) -> float:
     weighed = here.epochs * max(1.0, 0.5 * here.ranged) + here.aided + here.ahead
     flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
     once = SAMPLE_TIME * flown + FIX_TIME * weighed
+    if not here.ranged:
+        once *= 1.0 + _WATCHED_TIME * here.filters
     return times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
 
 
@@ -173,6 +182,7 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
         of_one += NUMBER * 2 * here.states**2 * scenario.filter.gaussian_sum.components
     if here.settled:  # fixes of a stretch without each candidate
         of_one += NUMBER * FLOWN * STRETCH * here.sources
+    of_one += NUMBER * MOST * here.filters * here.epochs
     return WIDTH * of_one + (MOST_KEPT if here.settled else 0)
 
 
@@ -182,12 +192,18 @@ def _sampling_time(scenario: Landing, here: Extent) -> float:
     return 0.0 if tails is None else 3 * len(tails.at_s) * 1.5 * tails.samples * (here.sources + 4) * _DRAW_TIME
 
 
+def bank_time(here: Extent) -> float:
+    """Seconds for the gains and levels of the filters that watch the filter."""
+    return _BANK_TIME * here.filters * analysis_time(here)
+
+
 def prepared(here: Extent) -> float:
     return _PREPARED_TIME * here.samples + SIGHT_TIME * here.epochs * here.sources
 
 
 def shared_memory(here: Extent) -> float:
-    return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources
+    gains = NUMBER * MOST * here.states * here.filters * (here.epochs * max(1, here.ranged // 2) + here.aided)
+    return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources + 2 * gains
 
 
 def _stored(here: Extent, keep: str) -> float:
@@ -200,7 +216,7 @@ def _stored(here: Extent, keep: str) -> float:
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
-        + of("monitor_statistic", "fix_error", "monitor_level", "innovation_ratio")
+        + of("monitor_statistic", "watched_error", "monitor_level", "innovation_ratio")
         + here.epochs
         + here.aided
         + here.watched
@@ -232,7 +248,7 @@ def _analysed(scenario: Landing, here: Extent) -> Budget:
     outputs = here.epochs + 1
     result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (4 + len(SOURCES)) * here.states) + 101 * VARIABLE
     return Budget(
-        BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here),
+        BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
         result,
     )

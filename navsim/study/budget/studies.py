@@ -37,6 +37,7 @@ from navsim.study.budget.landing import (
     SUMS,
     Extent,
     analysis_time,
+    bank_time,
     extent,
     landing,
     prepared,
@@ -203,10 +204,11 @@ def levels_of_subsets(scenario: Landing, sources: Environment) -> Budget:
     """What is possible by rank, and the levels of subsets of the satellites in an approach."""
     here = extent(scenario, sources)
     levels = integrity_table.CELLS * integrity_table.MOST_SUBSETS * MOST_LEVELS * here.sources
-    separated = scenario.integrity is not None and scenario.integrity.method == "mhss"
+    separated = scenario.integrity is not None and scenario.integrity.method != "chi2"
+    banks = integrity_table.CELLS * integrity_table.MOST_SUBSETS_OF_FILTERS if here.filters else 0
     result = _TEXTS + NUMBER * MOST_LEVELS + (20 if separated else 18) * VARIABLE
     return Budget(
-        BASE_TIME + prepared(here) + _LEVEL_TIME * levels,
+        BASE_TIME + prepared(here) + (banks * bank_time(here) if banks else _LEVEL_TIME * levels),
         shared_memory(here) + _LEVEL_MEMORY * MOST_LEVELS * here.sources**2 + WRITING * result,
         result,
     )

@@ -51,7 +51,7 @@ HISTORIES = {
         "aided_status",
         "monitor_statistic",
         "monitor_status",
-        "fix_error",
+        "watched_error",
         "innovation_ratio",
         "monitor_excluded",
         "monitor_level",
@@ -68,7 +68,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "status": ("epoch",), "range_status": ("epoch", "ranged"), "aided": ("aided", MOST),
     "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
-    "fix_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
+    "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
     "innovation_ratio": ("tried",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""

@@ -10,6 +10,7 @@ from navsim.integrity.separation import Allocation
 from navsim.models.signals import Environment
 from navsim.scenario.integrity import GroundGroup, IntegritySection
 from navsim.scenario.landing import Landing
+from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.monitoring import ExpectedFault, Monitoring
 
 
@@ -41,7 +42,7 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
             samples=section.effective_samples,
         ),
         tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
-        drops, innovations,
+        drops, innovations, FilterBank.of if section.method == "filter" else None,
     )  # fmt: skip
 
 

@@ -16,8 +16,9 @@ from navsim.integrity.separation import SeparationMonitor
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.models.events import Silence
+from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.landing import Run
-from navsim.simulation.monitoring import ALARM, EXCLUDED, NO_EXCLUSION, NO_FIX, QUIET, tested_levels
+from navsim.simulation.monitoring import ALARM, EXCLUDED, NO_EXCLUSION, NO_FIX, QUIET, alerted, tested_levels
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import Case, on_glide, times_at_heights
 from navsim.study.partial import Arrays
@@ -31,6 +32,8 @@ NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE, UNAVAILABLE_MISLEADING, ALARMED = r
 EXCLUSIONS = ("correct", "wrong", "needless")
 """Outcomes of exclusions, by the events that there are at the time: what is left has no part in them; it has; there are
 none."""
+SEPARATING = (SeparationMonitor, FilterBank)
+"""Monitors by solution separation."""
 _EARLY = 1e-9
 """Of times, which are sums of intervals."""
 
@@ -118,6 +121,7 @@ def tally(case: Case, runs: Run) -> Arrays:
     out: Arrays = {
         "integrity_tested": (status >= QUIET).sum(axis=1),
         "integrity_alarms": (status == ALARM).sum(axis=1),
+        "integrity_lost": (status == NO_FIX).sum(axis=1),
     }
     if watches_innovations(case):
         out["integrity_innovations"] = (runs.innovation_ratio[:, glide] > 1.0).sum(axis=1)
@@ -137,15 +141,15 @@ def tally(case: Case, runs: Run) -> Arrays:
         out["integrity_regained"] = (available[:, glide] & (status == EXCLUDED)).sum(axis=1)
     out["integrity_approach"] = available[:, asked.due].all(axis=1).astype(np.int64) * int(asked.due.any())
     out["integrity_windows"] = windows(asked.time[glide], available[:, glide])
-    region = regions(asked, levels, runs.monitor_status, runs.fix_error)[:, glide]
+    region = regions(asked, levels, runs.monitor_status, runs.watched_error)[:, glide]
     out["integrity_regions"] = np.stack([(region == i).sum(axis=1) for i in range(len(REGIONS))], axis=2)
-    exceeded = runs.fix_error[:, glide] > asked.limits
+    exceeded = runs.watched_error[:, glide] > asked.limits
     # a level above its limit has said already that the error may be large
     misled = exceeded & low[:, glide]
     out["integrity_misled"] = np.zeros((status.shape[0], 2), np.int64)
     out["integrity_delay"] = np.full((status.shape[0], 2), np.nan)
     for run, axis in np.argwhere(misled.any(axis=1)):
-        found = stretches(asked, asked.time[glide], misled[run, :, axis], status[run] == ALARM)
+        found = stretches(asked, asked.time[glide], misled[run, :, axis], alerted(status[run]))
         out["integrity_misled"][run, axis], out["integrity_delay"][run, axis] = found
     return out
 
@@ -192,9 +196,9 @@ def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
 
 
 def stretches(asked: Asked, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
-    """Of stretches of time (e,) in which an error is beyond its limit and its level is not: how many got no alarm
-    within the time to alert, and the longest wait for one, s, inf where it was due and did not come, nan where none was
-    due. One that lasts to the end, without an alarm, is not forgiven for being short."""
+    """Of stretches of time (e,) in which an error is beyond its limit and its level is not: how many got no alert, as
+    of `alerted`, within the time to alert, and the longest wait for one, s, inf where it was due and did not come, nan
+    where none was due. One that lasts to the end, without an alarm, is not forgiven for being short."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], misled, [False]]).astype(np.int8)))
     late, longest = 0, math.nan
     for first, end in edges.reshape(-1, 2):
@@ -218,7 +222,7 @@ def described(draft: Draft, case: Case) -> None:
     levels = monitor.levels
     for i, name in enumerate(("hpl", "vpl")):
         draft[f"/integrity/{name}"] = levels[:, i]
-    if isinstance(monitor, SeparationMonitor):
+    if isinstance(monitor, SEPARATING):
         expected = case.flight.expected
         draft["/integrity/fault"] = np.array([fault.name for fault in expected], dtype=object)
         draft["/integrity/prior"] = np.array([fault.prior for fault in expected], dtype=float)
@@ -259,6 +263,7 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     tested, alarms = ensemble.per_run("integrity_tested"), ensemble.per_run("integrity_alarms")
     draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
     draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
+    draft[f"{branch}/lost"] = np.int64(ensemble.per_run("integrity_lost").sum())
     if watches_innovations(case):
         found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
         draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())
@@ -327,7 +332,7 @@ def told(case: Case) -> list[str]:
     if not lacking.any():
         return []
     many = f"integrity: no protection level at {lacking.sum()} of {glide.sum()} epochs of the glide"
-    if not isinstance(monitor, SeparationMonitor):
+    if not isinstance(monitor, SEPARATING):
         return [f"{many}: a range is not checked by the others there, or there is no fix"]
     unmonitored = monitor.found.unmonitored[lacking]
     worst = int(np.argmax(unmonitored))

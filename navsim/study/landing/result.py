@@ -128,7 +128,7 @@ def _watched(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/integrity/statistic"] = _history(ensemble, "monitor_statistic")
     draft["/integrity/status"] = _history(ensemble, "monitor_status", lambda block: block.astype(np.int8))
     for i, name in enumerate(("horizontal", "vertical")):
-        draft[f"/integrity/error_{name}"] = _history(ensemble, "fix_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
+        draft[f"/integrity/error_{name}"] = _history(ensemble, "watched_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
     if integrity.watches_innovations(case):
         draft["/integrity/innovation_ratio"] = _history(ensemble, "innovation_ratio")
     if not integrity.excludes(case):

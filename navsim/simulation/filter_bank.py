@@ -1,0 +1,173 @@
+"""Solution separation of filters: what the filter would say without the sources of each fault, beside what it says.
+
+Filters that are given less see the same inertial sensors, so that how far they are from the one that flies is a matter
+of gains and innovations alone. Covariances and gains are those along the truth, the same in all runs; a run carries
+differences (`estimation.carried_errors.carry_differences`).
+
+Source: `docs/theory/integrity.md`, section 10; Brenner, Integrated GPS/inertial fault detection availability,
+NAVIGATION 43(2) (1996); Young & McGraw, Fault detection and exclusion using normalized solution separation and residual
+monitoring methods, NAVIGATION 50(3) (2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core import states
+from navsim.core.arrays.earth import ecef_from_llh
+from navsim.core.defect import Defect
+from navsim.core.lanes import WIDTH, in_lanes
+from navsim.core.states import MOST
+from navsim.estimation.carried_errors import Route, carry_differences
+from navsim.estimation.observations import FIX
+from navsim.integrity import separation
+from navsim.integrity.separation import Allocation, Levels, Spread
+from navsim.simulation.fixes import ReceiverFixes, solved
+from navsim.simulation.landing import Flight
+from navsim.simulation.landing_covariance import AlongTruth, along_truth, excess, responses, route_of_filter
+from navsim.simulation.monitoring import faults_of, fix_of
+
+_ROUNDING = 1e-9
+"""Least variance of a difference, of that without some sources: less is rounding."""
+_ENU = _NED = [1, 0, 2]
+"""Which of north, east, down are east, north, up, but for the sign of up, and the other way round."""
+
+
+@dataclass(frozen=True)
+class FilterBank:
+    """What watches a filter by others that are given less; see `monitoring.Bank`.
+
+    found: levels at its outputs but the first (e,). taken: (f, s) bool, the sources that each of the others is not
+    given. route: what happens to the states of the filter. gains: (w, f, n, MOST) of the others. fix: (k,) the rows of
+    fixes, -1 of other events. scale: (o, f, 3) one by the thresholds of differences, north, east, down.
+    """
+
+    flight: Flight
+    found: Levels
+    taken: np.ndarray
+    route: Route
+    gains: np.ndarray
+    fix: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, flight: Flight) -> FilterBank:
+        """That of a flight. Raises ValueError for one that no filters watch."""
+        watching = flight.watching
+        if watching is None or not isinstance(watching.test, Allocation):
+            raise ValueError("solution separation needs the shares of its levels")
+        signals = flight.world.signals
+        expected = watching.expected(signals)
+        faults = faults_of(signals.names, expected)
+        taken = np.array([np.isin(signals.names, one.sources) for one in expected]).reshape(-1, len(signals.names))
+        whole = along_truth(flight, noisy=False)
+        nominal = np.array([watching.nominal[name] for name in signals.names])
+        # of each filter what levels and differences need, for all of it would be hundreds of megabytes
+        route = route_of_filter(flight, whole)
+        gains, parts, both = [], [_spread_of(flight, whole, nominal)], []
+        for without in taken:
+            along = along_truth(flight, without, noisy=False)
+            gains.append(along.lin.gain)
+            parts.append(_spread_of(flight, along, nominal))
+            both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
+        ever = np.logical_or.accumulate(signals.used, axis=0)
+        spread = _together(parts, both)
+        # without some there is no fix, so that the filter goes on by its inertial sensors, further and further off
+        idle = ~np.array([fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken], bool)
+        found = separation.allotted(spread, ever, faults, watching.test, idle=idle.reshape(len(taken), -1))
+        there = found.monitored[..., None] & (found.threshold > 0.0)
+        inverse = 1.0 / np.where(there, found.threshold, np.inf)
+        scale = np.zeros((flight.world.filter_time.size, len(faults), 3))
+        scale[1:] = np.moveaxis(inverse, 0, 1)[..., _NED]
+        events = flight.events
+        shape = whole.lin.gain.shape[0], 0, *whole.lin.gain.shape[1:]
+        return cls(
+            flight, found, taken, route, np.stack(gains, axis=1) if gains else np.zeros(shape),
+            np.where(events.kind == FIX, events.row, -1), scale,
+        )  # fmt: skip
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Protection levels of the filter (e, 2), m, horizontal and vertical; nan where there are none."""
+        return np.stack([self.found.horizontal, self.found.vertical], axis=1)
+
+    @property
+    def threshold(self) -> np.ndarray:
+        """What `statistic` may be without an alarm (e,)."""
+        return np.ones(self.tested.size)
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Where there is a fault that is monitored (e,)."""
+        return np.asarray(self.found.monitored.any(axis=0))
+
+    @property
+    def size(self) -> int:
+        """What it takes of memory, about, bytes."""
+        return int(self.gains.nbytes + self.route.phi.nbytes + self.route.h.nbytes + self.route.gain.nbytes)
+
+    def statistic(
+        self, innovation: np.ndarray, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+    ) -> np.ndarray:
+        """The largest difference of filters, by its threshold (e, W).
+
+        innovation: (k, MOST, W) those that the filter used, nan for others. fixes: that it was given, where it was;
+        ranges, rates: (e, s, W) that they are of.
+        """
+        others, outputs, n = self.taken.shape[0], self.scale.shape[0], self.gains.shape[2]
+        apart = np.zeros((others, 0, MOST, WIDTH))
+        if (self.fix >= 0).any():
+            apart = self._apart(fixes, ranges, rates)
+        out = np.zeros((outputs, WIDTH))
+        carry_differences(
+            self.route, self.gains, in_lanes(innovation), self.fix, in_lanes(apart), self.scale,
+            in_lanes(np.zeros((2, others, n, WIDTH))), in_lanes(out),
+        )  # fmt: skip
+        return out[1:]
+
+    def _apart(self, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Fixes of the others minus those of the filter (f, e, MOST, W), m, m/s, north, east, down."""
+        world = self.flight.world
+        heard = np.asarray(world.signals.used.any(axis=0))
+        signals = world.signals.select(heard)
+        measured, rates = (np.ascontiguousarray(m[:, heard]) for m in (ranges, rates))
+        here = _ecef(fixes.llh)
+        # sources that are taken anyway are taken once
+        taken, which = np.unique(self.taken[:, heard], axis=0, return_inverse=True)
+        out = np.empty((len(taken), ranges.shape[0], MOST, WIDTH))
+        axes = world.antenna_enu[:, _NED] * np.array([[1.0], [1.0], [-1.0]])
+        for one, without in zip(out, taken, strict=True):
+            other = solved(world.start, signals, np.where(without[:, None], np.nan, measured), rates)
+            one[:, :3] = np.einsum("eij,ejw->eiw", axes, _ecef(other.llh) - here)
+            one[:, 3:] = other.velocity - fixes.velocity
+        return np.ascontiguousarray(out[which.reshape(-1)])
+
+
+def _ecef(llh: np.ndarray) -> np.ndarray:
+    """ECEF (e, 3, W), m, of positions (e, 3, W)."""
+    return np.moveaxis(ecef_from_llh(np.moveaxis(llh, 1, 2)), 2, 1)
+
+
+def _spread_of(flight: Flight, along: AlongTruth, nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variances of a filter's position, and what biases of ranges (s,), m, reach (e, 3), east, north, up."""
+    variance = np.diagonal(along.lin.believed[1:, :3, :3], axis1=1, axis2=2)[:, _ENU]
+    reach = np.abs(responses(flight, along)[1:, states.POS : states.POS + 3]) @ nominal
+    return variance, reach[:, _ENU]
+
+
+def _together(parts: Sequence[tuple[np.ndarray, np.ndarray]], both: Sequence[np.ndarray]) -> Spread:
+    """The spread of a filter, the first, and of those without the sources of each fault; both: twice the `excess` of
+    the variances (e, 3) of each."""
+    variance, bias = (np.stack(each) for each in zip(*parts, strict=True))
+    apart = variance[1:] - variance[0] - np.array(both).reshape(variance[1:].shape)
+    least = _ROUNDING * variance[1:]
+    if (apart < -least).any():
+        raise Defect("the difference of two filters has a negative variance; please report this scenario")
+    solved_ = np.ones(variance.shape[:2], bool)
+    return Spread(
+        solved_[0], solved_[1:], np.sqrt(variance[0]), np.sqrt(variance[1:]), np.sqrt(np.maximum(apart, least)),
+        bias[0], bias[1:],
+    )  # fmt: skip

@@ -1,0 +1,258 @@
+"""Solution separation of filters: against filters that are really given less, and against what runs show."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.core.arrays import chi_square
+from navsim.core.lanes import WIDTH
+from navsim.io.draft import Draft
+from navsim.io.schema import COVARIANCE
+from navsim.scenario.source import InputError
+from navsim.simulation import landing as simulation
+from navsim.simulation.filter_bank import FilterBank
+from navsim.simulation.landing import Flight, draw, fly_inputs
+from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET
+from navsim.study.landing import Case, integrity
+from tests.consistency.test_tight_landings import flown, silence
+from tests.helpers import case
+
+FILTER = "integrity={method: filter, p_constellation: 1.0e-8}"
+SHORT = ("duration_s=25", "receiver.rate_hz=2", "filter.kind=eskf")
+SETTINGS = [
+    (),
+    ("filter.coupling=tight",),
+    ("sky.source=nominal", "receiver.lever_arm_m=[1, 0.5, -0.7]", "receiver.latency_s=0.253", "altimeter.sigma_m=1.0"),
+    ("filter.coupling=tight", "receiver.latency_s=0.253", "altimeter.sigma_m=1.0", "filter.fix_sigma_scale=1.5"),
+    ("filter.kind=gaussian-sum", "filter.velocity=false"),
+]
+NAMES = ["as shipped", "tight", "late, lever arm, two systems, altimeter", "tight, late, altimeter", "sum, positions"]
+AXES = (1, 0, 2)
+"""North, east, down by east, north, up."""
+
+
+def bank_of(c: Case) -> FilterBank:
+    assert isinstance(c.flight.bank, FilterBank)
+    return c.flight.bank
+
+
+def weighed(c: Case, seed: int, runs: range, patch: pytest.MonkeyPatch) -> tuple[Any, ...]:
+    """What the bank is asked about runs, at most a register full."""
+    asked: list[tuple[Any, ...]] = []
+    with patch.context() as here:
+        here.setattr(
+            FilterBank,
+            "statistic",
+            lambda _, *given: (asked.append(given), np.zeros((c.world.signals.time.size, WIDTH)))[1],
+        )
+        fly_inputs(c.flight, draw(c.flight, seed, runs), len(runs))
+    return asked[0]
+
+
+def difference(bank: FilterBank, given: tuple[Any, ...], k: int, axis: int) -> np.ndarray:
+    """Sizes of the differences (e, W) of filter k, along an axis north, east, down."""
+    scale = np.zeros_like(bank.scale)
+    scale[1:, k, axis] = 1.0
+    return replace(bank, scale=scale).statistic(*given)
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+def test_differences_are_those_of_filters_that_are_given_less(
+    settings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The true bank, every filter flown by itself, in twenty-four runs: differences to a few hundredths of their sigma,
+    the same alarms at 99 % of the epochs of thresholds of 2 sigma."""
+    c = case(*SHORT, FILTER, *settings)
+    bank, bare = bank_of(c), replace(c.flight, watching=None)
+    monitored = np.flatnonzero(bank.found.monitored.any(axis=1) & [not f.of for f in c.flight.expected])
+    off, same = [], []
+    for first in (0, WIDTH, 2 * WIDTH):
+        runs = range(first, first + WIDTH)
+        given, inputs = weighed(c, 78, runs, monkeypatch), draw(bare, 78, runs)
+        whole = fly_inputs(bare, inputs, WIDTH)
+        for k in monitored:
+            less = replace(inputs, ranges=np.where(bank.taken[k][None, :, None], np.nan, inputs.ranges))
+            apart = np.abs(whole.error - fly_inputs(bare, less, WIDTH).error)[:, 1:, :3]
+            for axis in range(3):
+                sigma = bank.found.spread.apart[k][:, AXES[axis]]
+                ours = difference(bank, given, k, axis).T / sigma
+                off.append(np.sqrt(np.mean((ours - apart[..., axis] / sigma) ** 2)))
+                same.append(np.mean((ours > 2.0) == (apart[..., axis] / sigma > 2.0)))
+    assert np.median(off) < 0.08
+    assert np.mean(same) > 0.99
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+def test_differences_are_as_large_as_their_sigma_says(
+    settings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At epochs far apart, of 160 runs: the mean square of each fault's differences within 99.998 % of chance, and of
+    all together within 5 % of sigma."""
+    c = case(*SHORT, FILTER, *settings)
+    bank = bank_of(c)
+    scale = c.beliefs.sigma_scale
+    epochs = np.arange(9, c.world.signals.time.size, 10)
+    monitored = np.flatnonzero(bank.found.monitored.all(axis=1))
+    runs = 20 * WIDTH
+    squares = np.zeros((monitored.size, 3, epochs.size))
+    for first in range(0, runs, WIDTH):
+        given = weighed(c, 85, range(first, first + WIDTH), monkeypatch)
+        for i, k in enumerate(monitored):
+            for axis in range(3):
+                sigma = bank.found.spread.apart[k][epochs, AXES[axis]] / scale
+                squares[i, axis] += np.sum((difference(bank, given, k, axis)[epochs] / sigma[:, None]) ** 2, axis=1)
+    low, high = (chi_square.quantile(p, runs) / runs for p in (1e-5, 1.0 - 1e-5))
+    if scale == 1.0:
+        assert np.all((squares / runs > low) & (squares / runs < high))
+        assert np.sqrt(squares.mean() / runs) == pytest.approx(1.0, abs=0.05)
+    else:  # sigmas that are believed too large are the differences', too, but not in proportion
+        assert np.sqrt(squares.mean() / runs) < 1.5
+
+
+def test_tight_filters_differ_by_the_difference_of_their_covariances() -> None:
+    """The excess of one variance in the other is of fixes alone, whose velocities come after their positions."""
+    c = case(*SHORT, FILTER, "filter.coupling=tight")
+    spread = bank_of(c).found.spread
+    np.testing.assert_allclose(
+        spread.apart**2, spread.separate_sigma**2 - spread.sigma**2, atol=1e-9 * float(spread.separate_sigma.max() ** 2)
+    )
+    loose = bank_of(case(*SHORT, FILTER)).found.spread
+    gap = loose.apart**2 - (loose.separate_sigma**2 - loose.sigma**2)
+    assert 0.0 < np.abs(gap / loose.separate_sigma**2).max() < 0.1
+
+
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_false_alarms_are_as_rare_as_asked(coupling: str) -> None:
+    """The share that is asked for is no less than what comes, since the tests of faults go together."""
+    wanted = "integrity={method: filter, p_constellation: 1.0e-8, p_fa_v: 1.0e-2, p_fa_h: 1.0e-2}"
+    c = case(*SHORT, wanted, f"filter.coupling={coupling}")
+    run = flown(c, 400, seed=81)
+    share = float(np.mean(run.monitor_status == ALARM))
+    assert 1e-3 < share < 2e-2
+    # at one epoch runs are independent of each other
+    late = int(np.sum(run.monitor_status[:, -1] == ALARM))
+    assert late <= chi_square.quantile(0.9999, 2 * 8 + 2) / 2.0 + 8
+
+
+def test_nobody_is_touched_by_being_watched() -> None:
+    plain, watched = (simulation.fly(case(*SHORT, *more).flight, 2, [4]).one(0) for more in ((), (FILTER,)))
+    for name in ("fix_llh", "error", "sigma", "nees", "status", "innovation_squared"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(watched, name))
+    off = np.abs(watched.error[1:, :3])
+    np.testing.assert_allclose(watched.watched_error, np.stack([np.hypot(off[:, 0], off[:, 1]), off[:, 2]], axis=1))
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+def test_a_run_does_not_depend_on_its_neighbours(settings: tuple[str, ...]) -> None:
+    c = case(*SHORT, FILTER, *settings)
+    together = simulation.fly(c.flight, 5, range(5))
+    alone = simulation.fly(c.flight, 5, [3]).one(0)
+    np.testing.assert_array_equal(together.one(3).monitor_statistic, alone.monitor_statistic)
+
+
+def test_a_step_on_a_source_is_seen_sooner_than_by_fixes() -> None:
+    """Filters average: a step that the ranges of an epoch do not show is seen after some, with levels a fifth."""
+    limits = "limits: {hal_m: 40, val_m: 60, tta_s: 6}"
+    event = "events=[{what: step, sources: [R01], error_m: 18, at_s: 10}]"
+    cases = [
+        case(*SHORT, event, f"integrity={{method: {method}, p_constellation: 1.0e-8, {limits}}}")
+        for method in ("filter", "mhss")
+    ]
+    seen = [float(np.mean(flown(c, 40).monitor_status[:, 25:] == ALARM)) for c in cases]
+    assert seen[0] > 0.9
+    assert seen[1] < 0.2
+    heights = [integrity.level_outputs(c)["vpl_p95"] for c in cases]
+    assert heights[0] < 0.5 * heights[1]
+
+
+def bound(c: Case, runs: int, seed: int) -> np.ndarray:
+    """Shares of epochs, east and north together, up, at which errors are beyond levels and there is no alarm."""
+    bank, run = bank_of(c), flown(c, runs, seed)
+    beyond = (run.watched_error > bank.levels) & (run.monitor_status != ALARM)[..., None]
+    return beyond.mean(axis=(0, 1))
+
+
+@pytest.mark.parametrize("source", ["R01", "R08", "PL1", "none"])
+def test_levels_bound_errors_at_budgets_that_can_be_counted(source: str) -> None:
+    """With p_HMI and priors at 1e-2: a fault that is always there may cause at most p_HMI by its prior."""
+    chances = "p_hmi_v: 1.0e-3, p_hmi_h: 1.0e-3, p_fa_v: 1.0e-3, p_fa_h: 1.0e-3, p_unmonitored_max: 1.0e-3"
+    priors = "p_satellite: 1.0e-2, p_pseudolite: 1.0e-2, p_constellation: 0, ground_groups: []"
+    wanted = f"integrity={{method: filter, {chances}, {priors}, b_nom_m: 0, b_nom_pseudolite_m: 0}}"
+    for size in (2.0, 4.0, 8.0) if source != "none" else (0.0,):
+        what = {"what": "step", "sources": [source], "error_m": size, "at_s": 0.0}
+        c = case(*SHORT, wanted, *([f"events={json.dumps([what])}"] if source != "none" else []))
+        # a fault that is there has 1 / prior of the budget
+        allowed = 1e-3 if source == "none" else 1e-3 / 1e-2
+        assert np.all(bound(c, 200, 83) <= allowed)
+
+
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_who_loses_everything_says_so(coupling: str) -> None:
+    """Nothing is received any more: an alert at once, nothing available, levels and sigma grow as the inertial sensors
+    drift, and no number that looks fine."""
+    limits = "limits: {hal_m: 40, val_m: 60, tta_s: 6}"
+    c = case(
+        "duration_s=60", "receiver.rate_hz=2", "filter.kind=eskf", f"filter.coupling={coupling}",
+        silence(begin=40, end=90),
+        f"integrity={{method: filter, p_constellation: 1.0e-8, {limits}}}",
+    )  # fmt: skip
+    run = flown(c, 64)
+    lost = c.world.signals.time >= 40.0
+    assert np.all(run.monitor_status[:, lost] == NO_FIX)
+    assert np.all(run.monitor_status[:, ~lost] == QUIET)
+    counts = integrity.tally(c, run)
+    assert np.all(counts["integrity_lost"] == lost.sum())
+    assert np.all(counts["integrity_available"] <= (~lost & integrity.glide_of(c)).sum())
+    assert not counts["integrity_misled"].any()
+    level = bank_of(c).levels[lost]
+    assert np.all(np.diff(level[:, 0]) > 0.0)
+    assert level[-1, 0] > 2.0 * level[0, 0]
+    # sigma is that of the free inertial: the covariance analysis of the same flight, and what runs show
+    sigma = run.sigma[0, 1:, :3][lost]
+    spread = np.sqrt(np.mean(run.error[:, 1:, :3] ** 2, axis=0))[lost]
+    assert np.sqrt(np.mean((spread[-1] / sigma[-1]) ** 2)) == pytest.approx(1.0, abs=0.2)
+    np.testing.assert_allclose(np.sqrt(spread_of(c)[lost]), sigma, rtol=0.1)
+
+
+def spread_of(c: Case) -> np.ndarray:
+    """Variances of position (e, 3) north, east, down as the bank has them."""
+    return bank_of(c).found.spread.sigma[:, AXES] ** 2
+
+
+def test_levels_without_runs() -> None:
+    c = case(*SHORT, FILTER, "method=covariance")
+    draft = Draft(COVARIANCE)
+    integrity.described(draft, c)
+    assert list(draft["/integrity/fault"]) == [fault.name for fault in c.flight.expected]
+    assert float(draft["/summary/integrity/level_share"]) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("exclusion: residual", "integrity.exclusion"),
+        ("alarmed_fixes: drop", "integrity.alarmed_fixes"),
+        ("tails: {at_s: [5]}", "integrity.tails"),
+        ("sigma_ratio_acc: 0.5", "integrity.sigma_ratio_acc"),
+    ],
+)
+def test_what_is_of_fixes_alone_is_refused(wrong: str, said: str) -> None:
+    with pytest.raises(InputError, match=f"{said}: method filter goes with"):
+        case(*SHORT, f"integrity={{method: filter, {wrong}}}")
+
+
+def test_smoothers_are_refused() -> None:
+    with pytest.raises(InputError, match="is for a filter, rts is a smoother"):
+        case("duration_s=25", FILTER, "filter.kind=rts")
+
+
+def test_a_flight_that_nobody_watches_has_no_bank() -> None:
+    flight: Flight = case(*SHORT).flight
+    assert flight.bank is None
+    with pytest.raises(ValueError, match="shares"):
+        FilterBank.of(flight)
