@@ -31,7 +31,10 @@ from navsim.simulation.landing_covariance import AlongTruth, along_truth, excess
 from navsim.simulation.monitoring import faults_of, fix_of
 
 _ROUNDING = 1e-9
-"""Least variance of a difference, of that without some sources: less is rounding."""
+"""A variance of a difference below zero by so much of that without some sources is rounding."""
+LEAST = 0.05
+"""Least sigma of a difference, of that without some sources: what gains along the truth leave out is some hundredths of
+it, and would be an alarm where a source hardly counts."""
 _ENU = _NED = [1, 0, 2]
 """Which of north, east, down are east, north, up, but for the sign of up, and the other way round."""
 
@@ -163,11 +166,10 @@ def _together(parts: Sequence[tuple[np.ndarray, np.ndarray]], both: Sequence[np.
     the variances (e, 3) of each."""
     variance, bias = (np.stack(each) for each in zip(*parts, strict=True))
     apart = variance[1:] - variance[0] - np.array(both).reshape(variance[1:].shape)
-    least = _ROUNDING * variance[1:]
-    if (apart < -least).any():
+    if (apart < -_ROUNDING * variance[1:]).any():
         raise Defect("the difference of two filters has a negative variance; please report this scenario")
     solved_ = np.ones(variance.shape[:2], bool)
+    apart = np.maximum(apart, LEAST**2 * variance[1:])
     return Spread(
-        solved_[0], solved_[1:], np.sqrt(variance[0]), np.sqrt(variance[1:]), np.sqrt(np.maximum(apart, least)),
-        bias[0], bias[1:],
-    )  # fmt: skip
+        solved_[0], solved_[1:], np.sqrt(variance[0]), np.sqrt(variance[1:]), np.sqrt(apart), bias[0], bias[1:]
+    )

@@ -15,7 +15,7 @@ from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.simulation.filter_bank import FilterBank
+from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.landing import Flight, draw, fly_inputs
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET
 from navsim.study.landing import Case, integrity
@@ -100,6 +100,8 @@ def test_differences_are_as_large_as_their_sigma_says(
     monitored = np.flatnonzero(bank.found.monitored.all(axis=1))
     runs = 20 * WIDTH
     squares = np.zeros((monitored.size, 3, epochs.size))
+    spread = bank.found.spread
+    counted = (spread.apart > 1.01 * LEAST * spread.separate_sigma)[monitored][:, epochs][..., AXES].swapaxes(1, 2)
     for first in range(0, runs, WIDTH):
         given = weighed(c, 85, range(first, first + WIDTH), monkeypatch)
         for i, k in enumerate(monitored):
@@ -108,22 +110,22 @@ def test_differences_are_as_large_as_their_sigma_says(
                 squares[i, axis] += np.sum((difference(bank, given, k, axis)[epochs] / sigma[:, None]) ** 2, axis=1)
     low, high = (chi_square.quantile(p, runs) / runs for p in (1e-5, 1.0 - 1e-5))
     if scale == 1.0:
-        assert np.all((squares / runs > low) & (squares / runs < high))
-        assert np.sqrt(squares.mean() / runs) == pytest.approx(1.0, abs=0.05)
+        assert counted.mean() > 0.8
+        assert np.all((squares[counted] / runs > low) & (squares[counted] / runs < high))
+        assert np.all(squares / runs < high)
+        assert np.sqrt(squares[counted].mean() / runs) == pytest.approx(1.0, abs=0.05)
     else:  # sigmas that are believed too large are the differences', too, but not in proportion
         assert np.sqrt(squares.mean() / runs) < 1.5
 
 
 def test_tight_filters_differ_by_the_difference_of_their_covariances() -> None:
     """The excess of one variance in the other is of fixes alone, whose velocities come after their positions."""
-    c = case(*SHORT, FILTER, "filter.coupling=tight")
-    spread = bank_of(c).found.spread
-    np.testing.assert_allclose(
-        spread.apart**2, spread.separate_sigma**2 - spread.sigma**2, atol=1e-9 * float(spread.separate_sigma.max() ** 2)
-    )
-    loose = bank_of(case(*SHORT, FILTER)).found.spread
-    gap = loose.apart**2 - (loose.separate_sigma**2 - loose.sigma**2)
-    assert 0.0 < np.abs(gap / loose.separate_sigma**2).max() < 0.1
+    spread = bank_of(case(*SHORT, FILTER, "filter.coupling=tight")).found.spread
+    plain = spread.separate_sigma**2 - spread.sigma**2
+    np.testing.assert_allclose(spread.apart**2, np.maximum(plain, (LEAST * spread.separate_sigma) ** 2), rtol=1e-9)
+    spread = bank_of(case(*SHORT, FILTER)).found.spread
+    gap = np.abs(spread.apart**2 - (spread.separate_sigma**2 - spread.sigma**2)) / spread.separate_sigma**2
+    assert 0.003 < gap.max() < 0.1
 
 
 @pytest.mark.parametrize("coupling", ["loose", "tight"])
