@@ -212,7 +212,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         azimuth=azimuth,
         elevation=elevation,
         cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
-        ionosphere=np.zeros((e, s)),
+        divergence=np.zeros((e, s)),
         space=None,
         fix_sigma=np.empty((e, s)),
         smoothing=None,
@@ -220,8 +220,11 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     )
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
-        longer, faster, silent = happened(environment.events, scene)
-        built = replace(built, used=used & ~silent, delay=built.delay + longer, range_rate=built.range_rate + faster)
+        told = happened(environment.events, scene)
+        built = replace(
+            built, used=used & ~told.silent, delay=built.delay + told.longer,
+            range_rate=built.range_rate + told.faster, divergence=told.apart,
+        )  # fmt: skip
     finished = _affected(built, when, motion.llh, environment, is_pseudolite)
     unfinished = finished.unfinished()
     if unfinished:
@@ -320,7 +323,8 @@ def _affected(
         sigma=sigma,
         rate_sigma=rate_sigma,
         js=js,
-        ionosphere=ionosphere,
+        # the ionosphere delays the code as much as it advances the carrier
+        divergence=2.0 * ionosphere + signals.divergence,
         space=space,
         fix_sigma=fix_sigma,
         smoothing=smoothing,
