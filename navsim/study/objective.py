@@ -239,8 +239,13 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             "matters how far pseudolites are, too: take a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
-    # by geometry others are only screened
-    seen = replace(sources, jamming=None) if sources.strength_placed else sources
+    seen = sources
+    if sources.strength_placed:
+        # by geometry others are only screened
+        seen = replace(sources, jamming=None)
+        warnings.append(
+            "DOPs are told without `interference`, which depends on how far pseudolites are; the objective has it"
+        )
     geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
