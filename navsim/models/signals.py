@@ -99,8 +99,14 @@ class Environment:
 
     @property
     def strength_placed(self) -> bool:
-        """Whether how strong a pseudolite is received counts."""
+        """Whether it matters how strong pseudolites are, and so how far."""
         return self.jamming is not None and self.effects.cn0_reference is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sources (s,): satellites, listed ones, pseudolites."""
+        listed = () if self.listed is None else self.listed.names
+        return (*(name for group in self.satellites for name in group.names), *listed, *self.pseudolites.names)
 
     @property
     def systems(self) -> tuple[str, ...]:
@@ -128,10 +134,8 @@ class Environment:
         ])  # fmt: skip
 
     def systems_of(self, names: Sequence[str]) -> tuple[str, ...]:
-        """The same of sources by their names; those that are none of the environment's are pseudolites placed later."""
-        listed = () if self.listed is None else self.listed.names
-        own = (*(name for group in self.satellites for name in group.names), *listed, *self.pseudolites.names)
-        known = dict(zip(own, self.systems, strict=True))
+        """Systems of sources by their names; those that are none of the environment's are pseudolites placed later."""
+        known = dict(zip(self.names, self.systems, strict=True))
         return tuple(known.get(name, PSEUDOLITES) for name in names)
 
     @property

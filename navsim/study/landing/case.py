@@ -89,10 +89,10 @@ class Case:
                 for j, jammer in enumerate(jamming.jammers)
                 if not heard[j]
             ]
-            stopped = ~jamming.passed(self.environment.carriers)
-            if stopped.any():
-                names = ", ".join(itertools.compress(self.world.signals.names, stopped))
-                out.append(f"interference.front_end_mhz: no band has the carriers of {names}: they are not received")
+            stopped = [*itertools.compress(self.environment.names, ~jamming.passed(self.environment.carriers))]
+            if stopped:
+                text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
+                out.append(f"interference.front_end_mhz: {text}")
         return out
 
     def _received(self, event: EventSection) -> bool:
