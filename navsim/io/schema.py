@@ -411,9 +411,10 @@ _INTERFERENCE = Chapter(
     (
         _a("/interference/time", "time", "s", "fix epochs, time of validity since the epoch", _FLOWN, when=_JAMMED),
         _a("/interference/source", "source", "1", "names of the sources", _FLOWN, TEXT, when=_JAMMED),
-        _a("/interference/jammer", "jammer", "1", "names of the jammers", _FLOWN, TEXT, when=_JAMMED),
-        _a("/interference/js", "jammer time source", "dB", "power of the jammer by that of the signal; -inf while it "
-           "is not received, nan where the signal is not", _FLOWN, when=_JAMMED),
+        _a("/interference/jammer", "jammer", "1", "names of the jammers, after them of pseudolites where they jam",
+           _FLOWN, TEXT, when=_JAMMED),
+        _a("/interference/js", "jammer time source", "dB", "power of the jammer by that of the signal, of pulses "
+           "while they last; -inf while it is not received, nan where the signal is not", _FLOWN, when=_JAMMED),
         _a("/interference/cn0", "time source", "dB-Hz", "effective carrier to noise density ratio, nan where the "
            "signal is not used", _FLOWN, when=_JAMMED),
         _a("/interference/held", "time source", "1", "1 where the signal is used", _FLOWN, WHOLE, when=_JAMMED),

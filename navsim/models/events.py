@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -55,12 +55,14 @@ class Happening(Protocol):
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happens to sources, by their names, their systems' or `EVERY`, from a time up to another, s."""
+    """Something that happens to sources, by their names, their systems' or `EVERY`, from a time up to another, s;
+    code_only: to their codes alone, neither to range rates nor to carriers."""
 
     what: Happening
     sources: tuple[str, ...]
     begin: float
     end: float
+    code_only: bool = False
 
     def concerns(self, names: Sequence[str], systems: Sequence[str]) -> np.ndarray:
         """Which of the sources of these names and systems (s,) bool."""
@@ -130,10 +132,20 @@ class Meaconed:
         return ranges + onward + self.delay, rates + np.sum(shift * scene.antenna_velocity, axis=1)[:, None] / onward
 
 
-def happened(events: tuple[Event, ...], scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What events come to: ranges longer by, m, range rates greater by, m/s, and which signals are silent (e, s)."""
+class Happened(NamedTuple):
+    """What events come to, (e, s): ranges longer by, m, range rates greater by, m/s, how much of `longer` carriers do
+    not have, m, and which signals are silent, bool."""
+
+    longer: np.ndarray
+    faster: np.ndarray
+    apart: np.ndarray
+    silent: np.ndarray
+
+
+def happened(events: tuple[Event, ...], scene: Scene) -> Happened:
+    """What events come to, all together."""
     shape = scene.time.size, len(scene.names)
-    longer, faster, silent = np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
+    longer, faster, apart, silent = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
     for event in events:
         lasting = (scene.time >= event.begin) & (scene.time < event.end)
         if not lasting.any():
@@ -144,6 +156,10 @@ def happened(events: tuple[Event, ...], scene: Scene) -> tuple[np.ndarray, np.nd
         if added is None:
             silent |= on
         else:
-            longer += np.where(on, added[0], 0.0)
-            faster += np.where(on, added[1], 0.0)
-    return longer, faster, silent
+            ranges, rates = added
+            longer += np.where(on, ranges, 0.0)
+            if event.code_only:
+                apart += np.where(on, ranges, 0.0)
+            else:
+                faster += np.where(on, rates, 0.0)
+    return Happened(longer, faster, apart, silent)

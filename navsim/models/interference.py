@@ -20,6 +20,8 @@ BOLTZMANN = 1.380649e-23
 """J/K."""
 RTCM_DUTY = 93.0 / 1023.0
 """Share of the time in which a pseudolite sends [3]."""
+EARTH_RADIUS = 6371.0e3
+"""Mean radius of the Earth, m [2]."""
 _HORIZON = 4120.0
 """Distance to the horizon of an antenna 1 m high over an Earth of 4/3 of the radius, m [2]."""
 _CLEAR = -0.78
@@ -57,9 +59,10 @@ def jam_to_signal(
 def jammed(cn0: np.ndarray, js: np.ndarray, kappa: np.ndarray) -> np.ndarray:
     """Effective carrier to noise density (e, s), dB-Hz, of signals that have cn0 (e, s) alone [1]; nan stays nan.
 
-    js: J/S (j, e, s), dB. kappa: (j, s) 1/Hz.
+    js: J/S (j, e, s), dB. kappa: (j, s) 1/Hz, or (j, e or 1, s).
     """
-    return -10.0 * np.log10(10.0 ** (-cn0 / 10.0) + np.einsum("jes,js->es", 10.0 ** (js / 10.0), kappa))
+    kappa = np.broadcast_to(kappa if kappa.ndim == js.ndim else kappa[:, None], js.shape)
+    return -10.0 * np.log10(10.0 ** (-cn0 / 10.0) + np.einsum("jes,jes->es", 10.0 ** (js / 10.0), kappa))
 
 
 def tolerable(cn0: np.ndarray, least: np.ndarray | float, kappa: np.ndarray | float) -> np.ndarray:
@@ -93,10 +96,10 @@ def horizon_loss(distance: np.ndarray, one: np.ndarray | float, other: np.ndarra
     return np.where(distance > radio_horizon(one, other), np.inf, 0.0)
 
 
-def blanked_loss(duties: np.ndarray) -> float:
-    """What satellites lose, dB, by a receiver that is deaf while pseudolites (p,) pulse, by the shares of the time in
-    which each does [4]; pulses do not overlap, the shares add up to less than 1."""
-    return float(-10.0 * np.log10(1.0 - np.sum(duties)))
+def blanked_loss(duties: np.ndarray) -> np.ndarray:
+    """What satellites lose, dB (...), by a receiver that is deaf while pseudolites (..., p) pulse, by the shares of the
+    time in which each does [4]; pulses do not overlap, the shares add up to less than 1."""
+    return -10.0 * np.log10(1.0 - np.sum(duties, axis=-1))
 
 
 def gated_loss(duty: float) -> float:

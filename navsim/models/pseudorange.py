@@ -19,7 +19,7 @@ from navsim.models.constellation import Constellation
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
     "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
-    "elevation", "cn0", "ionosphere", "fix_sigma",
+    "elevation", "cn0", "divergence", "fix_sigma",
 )  # fmt: skip
 """Fields of `Signals` by epoch and source that are always there."""
 
@@ -35,10 +35,10 @@ class Signals:
     `apparent_velocity`. range, range_rate: (e, s) true, m, m/s.
     delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
     los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
-    rad, also of unused sources. cn0: (e, s) dB-Hz. ionosphere: (e, s) the ionosphere's part of the delay, m. space:
-    (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None. fix_sigma: (e, s)
-    1 sigma of the pseudoranges that fixes are made from; smoothing: (e, s) int, counts of the carrier smoothing, or
-    None for bare code. js: (j, e, s) power of jammers by that of the signal, dB.
+    rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
+    of the delay. space: (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None.
+    fix_sigma: (e, s) 1 sigma of the pseudoranges that fixes are made from; smoothing: (e, s) int, counts of the carrier
+    smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB.
     """
 
     time: np.ndarray
@@ -57,7 +57,7 @@ class Signals:
     azimuth: np.ndarray
     elevation: np.ndarray
     cn0: np.ndarray
-    ionosphere: np.ndarray
+    divergence: np.ndarray
     space: np.ndarray | None
     fix_sigma: np.ndarray
     smoothing: np.ndarray | None
@@ -67,7 +67,7 @@ class Signals:
         """What breaks the promise of finite numbers: names of source and field."""
         out = []
         for field in ("position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "cn0",
-                      "ionosphere", "space", "fix_sigma"):  # fmt: skip
+                      "divergence", "space", "fix_sigma"):  # fmt: skip
             values = getattr(self, field)
             if values is not None:
                 finite = np.isfinite(values).all(axis=tuple(range(2, values.ndim)))

@@ -18,7 +18,7 @@ from navsim.models import atmosphere, code_loop, pseudorange, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.events import PSEUDOLITES, Event, Scene, happened
-from navsim.models.jamming import Jamming
+from navsim.models.jamming import Jamming, Received
 from navsim.models.kinematics import Motion
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.models.systems import CLOCKS, GPS, OWN
@@ -53,7 +53,7 @@ class Listed:
 @dataclass(frozen=True)
 class Pseudolites:
     """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
-    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz."""
+    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz."""
 
     names: tuple[str, ...]
     llh: np.ndarray
@@ -63,6 +63,7 @@ class Pseudolites:
     sigma: float
     rate_sigma: float
     cn0: float
+    carrier: float
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,18 @@ class Environment:
     @property
     def placed(self) -> bool:
         """Whether what else is heard, or how well a pseudolite is, depends on where pseudolites stand."""
-        return self.effects.placed or (self.jamming is not None and self.effects.cn0_reference is not None)
+        return self.effects.placed or self.strength_placed
+
+    @property
+    def strength_placed(self) -> bool:
+        """Whether it matters how strong pseudolites are, and so how far."""
+        return self.jamming is not None and self.effects.cn0_reference is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sources (s,): satellites, listed ones, pseudolites."""
+        listed = () if self.listed is None else self.listed.names
+        return (*(name for group in self.satellites for name in group.names), *listed, *self.pseudolites.names)
 
     @property
     def systems(self) -> tuple[str, ...]:
@@ -104,11 +116,26 @@ class Environment:
         of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
         return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
 
+    @property
+    def chips(self) -> np.ndarray:
+        """Length of a chip of each source (s,), m; what is no satellite has those of GPS."""
+        of_satellites = [code_loop.chip_length(g.constellation.system) for g in self.satellites for _ in g.names]
+        out = np.full(len(self.systems), code_loop.chip_length(GPS))
+        out[: len(of_satellites)] = of_satellites
+        return out
+
+    @property
+    def carriers(self) -> np.ndarray:
+        """Carrier of each source (s,), Hz; that of GPS in listed directions."""
+        listed = 0 if self.listed is None else len(self.listed.names)
+        return np.concatenate([
+            *(carriers(group.constellation) for group in self.satellites),
+            np.full(listed, GPS.carrier), np.full(len(self.pseudolites.names), self.pseudolites.carrier),
+        ])  # fmt: skip
+
     def systems_of(self, names: Sequence[str]) -> tuple[str, ...]:
-        """The same of sources by their names; those that are none of the environment's are pseudolites placed later."""
-        listed = () if self.listed is None else self.listed.names
-        own = (*(name for group in self.satellites for name in group.names), *listed, *self.pseudolites.names)
-        known = dict(zip(own, self.systems, strict=True))
+        """Systems of sources by their names; those that are none of the environment's are pseudolites placed later."""
+        known = dict(zip(self.names, self.systems, strict=True))
         return tuple(known.get(name, PSEUDOLITES) for name in names)
 
     @property
@@ -212,7 +239,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         azimuth=azimuth,
         elevation=elevation,
         cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
-        ionosphere=np.zeros((e, s)),
+        divergence=np.zeros((e, s)),
         space=None,
         fix_sigma=np.empty((e, s)),
         smoothing=None,
@@ -220,8 +247,11 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     )
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
-        longer, faster, silent = happened(environment.events, scene)
-        built = replace(built, used=used & ~silent, delay=built.delay + longer, range_rate=built.range_rate + faster)
+        told = happened(environment.events, scene)
+        built = replace(
+            built, used=used & ~told.silent, delay=built.delay + told.longer,
+            range_rate=built.range_rate + told.faster, divergence=told.apart,
+        )  # fmt: skip
     finished = _affected(built, when, motion.llh, environment, is_pseudolite)
     unfinished = finished.unfinished()
     if unfinished:
@@ -243,7 +273,7 @@ def _affected(
     sky = ~is_pseudolite
     used, los = signals.used.copy(), signals.los.copy()
     delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
-    chip, ratio2 = _carriers(environment, s)
+    chip, ratio2 = environment.chips, (atmosphere.L1 / environment.carriers) ** 2
     air, ionosphere = propagation(effects, when, llh, signals.azimuth, signals.elevation, ratio2)
     delay += np.where(sky, air, 0.0) + np.array(effects.offsets)[signals.clock]
     ionosphere = np.where(sky, ionosphere, 0.0)
@@ -297,17 +327,18 @@ def _affected(
             transmitter = pseudolites.llh[i - (s - len(pseudolites.names))]
             above, own = llh[:, 2] - effects.reflection.height, transmitter[2] - effects.reflection.height
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
-            ray = code_loop.reflection(effects.reflection, atmosphere.L1, above, float(own), across)
+            ray = code_loop.reflection(effects.reflection, pseudolites.carrier, above, float(own), across)
             delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
     rate_sigma, js, jamming = signals.rate_sigma, signals.js, environment.jamming
     if jamming is not None:
         carrier = atmosphere.L1 / np.sqrt(ratio2)
-        js = jamming.js(signals.time, signals.antenna, llh, cn0)
-        effective, held = jamming.left(signals.time, js, cn0, chip, carrier)
-        more, faster = jamming.noise(cn0, effective, chip, carrier)
+        received = Received(signals.time, signals.antenna, llh, used, cn0, chip, carrier, is_pseudolite)
+        js = jamming.js(received)
+        effective, held = jamming.left(received, js)
+        more, faster = jamming.noise(received, effective)
         sigma = np.where(used, np.sqrt(sigma**2 + more), sigma)
         rate_sigma = np.where(used, np.sqrt(rate_sigma**2 + faster), rate_sigma)
-        used &= held
+        used = used & held
         los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     return replace(
@@ -320,7 +351,8 @@ def _affected(
         sigma=sigma,
         rate_sigma=rate_sigma,
         js=js,
-        ionosphere=ionosphere,
+        # the ionosphere delays the code as much as it advances the carrier
+        divergence=2.0 * ionosphere + signals.divergence,
         space=space,
         fix_sigma=fix_sigma,
         smoothing=smoothing,
@@ -345,15 +377,3 @@ def fixed_with(
 def clock_unknowns(effects: Effects, clock: np.ndarray) -> np.ndarray:
     """The clock unknowns (s,) the receiver gives to sources by their time scales (s,)."""
     return np.zeros_like(clock) if effects.one_clock else clock
-
-
-def _carriers(environment: Environment, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Length of a chip, m, and (L1 / f)^2 of every source (s,); what is no satellite is as those of GPS."""
-    chip, ratio2 = np.full(count, code_loop.chip_length(GPS)), np.ones(count)
-    first = 0
-    for group in environment.satellites:
-        here = slice(first, first + len(group.names))
-        first = here.stop
-        chip[here] = code_loop.chip_length(group.constellation.system)
-        ratio2[here] = (atmosphere.L1 / carriers(group.constellation)) ** 2
-    return chip, ratio2

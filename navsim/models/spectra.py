@@ -94,7 +94,7 @@ class Waveform(Protocol):
 
     def kappa(self, signal: Spectrum, carrier: np.ndarray, band: Band | None) -> np.ndarray:
         """Spectral separation, 1/Hz (s,), from signals of one spectrum on carriers (s,), Hz, in the band of the front
-        end, or in all there is: J/S times it is noise density by signal power."""
+        end, or in all there is: J/S times it is noise density by signal power. (e, s) where it changes with time."""
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,51 @@ class Flat:
 
     def kappa(self, signal: Spectrum, carrier: np.ndarray, band: Band | None) -> np.ndarray:
         low, high = self.centre - 0.5 * self.width, self.centre + 0.5 * self.width
-        if band is not None:
-            low = min(max(low, band.low), band.high)
-            high = max(min(high, band.high), low)
-        return (signal.below(high - carrier) - signal.below(low - carrier)) / self.width
+        return _between(signal, carrier, band, np.array(low), np.array(high)) / self.width
+
+
+def _between(signal: Spectrum, carrier: np.ndarray, band: Band | None, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Share of the power of signals on carriers (s,) from low to high, Hz, of what the band passes, of their shapes
+    broadcast."""
+    if band is not None:
+        low, high = np.clip(low, band.low, band.high), np.clip(high, band.low, band.high)
+    return signal.below(high - carrier) - signal.below(low - carrier)
+
+
+@dataclass(frozen=True)
+class SweptTone:
+    """A tone that goes through a width about a centre, Hz, from the lower end at time 0 to the upper in a period, s,
+    and begins anew; its noise is the mean over the memory of a receiver, s."""
+
+    centre: float
+    width: float
+    period: float
+    memory: float
+
+    def at(self, time: np.ndarray) -> Waveform:
+        """What it sends in the memory before times (e,), s."""
+        return _Passage(self, time)
+
+
+@dataclass(frozen=True)
+class _Passage:
+    """A sweep by the memory before times (e,), s."""
+
+    sweep: SweptTone
+    time: np.ndarray
+
+    def kappa(self, signal: Spectrum, carrier: np.ndarray, band: Band | None) -> np.ndarray:
+        low, width = self.sweep.centre - 0.5 * self.sweep.width, self.sweep.width
+
+        def passed(time: np.ndarray) -> np.ndarray:
+            """Up to a time, in periods (e,), by the shares that whole sweeps and the last one's part have."""
+            whole = np.floor(time)[:, None]
+            upper = low + width * (time[:, None] - whole)
+            bottom, top = np.array(low), np.array(low + width)
+            return whole * _between(signal, carrier, band, bottom, top) + _between(signal, carrier, band, bottom, upper)
+
+        first, last = (self.time - self.sweep.memory) / self.sweep.period, self.time / self.sweep.period
+        return (passed(last) - passed(first)) / (last - first)[:, None] / width
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ def interference(result: Result) -> Figure:
         said.add(label)
     for j, name in enumerate(map(str, result["/interference/jammer"])):
         heard = np.isfinite(result["/interference/js"][j]).any(axis=1)
-        if not heard.any():
+        if name in pseudolites or not heard.any():
             continue
         ax.fill_between(
             time, 0.0, 1.0, where=heard.tolist(), transform=ax.get_xaxis_transform(), color=COLOURS[3 + j % 3],

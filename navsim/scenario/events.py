@@ -59,7 +59,19 @@ class SilenceSection(EventSection):
         return Silence()
 
 
-class StepSection(EventSection):
+class RangeSection(EventSection):
+    """An error of ranges by itself."""
+
+    code_only: bool = False
+    """of the code: range rates and carriers stay as they are"""
+
+    def model(self) -> Event:
+        from dataclasses import replace
+
+        return replace(super().model(), code_only=self.code_only)
+
+
+class StepSection(RangeSection):
     """Their ranges are wrong by a constant."""
 
     what: Literal["step"]
@@ -71,8 +83,8 @@ class StepSection(EventSection):
         return RangeFault(self.error_m, 0.0)
 
 
-class RampSection(EventSection):
-    """Their ranges go wrong slowly, and their range rates with them: a clock that runs away."""
+class RampSection(RangeSection):
+    """Their ranges go wrong slowly, and without `code_only` their range rates with them: a clock that runs away."""
 
     what: Literal["ramp"]
     rate_m_s: Error

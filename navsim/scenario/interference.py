@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import NonNegative, Section, list_of, pair_of, reject
+from navsim.scenario.base import DEG, Azimuth, NonNegative, Section, Signed, list_of, pair_of, reject
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from navsim.models.jamming import Jammer, Jamming
-    from navsim.models.spectra import Waveform
+    from navsim.models.jamming import Jammer, Jamming, NearFar, Pulses
+    from navsim.models.spectra import SweptTone, Waveform
     from navsim.scenario.signals import CodeTrackingSection
 
 Moment = Annotated[float, Field(ge=0.0, le=3600.0)]
 Density = Annotated[float, Field(ge=0.0, le=80.0)]
 """Carrier to noise density ratio, dB-Hz."""
 Wait = Annotated[float, Field(ge=0.0, le=60.0)]
+Megahertz = Annotated[float, Field(ge=1000.0, le=2000.0)]
 
 
 class LockSection(Section):
@@ -54,10 +55,13 @@ class JammerSection(Section):
     eirp_dbw: Annotated[float, Field(ge=-100.0, le=100.0)]
     """power times antenna gain; 10 W: 10"""
     waveform: Literal["tone", "noise", "sweep", "matched"]
-    """tone: one frequency; noise: white over bandwidth_mhz; sweep: a tone that sweeps it, in the mean; matched: spread
-    like the signals of GPS"""
-    centre_mhz: Annotated[float, Field(ge=1000.0, le=2000.0)] = 1575.42
+    """tone: one frequency; noise: white over bandwidth_mhz; sweep: a tone that sweeps it; matched: spread like the
+    signals of GPS"""
+    centre_mhz: Megahertz = 1575.42
     bandwidth_mhz: Annotated[float, Field(ge=1e-3, le=1000.0)] | None = None
+    sweep_s: Annotated[float, Field(ge=1e-6, le=3600.0)] | None = None
+    """from the lower end to the upper one, from time 0 on, again and again; left out: so fast that only the mean is
+    felt"""
     shadow_db: NonNegative = 0.0
     """what hides it from the aircraft"""
     on_s: list_of(pair_of(Moment)) = ()  # type: ignore[valid-type]
@@ -70,13 +74,15 @@ class JammerSection(Section):
             raise reject(f"a {self.waveform} needs its width", "bandwidth_mhz")
         if not wide and self.bandwidth_mhz is not None:
             raise reject(f"a {self.waveform} jammer has none", "bandwidth_mhz")
+        if self.sweep_s is not None and self.waveform != "sweep":
+            raise reject(f"is for `waveform: sweep`, not for `{self.waveform}`", "sweep_s")
         for i, (first, last) in enumerate(self.on_s):
             if last <= first:
                 raise reject("ends before it begins", "on_s", i)
         return self
 
-    def _waveform(self) -> Waveform:
-        from navsim.models.spectra import Flat, Modulated, Tone, bpsk
+    def _waveform(self, memory: float) -> Waveform | SweptTone:
+        from navsim.models.spectra import Flat, Modulated, SweptTone, Tone, bpsk
         from navsim.models.systems import GPS
 
         centre = self.centre_mhz * 1e6
@@ -85,10 +91,12 @@ class JammerSection(Section):
         if self.waveform == "matched":
             return Modulated(bpsk(GPS.chip_rate), centre)
         assert self.bandwidth_mhz is not None
+        if self.sweep_s is not None:
+            return SweptTone(centre, self.bandwidth_mhz * 1e6, self.sweep_s, memory)
         return Flat(centre, self.bandwidth_mhz * 1e6)
 
-    def model(self, ground: float) -> Jammer:
-        """The jammer; ground: height of the runway over the ellipsoid, m."""
+    def model(self, ground: float, memory: float) -> Jammer:
+        """The jammer; ground: height of the runway over the ellipsoid, m; memory: of the receiver, s."""
         import numpy as np
 
         from navsim.core.arrays.earth import ecef_from_llh
@@ -96,38 +104,165 @@ class JammerSection(Section):
 
         place: np.ndarray = ecef_from_llh(np.array([*self.place.radians, ground + self.height_m]))
         return Jammer(
-            self.name, place, self.height_m, self.eirp_dbw, self._waveform(), self.centre_mhz * 1e6, self.shadow_db,
-            self.on_s,
+            self.name, place, self.height_m, self.eirp_dbw, self._waveform(memory), self.centre_mhz * 1e6,
+            self.shadow_db, self.on_s,
         )  # fmt: skip
 
 
-class InterferenceSection(Section):
-    """Jammers, and what the receiver does about weak signals."""
+class RidgeSection(Section):
+    """A straight ridge, or a skyline seen from the threshold of the runway: a knife edge between jammers and the
+    aircraft where their path crosses it."""
 
-    jammers: Annotated[list_of(JammerSection), Field(min_length=1, max_length=50)]  # type: ignore[valid-type]
+    ends: pair_of(Point) | None = None  # type: ignore[valid-type]
+    """of a ridge: the places it runs between"""
+    height_m: Signed | None = None
+    """of its top, above the runway"""
+    azimuth_deg: pair_of(Azimuth) | None = None  # type: ignore[valid-type]
+    """of a skyline: from, to, clockwise; 350 to 10 goes through north"""
+    elevation_deg: Annotated[float, Field(ge=-10.0, le=60.0)] | None = None
+    """up to where it reaches"""
+    distance_m: Annotated[float, Field(ge=1.0, le=1e5)] | None = None
+    """along the ground"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        ridge, skyline = ("ends", "height_m"), ("azimuth_deg", "elevation_deg", "distance_m")
+        given = {name for name in (*ridge, *skyline) if getattr(self, name) is not None}
+        if given not in ({*ridge}, {*skyline}):
+            raise reject("give either ends and height_m, or azimuth_deg, elevation_deg and distance_m")
+        if self.ends is not None and self.ends[0] == self.ends[1]:
+            raise reject("one place is no ridge", "ends")
+        if self.azimuth_deg is not None and self.azimuth_deg[0] == self.azimuth_deg[1]:
+            raise reject("one azimuth is no skyline; all around is from 0 to 360", "azimuth_deg")
+        return self
+
+    def tops(self, threshold: np.ndarray) -> np.ndarray:
+        """Tops (w, 2, 3), ECEF, m, of its straight parts; threshold: (3,) of the runway, rad, rad, m."""
+        import numpy as np
+
+        from navsim.models.horizon import ridge, skyline
+
+        if self.ends is not None:
+            assert self.height_m is not None
+            return ridge(np.array([end.radians for end in self.ends]), threshold[2] + self.height_m)
+        assert self.azimuth_deg is not None
+        assert self.elevation_deg is not None
+        assert self.distance_m is not None
+        first, last = self.azimuth_deg
+        return skyline(threshold, (first * DEG, last * DEG), self.elevation_deg * DEG, self.distance_m)
+
+
+class PulseSection(Section):
+    """Pulses of pseudolites, which take turns."""
+
+    duty: Annotated[float, Field(ge=1e-3, le=0.5)] = 93.0 / 1023.0
+    """share of the time in which each of them sends; default: RTCM's 93 of 1023 chips"""
+    blanking: bool = True
+    """the receiver is deaf to satellites during pulses; false: pulses are noise to them"""
+    correlation: Literal["gated", "ungated"] = "gated"
+    """with a pseudolite during its pulses alone, or all the time"""
+
+    def model(self) -> Pulses:
+        """The pulses."""
+        from navsim.models.jamming import Pulses
+
+        return Pulses(self.duty, self.blanking, self.correlation == "gated")
+
+
+class NearFarSection(Section):
+    """Pseudolites as jammers of satellites, and of each other: as strong as they are received."""
+
+    pulses: PulseSection | None = None
+    """left out: they send always"""
+    lines: bool | None = None
+    """signals with the codes and the carrier of pseudolites are lost, too, while the highest line of a code, 23.94 dB
+    below its peak, exceeds them; null: where they send always. Of pulses, which are parts of codes, none is known"""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if self.pulses is not None and self.lines:
+            raise reject("are of whole codes, pulses have parts of them: leave this out", "lines")
+        return self
+
+    def model(self) -> NearFar:
+        """How they jam."""
+        from navsim.models.jamming import NearFar
+
+        if self.pulses is not None:
+            return NearFar(self.pulses.model(), lines=False)
+        return NearFar(None, lines=self.lines is not False)
+
+
+class InterferenceSection(Section):
+    """Who jams, what hides jammers, and what the receiver does about weak signals."""
+
+    jammers: Annotated[list_of(JammerSection), Field(max_length=50)] = ()  # type: ignore[valid-type]
+    pseudolites: NearFarSection | None = None
+    """pseudolites jam, too; null: they do not"""
+    horizon: Annotated[list_of(RidgeSection), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    """what stands between jammers and the aircraft; of several edges on a path the worst counts alone"""
+    front_end_mhz: Annotated[list_of(pair_of(Megahertz)), Field(max_length=10)] = ()  # type: ignore[valid-type]
+    """from, to: bands that the receiver passes, each signal by the one that its carrier is in; left out: everything"""
     lock: LockSection = LockSection()
     rate_bandwidth_hz: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
     """one-sided bandwidth of the loop that range rates come from"""
 
     @model_validator(mode="after")
-    def _named(self) -> Self:
+    def _whole(self) -> Self:
+        if not self.jammers and self.pseudolites is None:
+            raise reject("nobody jams: give a list here, or `pseudolites`", "jammers")
+        if self.horizon and not self.jammers:
+            raise reject("hides jammers, and there are none", "horizon")
         names = [jammer.name for jammer in self.jammers]
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise reject(f"{name!r} stands twice", "jammers", i, "name")
+        for i, (low, high) in enumerate(self.front_end_mhz):
+            if low >= high:
+                raise reject("the lower end comes first", "front_end_mhz", i)
+            if any(low <= b and a <= high for a, b in self.front_end_mhz[:i]):
+                raise reject("overlaps another band: a carrier would be in both", "front_end_mhz", i)
         return self
 
-    def model(self, ground: float, tracking: CodeTrackingSection) -> Jamming:
-        """The jammers over ground of a height over the ellipsoid, m, and the loops that they disturb."""
+    def check_pseudolites(self, names: tuple[str, ...], reference_m: float | None) -> None:
+        """Raise for pseudolites of these names that cannot jam: without a distance at which their strength is meant."""
+        for i, jammer in enumerate(self.jammers):
+            if jammer.name in names:
+                raise reject(f"{jammer.name!r} is a pseudolite", "jammers", i, "name")
+        if self.pseudolites is None:
+            return
+        if reference_m is None:
+            text = "how strong they are falls with distance: give pseudolites.cn0_reference_m, where cn0_dbhz is meant"
+            raise reject(text, "pseudolites")
+        self.check_turns(len(names))
+
+    def check_turns(self, count: int) -> None:
+        """Raise for more pseudolites than can take turns."""
+        pulses = None if self.pseudolites is None else self.pseudolites.pulses
+        if pulses is not None and count * pulses.duty >= 1.0:
+            text = f"{count} pseudolites cannot take turns: their shares of the time must add up to less than 1"
+            raise reject(text, "pseudolites", "pulses", "duty")
+
+    def model(self, threshold: np.ndarray, tracking: CodeTrackingSection) -> Jamming:
+        """The jammers over ground as high as the threshold of the runway, (3,) rad, rad, m, and the loops that they
+        disturb."""
+        import numpy as np
+
         from navsim.models.jamming import Jamming
         from navsim.models.lock import FrequencyLoop, LockRule
+        from navsim.models.spectra import Band
 
-        lock = self.lock
+        lock, ground = self.lock, float(threshold[2])
+        # the noise that a loop of the bandwidth B lets through is the mean over 1 / (2 B)
+        memory = 0.5 / tracking.bandwidth_hz
         return Jamming(
-            tuple(jammer.model(ground) for jammer in self.jammers),
-            LockRule(lock.lose_db_hz, lock.lose_s, lock.regain_db_hz, lock.regain_s),
-            tracking.loop(),
-            FrequencyLoop(self.rate_bandwidth_hz, tracking.integration_s, 1.0),
-            ground,
-            tracking.gain_horizon_db,
+            jammers=tuple(jammer.model(ground, memory) for jammer in self.jammers),
+            lock=LockRule(lock.lose_db_hz, lock.lose_s, lock.regain_db_hz, lock.regain_s),
+            code=tracking.loop(),
+            rate=FrequencyLoop(self.rate_bandwidth_hz, tracking.integration_s, 1.0),
+            ground=ground,
+            horizon_db=tracking.gain_horizon_db,
+            pseudolites=None if self.pseudolites is None else self.pseudolites.model(),
+            tops=np.concatenate([np.empty((0, 2, 3)), *(ridge.tops(threshold) for ridge in self.horizon)]),
+            bands=tuple(Band(low * 1e6, high * 1e6) for low, high in self.front_end_mhz),
         )

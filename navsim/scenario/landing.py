@@ -113,6 +113,11 @@ class Landing(Section):
                 if at > self.duration_s:
                     text = f"is not within duration_s, {self.duration_s:g} s"
                     raise reject(text, "integrity", "tails", "at_s", i)
+        if self.interference is not None:
+            try:
+                self.interference.check_pseudolites(self.pseudolites.names(), self.pseudolites.cn0_reference_m)
+            except KeyedError as error:
+                raise reject(str(error), "interference", *error.path) from None
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
         for i, requirement in enumerate(self.requirements):

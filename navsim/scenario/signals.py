@@ -187,6 +187,8 @@ class PseudolitesSection(Section):
     """carrier to noise density ratio, reported with the measurements"""
     cn0_reference_m: Size | None = None
     """distance at which cn0_dbhz is meant; it then falls with distance. Left out: the same everywhere"""
+    carrier_mhz: Annotated[float, Field(ge=1000.0, le=2000.0)] = 1575.42
+    """of their signals, which have the chips of GPS"""
     multipath: GroundMultipath | None = None
     """reflection by the ground; left out: none"""
     differential: Differential | None = None
@@ -249,6 +251,7 @@ class PseudolitesSection(Section):
             sigma=self.range_sigma_m,
             rate_sigma=self.range_rate_sigma_m_s,
             cn0=self.cn0_dbhz,
+            carrier=self.carrier_mhz * 1e6,
         )
 
 

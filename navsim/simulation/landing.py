@@ -317,8 +317,7 @@ def _generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tupl
 
 def carrier(world: World, delay: np.ndarray) -> np.ndarray:
     """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
-    # the ionosphere delays the code as much as it advances the carrier
-    return world.signals.range + delay - 2.0 * world.signals.ionosphere + world.clock[:, :1]
+    return world.signals.range + delay - world.signals.divergence + world.clock[:, :1]
 
 
 def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:

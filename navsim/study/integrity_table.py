@@ -158,8 +158,16 @@ def compute(case: Case, here: WatchedGlide, seed: int, done: Callable[[int], Non
         draft["/useful/prior"] = np.array([fault.prior for fault in expected])
     draft.put("/glide/time", here.signals.time, {"epochs_of_glide": here.epochs})
     out = draft.result(root_attributes("integrity-table", seed, case.scenario))
-    out.variables.update(kept(notes([*case.warnings, *told(case), *_several_clocks(here)])))
+    out.variables.update(kept(notes([*case.warnings, *told(case), *_several_clocks(here), *_still_jamming(case)])))
     return out
+
+
+def _still_jamming(case: Case) -> list[str]:
+    """What the user must hear where pseudolites jam."""
+    jamming = case.environment.jamming
+    if jamming is None or jamming.pseudolites is None:
+        return []
+    return ["pseudolites that a row leaves out send all the same, and jam"]
 
 
 def _several_clocks(here: WatchedGlide) -> list[str]:

@@ -34,7 +34,7 @@ from navsim.io.findings import Finding
 from navsim.io.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
 from navsim.models import timescales
 from navsim.models.signals import Environment
-from navsim.scenario.base import validated
+from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement
@@ -233,7 +233,20 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         _check_known(sources, starts, document)
     fixes, counted = glide_epochs(scenario, trajectory)
     epochs = fixes[counted]
-    geometry = glide_geometry(trajectory, sources, starts, fixes, counted)
+    if sources.strength_placed and study.objective in DOP_OBJECTIVES:
+        text = (
+            f"{study.objective} is judged by directions alone; with `interference` and pseudolites.cn0_reference_m it "
+            "matters how far pseudolites are, too: take a level, or an error of the filter"
+        )
+        raise _refused(document, ("objective",), text)
+    seen = sources
+    if sources.strength_placed:
+        # by geometry others are only screened
+        seen = replace(sources, jamming=None)
+        warnings.append(
+            "DOPs are told without `interference`, which depends on how far pseudolites are; the objective has it"
+        )
+    geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
     objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
@@ -290,6 +303,11 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
     if study.objective in LEVEL_OBJECTIVES and scenario.integrity is None:
         text = f"{study.objective} needs `integrity`, which {study.base} does not have"
         raise _refused(document, ("objective",), text)
+    if scenario.interference is not None:
+        try:
+            scenario.interference.check_turns(max(study.counts))
+        except KeyedError as error:
+            raise _refused(document, ("pseudolites",), str(error)) from None
     judged, key = study.constraints.requirements, ("constraints", "requirements")
     if judged and not scenario.requirements:
         raise _refused(document, key, f"there are no `requirements` in {study.base}")

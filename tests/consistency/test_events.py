@@ -151,13 +151,40 @@ def test_events_add_up_and_end() -> None:
         Event(RangeFault(5.0, 0.0), ("glonass",), 1.0, 3.0),
         Event(RangeFault(0.0, 2.0), ("all",), 2.0, np.inf),
         Event(Silence(), ("PL1",), 4.0, 5.0),
+        Event(RangeFault(0.0, 3.0), ("PL1",), 3.0, np.inf, code_only=True),
     )
-    longer, faster, silent = happened(events, scene)
+    longer, faster, apart, silent = happened(events, scene)
     np.testing.assert_array_equal(longer[:, 0], [0.0, 5.0, 5.0, 2.0, 4.0, 6.0])
-    np.testing.assert_array_equal(longer[:, 1], [0.0, 0.0, 0.0, 2.0, 4.0, 6.0])
+    np.testing.assert_array_equal(longer[:, 1], [0.0, 0.0, 0.0, 2.0, 7.0, 12.0])
     np.testing.assert_array_equal(faster[:, 1], [0.0, 0.0, 2.0, 2.0, 2.0, 2.0])
     np.testing.assert_array_equal(silent[:, 1], [False, False, False, False, True, False])
     assert not silent[:, 0].any()
+    np.testing.assert_array_equal(apart[:, 1], [0.0, 0.0, 0.0, 0.0, 3.0, 6.0])
+    assert not apart[:, 0].any()
+
+
+@pytest.mark.parametrize("event", [{"what": "ramp", "rate_m_s": 2.0}, {"what": "step", "error_m": 30.0}])
+def test_of_the_code_only(event: dict[str, Any]) -> None:
+    """Ranges as without it, range rates and carriers as if nothing happened; a code that is smoothed by such a carrier
+    follows by Hatch's recursion: y = c / n + (1 - 1 / n) y before."""
+    both = {code_only: after(event | {"sources": ["R01"], "at_s": 10, "code_only": code_only},
+                             settings=("receiver.smoothing_s=5",)) for code_only in (False, True)}  # fmt: skip
+    plain = after(settings=("receiver.smoothing_s=5",))
+    i, time = plain.world.signals.names.index("R01"), plain.world.signals.time
+    wrong = {"ramp": 2.0 * np.maximum(time - 10.0, 0.0), "step": np.where(time >= 10.0, 30.0, 0.0)}[event["what"]]
+    told, truth = both[True].world.signals, plain.world.signals
+    np.testing.assert_array_equal(told.range_rate, truth.range_rate)
+    np.testing.assert_allclose(told.delay[:, i] - truth.delay[:, i], wrong, atol=1e-9)
+    np.testing.assert_allclose(both[False].world.signals.delay, told.delay, atol=1e-9)
+    smoothed, expected = np.empty((3, time.size)), np.zeros(time.size)
+    for row, c in zip(smoothed, (plain, both[False], both[True]), strict=True):
+        row[:] = simulation.without_noise(c.world)[0][:, i]
+    np.testing.assert_allclose(smoothed[1] - smoothed[0], wrong, atol=1e-6)
+    for e in range(1, time.size):
+        n = min(e + 1, 10)  # 5 s of two epochs a second
+        expected[e] = wrong[e] / n + (1.0 - 1.0 / n) * expected[e - 1]
+    np.testing.assert_allclose(smoothed[2] - smoothed[0], expected, atol=1e-6)
+    assert np.abs(smoothed[2] - smoothed[1]).max() > 5.0
 
 
 @pytest.mark.parametrize(
@@ -169,6 +196,7 @@ def test_events_add_up_and_end() -> None:
         ({"what": "spoof", "sources": ["R01"]}, "events.0.what", "changes nothing"),
         ({"what": "silence", "sources": ["R01"], "at_s": 9, "until_s": 9}, "events.0.until_s", "after at_s"),
         ({"what": "silence", "sources": ["R01"], "at_s": 90}, "events.0.at_s", "not within duration_s"),
+        ({"what": "silence", "sources": ["R01"], "code_only": True}, "events.0.code_only", "unknown key"),
     ],
 )
 def test_what_cannot_happen_is_refused(tmp_path: Path, event: dict[str, Any], key: str, says: str) -> None:

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from navsim.core.arrays.earth import SPEED_OF_LIGHT
-from navsim.models import interference, lock, spectra
+from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
+from navsim.models import horizon, interference, lock, spectra
 from navsim.models.code_loop import CodeLoop, chip_length
-from navsim.models.spectra import Band, Flat, Modulated, Spectrum, Tone, boc11, bpsk
+from navsim.models.sky import azimuth_elevation, enu_matrix
+from navsim.models.spectra import Band, Flat, Modulated, Spectrum, SweptTone, Tone, boc11, bpsk
 from navsim.models.systems import GLONASS, GPS
 from tests.conftest import DATA, Within
 
@@ -235,6 +236,26 @@ def test_separation_in_a_band(within: Within) -> None:
             np.testing.assert_allclose(ours, wanted, rtol=within["kappa"], err_msg=f"{name} {other}")
 
 
+@pytest.mark.parametrize("band", [None, Band(GPS.carrier - 1.0 * MEGA, GPS.carrier + 0.3 * MEGA)])
+def test_a_slow_sweep_is_the_mean_of_its_tones_in_the_memory(band: Band | None) -> None:
+    """4 MHz in 0.8 s: within a part of a period, over its end, over more than one."""
+    signal, carriers = bpsk(RATE), GPS.carrier + np.array([0.0, 0.7 * MEGA])
+    low, width, period = GPS.carrier - 2.5 * MEGA, 4.0 * MEGA, 0.8
+    time = np.array([0.0, 0.39, 0.5, 0.83, 7.77])
+    for memory in (1e-4, 0.02, 0.5, 2.1):
+        ours = SweptTone(low + 0.5 * width, width, period, memory).at(time).kappa(signal, carriers, band)
+        steps = (np.arange(20000) + 0.5) / 20000
+        for t, row in zip(time, ours, strict=True):
+            tones = low + width * (((t - memory * steps) / period) % 1.0)
+            passed = np.ones(tones.shape, bool) if band is None else (tones >= band.low) & (tones <= band.high)
+            wanted = [np.mean(passed * signal.density(tones - carrier)) for carrier in carriers]
+            np.testing.assert_allclose(row, wanted, rtol=2e-4, atol=1e-4 / RATE)
+    # whole periods are the mean that a fast one has
+    whole = SweptTone(low + 0.5 * width, width, period, 2.0 * period).at(time).kappa(signal, carriers, band)
+    flat = Flat(low + 0.5 * width, width).kappa(signal, carriers, band)
+    np.testing.assert_allclose(whole, np.broadcast_to(flat, whole.shape), rtol=1e-9)
+
+
 def test_spectra_by_the_book() -> None:
     """sinc^2 of BPSK; of BOC(1,1) the tangent's form (Betz); the area is 1 and half of it on either side."""
     f = np.array([0.05, 0.31, 0.77, 1.4, 2.6, 7.3]) * RATE
@@ -356,6 +377,68 @@ def test_shadow_of_edges_and_of_the_horizon() -> None:
     np.testing.assert_allclose(far, [61.8e3, 20.6e3, 20.6e3])
     beyond = interference.horizon_loss(np.array([61.0e3, 62.0e3]), 100.0, 25.0)
     assert beyond.tolist() == [0.0, np.inf]
+
+
+EYE = np.array([np.radians(56.0), np.radians(37.0), 120.0])
+
+
+def about_the_eye(*enu: tuple[float, float, float]) -> np.ndarray:
+    """Places in the tangent plane of `EYE` (n, 3), ECEF."""
+    return ecef_from_llh(EYE) + np.array(enu) @ enu_matrix(EYE)
+
+
+def bent(before: float, behind: float) -> float:
+    """How far rays over an Earth of 4/3 of its radius rise over a straight line: the difference of both curves."""
+    return before * behind / 2.0 * (1.0 / 6371.0e3 - 3.0 / (4.0 * 6371.0e3))
+
+
+@pytest.mark.validates("loss behind a ridge", "ITU-R P.526, the oracle's knife edge", "(dB)", loss="1e-6")
+def test_a_ridge_is_the_knife_edge(cases: dict[str, Any], within: Within) -> None:
+    """The oracle's 10 m over a path of 1 and 3 km, to an aircraft beyond it; a slanting path misses the edge by less;
+    past the ends, before and behind it nothing is lost, and of two the worse counts."""
+    row = cases["knife_edge"]["cases"][-1]
+    d1, d2, wavelength = row["d1_m"], row["d2_m"], SPEED_OF_LIGHT / row["frequency_hz"]
+    top = row["height_m"] + bent(d1, d2)
+    (place,) = about_the_eye((0.0, -d1, 0.0))
+    antenna = about_the_eye((0.0, d2, 0.0), (0.0, -2.0 * d1, 0.0), (0.0, -0.5 * d1, 0.0), (4.0 * d2, d2, 0.0))
+    ridge = about_the_eye((-500.0, 0.0, top), (500.0, 0.0, top))[None]
+    loss = horizon.ridge_loss(ridge, place, antenna, wavelength)
+    assert loss[0] == pytest.approx(row["loss_db"], abs=within["loss"])
+    assert loss[1:].tolist() == [0.0, 0.0, 0.0]
+    low = about_the_eye((-500.0, 1.0, -200.0), (500.0, 1.0, -200.0))[None]
+    assert horizon.ridge_loss(low, place, antenna[:1], wavelength).tolist() == [0.0]
+    for tops in (np.concatenate([low, ridge]), np.concatenate([ridge, low]), ridge[:, ::-1]):
+        np.testing.assert_array_equal(horizon.ridge_loss(tops, place, antenna, wavelength), loss)
+    assert horizon.ridge_loss(np.empty((0, 2, 3)), place, antenna, wavelength).tolist() == [0.0] * 4
+    # to an aircraft 30 degrees up: the edge is its height times the cosine away from the ray
+    rise = np.tan(np.radians(30.0))
+    up = about_the_eye((0.0, d2, d2 * rise))
+    (place,) = about_the_eye((0.0, -d1, -d1 * rise))
+    far = d1 / np.cos(np.radians(30.0)), d2 / np.cos(np.radians(30.0))
+    over = (top - bent(*far)) * np.cos(np.radians(30.0))
+    nu = interference.edge_parameter(np.array(over), np.array(far[0]), np.array(far[1]), wavelength)
+    found = horizon.ridge_loss(ridge, place, up, wavelength)
+    assert found[0] == pytest.approx(float(interference.edge_loss(nu)), abs=within["loss"])
+
+
+def test_a_skyline_is_where_it_is_seen() -> None:
+    """Its corners seen from the eye; through north; all around; between them it is lower by the cosine of half a
+    degree at most."""
+    for azimuths, parts in (((0.3, 0.8), 29), ((np.radians(350.0), np.radians(10.0)), 20), ((0.0, 2.0 * np.pi), 360)):
+        tops = horizon.skyline(EYE, azimuths, 0.1, 2000.0)
+        assert tops.shape == (parts, 2, 3)
+        seen = (tops - ecef_from_llh(EYE)) @ enu_matrix(EYE).T
+        np.testing.assert_allclose(np.linalg.norm(seen[..., :2], axis=-1), 2000.0, rtol=1e-9)
+        azimuth, elevation = azimuth_elevation(seen / np.linalg.norm(seen, axis=-1, keepdims=True))
+        np.testing.assert_allclose(elevation, 0.1, atol=1e-9)
+        np.testing.assert_allclose(np.exp(1j * azimuth[[0, -1], [0, 1]]), np.exp(1j * np.array(azimuths)), atol=1e-9)
+        np.testing.assert_array_equal(tops[1:, 0], tops[:-1, 1])
+    (place,) = about_the_eye((0.0, 9000.0, 20.0))
+    antenna = about_the_eye((0.0, 0.0, 5.0), (0.0, 5000.0, 5.0))
+    loss = horizon.ridge_loss(tops, place, antenna, 0.19)
+    nu = interference.edge_parameter(np.array(2000.0 * np.tan(0.1) - 8.3), np.array(7000.0), np.array(2000.0), 0.19)
+    assert loss[0] == pytest.approx(float(interference.edge_loss(nu)), abs=0.05)
+    assert loss[1] == 0.0
 
 
 def test_two_pulsed_pseudolites_cost_satellites_both_duties() -> None:

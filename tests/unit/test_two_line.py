@@ -104,8 +104,8 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
     ratio2 = (atmosphere.L1 / systems.GLONASS.carrier) ** 2
     alone = prepared(tmp_path, [x.replace("COSMOS", "NAVSTAR") for x in GLONASS], "signals.ionosphere={}")
     seen = alone.world.signals.used
-    there = s.ionosphere[:, [n[0] == "R" for n in s.names]]
-    np.testing.assert_allclose(there[seen], ratio2 * alone.world.signals.ionosphere[seen], rtol=1e-9)
+    there = s.divergence[:, [n[0] == "R" for n in s.names]]
+    np.testing.assert_allclose(there[seen], ratio2 * alone.world.signals.divergence[seen], rtol=1e-9)
     assert seen.any()
 
 

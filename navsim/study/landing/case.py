@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -88,6 +89,10 @@ class Case:
                 for j, jammer in enumerate(jamming.jammers)
                 if not heard[j]
             ]
+            stopped = [*itertools.compress(self.environment.names, ~jamming.passed(self.environment.carriers))]
+            if stopped:
+                text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
+                out.append(f"interference.front_end_mhz: {text}")
         return out
 
     def _received(self, event: EventSection) -> bool:
@@ -233,7 +238,7 @@ def environment(
         lever_arm,
         scenario.effects(pseudolites),
         tuple(event.model() for event in scenario.events),
-        None if jammed is None else jammed.model(scenario.runway.height_m, scenario.signals.tracking),
+        None if jammed is None else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking),
     )
     _check_events(scenario, document, sources)
     return sources, scenario, warnings

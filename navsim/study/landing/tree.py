@@ -85,9 +85,10 @@ def _interference(draft: Draft, case: Case) -> None:
     jamming, s = case.environment.jamming, case.world.signals
     if jamming is None:
         return
+    ground = () if jamming.pseudolites is None else case.pseudolites.names
     draft["/interference/time"] = s.time
     draft["/interference/source"] = np.array(s.names, dtype=object)
-    draft["/interference/jammer"] = np.array([jammer.name for jammer in jamming.jammers], dtype=object)
+    draft["/interference/jammer"] = np.array([*(jammer.name for jammer in jamming.jammers), *ground], dtype=object)
     draft["/interference/js"] = s.js
     draft["/interference/cn0"] = s.cn0
     draft["/interference/held"] = s.used.astype(np.int8)
