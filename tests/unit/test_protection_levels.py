@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from navsim.integrity import residuals
 from navsim.integrity.residuals import ChiSquareTest
-from navsim.integrity.separation import UP, Allocation, Fault, FixLevels, SeparationMonitor, levels
+from navsim.integrity.separation import UP, Allocation, Fault, FixLevels, levels
 from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.models.sky import unit_vector
 
@@ -122,28 +122,27 @@ def test_a_source_out_is_a_line_of_arithmetic(drawn: tuple[int, int]) -> None:
     np.testing.assert_allclose(more.covariance, fix.covariance, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("source", [None, 0, 5])
-def test_levels_bound_errors_at_budgets_that_can_be_counted(source: int | None) -> None:
-    """With p_HMI of 1e-3: without a fault, and with each size of one of prior 1e-2, all biases at their worst, errors
-    are beyond levels without an alarm no more often than allotted, by the upper 99.9 % bound of 200 000 samples."""
-    sky = Sky((4, 9))
-    budget = Allocation(1e-3, 1e-3, 1e-2, 1e-2, p_unmonitored=1e-3)
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_levels_bound_errors_at_budgets_that_can_be_counted(seed: int) -> None:
+    """With p_HMI of 1e-3 and priors of 1e-2 the fault that the level comes from, at any size, all biases at their
+    worst, leaves errors beyond it without an alarm in a tenth of 200 000 samples at most; and that is not far off."""
+    sky = Sky((seed, 9))
     sky.priors = np.append(np.full(9, 1e-2), 0.0)
-    found = sky.found(budget)
-    monitor, level = SeparationMonitor(found), found.level[0, UP]
-    assert found.available[0]
+    found = sky.found(Allocation(1e-3, 1e-3, 1e-2, 1e-2, p_unmonitored=1e-3))
     fix = solve(sky.rows(), np.ones((1, 9), bool), Independent(sky.sigma[None]))
-    samples, width = 200_000, found.separator.shape[3]
+    level, samples = found.level[0, UP], 200_000
+    assert found.available[0]
+    source = int(np.argmax((found.threshold + found.spread.separate_bias)[:9, 0, UP]))
+    without = found.separator[source, 0, UP] + fix.estimator[0, UP]
+    draws = np.random.default_rng(seed).standard_normal((samples, 9)) * sky.sigma
     worst = 0.0
-    for size in (0.0,) if source is None else (2.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0):
-        rng = np.random.default_rng(11)
-        errors = rng.standard_normal((samples, width)) * sky.sigma + sky.nominal * np.sign(fix.estimator[0, UP])
-        if source is not None:
-            errors[:, source] += size * sky.sigma[source] * np.sign(fix.estimator[0, UP, source])
+    for part in np.linspace(0.4, 1.4, 11):
+        size = part * found.threshold[source, 0, UP] / -found.separator[source, 0, UP, source]
+        # the way that biases move the fix without the faulty source is the one that the level is of
+        errors = draws + sky.nominal * np.sign(without) * np.sign(size * fix.estimator[0, UP, source])
+        errors[:, source] += size
         off = np.abs(errors @ fix.estimator[0, UP])
         apart = np.einsum("kqs,ns->nkq", found.separator[:, 0], errors)
         silent = (np.abs(apart) <= found.threshold[:, 0]).all(axis=(1, 2))
         worst = max(worst, float(np.mean((off > level) & silent)))
-    assert monitor.tested[0]
-    allowed = 1e-3 if source is None else 1e-3 / 1e-2
-    assert worst + 3.1 * np.sqrt(max(worst, 1.0 / samples) / samples) <= allowed
+    assert 1e-3 < worst + 3.1 * np.sqrt(worst / samples) <= 1e-3 / 1e-2
