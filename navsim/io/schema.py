@@ -380,6 +380,8 @@ _BOX = Chapter(
                 ("/summary/box/axis_probability", "axis interval", "1",
                  "share of runs whose error exceeds its limit, nan for none", (LANDING,), NUMBER),
                 ("/summary/box/outside", "", "1", "number of runs that end outside the box", (LANDING,), WHOLE),
+                ("/summary/box/error_run", "run axis", "m",
+                 "position error of each run at the height of the box, truth minus estimate", (LANDING,), NUMBER),
                 ("/summary/box/axis_first_order", "axis", "1",
                  "chance that a Gaussian error of this mean and sigma exceeds its limit, nan for none",
                  (COVARIANCE, RARE), NUMBER),
@@ -532,16 +534,20 @@ _REQUIREMENTS = Chapter(
     "Requirements",
     "A verdict on each of the scenario's requirements, presets as their parts.",
     tuple(
-        _a(f"/summary/requirements/{name}", dims, "1", meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
-        for name, dims, meaning, of in (
-            ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
-            ("statement", "requirement", "what is asked for, in words", TEXT),
-            ("value", "requirement interval", "what was found, in the unit of the statement; nan where the method "
+        _a(f"/summary/requirements/{name}", dims, units, meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
+        for name, dims, units, meaning, of in (
+            ("requirement", "requirement", "1", "numbers of the statements, in order", WHOLE),
+            ("statement", "requirement", "1", "what is asked for, in words", TEXT),
+            ("value", "requirement interval", "1", "what was found, in the unit of the statement; nan where the method "
              "tells nothing of it", NUMBER),
-            ("limit", "requirement", "what is asked for", NUMBER),
-            ("verdict", "requirement", "met, not met or undecided, by the interval", TEXT),
-            ("more_runs", "requirement", "how many more runs like these would decide; nan where none would, or where "
-             "it is decided", NUMBER),
+            ("limit", "requirement", "1", "what is asked for", NUMBER),
+            ("what", "requirement", "1", "kind of the statement, as `what` of the scenario", TEXT),
+            ("of", "requirement", "1", "error, RMS or level that it speaks of, empty for others", TEXT),
+            ("at", "requirement", "1", "height at which its error counts, empty for others", TEXT),
+            ("size", "requirement", "m", "what its error, RMS or level is to stay below, nan for others", NUMBER),
+            ("verdict", "requirement", "1", "met, not met or undecided, by the interval", TEXT),
+            ("more_runs", "requirement", "1", "how many more runs like these would decide; nan where none would, or "
+             "where it is decided", NUMBER),
         )
     ),
 )  # fmt: skip

@@ -138,6 +138,10 @@ def judged(draft: Draft, case: Case, runs: int, moments: Moments | None = None) 
     draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
     draft[f"{branch}/value"] = np.stack([one.value for one in found])
     draft[f"{branch}/limit"] = np.array([one.limit for one in found])
+    asked = [one for _, one in single(case.scenario)]
+    for name in ("what", "of", "at"):
+        draft[f"{branch}/{name}"] = np.array([getattr(one, name, "") for one in asked], dtype=object)
+    draft[f"{branch}/size"] = np.array([getattr(one, "below_m", math.nan) for one in asked])
     draft[f"{branch}/verdict"] = np.array([one.verdict() for one in found], dtype=object)
     draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
 
