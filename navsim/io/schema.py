@@ -492,6 +492,9 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/alarms", "", "1", "those of them with an alarm, but for exclusions", LANDING, WHOLE,
            when=_WATCHED),
         _a("/summary/integrity/alarm_share", "interval", "1", "their share", LANDING, when=_WATCHED),
+        _a("/summary/integrity/exceeded_{axis}", "interval", "1", "share of tested fixes on the glide whose {axis} "
+           "error is beyond its protection level without an alarm", LANDING, when=_WATCHED,
+           axis=("horizontal", "vertical")),
         _a("/summary/integrity/innovation_alarms", "", "1", "epochs on the glide with an alarm by the innovations, of "
            "all runs; they are among the alarms", LANDING, WHOLE, when=_TRIED),
         _a("/summary/integrity/innovation_share", "interval", "1", "their share", LANDING, when=_TRIED),

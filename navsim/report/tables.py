@@ -202,6 +202,16 @@ def _alarms(result: Result) -> Cell | str:
     return cell("{} of {}", alarms, tested)
 
 
+def _range_noise(result: Result) -> Cell | str:
+    """What noise is drawn from that is not the believed Gaussian."""
+    section = setting(result, "integrity") or {}
+    if section.get("error_model", "gaussian") == "gaussian":
+        return ABSENT
+    noise = section["heavier"]
+    core, tail, share = (float(noise[name]) for name in ("core", "tail", "share"))
+    return cell("{:g} σ, {:g} σ of {:g} %", core, tail, 100.0 * share)
+
+
 def _exclusions(result: Result) -> Cell | str:
     branch = "/summary/integrity/exclusions"
     if branch not in result:
@@ -260,6 +270,10 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested fixes", _alarms)
+        for name in ("horizontal", "vertical"):
+            row(f"{name} error beyond its level", lambda r, n=name: _share(r, f"/summary/integrity/exceeded_{n}"))  # type: ignore[misc]
+    if any(_range_noise(result) != ABSENT for _, result in results):
+        row("noise of ranges", _range_noise)
     if any("/summary/integrity/innovation_share" in result for _, result in results):
         row("alarms by innovations, of epochs", lambda r: _share(r, "/summary/integrity/innovation_share"))
     if any("/summary/integrity/exclusions" in result for _, result in results):

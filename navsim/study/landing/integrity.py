@@ -126,11 +126,13 @@ def tally(case: Case, runs: Run) -> Arrays:
         excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
         came = outcomes(case)[excluded, np.flatnonzero(glide)]
         out["integrity_exclusions"] = (came[..., None] == np.arange(len(EXCLUSIONS))).sum(axis=1)
+    settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
+    beyond = settled[..., None] & (runs.fix_error > levels)
+    out["integrity_exceeded"] = beyond[:, glide].sum(axis=1)
     asked = asked_of(case)
     if asked is None:
         return out
     low = within(asked, levels)
-    settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
     available = settled & low.all(axis=2)
     out["integrity_available"] = available[:, glide].sum(axis=1)
     if excludes(case):
@@ -259,6 +261,8 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     tested, alarms = ensemble.per_run("integrity_tested"), ensemble.per_run("integrity_alarms")
     draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
     draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
+    for i, name in enumerate(("horizontal", "vertical")):
+        draft[f"{branch}/exceeded_{name}"] = share_over_runs(ensemble.per_run("integrity_exceeded")[:, i], tested)
     if watches_innovations(case):
         found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
         draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())

@@ -281,7 +281,8 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
     if not relative.size:
         return nothing
     share = float(np.mean(relative <= 1.0))
-    if section.sigma_ratio_acc < 1.0 or any(event.what != "silence" for event in case.scenario.events):
+    worse = section.sigma_ratio_acc < 1.0 or section.error_model != "gaussian"
+    if worse or any(event.what != "silence" for event in case.scenario.events):
         return replace(nothing, value=np.array([share, 0.0, share]))
     quiet = 1.0 - section.false_alarm()
     due = one.at_least / quiet
