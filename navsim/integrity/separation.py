@@ -16,7 +16,7 @@ import numpy as np
 from navsim.core.defect import Defect
 from navsim.core.jit import kernel
 from navsim.core.lanes import WIDTH, in_lanes, registers, select
-from navsim.integrity.solution import MonitoredFix, Noise, solve
+from navsim.integrity.solution import MonitoredFix, Noise, solve, turned
 
 EAST, NORTH, UP = 0, 1, 2
 _MOST_STEPS = 100
@@ -161,6 +161,41 @@ def levels(
         np.where(whole.solved[:, None], np.sqrt(accuracy.variance(whole.estimator)), np.nan),
         np.where(whole.solved, counted.max(axis=0, initial=0.0), np.nan),
     )  # fmt: skip
+
+
+def along(
+    found: Levels, whole: MonitoredFix, nominal: np.ndarray, priors: np.ndarray, allocation: Allocation, bearing: float
+) -> np.ndarray:
+    """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, under the tests east and north;
+    together they take what those take. Equation (8a).
+
+    found: of these tests. whole: the fixes. nominal, priors, allocation: those that `levels` was given.
+    """
+    own = turned(whole.estimator, bearing)
+    apart = turned(found.separator, bearing)
+    share = np.abs(turned(np.eye(2), bearing))
+    between = found.threshold[..., :UP] @ share.T
+    p_hmi = 0.5 * allocation.p_hmi_horizontal / allocation.samples
+    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
+    at = np.flatnonzero(found.available)
+    budget = p_hmi * (1.0 - found.unmonitored[at] / total)
+    counted = np.where(found.monitored, priors[:, None], 0.0)[:, at]
+
+    def spread(estimator: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """1 sigma, and how far nominal biases reach, (e, 2)."""
+        return np.sqrt(whole.noise.variance(estimator)), (np.abs(estimator) * nominal[:, None]).sum(axis=2)
+
+    shape = len(priors), len(own), 2
+    sigma, bias = spread(own)
+    each = [spread(own + one) for one in apart]
+    separate_sigma = np.array([one for one, _ in each]).reshape(shape)
+    reach = between + np.array([one for _, one in each]).reshape(shape)
+    level = np.full(shape[1:], np.nan)
+    for axis in range(shape[2]):
+        level[at, axis] = _level(
+            budget, bias[at, axis], sigma[at, axis], counted, reach[:, at, axis], separate_sigma[:, at, axis]
+        )
+    return level
 
 
 def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> MonitoredFix:

@@ -441,6 +441,8 @@ _INTEGRITY = Chapter(
         _a("/integrity/hpl", "time", "m", "horizontal protection level of a fix from all that is used; inf where a "
            "range is not checked, nan where there is none", _FLOWN, when=_WATCHED),
         _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
+        _a("/integrity/level_{axis}", "time", "m", "protection level of the {axis} error, in axes of the runway",
+           _FLOWN, when=_WATCHED, axis=("lateral", "along")),
         _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
         _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
            when=_SEPARATED),
@@ -482,6 +484,8 @@ _INTEGRITY = Chapter(
            _FLOWN, when=_SAMPLED),
         _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, where there is one", _FLOWN,
            when=_WATCHED, level=("hpl", "vpl")),
+        _a("/summary/integrity/level_{axis}", "statistic", "m", "level of the {axis} error on the glide, where there "
+           "is one", _FLOWN, when=_WATCHED, axis=("lateral", "along")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
            when=_WATCHED),
         _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none", _FLOWN, when=_ASKED),

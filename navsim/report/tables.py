@@ -184,7 +184,8 @@ def _protection(result: Result, name: str) -> Cell | str:
     if path not in result or not np.isfinite(result[path]).all():
         return ABSENT
     mean, low, high = map(float, result[path][:3])
-    limit = float(result[f"/summary/integrity/{name[0]}al"]) if "/summary/integrity/tta" in result else np.inf
+    alert = f"/summary/integrity/{name[0]}al"
+    limit = float(result[alert]) if alert in result else np.inf
     if not np.isfinite(limit):
         return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True)
     return Cell("{:.2f}  ({:.2f} - {:.2f}), limit {:g}", (mean, low, high, limit), whole=True)
@@ -267,6 +268,8 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     table.head("Integrity of the fixes on the glide", *("mean (min - max), m" for _ in results))
     for name in ("hpl", "vpl"):
         row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
+    for name in ("lateral", "along"):
+        row(f"level {name} in axes of the runway", lambda r, n=name: _protection(r, f"level_{n}"))  # type: ignore[misc]
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested fixes", _alarms)

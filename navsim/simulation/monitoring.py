@@ -133,6 +133,21 @@ class Monitoring:
         return SeparationMonitor(found)
 
 
+def runway_levels(watching: Monitoring, monitor: Snapshot, signals: Signals, bearing: float) -> np.ndarray | None:
+    """Levels (e, 2) of the fixes from these signals across the runway and along it, m; None of what watches no fixes.
+
+    monitor: of all that is used. bearing: of the runway, rad.
+    """
+    if isinstance(monitor, Monitor):
+        return monitor.along(bearing)
+    if not isinstance(monitor, SeparationMonitor) or isinstance(watching.test, ChiSquareTest):
+        return None
+    fix = fix_of(signals)
+    nominal = np.broadcast_to([watching.nominal[name] for name in signals.names], fix.used.shape)
+    priors = np.array([fault.prior for fault in watching.expected(signals)])
+    return separation.along(monitor.found, fix, nominal, priors, watching.test, bearing)
+
+
 def fix_of(signals: Signals) -> MonitoredFix:
     """The fixes from these signals, as their monitors see them."""
     rows, sigma = _geometry(signals)

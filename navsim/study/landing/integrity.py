@@ -16,8 +16,9 @@ from navsim.integrity.separation import SeparationMonitor
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.models.events import Silence
+from navsim.scenario.base import DEG
 from navsim.simulation.landing import Run
-from navsim.simulation.monitoring import ALARM, EXCLUDED, NO_EXCLUSION, NO_FIX, QUIET, tested_levels
+from navsim.simulation.monitoring import ALARM, EXCLUDED, NO_EXCLUSION, NO_FIX, QUIET, runway_levels, tested_levels
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import Case, on_glide, times_at_heights
 from navsim.study.partial import Arrays
@@ -231,15 +232,32 @@ def described(draft: Draft, case: Case) -> None:
     there = np.isfinite(levels[glide]).all(axis=1)
     draft["/summary/integrity/level_share"] = there.mean() if there.size else math.nan
     for i, name in enumerate(("hpl", "vpl")):
-        values = levels[glide][there, i]
-        numbers = np.full(5, np.nan)
-        if values.size:
-            numbers[:] = values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])
-        draft[f"/summary/integrity/{name}"] = numbers
+        draft[f"/summary/integrity/{name}"] = _numbers(levels[glide][there, i])
     asked = asked_of(case)
     if asked is not None:
         draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = asked.limits
         draft["/summary/integrity/tta"] = asked.alert
+
+
+def _numbers(values: np.ndarray) -> np.ndarray:
+    """Mean, smallest, largest, median and 95 % of levels (n,); nan of none."""
+    if not values.size:
+        return np.full(5, np.nan)
+    return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
+
+
+def in_runway_axes(draft: Draft, case: Case) -> None:
+    """Levels across the runway and along it, beside those of `described`; nothing where no fixes are watched."""
+    monitor, watching, signals = case.flight.monitor, case.flight.watching, case.world.signals
+    if monitor is None or watching is None:
+        return
+    levels = runway_levels(watching, monitor, signals, case.scenario.runway.heading_deg * DEG)
+    if levels is None:
+        return
+    there = glide_of(case) & np.isfinite(levels).all(axis=1)
+    for i, name in enumerate(("lateral", "along")):
+        draft[f"/integrity/level_{name}"] = levels[:, i]
+        draft[f"/summary/integrity/level_{name}"] = _numbers(levels[there, i])
 
 
 def level_outputs(case: Case) -> dict[str, float]:
