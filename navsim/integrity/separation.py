@@ -123,11 +123,12 @@ def levels(
     whole = solve(rows, used, noise)
     priors = np.array([fault.prior for fault in faults])
     without = [_without(rows, used, noise, fault) for fault in faults]
-    touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults]).reshape(len(faults), -1)
+    shape = len(faults), used.shape[0]
+    touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults], bool).reshape(shape)
     for k, fault in enumerate(faults):
         if fault.of:  # where one of them is not there, it is the other alone
             touched[k] = touched[list(fault.of)].all(axis=0)
-    monitored = touched & np.array([s.solved for s in without]).reshape(touched.shape)
+    monitored = touched & np.array([s.solved for s in without], bool).reshape(shape)
     if unlisted is None:
         alone = [not fault.of for fault in faults]
         listed = [fault.of for fault in faults if fault.of]

@@ -10,7 +10,7 @@ import numpy as np
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS
 from navsim.report.figures import COLOURS, COLUMN, MOST_RUNS, blocks, legend_below, new_figure, settled
-from navsim.report.limits import REQUIRED, asked, rms_lines, spoken, touchdown, word
+from navsim.report.limits import REQUIRED, asked, glide, rms_lines, spoken, touchdown, word
 from navsim.report.tables import runs_of, single
 
 if TYPE_CHECKING:
@@ -68,13 +68,13 @@ def _over_time(ax: Axes, result: Result, axis: str) -> None:
         ax.plot(time, believed, color=_BELIEVED, ls="--", label="σ of the filter")
         late = settled(time) & ~(time > touchdown(result))
         top = max(top, 1.3 * float(np.max(true, where=late & np.isfinite(true), initial=0.0)))
-    end = touchdown(result)
-    if math.isfinite(value) and math.isfinite(end):
+    end, length = glide(result)[1], float(time[-1] - time[0])
+    if math.isfinite(value):
         ax.errorbar(
-            end + 0.02 * (time[-1] - time[0]), value, [[value - low], [high - value]], fmt="o", color=_ERROR, ms=3.0,
+            end + 0.02 * length, value, [[value - low], [high - value]], fmt="o", color=_ERROR, ms=3.0,
             capsize=2.0, label="over the last 20 s",
         )  # fmt: skip
-    ax.set_xlim(time[0], min(time[-1], end + 0.08 * (time[-1] - time[0])) if math.isfinite(end) else time[-1])
+    ax.set_xlim(time[0], end + 0.08 * length)
     ax.set_ylim(0.0, 1.1 * max(top, high if math.isfinite(high) else 0.0))
     ax.set_xlabel("time, s")
     ax.set_ylabel(f"{axis} error, m")

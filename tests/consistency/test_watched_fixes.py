@@ -415,6 +415,28 @@ def test_levels_in_axes_of_the_runway(heading: float) -> None:
         assert levels_[e, axis] == pytest.approx(expected_level, rel=1e-6)
 
 
+def test_levels_without_any_fault_to_expect() -> None:
+    """All priors 0: the level is what noise and nominal biases leave, 2 Q((x - b)/sigma) = p_hmi, along every axis."""
+    section = "{p_satellite: 0, p_constellation: 0, p_pseudolite: 0, ground_groups: []}"
+    c = brief(f"integrity={section}", "runway.heading_deg=37")
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    assert isinstance(monitor, SeparationMonitor)
+    assert watching is not None
+    assert not monitor.tested.any()
+    found = monitoring.runway_levels(watching, monitor, s, np.radians(37))
+    assert found is not None
+    use = s.used[4]
+    rows = np.concatenate([-s.los[4, use], np.ones((int(use.sum()), 1))], axis=1) / s.fix_sigma[4, use][:, None]
+    gain = np.linalg.pinv(rows) / s.fix_sigma[4, use]
+    turn = np.radians(37)
+    axes = (gain[2], np.cos(turn) * gain[0] - np.sin(turn) * gain[1], np.sin(turn) * gain[0] + np.cos(turn) * gain[1])
+    nominal = np.array([0.25 if name.startswith("PL") else 0.75 for name in np.array(s.names)[use]])
+    levels_ = (monitor.levels[4, 1], *found[4])
+    for one, level, p_hmi in zip(axes, levels_, (9.8e-8, 1e-9, 1e-9), strict=True):
+        expected = np.abs(one) @ nominal + stats.norm.isf(p_hmi / 2) * np.sqrt(np.sum((one * s.fix_sigma[4, use]) ** 2))
+        assert level == pytest.approx(expected, rel=1e-7)
+
+
 def test_slopes_in_axes_of_the_runway() -> None:
     """Of the residuals' test: the fix of a biased range, across and along a runway at 37 degrees."""
     c = brief(CHI2, "runway.heading_deg=37")
