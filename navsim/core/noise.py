@@ -76,21 +76,22 @@ def measure(
 ):  # fmt: skip
     """Draw the measurements of the first `count` lanes.
 
-    rngs: numpy Generators, W of them. range_, sigma, range_rate, rate_sigma: (e, s). delay: (e, s, W), or (e, s, 1) of
+    rngs: numpy Generators, W of them. range_, range_rate, rate_sigma: (e, s). delay, sigma: (e, s, W), or (e, s, 1) of
     all runs. used: (e, s) bool. clock: (e, 2) receiver clock offset (m) and drift (m/s) at each epoch. Out: out_range,
     out_rate (e, s, W), nan where not used. Every source draws at every epoch, so a mask does not shift the numbers of
     the others.
     """
-    epochs, own = range_.shape[0], delay.shape[2] - 1
+    epochs, own, spread = range_.shape[0], delay.shape[2] - 1, sigma.shape[2] - 1
     for first in range(0, epochs, _INTERVALS):
         for lane in range(count):
-            rng, late = rngs[lane], min(lane, own)
+            rng, late, wide = rngs[lane], min(lane, own), min(lane, spread)
             for e in range(first, min(first + _INTERVALS, epochs)):
                 for s in range(range_.shape[1]):
                     a = rng.standard_normal()
                     b = rng.standard_normal()
                     if used[e, s]:
-                        out_range[e, s, lane] = range_[e, s] + delay[e, s, late] + clock[e, 0] + sigma[e, s] * a
+                        exact = range_[e, s] + delay[e, s, late] + clock[e, 0]
+                        out_range[e, s, lane] = exact + sigma[e, s, wide] * a
                         out_rate[e, s, lane] = range_rate[e, s] + clock[e, 1] + rate_sigma[e, s] * b
                     else:
                         out_range[e, s, lane] = np.nan

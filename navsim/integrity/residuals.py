@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.core.arrays import chi_square, normal
-from navsim.integrity.solution import MonitoredFix
+from navsim.integrity.solution import MonitoredFix, turned
 
 BLIND = 1e-9
 """A range of less redundancy than this is not checked by the others; one that moves the position by less than this of
@@ -59,10 +59,14 @@ class Monitor:
         """Error of position (e, s, 2), horizontal and vertical, by the bias in the residuals, both of a fault of one
         range; inf for a fault that the residuals do not show, 0 for one that moves nothing."""
         of_fault = self.solution.estimator
-        moved = np.stack([np.hypot(of_fault[:, 0], of_fault[:, 1]), np.abs(of_fault[:, 2])], axis=2)
+        return self._by_residuals(np.hypot(of_fault[:, 0], of_fault[:, 1]), of_fault[:, 2])
+
+    def _by_residuals(self, *moved: np.ndarray) -> np.ndarray:
+        """Slopes (e, s, m) of what errors of ranges do, m of (e, s)."""
+        size = np.abs(np.stack(moved, axis=2))
         seen = (self.solution.redundancy > BLIND)[..., None]
         shown = np.sqrt(np.where(seen, self.solution.visibility[..., None], 1.0))
-        return np.where(seen, moved / shown, np.where(moved > BLIND, np.inf, 0.0))
+        return np.where(seen, size / shown, np.where(size > BLIND, np.inf, 0.0))
 
     @property
     def minimal_bias(self) -> np.ndarray:
@@ -77,7 +81,15 @@ class Monitor:
     def levels(self) -> np.ndarray:
         """Protection levels (e, 2), m, horizontal and vertical: the largest slope times the bias that is missed with
         p_md; inf where a range is not checked, nan without a fix."""
-        largest = self.slopes.max(axis=1)
+        return self._reached(self.slopes)
+
+    def along(self, bearing: float) -> np.ndarray:
+        """The same (e, 2) across a horizontal direction and along it, of a bearing, rad."""
+        return self._reached(self._by_residuals(*turned(self.solution.estimator, bearing).swapaxes(0, 1)))
+
+    def _reached(self, slopes: np.ndarray) -> np.ndarray:
+        """Levels (e, m) by slopes (e, s, m)."""
+        largest = slopes.max(axis=1)
         bias = np.broadcast_to(self.test.bias(self.solution.degrees)[:, None], largest.shape)
         # no slope at all is no error, whatever the bias
         reach = np.multiply(largest, bias, out=np.zeros_like(largest), where=largest > 0.0)

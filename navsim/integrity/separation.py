@@ -16,7 +16,7 @@ import numpy as np
 from navsim.core.defect import Defect
 from navsim.core.jit import kernel
 from navsim.core.lanes import WIDTH, in_lanes, registers, select
-from navsim.integrity.solution import MonitoredFix, Noise, solve
+from navsim.integrity.solution import MonitoredFix, Noise, solve, turned
 
 EAST, NORTH, UP = 0, 1, 2
 _MOST_STEPS = 100
@@ -146,7 +146,7 @@ def levels(
     separator = np.array([s.estimator - whole.estimator for s in without]).reshape(*shape, 3, used.shape[1])
     spread = Spread(
         whole.solved,
-        np.array([s.solved for s in without]).reshape(shape),
+        np.array([s.solved for s in without], bool).reshape(shape),
         _sigma(whole),
         np.array([_sigma(s) for s in without]).reshape(*shape, 3),
         np.array([np.sqrt(accuracy.variance(one)) for one in separator]).reshape(*shape, 3),
@@ -172,7 +172,8 @@ def allotted(
     first.
     """
     priors = np.array([fault.prior for fault in faults])
-    touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults]).reshape(len(faults), -1)
+    touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults], bool)
+    touched = touched.reshape(len(faults), len(used))
     for k, fault in enumerate(faults):
         if fault.of:  # where one of them is not there, it is the other alone
             touched[k] = touched[list(fault.of)].all(axis=0)
@@ -208,6 +209,60 @@ def allotted(
     counted = np.where(monitored & (priors[:, None] >= allocation.p_emt), threshold[..., UP], 0.0)
     emt = np.where(spread.solved, counted.max(axis=0, initial=0.0), np.nan)
     return Levels(available, unmonitored, monitored, threshold, level, spread, emt)
+
+
+def along(
+    found: FixLevels,
+    whole: MonitoredFix,
+    nominal: np.ndarray,
+    priors: np.ndarray,
+    allocation: Allocation,
+    bearing: float,
+) -> np.ndarray:
+    """Levels (e, 2) of fixes across a horizontal direction and along it, of a bearing, rad.
+
+    found: levels east and north. whole: the fixes. nominal, priors, allocation: those that `levels` was given.
+    """
+    own = turned(whole.estimator, bearing)
+
+    def spread(estimator: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """1 sigma, and how far nominal biases reach, (e, 2)."""
+        return np.sqrt(whole.noise.variance(estimator)), (np.abs(estimator) * nominal[:, None]).sum(axis=2)
+
+    of_solutions = [spread(own), *(spread(own + one) for one in turned(found.separator, bearing))]
+    return across(found, of_solutions, priors, allocation, bearing)
+
+
+def across(
+    found: Levels,
+    spreads: Sequence[tuple[np.ndarray, np.ndarray]],
+    priors: np.ndarray,
+    allocation: Allocation,
+    bearing: float,
+) -> np.ndarray:
+    """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, under the tests east and north;
+    together they take what those take. Equation (8a).
+
+    found: levels east and north. spreads: 1 sigma along both directions, and how far nominal biases reach, (e, 2) each,
+    m, of the whole solution and of those without each fault. priors, allocation: those that levels were given.
+    """
+    share = np.abs(turned(np.eye(2), bearing))
+    between = found.threshold[..., :UP] @ share.T
+    p_hmi = 0.5 * allocation.p_hmi_horizontal / allocation.samples
+    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
+    at = np.flatnonzero(found.available)
+    budget = p_hmi * (1.0 - found.unmonitored[at] / total)
+    counted = np.where(found.monitored, priors[:, None], 0.0)[:, at]
+    (sigma, bias), *each = spreads
+    shape = len(priors), len(sigma), 2
+    separate_sigma = np.array([one for one, _ in each]).reshape(shape)
+    reach = between + np.array([one for _, one in each]).reshape(shape)
+    level = np.full(shape[1:], np.nan)
+    for axis in range(shape[2]):
+        level[at, axis] = _level(
+            budget, bias[at, axis], sigma[at, axis], counted, reach[:, at, axis], separate_sigma[:, at, axis]
+        )
+    return level
 
 
 def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> MonitoredFix:

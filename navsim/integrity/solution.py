@@ -184,3 +184,10 @@ def rows_of(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
     """Rows (e, s, u) of unit vectors receiver -> source (e, s, 3), ENU, and the clock (s,) of each source."""
     clocks = np.broadcast_to(np.eye(int(clock.max()) + 1)[clock], (*los.shape[:2], int(clock.max()) + 1))
     return np.concatenate([-los, clocks], axis=2)
+
+
+def turned(estimator: np.ndarray, bearing: float) -> np.ndarray:
+    """What errors of ranges do to the position to the right of a horizontal direction, and along it (..., 2, s), by
+    what they do east and north, the first of (..., m, s). bearing: of the direction, rad."""
+    across = np.array([[np.cos(bearing), -np.sin(bearing)], [np.sin(bearing), np.cos(bearing)]])
+    return np.asarray(across @ estimator[..., : len(across), :])

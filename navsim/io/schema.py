@@ -380,6 +380,8 @@ _BOX = Chapter(
                 ("/summary/box/axis_probability", "axis interval", "1",
                  "share of runs whose error exceeds its limit, nan for none", (LANDING,), NUMBER),
                 ("/summary/box/outside", "", "1", "number of runs that end outside the box", (LANDING,), WHOLE),
+                ("/summary/box/error_run", "run axis", "m",
+                 "position error of each run at the height of the box, truth minus estimate", (LANDING,), NUMBER),
                 ("/summary/box/axis_first_order", "axis", "1",
                  "chance that a Gaussian error of this mean and sigma exceeds its limit, nan for none",
                  (COVARIANCE, RARE), NUMBER),
@@ -441,6 +443,8 @@ _INTEGRITY = Chapter(
            "filter of the filter at its answer to it, as all that follows; inf where a "
            "range is not checked, nan where there is none", _FLOWN, when=_WATCHED),
         _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
+        _a("/integrity/level_{axis}", "time", "m", "protection level of the {axis} error, in axes of the runway",
+           _FLOWN, when=_WATCHED, axis=("lateral", "along")),
         _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
         _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
            when=_SEPARATED),
@@ -484,6 +488,8 @@ _INTEGRITY = Chapter(
            _FLOWN, when=_SAMPLED),
         _a("/summary/integrity/{level}", "statistic", "m", "{LEVEL} on the glide, where there is one", _FLOWN,
            when=_WATCHED, level=("hpl", "vpl")),
+        _a("/summary/integrity/level_{axis}", "statistic", "m", "level of the {axis} error on the glide, where there "
+           "is one", _FLOWN, when=_WATCHED, axis=("lateral", "along")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
            when=_WATCHED),
         _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none", _FLOWN, when=_ASKED),
@@ -496,6 +502,9 @@ _INTEGRITY = Chapter(
         _a("/summary/integrity/lost", "", "1", "epochs on the glide, of all runs, without a fix, or with nothing "
            "received (filter): alerts, too, but none of the alarms", LANDING, WHOLE, when=_WATCHED),
         _a("/summary/integrity/alarm_share", "interval", "1", "their share", LANDING, when=_WATCHED),
+        _a("/summary/integrity/exceeded_{axis}", "interval", "1", "share of tested fixes on the glide whose {axis} "
+           "error is beyond its protection level without an alarm", LANDING, when=_WATCHED,
+           axis=("horizontal", "vertical")),
         _a("/summary/integrity/innovation_alarms", "", "1", "epochs on the glide with an alarm by the innovations, of "
            "all runs; they are among the alarms", LANDING, WHOLE, when=_TRIED),
         _a("/summary/integrity/innovation_share", "interval", "1", "their share", LANDING, when=_TRIED),
@@ -538,16 +547,20 @@ _REQUIREMENTS = Chapter(
     "Requirements",
     "A verdict on each of the scenario's requirements, presets as their parts.",
     tuple(
-        _a(f"/summary/requirements/{name}", dims, "1", meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
-        for name, dims, meaning, of in (
-            ("requirement", "requirement", "numbers of the statements, in order", WHOLE),
-            ("statement", "requirement", "what is asked for, in words", TEXT),
-            ("value", "requirement interval", "what was found, in the unit of the statement; nan where the method "
+        _a(f"/summary/requirements/{name}", dims, units, meaning, (*_FLOWN, RARE), of, when=_ASKED_FOR)
+        for name, dims, units, meaning, of in (
+            ("requirement", "requirement", "1", "numbers of the statements, in order", WHOLE),
+            ("statement", "requirement", "1", "what is asked for, in words", TEXT),
+            ("value", "requirement interval", "1", "what was found, in the unit of the statement; nan where the method "
              "tells nothing of it", NUMBER),
-            ("limit", "requirement", "what is asked for", NUMBER),
-            ("verdict", "requirement", "met, not met or undecided, by the interval", TEXT),
-            ("more_runs", "requirement", "how many more runs like these would decide; nan where none would, or where "
-             "it is decided", NUMBER),
+            ("limit", "requirement", "1", "what is asked for", NUMBER),
+            ("what", "requirement", "1", "kind of the statement, as `what` of the scenario", TEXT),
+            ("of", "requirement", "1", "error, RMS or level that it speaks of, empty for others", TEXT),
+            ("at", "requirement", "1", "height at which its error counts, empty for others", TEXT),
+            ("size", "requirement", "m", "what its error, RMS or level is to stay below, nan for others", NUMBER),
+            ("verdict", "requirement", "1", "met, not met or undecided, by the interval", TEXT),
+            ("more_runs", "requirement", "1", "how many more runs like these would decide; nan where none would, or "
+             "where it is decided", NUMBER),
         )
     ),
 )  # fmt: skip

@@ -18,6 +18,7 @@ from navsim.core.arrays.earth import RATE as EARTH_RATE
 from navsim.core.arrays.earth import ecef_from_llh
 from navsim.models import atmosphere, code_loop
 from navsim.models.constellation import Constellation
+from navsim.models.heavier import HeavierNoise
 from navsim.models.pseudorange import satellites_at_reception
 from navsim.models.sky import azimuth_elevation, enu_matrix
 from navsim.models.systems import CLOCKS
@@ -70,7 +71,8 @@ class Effects:
     horizon_db: gain of the receiving antenna at the
     horizon. cn0_reference: distance from a pseudolite, m, of its stated C/N0, which then falls with distance. offsets:
     by clock number, m, of the systems' time scales against the first. one_clock: the receiver takes all time scales for
-    one. smoothing: memory of the carrier-smoothed code, s.
+    one. smoothing: memory of the carrier-smoothed code, s. heavier: what the noise of ranges is drawn from, where that
+    is not the Gaussian of their sigmas.
     """
 
     ionosphere: Ionosphere | None = None
@@ -85,6 +87,7 @@ class Effects:
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
     one_clock: bool = False
     smoothing: float = 0.0
+    heavier: HeavierNoise | None = None
 
     @property
     def placed(self) -> bool:

@@ -22,6 +22,7 @@ from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix,
 from navsim.io.export import true_antenna
 from navsim.io.results import Result, ResultError, Stream, write_bytes
 from navsim.report.figure_files import MARK, remove_former
+from navsim.report.limits import gates, rms_lines, touchdown, within_sight
 from navsim.report.tables import runs_of, setting, single
 
 if TYPE_CHECKING:
@@ -64,10 +65,17 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def legend_above(figure: Figure, axes: Axes, columns: int, title: str | None = None) -> None:
-    """The legend of `axes` over the whole figure, where no data are."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, title=title, title_fontsize=8.0)
+def legend_above(figure: Figure, axes: Axes, columns: int, title: str | None = None, *more: Axes) -> None:
+    """The legend of `axes`, and of what more of them have beside, over the whole figure, where no data are."""
+    named = {label: h for ax in (axes, *more) for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(
+        list(named.values()), list(named), loc="outside upper center", ncols=columns, title=title, title_fontsize=8.0
+    )  # fmt: skip
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
+    """The legend of `axes` under the whole figure."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
 def legend_over(ax: Axes, columns: int) -> None:
@@ -115,12 +123,6 @@ def _in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
     threshold = result["/truth/threshold_llh"]
     heading = np.radians(setting(result, "runway", "heading_deg"))
     return in_heading_axes(ecef_from_llh(llh), threshold, heading) * np.array([1.0, 1.0, -1.0])
-
-
-def touchdown(result: Result) -> float:
-    """When the aircraft touches down, s; nan where it does not."""
-    names = list(result["/truth/event"])
-    return float(result["/truth/event_time"][names.index("touchdown")]) if "touchdown" in names else np.nan
 
 
 def _true_for(result: Result) -> str:
@@ -302,6 +304,10 @@ def _clock_label(name: str) -> tuple[str, float]:
     return f"{name.replace('_', ' ')}, {'m/s' if name.endswith('drift') else 'm'}", 1.0
 
 
+_DOWN = 2
+"""Number of the state whose limits are those of the vertical error; the others are not along the runway's axes."""
+
+
 def errors(result: Result) -> Figure:
     """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
     names = [str(name) for name in result["/filter/state"]]
@@ -334,6 +340,9 @@ def errors(result: Result) -> Figure:
                 ax.plot(t, -spread, color=_BLUE, lw=0.9)
             seen = 1.6 * np.abs(runs[late]) if alone else 1.2 * spread[late]
             reach = max(1.6 * bound[late].max(initial=0.0), seen.max(initial=0.0))
+            if i == _DOWN and reach > 0:
+                reach = within_sight(result, "vertical", reach)
+                gates(ax, result, "vertical", reach)
             if reach > 0:
                 ax.set_ylim(-reach, reach)
             if column == 0 or row >= triads:
@@ -346,7 +355,7 @@ def errors(result: Result) -> Figure:
                 ax.set_xlabel("time, s")
                 ax.tick_params(labelbottom=True)
     fig.align_ylabels(axes[:, 0])
-    legend_above(fig, axes[0, 0], 4, runs_of(result))
+    legend_above(fig, axes[0, 0], 4, runs_of(result), axes[0, _DOWN])
     return fig
 
 
@@ -385,7 +394,8 @@ def budget(result: Result) -> Figure:
         believed = np.sqrt((result["/filter/sigma"][0][:, states] ** 2).sum(axis=1))
         upper.plot(t, true, color=_BLUE, label="true RMS")
         upper.plot(t, believed, color=_ORANGE, ls="--", label="the filter's σ")
-        upper.set_ylim(0, 1.15 * max(true[after].max(), believed[after].max()))
+        most = rms_lines(upper, result, title.split()[0])
+        upper.set_ylim(0, 1.15 * max(true[after].max(), believed[after].max(), most))
         upper.set_title(title)
         share = square[:, :, states].sum(axis=2)
         share = 100.0 * share / np.maximum(share.sum(axis=0), np.finfo(float).tiny)

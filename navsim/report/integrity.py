@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.figures import COLOURS, COLUMN, SMALL, blocks, legend_above, new_figure, touchdown
+from navsim.report.figures import COLOURS, COLUMN, SMALL, blocks, legend_above, new_figure
+from navsim.report.limits import level_lines, touchdown
 from navsim.report.tables import runs_of, setting
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def levels(result: Result) -> Figure:
             ax.text(0.5, 0.5, "no protection level", transform=ax.transAxes, ha="center", fontsize=SMALL)
         if np.isfinite(most := _limit(result, limit)):
             ax.axhline(most, color=_LIMIT, lw=0.9, ls="--", label="alert limit")
+        level_lines(ax, result, level)
         if f"/integrity/error_{axis}" in result:
             largest = np.full(time.size, -np.inf)
             for block in blocks(result, f"/integrity/error_{axis}"):

@@ -35,9 +35,9 @@ def _figures(result: Result) -> dict[str, Figure]:
         from navsim.report import rare
 
         return rare.figures(result)
-    from navsim.report import figures, integrity
+    from navsim.report import figures, integrity, requirements
 
-    drawn = figures.landing(result)
+    drawn = figures.landing(result) | requirements.figures(result)
     if "/interference/cn0" in result:
         drawn["interference"] = integrity.interference(result)
     if "/integrity/hpl" in result:

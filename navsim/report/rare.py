@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from navsim.core.arrays import normal
 from navsim.core.arrays.sampling import FEW, TWO_SIDED, relative_error
 from navsim.io.findings import several
 from navsim.io.results import Result
+from navsim.report.limits import DOTTED, REQUIRED, asked, word
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.report.tables import box_head, box_to_first_order, requirements, runs_of
 
@@ -118,6 +120,8 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     x, chance, low, high = _exceeded(result["/rare/error"][:, i], result["/rare/log_weight"])
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
     least = min((p for p in at_limit if p > 0.0), default=_LEAST)
+    required = min((one.limit for one in asked(result, "box")), default=math.inf)
+    least = min(least, required)
     bottom = 0.0 if least > _COMMON else max(0.3 * least, _LEAST)
     grid = np.linspace(0.0, max(1.1 * limit, abs(mean) + 3.0 * sigma), _POINTS)
     if bottom:  # only as far as curves are
@@ -136,6 +140,9 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     ax.set_xlim(0.0, grid[-1])
     ax.set_ylabel(f"P(|{result['/axis'][i]} error| > x)")
     _mark(ax, limit, float(grid[-1]))
+    if math.isfinite(required):  # of the box, so of each of its sides at least
+        ax.axhline(required, color=REQUIRED, ls=DOTTED, lw=1.2)
+        word(ax, f"required of the box: {required:g}", (0.0, required), (3.0, 2.5))
 
 
 def _mark(ax: Axes, limit: float, end: float) -> None:

@@ -184,7 +184,8 @@ def _protection(result: Result, name: str) -> Cell | str:
     if path not in result or not np.isfinite(result[path]).all():
         return ABSENT
     mean, low, high = map(float, result[path][:3])
-    limit = float(result[f"/summary/integrity/{name[0]}al"]) if "/summary/integrity/tta" in result else np.inf
+    alert = f"/summary/integrity/{name[0]}al"
+    limit = float(result[alert]) if alert in result else np.inf
     if not np.isfinite(limit):
         return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True)
     return Cell("{:.2f}  ({:.2f} - {:.2f}), limit {:g}", (mean, low, high, limit), whole=True)
@@ -204,6 +205,16 @@ def _alarms(result: Result) -> Cell | str:
 
 def _count(result: Result, path: str) -> Cell | str:
     return cell("{}", int(result[path])) if path in result else ABSENT
+
+
+def _range_noise(result: Result) -> Cell | str:
+    """What noise is drawn from that is not the believed Gaussian."""
+    section = setting(result, "integrity") or {}
+    if section.get("error_model", "gaussian") == "gaussian":
+        return ABSENT
+    noise = section["heavier"]
+    core, tail, share = (float(noise[name]) for name in ("core", "tail", "share"))
+    return cell("{:g} σ, {:g} σ of {:g} %", core, tail, 100.0 * share)
 
 
 def _exclusions(result: Result) -> Cell | str:
@@ -264,11 +275,17 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     table.head(title, *("mean (min - max), m" for _ in results))
     for name in ("hpl", "vpl"):
         row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
+    for name in ("lateral", "along"):
+        row(f"level {name} in axes of the runway", lambda r, n=name: _protection(r, f"level_{n}"))  # type: ignore[misc]
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested epochs", _alarms)
         if any(int(r["/summary/integrity/lost"]) for _, r in results if "/summary/integrity/lost" in r):
             row("alerts for want of a fix or source", lambda r: _count(r, "/summary/integrity/lost"))
+        for name in ("horizontal", "vertical"):
+            row(f"{name} error beyond its level", lambda r, n=name: _share(r, f"/summary/integrity/exceeded_{n}"))  # type: ignore[misc]
+    if any(_range_noise(result) != ABSENT for _, result in results):
+        row("noise of ranges", _range_noise)
     if any("/summary/integrity/innovation_share" in result for _, result in results):
         row("alarms by innovations, of epochs", lambda r: _share(r, "/summary/integrity/innovation_share"))
     if any("/summary/integrity/exclusions" in result for _, result in results):

@@ -6,12 +6,15 @@ Source of structure and defaults: `docs/theory/integrity.md`, section 7.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import NonNegative, Section, list_of, reject
 from navsim.scenario.sky import Name
+
+if TYPE_CHECKING:
+    from navsim.models.heavier import HeavierNoise
 
 Prior = Annotated[float, Field(ge=0.0, le=0.1)]
 """A probability that a fault is there."""
@@ -84,6 +87,30 @@ class InnovationsSection(Section):
     """of an alarm at an epoch without a fault"""
 
 
+class HeavierSection(Section):
+    """Noise of ranges from two Gaussians, each range at each epoch from one of them; defaults: Tukey's contaminated
+    normal distribution."""
+
+    core: Annotated[float, Field(ge=0.01, le=10.0)] = 1.0
+    """1 sigma of most ranges by the one that is believed"""
+    tail: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
+    """of the others"""
+    share: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.1
+    """of the others among all"""
+
+    @model_validator(mode="after")
+    def _tailed(self) -> Self:
+        if self.tail < self.core:
+            raise reject(f"the tail is the wider of the two: at least `core`, {self.core:g}", "tail")
+        return self
+
+    def model(self) -> HeavierNoise:
+        """What noise is drawn from."""
+        from navsim.models.heavier import HeavierNoise
+
+        return HeavierNoise(self.core, self.tail, self.share)
+
+
 class IntegritySection(Section):
     """What watches the fixes, which faults it expects, and what is asked of it."""
 
@@ -137,6 +164,20 @@ class IntegritySection(Section):
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
     """independent samples of an approach, by which the probabilities are divided"""
+    error_model: Literal["gaussian", "heavier"] = "gaussian"
+    """of the noise of ranges in runs. gaussian: of the sigmas that receiver, filter and monitor believe in; heavier: of
+    `heavier`, of which they know nothing: a test of the bound"""
+    heavier: HeavierSection = HeavierSection()
+
+    @model_validator(mode="after")
+    def _sampled(self) -> Self:
+        if self.tails is not None and self.error_model == "heavier":
+            raise reject(
+                "samples errors that are as believed; with `error_model: heavier` count runs "
+                "(/summary/integrity/exceeded_vertical)",
+                "tails",
+            )
+        return self
 
     @model_validator(mode="after")
     def _of_fixes_alone(self) -> Self:

@@ -166,6 +166,13 @@ class Landing(Section):
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""
+        if self.integrity is not None and self.integrity.error_model != "gaussian":
+            raise reject(
+                "covariance analysis and method rare are of Gaussian noise with the sigmas that are believed; use "
+                "method monte-carlo, or `error_model: gaussian`",
+                "integrity",
+                "error_model",
+            )
         if self.filter.tight and self.method == "rare":
             raise reject(
                 "method rare pushes fixes, not yet the clock of a tightly coupled filter; use method monte-carlo or "
@@ -249,6 +256,7 @@ class Landing(Section):
 
         signals, section, tracking = self.signals, self.pseudolites, self.signals.tracking
         space, station, multipath = signals.ephemeris, section.differential, section.multipath
+        watched = self.integrity
         return Effects(
             ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
             troposphere=None if signals.troposphere is None else signals.troposphere.model(),
@@ -262,6 +270,7 @@ class Landing(Section):
             offsets=signals.offsets(),
             one_clock=self.receiver.one_clock,
             smoothing=self.receiver.smoothing_s,
+            heavier=watched.heavier.model() if watched is not None and watched.error_model == "heavier" else None,
         )
 
     def aiding(self) -> list[Any]:

@@ -25,6 +25,7 @@ from navsim.estimation.carried_errors import Route, carry_differences
 from navsim.estimation.observations import FIX
 from navsim.integrity import separation
 from navsim.integrity.separation import Allocation, Levels, Spread
+from navsim.integrity.solution import turned
 from navsim.simulation.fixes import ReceiverFixes, solved
 from navsim.simulation.landing import Flight
 from navsim.simulation.landing_covariance import AlongTruth, along_truth, excess, responses, route_of_filter
@@ -40,12 +41,28 @@ _ENU = _NED = [1, 0, 2]
 
 
 @dataclass(frozen=True)
+class Solution:
+    """Position of a filter at its outputs but the first: covariance (e, 3, 3), m2, and reach (e, 3, s), m, what the bias
+    of each range does to it, being as large as it may; east, north, down."""
+
+    covariance: np.ndarray
+    reach: np.ndarray
+
+    @classmethod
+    def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> Solution:
+        """That of a filter along the truth. nominal: (s,) bounds of biases, m."""
+        covariance = along.lin.believed[1:, :3, :3][:, _ENU][:, :, _ENU]
+        return cls(covariance, responses(flight, along)[1:, states.POS : states.POS + 3][:, _ENU] * nominal)
+
+
+@dataclass(frozen=True)
 class FilterBank:
     """What watches a filter by others that are given less; see `monitoring.Bank`.
 
     found: levels at its outputs but the first (e,). taken: (f, s) bool, the sources that each of the others is not
     given. route: what happens to the states of the filter. gains: (w, f, n, MOST) of the others. fix: (k,) the rows of
-    fixes, -1 of other events. scale: (o, f, 3) one by the thresholds of differences, north, east, down.
+    fixes, -1 of other events. scale: (o, f, 3) one by the thresholds of differences, north, east, down. solutions: of
+    the filter and of the others, what levels along other axes are of.
     """
 
     flight: Flight
@@ -55,6 +72,7 @@ class FilterBank:
     gains: np.ndarray
     fix: np.ndarray
     scale: np.ndarray
+    solutions: tuple[Solution, ...]
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:
@@ -70,14 +88,14 @@ class FilterBank:
         nominal = np.array([watching.nominal[name] for name in signals.names])
         # of each filter what levels and differences need, for all of it would be hundreds of megabytes
         route = route_of_filter(flight, whole)
-        gains, parts, both = [], [_spread_of(flight, whole, nominal)], []
+        gains, solutions, both = [], [Solution.of(flight, whole, nominal)], []
         for without in taken:
             along = along_truth(flight, without, noisy=False)
             gains.append(along.lin.gain)
-            parts.append(_spread_of(flight, along, nominal))
+            solutions.append(Solution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
         ever = np.logical_or.accumulate(signals.used, axis=0)
-        spread = _together(parts, both)
+        spread = _together(solutions, both)
         # without some there is no fix, so that the filter goes on by its inertial sensors, further and further off
         idle = ~np.array([fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken], bool)
         found = separation.allotted(spread, ever, faults, watching.test, idle=idle.reshape(len(taken), -1))
@@ -89,7 +107,7 @@ class FilterBank:
         shape = whole.lin.gain.shape[0], 0, *whole.lin.gain.shape[1:]
         return cls(
             flight, found, taken, route, np.stack(gains, axis=1) if gains else np.zeros(shape),
-            np.where(events.kind == FIX, events.row, -1), scale,
+            np.where(events.kind == FIX, events.row, -1), scale, tuple(solutions),
         )  # fmt: skip
 
     @property
@@ -106,6 +124,22 @@ class FilterBank:
     def tested(self) -> np.ndarray:
         """Where there is a fault that is monitored (e,)."""
         return np.asarray(self.found.monitored.any(axis=0))
+
+    def along(self, bearing: float) -> np.ndarray:
+        """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""
+        watching = self.flight.watching
+        assert watching is not None
+        assert isinstance(watching.test, Allocation)
+        turn = turned(np.eye(2), bearing)
+        spreads = [
+            (
+                np.sqrt(np.einsum("ai,eij,aj->ea", turn, one.covariance[:, :2, :2], turn)),
+                np.abs(turned(one.reach, bearing)).sum(axis=2),
+            )
+            for one in self.solutions
+        ]
+        priors = np.array([fault.prior for fault in watching.expected(self.flight.world.signals)])
+        return separation.across(self.found, spreads, priors, watching.test, bearing)
 
     @property
     def size(self) -> int:
@@ -154,17 +188,11 @@ def _ecef(llh: np.ndarray) -> np.ndarray:
     return np.moveaxis(ecef_from_llh(np.moveaxis(llh, 1, 2)), 2, 1)
 
 
-def _spread_of(flight: Flight, along: AlongTruth, nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances of a filter's position, and what biases of ranges (s,), m, reach (e, 3), east, north, up."""
-    variance = np.diagonal(along.lin.believed[1:, :3, :3], axis1=1, axis2=2)[:, _ENU]
-    reach = np.abs(responses(flight, along)[1:, states.POS : states.POS + 3]) @ nominal
-    return variance, reach[:, _ENU]
-
-
-def _together(parts: Sequence[tuple[np.ndarray, np.ndarray]], both: Sequence[np.ndarray]) -> Spread:
+def _together(solutions: Sequence[Solution], both: Sequence[np.ndarray]) -> Spread:
     """The spread of a filter, the first, and of those without the sources of each fault; both: twice the `excess` of
     the variances (e, 3) of each."""
-    variance, bias = (np.stack(each) for each in zip(*parts, strict=True))
+    variance = np.stack([np.diagonal(one.covariance, axis1=1, axis2=2) for one in solutions])
+    bias = np.stack([np.abs(one.reach).sum(axis=2) for one in solutions])
     apart = variance[1:] - variance[0] - np.array(both).reshape(variance[1:].shape)
     if (apart < -_ROUNDING * variance[1:]).any():
         raise Defect("the difference of two filters has a negative variance; please report this scenario")

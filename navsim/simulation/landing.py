@@ -41,6 +41,7 @@ from navsim.estimation.records import (
 )
 from navsim.integrity.exclusion import NOTHING
 from navsim.models import code_loop, imu, pseudorange
+from navsim.models.heavier import HeavierNoise
 from navsim.models.kinematics import Motion, Moving
 from navsim.models.receiver import Receiver, wander
 from navsim.models.signals import Environment, build_signals
@@ -74,7 +75,8 @@ class World:
     at the filter's output times (e + 1): 0 and every fix epoch plus latency. filter_index: (e + 1,) index of
     the IMU sample at or just before them. clock, clock_at_filter: (e, 2), (e + 1, 2) receiver clock offset (m) and
     drift (m/s) without noise; clock_density: of its noises (`models.receiver.wander`). scale_offsets: (MAX_CLOCKS,)
-    what each time scale adds to the pseudoranges of its sources, m. aids: sensors beside the receiver.
+    what each time scale adds to the pseudoranges of its sources, m. aids: sensors beside the receiver. heavier: what
+    the noise of ranges is drawn from, where that is not the Gaussian of their sigmas.
     """
 
     imu_time: np.ndarray
@@ -90,6 +92,7 @@ class World:
     at_filter: Motion
     filter_index: np.ndarray
     aids: tuple[Aid, ...]
+    heavier: HeavierNoise | None
 
     @property
     def filter_time(self) -> np.ndarray:
@@ -151,6 +154,7 @@ def build_world(
         at_filter=at_filter,
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
         aids=aids_of(aiding, trajectory, duration, imu_rate),
+        heavier=environment.effects.heavier,
     )
 
 
@@ -291,8 +295,13 @@ def _measure(
         of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
         late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
         delay = np.stack(late, axis=-1)
+    sigma = signals.sigma[..., None]
+    if world.heavier is not None:
+        # of a branch: the stream itself is that of Gaussian noise
+        of_runs = (generator(seed, run, "measurements", 1) for run in runs)
+        sigma = sigma * np.stack([world.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
     noise.measure(
-        _generators(seed, runs, "measurements", lanes), len(runs), signals.range, delay, signals.sigma,
+        _generators(seed, runs, "measurements", lanes), len(runs), signals.range, delay, sigma,
         signals.range_rate, signals.rate_sigma, signals.used, world.clock, ranges, rates,
     )  # fmt: skip
     if wandered is not None:

@@ -56,6 +56,9 @@ class Snapshot(Watch, Protocol):
 class Bank(Watch, Protocol):
     """A monitor of the filter, at its outputs."""
 
+    def along(self, bearing: float) -> np.ndarray:
+        """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""
+
     def statistic(
         self, innovation: np.ndarray, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
     ) -> np.ndarray:
@@ -148,6 +151,21 @@ class Monitoring:
         faults = faults_of(signals.names, expected)
         found = separation.levels(rows, signals.used, noise, Independent(self.accuracy * sigma), nominal, faults, test)
         return SeparationMonitor(found)
+
+
+def runway_levels(watching: Monitoring, monitor: Snapshot, signals: Signals, bearing: float) -> np.ndarray:
+    """Levels (e, 2) of the fixes from these signals across the runway and along it, m.
+
+    monitor: of all that is used. bearing: of the runway, rad.
+    """
+    if isinstance(monitor, Monitor):
+        return monitor.along(bearing)
+    assert isinstance(monitor, SeparationMonitor)
+    assert isinstance(watching.test, Allocation)
+    fix = fix_of(signals)
+    nominal = np.broadcast_to([watching.nominal[name] for name in signals.names], fix.used.shape)
+    priors = np.array([fault.prior for fault in watching.expected(signals)])
+    return separation.along(monitor.found, fix, nominal, priors, watching.test, bearing)
 
 
 def fix_of(signals: Signals) -> MonitoredFix:

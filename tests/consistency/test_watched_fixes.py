@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import optimize, stats
 
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.estimation.estimate import in_all_lanes
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, coincidences, levels
+from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, along, coincidences, levels
 from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.io.results import read
 from navsim.models.sky import unit_vector
 from navsim.report import integrity as shown
 from navsim.simulation import landing as simulation
+from navsim.simulation import monitoring
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
 from navsim.study.landing import Case, integrity
 from navsim.study.landing.ensemble import LandingStudy
@@ -355,3 +357,131 @@ def test_a_spoofer_that_nobody_notices_has_no_time_to_alert(tmp_path: Path) -> N
     result = read(tmp_path / "a.h5")
     assert float(result["/summary/integrity/time_to_alert"]) == np.inf
     assert list(result["/summary/requirements/verdict"]) == ["not met"]
+
+
+def level_by_bisection(budget: float, bias: float, sigma: float, faults: list[tuple[float, float, float]]) -> float:
+    """Where 2 Q((x - bias) / sigma) + sum of p Q((x - reach) / spread) is the budget."""
+
+    def excess(x: float) -> float:
+        others = sum(p * stats.norm.sf((x - reach) / spread) for p, reach, spread in faults)
+        return float(2 * stats.norm.sf((x - bias) / sigma) + others - budget)
+
+    return float(optimize.brentq(excess, 0.0, 1e5, xtol=1e-9))
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 37.0])
+def test_levels_in_axes_of_the_runway(heading: float) -> None:
+    """By plain matrices: along north and east those of the axes, else under the tests east and north together."""
+    c = brief(MHSS, f"runway.heading_deg={heading}", "pseudolites.count=2", "pseudolites.l1_m=1500")
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    assert isinstance(monitor, SeparationMonitor)
+    assert watching is not None
+    levels_ = monitoring.runway_levels(watching, monitor, s, np.radians(heading))
+    assert levels_ is not None
+    east, north = monitor.found.level[:, 0], monitor.found.level[:, 1]
+    if heading != 37.0:
+        expected = {0.0: [east, north], 90.0: [north, east]}[heading]
+        np.testing.assert_allclose(levels_, np.transpose(expected), rtol=1e-7)
+        return
+    e = 11
+    use, turn = s.used[e], np.radians(heading)
+    clock = (s.clock[use][:, None] == np.unique(s.clock[use])).astype(float)
+    rows = np.concatenate([-s.los[e, use], clock], axis=1)
+    sigma, names = s.fix_sigma[e, use], np.array(s.names)[use]
+    nominal = np.array([0.25 if name.startswith("PL") else 0.75 for name in names])
+
+    def gain(kept: np.ndarray) -> np.ndarray:
+        whitened = rows[kept] / sigma[kept, None]
+        out = np.zeros((rows.shape[1], len(rows)))
+        out[:, kept] = np.linalg.pinv(whitened) / sigma[kept]
+        return out[:2]
+
+    whole = gain(np.ones(len(rows), bool))
+    monitored = monitor.found.monitored[:, e]
+    k_fa = stats.norm.isf(1e-2 / (4 * monitored.sum()))
+    total = 9.8e-8 + 2e-9
+    budget = 1e-9 * (1 - monitor.found.unmonitored[e] / total)
+    for axis, (a, b) in enumerate(((np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn)))):
+        own, faults = np.array([a, b]) @ whole, []
+        for fault, seen in zip(c.flight.expected, monitored, strict=True):
+            if not seen:
+                continue
+            without = gain(~np.isin(names, fault.sources))
+            limits = k_fa * np.sqrt((((without - whole) * sigma) ** 2).sum(axis=1))
+            other = np.array([a, b]) @ without
+            reach = abs(a) * limits[0] + abs(b) * limits[1] + np.abs(other) @ nominal
+            faults.append((fault.prior, reach, np.sqrt(((other * sigma) ** 2).sum())))
+        expected_level = level_by_bisection(budget, np.abs(own) @ nominal, np.sqrt(((own * sigma) ** 2).sum()), faults)
+        assert levels_[e, axis] == pytest.approx(expected_level, rel=1e-6)
+
+
+def test_levels_without_any_fault_to_expect() -> None:
+    """All priors 0: the level is what noise and nominal biases leave, 2 Q((x - b)/sigma) = p_hmi, along every axis."""
+    section = "{p_satellite: 0, p_constellation: 0, p_pseudolite: 0, ground_groups: []}"
+    c = brief(f"integrity={section}", "runway.heading_deg=37")
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    assert isinstance(monitor, SeparationMonitor)
+    assert watching is not None
+    assert not monitor.tested.any()
+    found = monitoring.runway_levels(watching, monitor, s, np.radians(37))
+    assert found is not None
+    use = s.used[4]
+    rows = np.concatenate([-s.los[4, use], np.ones((int(use.sum()), 1))], axis=1) / s.fix_sigma[4, use][:, None]
+    gain = np.linalg.pinv(rows) / s.fix_sigma[4, use]
+    turn = np.radians(37)
+    axes = (gain[2], np.cos(turn) * gain[0] - np.sin(turn) * gain[1], np.sin(turn) * gain[0] + np.cos(turn) * gain[1])
+    nominal = np.array([0.25 if name.startswith("PL") else 0.75 for name in np.array(s.names)[use]])
+    levels_ = (monitor.levels[4, 1], *found[4])
+    for one, level, p_hmi in zip(axes, levels_, (9.8e-8, 1e-9, 1e-9), strict=True):
+        expected = np.abs(one) @ nominal + stats.norm.isf(p_hmi / 2) * np.sqrt(np.sum((one * s.fix_sigma[4, use]) ** 2))
+        assert level == pytest.approx(expected, rel=1e-7)
+
+
+def test_slopes_in_axes_of_the_runway() -> None:
+    """Of the residuals' test: the fix of a biased range, across and along a runway at 37 degrees."""
+    c = brief(CHI2, "runway.heading_deg=37")
+    monitor, watching, s = c.flight.monitor, c.flight.watching, c.world.signals
+    assert isinstance(monitor, Monitor)
+    assert watching is not None
+    found = monitoring.runway_levels(watching, monitor, s, np.radians(37))
+    assert found is not None
+    e, turn = 5, np.radians(37)
+    rows = np.concatenate([-s.los[e, s.used[e]], np.ones((int(s.used[e].sum()), 1))], axis=1)
+    rows /= s.fix_sigma[e, s.used[e]][:, None]
+    gain = np.linalg.pinv(rows)
+    seen = np.sqrt(1 - np.diag(rows @ gain))
+    bias = ChiSquareTest(1e-2, 1e-3).bias(np.array([len(rows) - 4]))[0]
+    across = np.cos(turn) * gain[0] - np.sin(turn) * gain[1]
+    along = np.sin(turn) * gain[0] + np.cos(turn) * gain[1]
+    np.testing.assert_allclose(found[e], [bias * np.max(np.abs(one) / seen) for one in (across, along)], rtol=1e-9)
+    assert (found <= monitor.levels[:, :1] * (1 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("fault", [None, 3])
+def test_levels_in_axes_of_the_runway_hold(fault: int | None) -> None:
+    """At budgets that can be counted: errors across and along a runway at 45 degrees that are beyond their level with
+    no alarm, without a fault and with the worst bias of one satellite, which it has half of the time."""
+    rows, sigma = reference()
+    p_hmi = 2e-2
+    allocation = Allocation(p_hmi_vertical=0.05, p_hmi_horizontal=p_hmi, p_fa_horizontal=0.05, p_unmonitored=0.1)
+    priors = [1e-6] * 8
+    if fault is not None:
+        priors[fault] = 0.5
+    faults = [Fault((i,), p) for i, p in enumerate(priors)]
+    noise, used = Independent(sigma), np.ones((1, 8), bool)
+    found = levels(rows, used, noise, noise, np.zeros((1, 8)), faults, allocation, unlisted=0.0)
+    whole = solve(rows, used, noise)
+    level = along(found, whole, np.zeros((1, 8)), np.array(priors), allocation, np.pi / 4)[0]
+    turn = np.array([[1, -1], [1, 1]]) / np.sqrt(2)
+    worst = 0.0
+    rng = np.random.default_rng(20268)
+    for bias in [0.0] if fault is None else np.linspace(2.0, 60.0, 30):
+        errors = sigma[0][:, None] * rng.standard_normal((8, 100_000))
+        if fault is not None:
+            errors[fault] += bias
+        position = turn @ whole.estimator[0, :2] @ errors
+        apart = np.abs(found.separator[:, 0] @ errors)
+        silent = (apart <= found.threshold[:, 0, :, None]).all(axis=(0, 1))
+        worst = max(worst, float(np.mean((np.abs(position) > level[:, None]) & silent, axis=1).max()))
+    share = 1.0 if fault is None else priors[fault]
+    assert worst * share <= 0.5 * p_hmi

@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -23,7 +24,8 @@ from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
-from navsim.report import figures, live, sweep, tables
+from navsim.report import figures, limits, live, sweep, tables
+from navsim.report.landing import VIEW
 from navsim.report.table import console
 from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
@@ -252,6 +254,103 @@ def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
     styles = {t.get_text(): (p.get_facecolor(), p.get_hatch()) for t, p in zip(texts, patches, strict=True)}
     assert list(styles) == [name.replace("_", " ") for name in names]
     assert len(set(styles.values())) == len(names) == 15
+
+
+ASKED = (
+    "requirements=[{what: error, of: lateral, at: 100ft, below_m: 0.5, share: 0.9}, "
+    "{what: error, of: vertical, at: 50ft, below_m: 1.5}, {what: error, of: vertical, below_m: 90}, "
+    "{what: rms, of: horizontal, below_m: 0.4}, {what: level, of: vpl, below_m: 45}, "
+    "{what: preset, operation: APV-I}, {what: box, at_most: 1.0e-3}]",
+    "box={along_m: 0.4, lateral_m: 0.3, height_m: 20}",
+    "integrity={method: chi2, limits: {hal_m: 50, tta_s: 2}}",
+)
+"""Requirements of every sort that a figure can draw."""
+
+
+def drawn_with_limits(result: Result) -> dict[str, Figure]:
+    with mpl.rc_context(figures._STYLE):
+        out = VIEW.figures(result)
+        for figure in out.values():
+            figure.draw_without_rendering()
+        return out
+
+
+def required_lines(ax: Axes) -> list[np.ndarray]:
+    """What is drawn in the colour of requirements, point by point."""
+    return [np.asarray(line.get_xydata()) for line in ax.lines if line.get_color() == limits.REQUIRED]
+
+
+def test_figures_draw_the_limits_where_they_hold() -> None:
+    """At 100 ft, 50 ft and touchdown of the paper's profile, whose times are closed forms; over the glide; the box."""
+    result = flown(12, "errors", *ASKED)
+    drawings = drawn_with_limits(result)
+    assert {"requirements", "box", "integrity", "errors"} <= set(drawings)
+    for name, figure in drawings.items():
+        check_page(name, figure)
+    # along the path of 153 m / sin 5 degrees from 130 to 80 km/h
+    fast, slow, length = 130 / 3.6, 80 / 3.6, 153 / np.sin(np.radians(5))
+    slower = (fast**2 - slow**2) / (2 * length)
+
+    def when(height: float) -> float:
+        gone = (153 - height) / np.sin(np.radians(5))
+        return float((fast - np.sqrt(fast**2 - 2 * slower * gone)) / slower)
+
+    horizontal, lateral, vertical = drawings["requirements"].axes
+    (line,) = required_lines(horizontal)
+    np.testing.assert_allclose(line, [[when(0) - 20, 0.4], [when(0), 0.4]], atol=1e-3)
+    np.testing.assert_allclose(required_lines(lateral), [[[0.58, y], [1.42, y]] for y in (-0.5, 0.5)])
+    assert {"90 %", "95 %"} <= set(words_of(drawings["requirements"]).splitlines())
+    np.testing.assert_allclose([line[0, 1] for line in required_lines(vertical)], [-1.5, 1.5, -90, 90])
+    points = next(line for line in lateral.lines if line.get_marker() == ".")  # touchdown comes first
+    np.testing.assert_array_equal(points.get_ydata(), result["/summary/at/lateral_run"][:, 0])
+
+    down = drawings["errors"].axes[2]
+    (gate,) = down.containers
+    (segment,) = gate.lines[2][0].get_segments()
+    np.testing.assert_allclose(segment, [[when(50 * 0.3048), -1.5], [when(50 * 0.3048), 1.5]], atol=2e-2)
+    assert "±90 m ↕" in words_of(drawings["errors"])
+    assert "required of the vertical error" in words_of(drawings["errors"])
+
+    upper, lower = drawings["integrity"].axes
+    for ax, sizes in ((upper, [40]), (lower, [45, 50])):
+        for line, size in zip(required_lines(ax), sizes, strict=True):
+            np.testing.assert_allclose(line, [[0, size], [when(0), size]], atol=1e-3)
+    assert "required at 99 %: 45 m" in words_of(drawings["integrity"])
+
+    (view,) = drawings["box"].axes
+    (edges,) = required_lines(view)
+    np.testing.assert_allclose(np.abs(edges), np.tile([0.4, 0.3], (5, 1)))
+    error = result["/summary/box/error_run"]
+    outside = (np.abs(error[:, :2]) > [0.3, 0.4]).any(axis=1)
+    assert 0 < outside.sum() < 12
+    by_mark = {line.get_marker(): np.asarray(line.get_xydata()) for line in view.lines}
+    np.testing.assert_array_equal(by_mark["."], error[~outside][:, [1, 0]])
+    np.testing.assert_array_equal(by_mark["x"], error[outside][:, [1, 0]])
+    assert f"{outside.sum()} outside\nrequired: at most 0.001 of landings outside" in words_of(drawings["box"])
+    north, east = (np.interp(when(20), result["/filter/time"], result["/filter/error"][0, :, i]) for i in (0, 1))
+    assert error[0, 0] == pytest.approx(np.cos(np.pi / 6) * east - np.sin(np.pi / 6) * north, abs=2e-2)
+
+
+@pytest.mark.parametrize("method", ["covariance", "one run"])
+def test_limits_of_other_studies_fit_their_page(method: str) -> None:
+    """A covariance analysis has no runs, one run no statistics; a box of one side has no other."""
+    settings = (*SMOOTH, *ASKED, "box={lateral_m: 0.2}")
+    if method == "covariance":
+        c = case(*settings, "method=covariance")
+        result = landing.covariance_result(c, landing.covariance_analysis(c), 1)
+    else:
+        result = flown(1, "none", *ASKED, "box={lateral_m: 0.2}")
+    drawings = drawn_with_limits(result)
+    for name, figure in drawings.items():
+        check_page(name, figure)
+    assert len(drawings["requirements"].axes) == 3
+    assert len(required_lines(drawings["box"].axes[0])) == 2
+    if method == "covariance":
+        assert "required: 0.4 m" in words_of(drawings["budget"])
+
+
+def test_what_is_not_limited_has_no_figure_of_limits(one: Result) -> None:
+    assert not {"requirements", "box"} & set(drawn_with_limits(one))
 
 
 # --- commands

@@ -52,6 +52,7 @@ def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
     """The box, and how many errors (run, 3) are outside."""
     described(draft, box)
     outside = box.beyond(errors)
+    draft["/summary/box/error_run"] = errors
     draft["/summary/box/outside"] = np.int64(outside.any(axis=1).sum())
     draft["/summary/box/probability"] = share_interval(int(outside.any(axis=1).sum()), errors.shape[0])
     of_axes = [share_interval(int(one.sum()), errors.shape[0]) for one in outside.T]

@@ -16,9 +16,19 @@ from navsim.integrity.separation import SeparationMonitor
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.models.events import Silence
+from navsim.scenario.base import DEG
 from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.landing import Run
-from navsim.simulation.monitoring import ALARM, EXCLUDED, NO_EXCLUSION, NO_FIX, QUIET, alerted, tested_levels
+from navsim.simulation.monitoring import (
+    ALARM,
+    EXCLUDED,
+    NO_EXCLUSION,
+    NO_FIX,
+    QUIET,
+    alerted,
+    runway_levels,
+    tested_levels,
+)
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import Case, on_glide, times_at_heights
 from navsim.study.partial import Arrays
@@ -130,11 +140,13 @@ def tally(case: Case, runs: Run) -> Arrays:
         excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
         came = outcomes(case)[excluded, np.flatnonzero(glide)]
         out["integrity_exclusions"] = (came[..., None] == np.arange(len(EXCLUSIONS))).sum(axis=1)
+    settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
+    beyond = settled[..., None] & (runs.watched_error > levels)
+    out["integrity_exceeded"] = beyond[:, glide].sum(axis=1)
     asked = asked_of(case)
     if asked is None:
         return out
     low = within(asked, levels)
-    settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
     available = settled & low.all(axis=2)
     out["integrity_available"] = available[:, glide].sum(axis=1)
     if excludes(case):
@@ -233,15 +245,33 @@ def described(draft: Draft, case: Case) -> None:
     there = np.isfinite(levels[glide]).all(axis=1)
     draft["/summary/integrity/level_share"] = there.mean() if there.size else math.nan
     for i, name in enumerate(("hpl", "vpl")):
-        values = levels[glide][there, i]
-        numbers = np.full(5, np.nan)
-        if values.size:
-            numbers[:] = values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])
-        draft[f"/summary/integrity/{name}"] = numbers
+        draft[f"/summary/integrity/{name}"] = _numbers(levels[glide][there, i])
     asked = asked_of(case)
     if asked is not None:
         draft["/summary/integrity/hal"], draft["/summary/integrity/val"] = asked.limits
         draft["/summary/integrity/tta"] = asked.alert
+
+
+def _numbers(values: np.ndarray) -> np.ndarray:
+    """Mean, smallest, largest, median and 95 % of levels (n,); nan of none."""
+    if not values.size:
+        return np.full(5, np.nan)
+    return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
+
+
+def in_runway_axes(draft: Draft, case: Case) -> None:
+    """Levels across the runway and along it, beside those of `described`; nothing where nothing watches."""
+    flight, bearing = case.flight, case.scenario.runway.heading_deg * DEG
+    if flight.bank is not None:
+        levels = flight.bank.along(bearing)
+    elif flight.snapshot is not None and flight.watching is not None:
+        levels = runway_levels(flight.watching, flight.snapshot, case.world.signals, bearing)
+    else:
+        return
+    there = glide_of(case) & np.isfinite(levels).all(axis=1)
+    for i, name in enumerate(("lateral", "along")):
+        draft[f"/integrity/level_{name}"] = levels[:, i]
+        draft[f"/summary/integrity/level_{name}"] = _numbers(levels[there, i])
 
 
 def level_outputs(case: Case) -> dict[str, float]:
@@ -264,6 +294,8 @@ def counted(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft[f"{branch}/tested"], draft[f"{branch}/alarms"] = np.int64(tested.sum()), np.int64(alarms.sum())
     draft[f"{branch}/alarm_share"] = share_over_runs(alarms, tested)
     draft[f"{branch}/lost"] = np.int64(ensemble.per_run("integrity_lost").sum())
+    for i, name in enumerate(("horizontal", "vertical")):
+        draft[f"{branch}/exceeded_{name}"] = share_over_runs(ensemble.per_run("integrity_exceeded")[:, i], tested)
     if watches_innovations(case):
         found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
         draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())

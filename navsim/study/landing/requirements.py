@@ -138,6 +138,10 @@ def judged(draft: Draft, case: Case, runs: int, moments: Moments | None = None) 
     draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
     draft[f"{branch}/value"] = np.stack([one.value for one in found])
     draft[f"{branch}/limit"] = np.array([one.limit for one in found])
+    asked = [one for _, one in single(case.scenario)]
+    for name in ("what", "of", "at"):
+        draft[f"{branch}/{name}"] = np.array([getattr(one, name, "") for one in asked], dtype=object)
+    draft[f"{branch}/size"] = np.array([getattr(one, "below_m", math.nan) for one in asked])
     draft[f"{branch}/verdict"] = np.array([one.verdict() for one in found], dtype=object)
     draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
 
@@ -277,7 +281,8 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
     if not relative.size:
         return nothing
     share = float(np.mean(relative <= 1.0))
-    if section.sigma_ratio_acc < 1.0 or any(event.what != "silence" for event in case.scenario.events):
+    worse = section.sigma_ratio_acc < 1.0 or section.error_model != "gaussian"
+    if worse or any(event.what != "silence" for event in case.scenario.events):
         return replace(nothing, value=np.array([share, 0.0, share]))
     quiet = 1.0 - section.false_alarm()
     due = one.at_least / quiet

@@ -46,6 +46,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _aiding(draft, case, ensemble, keep == "all")
         _watched(draft, case, ensemble)
     integrity.described(draft, case)
+    integrity.in_runway_axes(draft, case)
     integrity.counted(draft, case, ensemble)
     tails.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)

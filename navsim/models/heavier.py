@@ -1,0 +1,29 @@
+"""Noise of ranges whose tails are heavier than those of the Gaussian that everybody who receives them believes in.
+
+Each range is drawn, at each epoch anew, from one of two Gaussians, a core and a tail: the contaminated normal
+distribution [1]; two components are what is fitted to errors of differentially corrected ranges as well [2].
+
+Sources: [1] Tukey (1960), *A survey of sampling from contaminated distributions*, in Contributions to Probability and
+Statistics. [2] *Bounding the Heavy-tailed DGNSS Error by Leveraging Membership Weights Analysis of Gaussian Mixture
+Model*, Pacific PNT 2024. [3] `docs/theory/integrity.md`, section 8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class HeavierNoise:
+    """Noise of two Gaussians. core, tail: 1 sigma of each by the believed one; share: of the ranges, those from the
+    tail. How often it is beyond a size: (13a) of [3]."""
+
+    core: float
+    tail: float
+    share: float
+
+    def scales(self, rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+        """1 sigma of each of some ranges by the believed one, drawn."""
+        return np.where(rng.random(shape) < self.share, self.tail, self.core)

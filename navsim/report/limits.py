@@ -1,0 +1,143 @@
+"""What a landing is asked to keep within, as figures draw it: sizes of errors and levels, and where they hold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from navsim.io.results import Result
+from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.report.tables import setting
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
+
+_FOOT = 0.3048
+REQUIRED = "#000000"
+"""Colour of what is required; limits of other sorts have their own."""
+DOTTED = (0, (1.0, 1.0))
+"""Dashes of a required size that is a line: told from all others without colour."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A requirement that limits a size. what, of, at: as in the scenario, "" for what it does not have. size: m, nan
+    for none. limit: what is asked for: a share, or a probability. verdict: in words."""
+
+    what: str
+    of: str
+    at: str
+    size: float
+    limit: float
+    verdict: str
+
+
+def asked(result: Result, *what: str) -> list[Limit]:
+    """The requirements of these kinds, presets as their parts, of a landing's result."""
+    branch = "/summary/requirements"
+    if f"{branch}/size" not in result:
+        return []
+    names = ("what", "of", "at", "size", "limit", "verdict")
+    rows = zip(*(result[f"{branch}/{name}"] for name in names), strict=True)
+    found = [Limit(str(w), str(of), str(at), float(size), float(limit), str(v)) for w, of, at, size, limit, v in rows]
+    return [one for one in found if one.what in what]
+
+
+def event_time(result: Result, name: str) -> float:
+    """When an event of the flight is, s; nan where there is none of the name."""
+    names = list(result["/truth/event"])
+    return float(result["/truth/event_time"][names.index(name)]) if name in names else math.nan
+
+
+def touchdown(result: Result) -> float:
+    """When the aircraft touches down, s; nan where it does not."""
+    return event_time(result, "touchdown")
+
+
+def glide(result: Result) -> tuple[float, float]:
+    """When the glide begins and ends, s, for which levels are required."""
+    begin, end, time = event_time(result, "glide_start"), touchdown(result), result["/truth/time"]
+    return (0.0 if math.isnan(begin) else begin), (float(time[-1]) if math.isnan(end) else end)
+
+
+def passes(result: Result, height: str) -> float:
+    """When the aircraft last comes down through one of `HEIGHTS`, s; nan where it does not."""
+    if not HEIGHTS[height]:
+        return touchdown(result)
+    time = result["/truth/time"]
+    above = result["/truth/position_llh"][:, 2] - setting(result, "runway", "height_m") - _FOOT * HEIGHTS[height]
+    down = np.flatnonzero((above[:-1] >= 0.0) & (above[1:] < 0.0))
+    if not down.size:
+        return math.nan
+    i = int(down[-1])
+    return float(np.interp(0.0, -above[i : i + 2], time[i : i + 2]))
+
+
+def spoken(height: str) -> str:
+    """A height in words."""
+    return height.replace("ft", " ft")
+
+
+def level_lines(ax: Axes, result: Result, level: str) -> None:
+    """The sizes that a level is required to be within, over the glide."""
+    begin, end = glide(result)
+    shares: dict[float, list[str]] = {}
+    for one in asked(result, "level"):
+        if one.of == level:
+            shares.setdefault(one.size, []).append(f"{100.0 * one.limit:g} %")
+    for size, each in shares.items():
+        _line(ax, begin, end, size, f"required at {', '.join(dict.fromkeys(each))}: {size:g} m")
+
+
+def rms_lines(ax: Axes, result: Result, axis: str) -> float:
+    """The sizes that a root mean square error is required to be within, over the time that it is of; the largest, m, 0
+    where there is none."""
+    end = glide(result)[1]
+    sizes = [one.size for one in asked(result, "rms") if one.of == axis]
+    for size in sizes:
+        _line(ax, end - RMS_WINDOW, end, size, f"required: {size:g} m")
+    return max(sizes, default=0.0)
+
+
+def _line(ax: Axes, begin: float, end: float, size: float, text: str) -> None:
+    ax.plot([begin, end], [size, size], color=REQUIRED, ls=DOTTED, lw=1.4)
+    word(ax, text, (end, size), (-4.0, 2.5), ha="right", va="bottom")
+
+
+def word(ax: Axes, text: str, at: tuple[float, float], off: tuple[float, float], **how: Any) -> Annotation:
+    """A word on a figure, legible over lines: at a point of the data, off by so many points."""
+    from matplotlib.patheffects import withStroke
+
+    return ax.annotate(
+        text, at, off, textcoords="offset points", fontsize=7.0,
+        path_effects=[withStroke(linewidth=1.5, foreground="white")], **how,
+    )  # fmt: skip
+
+
+def within_sight(result: Result, axis: str, reach: float) -> float:
+    """Half the height of a panel of errors, m, that shows limits, too, which are no more than three times as large."""
+    sizes = [1.15 * one.size for one in asked(result, "error") if one.of == axis]
+    return max([reach, *(size for size in sizes if size <= 3.0 * reach)])
+
+
+def gates(ax: Axes, result: Result, axis: str, reach: float) -> None:
+    """What errors of an axis are required to be between, when the aircraft passes the heights where they are; reach:
+    half the height of the panel, m. Where a size is beyond it, it is said at the edge."""
+    label: str | None = f"required of the {axis} error"
+    for one in asked(result, "error"):
+        when = passes(result, one.at)
+        if one.of != axis or math.isnan(when):
+            continue
+        if one.size <= reach:
+            ax.errorbar(when, 0.0, one.size, fmt="none", ecolor=REQUIRED, elinewidth=0.7, capsize=3.0, capthick=1.2,
+                        label=label)  # fmt: skip
+            label = None
+        else:
+            ax.axvline(when, color=REQUIRED, lw=0.7)
+            late = when > 0.7 * float(result["/truth/time"][-1])
+            side, off = ("right", -3.0) if late else ("left", 3.0)
+            word(ax, f"±{one.size:g} m ↕", (when, reach), (off, -1.0), ha=side, va="top")

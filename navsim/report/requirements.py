@@ -1,0 +1,195 @@
+"""How the errors that a landing is limited in are shown: beside the limits, where they hold."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.io.results import Result
+from navsim.io.schema import HEIGHTS
+from navsim.report.figures import COLOURS, COLUMN, MOST_RUNS, blocks, legend_below, new_figure, settled
+from navsim.report.limits import REQUIRED, asked, glide, rms_lines, spoken, touchdown, word
+from navsim.report.tables import runs_of, single
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ERROR, _OUTSIDE, _BELIEVED = COLOURS[0], COLOURS[1], COLOURS[1]
+_ALONG_TRACK = tuple(reversed(HEIGHTS))
+"""Heights in the order in which they are passed."""
+_SPREAD = 0.28
+"""Half the width over which runs at one height are spread."""
+_MOST_POINTS = 2000
+_STATES = {"horizontal": [0, 1], "vertical": [2]}
+_NAMES = {"lateral": "lateral (right)", "along": "along the track", "vertical": "vertical (up)"}
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """Figures of what a landing is limited in, by name: those it has limits for."""
+    out = {}
+    if asked(result, "error", "rms"):
+        out["requirements"] = errors(result)
+    if "/summary/box/limit" in result:
+        out["box"] = box(result)
+    return out
+
+
+def errors(result: Result) -> Figure:
+    """Root mean square errors over time, and errors at heights, with what is required of them."""
+    rms = [axis for axis in _STATES if any(one.of == axis for one in asked(result, "rms"))]
+    at = [axis for axis in _NAMES if any(one.of == axis for one in asked(result, "error"))]
+    rows = [row for row in (rms, at) if row]
+    alone = max(map(len, rows)) == 1
+    fig = new_figure(COLUMN if alone else 2 * COLUMN, 2.4 * len(rows) + 0.4)
+    grid = fig.add_gridspec(len(rows), 6)
+    for i, row in enumerate(rows):
+        width = 6 // len(row)
+        for j, axis in enumerate(row):
+            ax = fig.add_subplot(grid[i, j * width : (j + 1) * width])
+            (_over_time if row is rms else _at_heights)(ax, result, axis)
+    fig.suptitle(f"truth minus estimate, {runs_of(result)};" + ("\n" if alone else " ") + "black: what is required")
+    return fig
+
+
+def _over_time(ax: Axes, result: Result, axis: str) -> None:
+    """The root mean square error of all runs over time, the filter's sigma, and what is found over the last seconds."""
+    time, states = result["/truth/time"], _STATES[axis]
+    value, low, high = map(float, result[f"/summary/rms/{axis}"])
+    if single(result):  # which has no interval that says anything
+        low = high = value
+    top = 1.6 * rms_lines(ax, result, axis)
+    if "/filter/time" in result:
+        time = result["/filter/time"]
+        true, believed = _curves(result, states)
+        ax.plot(time, true, color=_ERROR, label="error" if single(result) else "RMS error")
+        ax.plot(time, believed, color=_BELIEVED, ls="--", label="σ of the filter")
+        late = settled(time) & ~(time > touchdown(result))
+        top = max(top, 1.3 * float(np.max(true, where=late & np.isfinite(true), initial=0.0)))
+    end, length = glide(result)[1], float(time[-1] - time[0])
+    if math.isfinite(value):
+        ax.errorbar(
+            end + 0.02 * length, value, [[value - low], [high - value]], fmt="o", color=_ERROR, ms=3.0,
+            capsize=2.0, label="over the last 20 s",
+        )  # fmt: skip
+    ax.set_xlim(time[0], end + 0.08 * length)
+    ax.set_ylim(0.0, 1.1 * max(top, high if math.isfinite(high) else 0.0))
+    ax.set_xlabel("time, s")
+    ax.set_ylabel(f"{axis} error, m")
+    ax.legend(loc="upper right")
+
+
+def _curves(result: Result, states: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """RMS error and the filter's sigma (t,) of the position's states together, m."""
+
+    def rms(path: str) -> np.ndarray:
+        total = sum(np.sum(block[:, :, states] ** 2, axis=(0, 2)) for block in blocks(result, path))
+        return np.sqrt(total / result["/run"].size)
+
+    if "/filter/error" in result:
+        return rms("/filter/error"), rms("/filter/sigma")
+    return np.sqrt((result["/covariance/rms"][:, states] ** 2).sum(axis=1)), rms("/filter/sigma")
+
+
+def _at_heights(ax: Axes, result: Result, axis: str) -> None:
+    """The errors of runs at the heights where they are judged, the size that 95 % of them keep, and the limits."""
+    reach = max(_found_at(ax, result, axis, i, i == 0) for i in range(len(HEIGHTS)))
+    for one in asked(result, "error"):
+        if one.of != axis:
+            continue
+        x = _ALONG_TRACK.index(one.at)
+        for side in (-one.size, one.size):
+            ax.plot([x - 0.42, x + 0.42], [side, side], color=REQUIRED, lw=1.6, solid_capstyle="butt")
+        word(ax, f"{100.0 * one.limit:g} %", (x, one.size), (0.0, 2.0), ha="center", va="bottom")
+        reach = max(reach, one.size)
+    ax.set_xticks(range(len(_ALONG_TRACK)), [spoken(h).replace("touchdown", "touch-\ndown") for h in _ALONG_TRACK])
+    ax.set_xlim(-0.5, len(_ALONG_TRACK) - 0.5)
+    ax.set_ylim(-1.3 * reach or -1.0, 1.3 * reach or 1.0)
+    ax.grid(visible=False, axis="x")
+    ax.set_ylabel(f"{_NAMES[axis]}, m")
+    ax.legend(loc="lower left", ncols=2)
+
+
+def _found_at(ax: Axes, result: Result, axis: str, i: int, named: bool) -> float:
+    """What was found at one of `HEIGHTS`, and how large it is, m; named: for the legend."""
+    x, reach = _ALONG_TRACK.index(tuple(HEIGHTS)[i]), 0.0
+    if f"/summary/at/{axis}_run" in result:
+        found = result[f"/summary/at/{axis}_run"][:, i]
+        found = found[:: math.ceil(found.size / _MOST_POINTS)]
+        several = found.size > 1
+        across = x + _SPREAD * np.linspace(-1.0, 1.0, found.size) if several else [x]
+        label = ("runs" if several else "run") if named else None
+        ax.plot(across, found, ".", color=_ERROR, ms=1.5 if found.size > MOST_RUNS else 3.0, alpha=0.5, label=label)
+        reach = float(np.max(np.abs(found), where=np.isfinite(found), initial=0.0))
+    most = math.nan if single(result) else float(result[f"/summary/at/{axis}_percentile"][i, 1])
+    if math.isfinite(most):
+        for side in (-most, most):
+            label = "95 % of runs" if named and side > 0.0 else None
+            ax.plot([x - _SPREAD, x + _SPREAD], [side, side], color=_ERROR, lw=1.2, label=label)
+        reach = max(reach, most)
+    return reach
+
+
+_ABOVE, _BEHIND = ("along", "lateral", "from above"), ("lateral", "vertical", "from behind")
+"""Views of a box: across the page, up the page."""
+
+
+def box(result: Result) -> Figure:
+    """Errors at the height of the box, and the box."""
+    limits = dict(zip(_NAMES, map(float, result["/summary/box/limit"]), strict=True))
+    views = [_ABOVE] if math.isfinite(limits["along"]) else []
+    if not views or math.isfinite(limits["vertical"]):
+        views.append(_BEHIND)
+    fig = new_figure(COLUMN * len(views), 3.8)
+    panels = fig.subplots(1, len(views), squeeze=False)[0]
+    for ax, (x, y, title) in zip(panels, views, strict=True):
+        _view(ax, result, (x, y), limits)
+        ax.set_title(title)
+        ax.set_xlabel(f"{_NAMES[x]}, m")
+        ax.set_ylabel(f"{_NAMES[y]}, m")
+    height = float(result["/summary/box/height"])
+    where = f"{height:g} m above the runway" if height else "touchdown"
+    count = f": {int(result['/summary/box/outside'])} outside" if "/summary/box/outside" in result else ""
+    required = [f"required: at most {one.limit:g} of landings outside" for one in asked(result, "box")]
+    runs = f"{runs_of(result)}{count}"
+    fig.suptitle("\n".join([f"errors at {where}", runs, *required] if len(views) == 1 else
+                           [f"errors at {where}; {runs}", *required]))  # fmt: skip
+    legend_below(fig, panels[0], 3)
+    return fig
+
+
+def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, float]) -> None:
+    axes = [list(_NAMES).index(name) for name in names]
+    reach = [0.0, 0.0]
+    if "/summary/box/error_run" in result:
+        error = result["/summary/box/error_run"]
+        outside = ~(np.abs(error) <= result["/summary/box/limit"]).all(axis=1)
+        for some, mark, colour, label in ((~outside, ".", _ERROR, "inside"), (outside, "x", _OUTSIDE, "outside")):
+            if some.any():
+                shown = error[some][:: math.ceil(some.sum() / _MOST_POINTS)]
+                ax.plot(shown[:, axes[0]], shown[:, axes[1]], mark, color=colour, ms=4.0, alpha=0.7,
+                        label=label)  # fmt: skip
+        found = np.abs(error[:, axes])
+        reach = [float(np.max(one, where=np.isfinite(one), initial=0.0)) for one in found.T]
+    elif "/summary/box/axis_sigma" in result:
+        mean, sigma = (result[f"/summary/box/axis_{name}"][axes] for name in ("mean", "sigma"))
+        if np.isfinite([*mean, *sigma]).all():
+            ax.errorbar(mean[0], mean[1], 2.0 * sigma[1], 2.0 * sigma[0], fmt="o", color=_ERROR, ms=3.0, capsize=2.0,
+                        label="mean ±2σ, to first order")  # fmt: skip
+            reach = [float(r) for r in np.abs(mean) + 2.0 * sigma]
+    wide, high = (limits[name] for name in names)
+    if math.isfinite(wide) and math.isfinite(high):
+        ax.plot(
+            [-wide, wide, wide, -wide, -wide], [-high, -high, high, high, -high], color=REQUIRED, lw=1.2, label="box"
+        )
+    else:
+        for side in (-1.0, 1.0):
+            if math.isfinite(wide):
+                ax.axvline(side * wide, color=REQUIRED, lw=1.2, label="box" if side > 0 else None)
+            if math.isfinite(high):
+                ax.axhline(side * high, color=REQUIRED, lw=1.2, label="box" if side > 0 else None)
+    reach = [max(r, limit if math.isfinite(limit) else 0.0) for r, limit in zip(reach, (wide, high), strict=True)]
+    ax.set_xlim(-1.15 * (reach[0] or 1.0), 1.15 * (reach[0] or 1.0))
+    ax.set_ylim(-1.15 * (reach[1] or 1.0), 1.15 * (reach[1] or 1.0))
