@@ -70,7 +70,7 @@ class Allocation:
 
 
 @dataclass(frozen=True)
-class Spread:
+class SolutionSpread:
     """How far the whole solution, and those without each fault, may be off without one; axes east, north, up, m.
 
     solved: (e,), separate_solved: (k, e) bool, where there are such solutions. sigma: (e, 3), separate_sigma: (k, e, 3)
@@ -101,7 +101,7 @@ class Levels:
     monitored: np.ndarray
     threshold: np.ndarray
     level: np.ndarray
-    spread: Spread
+    spread: SolutionSpread
     emt: np.ndarray
 
     @property
@@ -144,7 +144,7 @@ def levels(
     without = [_without(rows, used, noise, fault) for fault in faults]
     shape = len(faults), used.shape[0]
     separator = np.array([s.estimator - whole.estimator for s in without]).reshape(*shape, 3, used.shape[1])
-    spread = Spread(
+    spread = SolutionSpread(
         whole.solved,
         np.array([s.solved for s in without], bool).reshape(shape),
         _sigma(whole),
@@ -159,7 +159,7 @@ def levels(
 
 
 def allotted(
-    spread: Spread,
+    spread: SolutionSpread,
     used: np.ndarray,
     faults: Sequence[Fault],
     allocation: Allocation,

@@ -24,7 +24,7 @@ from navsim.core.states import MOST
 from navsim.estimation.carried_errors import Route, carry_differences
 from navsim.estimation.observations import FIX
 from navsim.integrity import separation
-from navsim.integrity.separation import Allocation, Levels, Spread
+from navsim.integrity.separation import Allocation, Levels, SolutionSpread
 from navsim.integrity.solution import turned
 from navsim.simulation.fixes import ReceiverFixes, solved
 from navsim.simulation.landing import Flight
@@ -41,15 +41,15 @@ _ENU = _NED = [1, 0, 2]
 
 
 @dataclass(frozen=True)
-class Solution:
-    """Position of a filter at its outputs but the first: covariance (e, 3, 3), m2, and reach (e, 3, s), m, what the bias
-    of each range does to it, being as large as it may; east, north, down."""
+class FilterSolution:
+    """Position of a filter at its outputs but the first: covariance (e, 3, 3), m2, and reach (e, 3, s), m, what the
+    bias of each range does to it, being as large as it may; east, north, down."""
 
     covariance: np.ndarray
     reach: np.ndarray
 
     @classmethod
-    def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> Solution:
+    def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> FilterSolution:
         """That of a filter along the truth. nominal: (s,) bounds of biases, m."""
         covariance = along.lin.believed[1:, :3, :3][:, _ENU][:, :, _ENU]
         return cls(covariance, responses(flight, along)[1:, states.POS : states.POS + 3][:, _ENU] * nominal)
@@ -72,7 +72,7 @@ class FilterBank:
     gains: np.ndarray
     fix: np.ndarray
     scale: np.ndarray
-    solutions: tuple[Solution, ...]
+    solutions: tuple[FilterSolution, ...]
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:
@@ -88,11 +88,11 @@ class FilterBank:
         nominal = np.array([watching.nominal[name] for name in signals.names])
         # of each filter what levels and differences need, for all of it would be hundreds of megabytes
         route = route_of_filter(flight, whole)
-        gains, solutions, both = [], [Solution.of(flight, whole, nominal)], []
+        gains, solutions, both = [], [FilterSolution.of(flight, whole, nominal)], []
         for without in taken:
             along = along_truth(flight, without, noisy=False)
             gains.append(along.lin.gain)
-            solutions.append(Solution.of(flight, along, nominal))
+            solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
         ever = np.logical_or.accumulate(signals.used, axis=0)
         spread = _together(solutions, both)
@@ -188,7 +188,7 @@ def _ecef(llh: np.ndarray) -> np.ndarray:
     return np.moveaxis(ecef_from_llh(np.moveaxis(llh, 1, 2)), 2, 1)
 
 
-def _together(solutions: Sequence[Solution], both: Sequence[np.ndarray]) -> Spread:
+def _together(solutions: Sequence[FilterSolution], both: Sequence[np.ndarray]) -> SolutionSpread:
     """The spread of a filter, the first, and of those without the sources of each fault; both: twice the `excess` of
     the variances (e, 3) of each."""
     variance = np.stack([np.diagonal(one.covariance, axis1=1, axis2=2) for one in solutions])
@@ -198,6 +198,6 @@ def _together(solutions: Sequence[Solution], both: Sequence[np.ndarray]) -> Spre
         raise Defect("the difference of two filters has a negative variance; please report this scenario")
     solved_ = np.ones(variance.shape[:2], bool)
     apart = np.maximum(apart, LEAST**2 * variance[1:])
-    return Spread(
+    return SolutionSpread(
         solved_[0], solved_[1:], np.sqrt(variance[0]), np.sqrt(variance[1:]), np.sqrt(apart), bias[0], bias[1:]
     )

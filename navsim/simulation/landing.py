@@ -383,7 +383,7 @@ class Flight:
         return None if self.watching is None or self.watching.bank else self.watching.over(self.world.signals)
 
     @property
-    def monitor(self) -> monitoring.Watch | None:
+    def monitor(self) -> monitoring.Watcher | None:
         """What watches the landing, if anything does."""
         return self.snapshot or self.bank
 

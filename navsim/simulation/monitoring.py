@@ -26,7 +26,7 @@ NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
 """Rules by which something is excluded after an alarm."""
 
 
-class Watch(Protocol):
+class Watcher(Protocol):
     """What watches a landing, whichever way."""
 
     @property
@@ -46,14 +46,14 @@ class Watch(Protocol):
         """What it takes of memory, about, bytes."""
 
 
-class Snapshot(Watch, Protocol):
+class Snapshot(Watcher, Protocol):
     """A monitor of the fixes of epochs, each by itself."""
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """What tells a fault (e, W), of residuals (e, s, W) of fixes, m."""
 
 
-class Bank(Watch, Protocol):
+class Bank(Watcher, Protocol):
     """A monitor of the filter, at its outputs."""
 
     def along(self, bearing: float) -> np.ndarray:
@@ -195,7 +195,7 @@ def alerted(status: np.ndarray) -> np.ndarray:
     return (status == ALARM) | (status == NO_FIX)
 
 
-def tested_levels(monitor: Watch) -> np.ndarray:
+def tested_levels(monitor: Watcher) -> np.ndarray:
     """Protection levels (e, 2), m, nan where there is no test."""
     return np.where(monitor.tested[:, None], monitor.levels, np.nan)
 

@@ -258,3 +258,21 @@ def test_a_flight_that_nobody_watches_has_no_bank() -> None:
     assert flight.bank is None
     with pytest.raises(ValueError, match="shares"):
         FilterBank.of(flight)
+
+
+@pytest.mark.parametrize("heading", [0.0, 37.0, 90.0])
+def test_levels_in_axes_of_the_runway(heading: float) -> None:
+    """East and north are the axes of runways that lie so; in between levels are no smaller than the spread there."""
+    c = case(*SHORT, FILTER, "filter.coupling=tight", "pseudolites={}")
+    bank, radians = bank_of(c), np.radians(heading)
+    found = bank.along(radians)
+    if heading != 37.0:
+        turned = [0, 1] if heading == 0.0 else [1, 0]
+        np.testing.assert_allclose(found, bank.found.level[:, turned], rtol=1e-6)
+        return
+    right = np.array([np.cos(radians), -np.sin(radians)])
+    whole = bank.solutions[0]
+    sigma = np.sqrt(np.einsum("i,eij,j->e", right, whole.covariance[:, :2, :2], right))
+    bias = np.abs(np.einsum("i,eis->es", right, whole.reach[:, :2])).sum(axis=1)
+    assert np.all(found[:, 0] > bias + 5.0 * sigma)
+    assert np.all(found <= np.abs(bank.found.level[:, :1]) + np.abs(bank.found.level[:, 1:2]))
