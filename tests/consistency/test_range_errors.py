@@ -42,7 +42,7 @@ def watched(c: Case, ranges: np.ndarray) -> simulation.Watched:
     lanes = np.ascontiguousarray(np.moveaxis(ranges, 0, -1))
     rates = in_all_lanes(simulation.without_noise(c.world)[1])
     llh, _, clocks, _ = simulation.receiver_fixes(c.world, lanes, rates)
-    return simulation.Watched.of(c.flight, lanes, llh, clocks)
+    return simulation.Watched.of_fixes(c.flight, lanes, llh, clocks)
 
 
 def alarms(c: Case, seed: int, runs: int) -> tuple[int, int]:

@@ -49,6 +49,44 @@ def raim(cases: dict[str, Any], p_fa: float | None = None) -> Monitor:
     return Monitor(solution, ChiSquareTest(p_fa or given["p_fa"], given["p_md"]))
 
 
+@pytest.mark.parametrize("number", range(4))
+@pytest.mark.validates(
+    "solution separation (ARAIM), drawn skies",
+    "sidereon 3.0.4",
+    "(relative)",
+    modes="1e-7",
+    levels="0.071 m",
+    unmonitored="3e-4",
+)
+def test_separation_of_another_program(number: int, within: Within) -> None:
+    """Skies of one and two systems, sigmas, bounds and priors of their own for each satellite. Its levels are as near
+    as it wants them, 0.05 m along each axis."""
+    case = json.loads((DATA / "sidereon.json").read_text())[number]
+    system, expected = np.array(case["system"]), case["expected"]
+    rows, count = rows_towards(case["azimuth_elevation_deg"], case["system"]), system.size
+    faults = [Fault((i,), prior) for i, prior in enumerate(case["p_sat"])]
+    faults += [Fault(tuple(np.flatnonzero(system == i)), prior) for i, prior in enumerate(case["p_const"]) if prior]
+    bounding = np.array(case["sigma_int_m"])[None]
+    found = levels(
+        rows, np.ones((1, count), bool), Independent(bounding), Independent(case["sigma_ratio_acc"] * bounding),
+        np.array(case["b_nom_m"])[None], faults, lpv(),
+    )  # fmt: skip
+    assert found.unmonitored[0] == pytest.approx(expected["p_unmonitored"], rel=within["unmonitored"])
+    close: dict[str, Any] = {"rtol": within["modes"]}
+    for mode in expected["modes"][1:]:  # the first is that nothing is wrong
+        k = count + "GE".index(mode["constellation"]) if mode["constellation"] else int(mode["excluded"][0][1:]) - 1
+        assert faults[k].prior == mode["prior"]
+        assert found.monitored[k, 0] == mode["monitorable"]
+        if mode["monitorable"]:
+            np.testing.assert_allclose(found.spread.separate_sigma[k, 0], mode["sigma"], **close)
+            np.testing.assert_allclose(found.spread.separate_bias[k, 0], mode["bias"], **close)
+            np.testing.assert_allclose(found.threshold[k, 0], mode["threshold"], **close)
+    assert found.accuracy[0, UP] == pytest.approx(expected["sigma_acc_v"], rel=within["modes"])
+    assert found.emt[0] == pytest.approx(expected["emt"], rel=within["modes"])
+    ours = [found.horizontal[0], found.vertical[0]]
+    assert ours == pytest.approx([expected["hpl"], expected["vpl"]], abs=within["levels"])
+
+
 @pytest.mark.validates(
     "square root of the chi-square threshold", "L3NAV (Brown & Chin 1994)", printed="5e-4", computed="1e-8"
 )
