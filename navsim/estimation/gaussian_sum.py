@@ -24,13 +24,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.attitude import dcm
+from navsim.core.attitude import dcm, left_jacobian
 from navsim.core.covariance import gain, transport
 from navsim.core.elementary import exp_of_negative
 from navsim.core.jit import kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import cholesky, copy, copy_matrix, invert3
-from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT
+from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, POS
 from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.clock import forget_clock, has_jumped
@@ -208,8 +208,34 @@ def _invert_blocks(diagonal, column):
 
 
 @kernel
+def _apart(component, nav, error, x):
+    """How far a component (NAV,) is from nav, x (n,): position and velocity as they are, the rest in the chart at nav.
+
+    In the chart a difference of positions is turned by half of that of the headings: where a direction is known well
+    and another badly, as with two sources left, the one would be spoiled by the other. error (n,): work space.
+    """
+    between(component, nav, error)
+    tfg.own_error(nav, error, x)
+    for i in range(POS, ATT):
+        x[i] = error[i]
+
+
+@kernel
+def _unturned(space, x):
+    """x (n,) from `_apart` <- in the chart, as `tfg.feed_back` takes it."""
+    jac, inverse, moved = space.c_nb, small_matrix(x, 3, 3), small_vector(x, 3)
+    left_jacobian(x[ATT], x[ATT + 1], x[ATT + 2], jac)
+    invert3(jac, inverse)
+    for first in range(POS, ATT, 3):
+        for i in range(3):
+            moved[i] = inverse[i, 0] * x[first] + inverse[i, 1] * x[first + 1] + inverse[i, 2] * x[first + 2]
+        for i in range(3):
+            x[first + i] = moved[i]
+
+
+@kernel
 def moments(mixture, nav, p, space, bench):
-    """Mean nav (NAV,) and covariance p (n, n) of a sum, in the chart at its mean. space: `filter_loop.workshop`."""
+    """Mean nav (NAV,) and covariance p (n, n) of a sum; see `_apart`. space: `filter_loop.workshop`."""
     weight, x, error, other, square = mixture.weight, bench.x, bench.error, bench.other, bench.square
     n = p.shape[0]
     count = _count(weight)
@@ -228,10 +254,10 @@ def moments(mixture, nav, p, space, bench):
         for i in range(n):
             bench.mean[i] = 0.0
         for j in range(count):
-            between(mixture.navigation[j], nav, error)
-            tfg.own_error(nav, error, x)
+            _apart(mixture.navigation[j], nav, error, x)
             for i in range(n):
                 bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
+        _unturned(space, bench.mean)
         copy(nav, other)
         tfg.feed_back(other, bench.mean, space)
         held(other, no(several), nav)
@@ -240,11 +266,14 @@ def moments(mixture, nav, p, space, bench):
             p[a, b] = select(several, 0.0, p[a, b])
     for j in range(count):
         there = several & (weight[j] > 0.0)
-        between(mixture.navigation[j], nav, error)
-        tfg.own_error(nav, error, x)
-        # the reset that leads from the mean to the component, backwards
+        _apart(mixture.navigation[j], nav, error, x)
+        # the reset that leads from the mean to the component, backwards; of position and velocity there is none
         copy(nav, other)
         tfg.feed_back(other, x, space)
+        for block in range(ATT // 3):
+            for a in range(3):
+                for b in range(3):
+                    space.diagonal[block, a, b], space.column[block, a, b] = 1.0 if a == b else 0.0, 0.0
         _invert_blocks(space.diagonal, space.column)
         copy_matrix(mixture.covariance[j], square)
         transport(square, space.diagonal, space.column, space.square)
