@@ -221,6 +221,20 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
 
 
+def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
+    """A verdict on each requirement, and on the filter's sigmas where there are runs to judge them by."""
+    out = Table("", ("", *(name for name, _ in results)), labelled=True)
+    requirements(out, results)
+    path = "/summary/consistency/verdict"
+    judged = [result for _, result in results if path in result and not single(result)]
+    if judged:
+        out.head("Is sigma right? By groups of states", *("" for _ in results))
+        for i, group in enumerate(judged[0]["/summary/consistency/group"]):
+            words = (str(result[path][i]) if path in result else ABSENT for _, result in results)
+            out.add(f"  {str(group).replace('_', ' ')}", *words)
+    return [out] if out.rows else []
+
+
 def _verdict(result: Result, statement: str) -> Cell | str:
     branch = "/summary/requirements"
     said = [] if f"{branch}/verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
@@ -403,6 +417,29 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             row(f"  {str(name).replace('_', ' ')}", lambda r, i=i: _budget(r, i))
     requirements(table, results)
     return table
+
+
+def glance(result: Result) -> list[tuple[str, Cell | str]]:
+    """What of a landing is seen first: the figures of its tables, with their intervals."""
+    if result.attributes["method"] == "rare":
+        value, low, high = map(float, result["/summary/rare/probability"])
+        chance = (
+            cell("{:.3g}  [{:.3g}, {:.3g}]", value, low, high) if np.isfinite(value) else cell("below {:.2g}", high)
+        )
+        effective = cell("{:.0f}", float(result["/summary/rare/effective_samples"]))
+        return [("outside the box", chance), ("effective samples", effective), ("pushed runs", runs_of(result))]
+    out: list[tuple[str, Cell | str]] = [
+        (f"horizontal RMS over {RMS_WINDOW:g} s, m", _late(result, "horizontal")),
+        (f"vertical RMS over {RMS_WINDOW:g} s, m", _late(result, "vertical")),
+        ("lateral at touchdown, m", _at(result, "lateral", 0)),
+        ("PDOP on the glide", cell("{:.2f}  ({:.2f} - {:.2f})", *map(float, result["/summary/dop/pdop"][:3]))),
+        ("NEES per state", _unit_mean(result, "nees")),
+    ]
+    if "/summary/box/limit" in result:
+        out.append(("outside the box", _box(result, None)))
+    if "/summary/integrity/availability" in result:
+        out.append(("epochs available", _share(result, "/summary/integrity/availability")))
+    return out
 
 
 LONG = ("/summary/consistency/time",)

@@ -23,7 +23,7 @@ from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
-from navsim.report import figures, live, sweep, tables
+from navsim.report import figures, live, quantities, sweep, tables
 from navsim.report.table import console
 from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
@@ -202,7 +202,7 @@ def test_every_figure_fits_its_page(one: Result, many: Result, linear: Result) -
 def test_fixes_lie_about_the_antenna() -> None:
     """Exact ranges: the fixes are the antenna's true position to centimetres, 2.3 m from the IMU."""
     exact = flown(1, "all", "signals.range_sigma_m=1e-4", "pseudolites.range_sigma_m=1e-4")
-    error = figures.fix_errors(exact)
+    error = quantities.fix_errors(exact)
     assert error.shape == (1, exact["/receiver/time"].size, 3)
     assert np.abs(error).max() < 0.02
     drawn_points = figures.fixes(exact).axes[0].lines[0].get_xydata()
