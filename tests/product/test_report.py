@@ -359,7 +359,7 @@ def test_elevation_figures_follow_the_scenario() -> None:
 
 def test_azimuth_names_its_filters_by_the_scenario() -> None:
     scenario = read_for("run", SCENARIOS / "azimuth_tracking.yaml", ["filters.singer_sigma_m_s2=[0.7, 4]"])[0]
-    words = azimuth._words(Result({"scenario": resolved_yaml(scenario)}, {}))
+    words = azimuth.words(Result({"scenario": resolved_yaml(scenario)}, {}))
     assert words["S1"] == "Singer, 0.7 m/s²"
     assert words["S2"] == "Singer, 4 m/s²"
 

@@ -181,14 +181,13 @@ def _sum(path: Path) -> str:
 def _embedded(drawings: Sequence[Drawing]) -> tuple[str, str]:
     """Bokeh's document as JSON, and which of its roots goes where; with names that are the same each time."""
     document = Document()
-    places = {}
-    for drawing in drawings:
-        for i, panel in enumerate(drawing.panels):
-            document.add_root(panel)
-            places[panel.id] = f"{drawing.name}-{i}"
     models = [panel for drawing in drawings for panel in drawing.panels]
+    places = {panel.id: f"{drawing.name}-{i}" for drawing in drawings for i, panel in enumerate(drawing.panels)}
     if not models:
         return "{}", "{}"
+    with document.models.freeze():  # else all of it is gone through again for each
+        for model in models:
+            document.add_root(model)
     docs, _ = standalone_docs_json_and_render_items(models)
     ((_, content),) = docs.items()
     numbers: dict[str, str] = {}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from bokeh.plotting import figure
 
 from navsim.report import replay
 from navsim.report.page.marks import (
@@ -72,7 +73,7 @@ def _flat(points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _innovations(results: Sequence[Named]) -> Drawing:
-    panels = []
+    panels: list[figure] = []
     for name, unit, said in (("position_ned", "m", "Position"), ("velocity_ned", "m/s", "Velocity")):
         for row, axis in enumerate(_NED):
             on = plot(f"{said} {axis}", "time, s", unit, 210)
@@ -168,7 +169,8 @@ def _outages(results: Sequence[Named]) -> Drawing:
 
 def lives(results: Sequence[Named]) -> list[Drawing]:
     """Of flights with a real block in the loop: errors of position with their 3 sigma."""
-    panels, thinned = [], []
+    panels: list[figure] = []
+    thinned = []
     for k, axis in enumerate(_NED):
         on = plot(axis.capitalize(), "time, s", "error, m", 240)
         on.x_range = panels[0].x_range if panels else on.x_range

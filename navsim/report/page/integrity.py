@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.models import Range1d
+from bokeh.plotting import figure
 
 from navsim.report.page.marks import (
     BLUE,
@@ -52,7 +53,8 @@ def levels(results: Sequence[Named]) -> Drawing | None:
     kept = [(i, name, r) for i, (name, r) in enumerate(results) if "/integrity/hpl" in r]
     if not kept:
         return None
-    panels, thinned = [], []
+    panels: list[figure] = []
+    thinned = []
     for axis, path, most in LEVELS:
         on = plot(axis.capitalize(), "time, s", "m", 280)
         on.x_range = panels[0].x_range if panels else on.x_range

@@ -40,6 +40,7 @@ from navsim.report.page.marks import (
     width,
 )
 from navsim.report.quantities import (
+    blocks,
     ellipse,
     first_runs,
     followed,
@@ -112,9 +113,9 @@ def track(results: Sequence[Named]) -> Drawing:
             upright(profile, float(np.interp(landed, time, path[:, 0])), colour(i) if len(results) > 1 else GREY)
     for on in (plan, profile):
         from_runway(on)
-        said = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
+        shown = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
                 ("up", "@up{0.0} m")]  # fmt: skip
-        tell(on, [each for each in lines if each in on.renderers], *said)
+        tell(on, [each for each in lines if each in on.renderers], *shown)
     tell(plan, places, ("pseudolite", "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
     truth = next((said for _, r in results if (said := true_for(r))), "")
     caption = (
@@ -207,7 +208,8 @@ def _mask(on: figure, result: Result, edge: float) -> None:
         (float(setting(result, "sky", "mask_upper_deg")), 90.0),
     )]  # fmt: skip
     for part in setting(result, "sky", "interference"):
-        sectors.append((*map(float, part["azimuth_deg"]), *map(float, part["elevation_deg"])))
+        (west, east), (low, high) = part["azimuth_deg"], part["elevation_deg"]
+        sectors.append((float(west), float(east), float(low), float(high)))
     for west, east, low, high in sectors:
         if high <= low:
             continue
@@ -348,8 +350,8 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
     what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and len(_first(kept[0][2])) else ""
     what += "Bars: ±3σ of the filter where errors are told; shaded: the same all the way"
-    what += (", where the runway runs along a parallel or meridian (σ across other axes is known at the bars alone)."
-             if turned else ".")  # fmt: skip
+    what += ", where the runway runs along a parallel or meridian" if turned else "."
+    what += " (across other axes σ is known at the bars alone, the RMS of a covariance analysis not)." if turned else ""
     keys = [Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band")]
     what += most_thinned(thinned).words("output")
     return Drawing("heights", "Errors in runway axes against height", panels, what, keys_of(results, *keys), 3)
@@ -367,19 +369,17 @@ def _sigma(result: Result) -> np.ndarray:
 def _turned(result: Result, turn: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Errors of position in turned axes at some outputs: of single runs (r, w, 3), and their root mean square over all
     runs (w, 3); of a covariance analysis in axes of the map alone, None in others."""
-    from navsim.report.quantities import blocks
-
     if "/filter/error" not in result:
         axes = np.round(np.abs(turn))
         exact = np.isclose(np.abs(turn), axes, atol=1e-9).all()
         rms = result["/covariance/rms"][way][:, :3]
         return np.empty((0, way.size, 3)), rms @ axes.T if exact else None
-    total, some_runs = np.zeros((way.size, 3)), []
+    total, some_runs, room = np.zeros((way.size, 3)), list[np.ndarray](), MOST_LINES
     for block in blocks(result, "/filter/error"):
         here = block[:, way, :3] @ turn.T
         total += np.sum(here**2, axis=0)
-        if sum(map(len, some_runs)) < MOST_LINES:
-            some_runs.append(here[: MOST_LINES - sum(map(len, some_runs))])
+        some_runs.append(here[:room])
+        room -= len(some_runs[-1])
     return np.concatenate(some_runs), np.sqrt(total / result["/run"].size)
 
 
@@ -513,13 +513,16 @@ def states(results: Sequence[Named]) -> Drawing | None:
     kept = [(i, name, r, found) for i, (name, r) in enumerate(results) if (found := _of_runs(r)) is not None]
     if not kept:
         return None
-    longest = max((r for _, _, r, _ in kept), key=lambda r: r["/filter/state"].size)
-    shown = followed([str(state) for state in longest["/filter/state"]])
-    panels, thinned = [], []
-    for k, state in enumerate(shown):
-        title = f"{state.row}{' ' + state.axis if state.axis else ''}"
-        panels.append(plot(title, "time, s", state.unit, 190))
-        panels[k].x_range = panels[0].x_range
+    # those of all results, each by its name: filters follow different ones
+    shown = {
+        name: state
+        for _, _, r, _ in kept
+        for name, state in zip(map(str, r["/filter/state"]), followed(list(map(str, r["/filter/state"]))), strict=True)
+    }
+    panels, thinned, place = [], [], {name: k for k, name in enumerate(shown)}
+    for state in shown.values():
+        panels.append(plot(f"{state.row}{' ' + state.axis if state.axis else ''}", "time, s", state.unit, 190))
+        panels[-1].x_range = panels[0].x_range
     marks: list[list[Any]] = [[] for _ in shown]
     seen: list[list[np.ndarray]] = [[] for _ in shown]
     for i, name, result, (errors, rms) in kept:
@@ -528,20 +531,22 @@ def states(results: Sequence[Named]) -> Drawing | None:
         thinned.append(which)
         sigma, late, alone = _sigma(result), settled(time), single(result)
         columns: dict[str, np.ndarray] = {"x": which(time)}
-        for k in range(rms.shape[1]):
-            scale = shown[k].scale
-            columns[f"e{k}"] = which((errors[0] if alone else 3.0 * rms)[:, k] * scale)
-            columns[f"s{k}"], columns[f"t{k}"] = (which(sign * 3.0 * sigma[:, k] * scale) for sign in (1.0, -1.0))
-            seen[k] += [np.abs(errors[0, late, k] * scale) if alone else 3.0 * rms[late, k] * scale,
-                        3.0 * sigma[late, k] * scale]  # fmt: skip
+        mine = [place[state] for state in map(str, result["/filter/state"])]
+        for j, k in enumerate(mine):
+            scale = list(shown.values())[k].scale
+            drawn = (errors[0] if alone else 3.0 * rms)[:, j] * scale
+            columns[f"e{k}"] = which(drawn)
+            columns[f"s{k}"], columns[f"t{k}"] = (which(sign * 3.0 * sigma[:, j] * scale) for sign in (1.0, -1.0))
+            seen[k] += [np.abs(drawn[late]), 3.0 * sigma[late, j] * scale]
         of = source(**columns)
-        for k in range(rms.shape[1]):
+        for k in mine:
             band(panels[k], of, f"t{k}", f"s{k}", colour(i))
             marks[k].append(line(panels[k], of, f"e{k}", colour(i), name=name, line_width=width(i, len(kept))))
     for k, on in enumerate(panels):
         reach(on, seen[k], symmetric=any(single(r) for _, _, r, _ in kept))
-        tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("shown", f"@e{k}{{0.0000}} {shown[k].unit}"),
-             ("3σ of the filter", f"@s{k}{{0.0000}} {shown[k].unit}"))  # fmt: skip
+        unit = list(shown.values())[k].unit
+        tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("shown", f"@e{k}{{0.0000}} {unit}"),
+             ("3σ of the filter", f"@s{k}{{0.0000}} {unit}"))  # fmt: skip
     lone = [single(r) for _, _, r, _ in kept]
     what = "the error of the run, truth minus estimate" if all(lone) else "3 RMS over all runs"
     what = what if len(set(lone)) == 1 else "3 RMS over all runs, of one run its error"
@@ -583,7 +588,8 @@ def consistency(results: Sequence[Named]) -> Drawing:
     """NEES and NIS per degree of freedom over time."""
     wanted = (("nees", "All states (NEES)"), ("nees_position_velocity", "Position and velocity (NEES)"),
               ("nis", "Innovations (NIS)"))  # fmt: skip
-    panels, thinned = [], []
+    panels: list[figure] = []
+    thinned = []
     for name, title in wanted:
         on = plot(title, "time, s", "per degree of freedom", 230)
         on.x_range = panels[0].x_range if panels else on.x_range

@@ -184,8 +184,10 @@ def _front(results: Sequence[Named]) -> Drawing:
         reach(on, values)
         tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), (objective, "@y{0.0000}"), ("", "@said"))
         panels.append(on)
-    met = any("/front/met" in r for _, r in results)
-    caption = "The best found for each number of pseudolites." + (" Crosses: requirements are not met." if met else "")
+    judged = any("/front/met" in r for _, r in results)
+    caption = "The best found for each number of pseudolites." + (
+        " Crosses: requirements are not met." if judged else ""
+    )
     return Drawing("front", "What pseudolites buy", panels, caption, keys_of(results))
 
 

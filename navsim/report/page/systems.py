@@ -129,7 +129,8 @@ def azimuths(results: Sequence[Named]) -> list[Drawing]:
             keys.append(Key(f"{name}: {words[name]}", colour(f)))
         turns = np.flatnonzero(result["/truth/roll"] != 0.0)
         for run in np.split(turns, np.flatnonzero(np.diff(turns) > 1) + 1) if turns.size else []:
-            stretch(on, *(float(result["/truth/time"][at]) for at in run[[0, -1]]), upright=True)
+            begin, end = (float(result["/truth/time"][at]) for at in run[[0, -1]])
+            stretch(on, begin, end, upright=True)
         tell(
             on,
             marks,
