@@ -46,10 +46,11 @@ class View:
 def one_by_one(
     tables: Callable[[Result], list[Table | str]],
 ) -> Callable[[Sequence[tuple[str, Result]]], list[Table | str]]:
-    """Tables of each result, under its name where there are several."""
+    """Tables of each result that has any, under its name where there are several."""
 
     def all_of_them(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
-        return [part for name, result in results for part in [name][: len(results) - 1] + tables(result)]
+        made = [(name, tables(result)) for name, result in results]
+        return [part for name, parts in made if parts for part in [name][: len(results) - 1] + parts]
 
     return all_of_them
 

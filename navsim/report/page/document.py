@@ -149,13 +149,13 @@ def _flatten(found: dict[str, str], key: str, node: Any) -> None:
 
 
 def _differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> Table | None:
-    """The settings in which results differ; None for one result."""
+    """The settings in which results differ; None for one result. What a study sets in its scenario stands in that."""
     if len(names) < 2:
         return None
     out = Table("", ("setting", *names), labelled=True)
     for key in dict.fromkeys(key for each in settings for key in each):
         values = [each.get(key, ABSENT) for each in settings]
-        if len(set(values)) > 1:
+        if len(set(values)) > 1 and not key.startswith("study.set."):
             out.add(key, *values)
     return out
 

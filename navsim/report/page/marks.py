@@ -126,7 +126,6 @@ def plot(title: str, x: str, y: str, height: int = 260, **more: Any) -> figure:
     )  # fmt: skip
     out.toolbar.logo = None
     out.toolbar.autohide = True
-    out.toolbar_inner = True
     for axis, said in ((out.xaxis[0], x), (out.yaxis[0], fill(y, height // 7))):
         axis.update(
             axis_label=said, axis_label_text_color=TEXT, axis_label_text_font=_FONT, axis_label_text_font_size="12px",
