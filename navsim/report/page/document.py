@@ -14,6 +14,7 @@ from importlib.resources import files as packaged
 from pathlib import Path
 from typing import Any
 
+import bokeh
 import yaml
 from bokeh.document import Document
 from bokeh.embed.util import standalone_docs_json_and_render_items
@@ -71,6 +72,7 @@ def page(read: Sequence[Read]) -> str:
     return environment.from_string(folder.joinpath("page.html").read_text(encoding="utf-8")).render(
         generator=GENERATOR,
         version=navsim.__version__,
+        drawn_by=bokeh.__version__,
         title=_title(results),
         kind=kinds[0],
         results=[{"name": name, "colour": colour(i), "title": str(r.attributes.get("title", "")), "about": _about(r)}
@@ -88,7 +90,7 @@ def page(read: Sequence[Read]) -> str:
         sources=sources,
         bibtex=citations.bibtex(methods),
         style=Markup(folder.joinpath("page.css").read_text(encoding="utf-8")),  # ours
-        bokeh=Markup(_library()),
+        library=Markup(_library()),
         content=Markup(content),  # JSON without `<`
         roots=Markup(script),  # the same
         absent=ABSENT,
