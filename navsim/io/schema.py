@@ -174,9 +174,9 @@ _TRUTH = Chapter(
         _a("/geometry/line_of_sight", "time source enu", "1",
            "unit vectors antenna to source at truth, nan where not used", _FLOWN),
         _a("/geometry/{dop}", "time", "1", "{DOP}, unit weights, nan without a fix", _FLOWN, dop=_DOPS),
-        _a("/geometry/sky/time", "time", "s", f"fix epochs at which the whole sky is kept: at most {SKY_TIMES}, evenly "
-           "spread, the first and the last among them", _FLOWN),
-        _a("/geometry/sky/{angle}", "time source", "rad",
+        _a("/geometry/instant", "instant", "s", f"fix epochs at which the whole sky is kept: at most {SKY_TIMES}, "
+           "evenly spread, the first and the last among them", _FLOWN),
+        _a("/geometry/{angle}", "instant source", "rad",
            "{angle} of a source at truth, used or not, nan where no message tells where it is", _FLOWN,
            angle=("azimuth", "elevation")),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),

@@ -204,7 +204,8 @@ def test_the_first_figures_are_those_of_the_table(place: Path) -> None:
 def test_a_result_of_an_earlier_version_has_its_sky(place: Path) -> None:
     """Without the directions of sources that are not used."""
     result = read(place / "one.h5")
-    old = Result(result.attributes, {k: v for k, v in result.variables.items() if not k.startswith("/geometry/sky")})
+    new = {f"/geometry/{name}" for name in ("instant", "azimuth", "elevation")}
+    old = Result(result.attributes, {k: v for k, v in result.variables.items() if k not in new})
     text = page([Read("old", place / "one.h5", old)])
     assert "A result of an earlier version keeps used sources alone." in Text(text).said
 
@@ -213,9 +214,9 @@ def test_unused_satellites_are_in_the_result(place: Path) -> None:
     """All that are above the horizon, those below the mask among them; where used, they are where the lines of sight
     point."""
     result = read(place / "one.h5")
-    at = np.searchsorted(result["/geometry/time"], result["/geometry/sky/time"])
+    at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
     los = result["/geometry/line_of_sight"][at]
-    azimuth, elevation = result["/geometry/sky/azimuth"], result["/geometry/sky/elevation"]
+    azimuth, elevation = result["/geometry/azimuth"], result["/geometry/elevation"]
     used = np.isfinite(los[:, :, 0])
     np.testing.assert_allclose(np.sin(elevation)[used], los[:, :, 2][used], atol=1e-12)
     np.testing.assert_allclose((np.tan(azimuth) * los[:, :, 1])[used], los[:, :, 0][used], atol=1e-9)

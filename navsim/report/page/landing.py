@@ -130,7 +130,7 @@ def track(results: Sequence[Named]) -> Drawing:
 def sky(results: Sequence[Named]) -> Drawing:
     """Directions to all sources, used and not, with the mask, a panel a result."""
     panels = [_sky(name if len(results) > 1 else "", result) for name, result in results]
-    whole = all("/geometry/sky/time" in result for _, result in results)
+    whole = all("/geometry/instant" in result for _, result in results)
     caption = (
         "Directions by azimuth (north up, east right) and elevation (zenith in the middle) over the approach; marks: "
         "where sources are at its end. Shaded: below the mask, or taken out of the sky."
@@ -192,10 +192,10 @@ def _directions(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Azimuths, rad, elevations, deg, of sources (t, s), and which of them are used: of all there are, or in a
     result of an earlier version of those used."""
     los = result["/geometry/line_of_sight"]
-    if "/geometry/sky/time" in result:
-        at = np.searchsorted(result["/geometry/time"], result["/geometry/sky/time"])
+    if "/geometry/instant" in result:
+        at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
         used = np.isfinite(los[at][:, :, 0])
-        return result["/geometry/sky/azimuth"], np.degrees(result["/geometry/sky/elevation"]), used
+        return result["/geometry/azimuth"], np.degrees(result["/geometry/elevation"]), used
     los = some(len(los), 60)(los)
     used = np.isfinite(los[:, :, 0])
     return np.arctan2(los[:, :, 0], los[:, :, 1]), np.degrees(np.arcsin(los[:, :, 2])), used

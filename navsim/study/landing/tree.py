@@ -59,9 +59,9 @@ def _geometry(draft: Draft, case: Case) -> None:
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         draft[f"/geometry/{name}"] = world.dop[:, i]
     some = np.unique(np.linspace(0, s.time.size - 1, min(SKY_TIMES, s.time.size)).astype(int))
-    draft["/geometry/sky/time"] = s.time[some]
-    draft["/geometry/sky/azimuth"] = s.azimuth[some]
-    draft["/geometry/sky/elevation"] = s.elevation[some]
+    draft["/geometry/instant"] = s.time[some]
+    draft["/geometry/azimuth"] = s.azimuth[some]
+    draft["/geometry/elevation"] = s.elevation[some]
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
