@@ -112,6 +112,51 @@ def first_runs(result: Result, path: str, most: int = MOST_RUNS) -> np.ndarray:
     return np.concatenate(found)
 
 
+def heights(result: Result) -> np.ndarray:
+    """True heights above the threshold's tangent plane at the times of the filter (t,), m."""
+    up = in_runway_axes(result, result["/truth/position_llh"])[:, 2]
+    return np.interp(result["/filter/time"], result["/truth/time"], up)
+
+
+def descent(result: Result) -> np.ndarray:
+    """The filter's outputs from where the aircraft leaves its level to touchdown, or to the end; their numbers."""
+    time, height, landed = result["/filter/time"], heights(result), touchdown(result)
+    until = time <= landed if np.isfinite(landed) else np.full(time.size, True)
+    begin = int(np.flatnonzero(until & (height >= height[until].max() - 0.5))[-1])
+    return np.flatnonzero(until & (np.arange(time.size) >= begin))
+
+
+@dataclass(frozen=True)
+class RunwayErrors:
+    """Errors of position, truth minus estimate, right of, along and above the axes of the runway, m. runs: of the first
+    runs (r, w, 3), none of a covariance analysis. rms: over all runs, or true (w, 3). sigma: 1 sigma of the filter
+    (w, 3). Both None where they are not known: the filter tells its sigmas along the axes of the map alone."""
+
+    runs: np.ndarray
+    rms: np.ndarray | None
+    sigma: np.ndarray | None
+
+
+def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:
+    """At some outputs (w,), their numbers; of as many runs as `most`. Raises KeyError for a result without history."""
+    heading = math.radians(setting(result, "runway", "heading_deg"))
+    s, c = math.sin(heading), math.cos(heading)
+    turn = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+    axes = np.round(np.abs(turn))
+    straight = bool(np.isclose(np.abs(turn), axes, atol=1e-9).all())
+    sigma = rms_over_runs(result, "/filter/sigma")[at][:, :3] @ axes.T if straight else None
+    if "/filter/error" not in result:
+        true = result["/covariance/rms"][at][:, :3] @ axes.T if straight else None
+        return RunwayErrors(np.empty((0, at.size, 3)), true, sigma)
+    total, runs, room = np.zeros((at.size, 3)), list[np.ndarray](), most
+    for block in blocks(result, "/filter/error"):
+        here = block[:, at, :3] @ turn.T
+        total += np.sum(here**2, axis=0)
+        runs.append(here[:room])
+        room -= len(runs[-1])
+    return RunwayErrors(np.concatenate(runs), np.sqrt(total / result["/run"].size), sigma)
+
+
 @dataclass(frozen=True)
 class Followed:
     """A state of a filter as it is shown: what its row of three is called, its unit, the factor to it, and its axis."""

@@ -20,6 +20,7 @@ from navsim.io.export import export
 from navsim.io.results import Result, read
 from navsim.kinds import KINDS
 from navsim.report import citations, tables
+from navsim.report.page import landing
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
 from navsim.report.table import Table
@@ -230,6 +231,20 @@ def test_long_histories_are_thinned_and_told_of() -> None:
     assert which(np.arange(10 * MOST_POINTS)).size == MOST_POINTS
     assert which.words() == f" Of {10 * MOST_POINTS} instants every 10th is drawn."
     assert some(MOST_POINTS).words() == ""
+
+
+@pytest.mark.parametrize("name", ["one", "runs", "evil", "covariance"])
+def test_errors_against_height_are_those_of_the_table(name: str, place: Path) -> None:
+    """Along axes of the map and along others: what is drawn goes through what is told at heights."""
+    result = read(place / f"{name}.h5")
+    drawing = landing.heights([(name, result)])
+    assert drawing is not None
+    column = "error" if name == "one" else "rms"
+    for axis, panel in zip(landing.AXES, drawing.panels, strict=True):
+        (of,) = {r.data_source for r in panel.renderers if column in r.data_source.data}
+        drawn_there = np.interp(result["/summary/at/height"], of.data["x"][::-1], of.data[column][::-1])
+        told = result[f"/summary/at/{axis}_run"][0] if name == "one" else result[f"/summary/at/{axis}"][:, 0]
+        np.testing.assert_allclose(drawn_there, told, rtol=0.1, atol=0.02)
 
 
 # --- what anybody may have written

@@ -40,24 +40,28 @@ from navsim.report.page.marks import (
     width,
 )
 from navsim.report.quantities import (
-    blocks,
+    RunwayErrors,
+    descent,
     ellipse,
     first_runs,
     followed,
     in_runway_axes,
     rms_over_runs,
+    runway_errors,
     settled,
     some_fix_errors,
     touchdown,
     true_for,
 )
+from navsim.report.quantities import heights as height_of
 from navsim.report.tables import runs_of, setting, single
 
 AXES = ("lateral", "along", "vertical")
 _MOST_FIXES = 1500
 _FEW = 3
 """Fewer runs than this have no distribution."""
-_BINS = 30
+_BINS = (8, 40)
+"""Fewest and most columns of a histogram."""
 
 
 def drawings(results: Sequence[Named]) -> list[Drawing]:
@@ -277,110 +281,91 @@ def heights(results: Sequence[Named]) -> Drawing | None:
             if "/filter/error" in result or "/covariance/rms" in result]  # fmt: skip
     if not kept:
         return None
-    panels = [plot(f"{axis.capitalize()}", "height above the threshold, m", "error, m", 280) for axis in AXES]
+    panels = [plot(axis.capitalize(), "height above the threshold, m", "error, m", 280) for axis in AXES]
     seen: list[list[np.ndarray]] = [[] for _ in AXES]
-    tops, thinned, turned = [], [], False
     marks: list[list[Any]] = [[] for _ in AXES]
+    thinned, turned = [], False
+    top = max(float(height_of(result)[descent(result)].max()) for _, _, result in kept)
     for i, name, result in kept:
-        time = result["/filter/time"]
-        height = np.interp(time, result["/truth/time"], in_runway_axes(result, result["/truth/position_llh"])[:, 2])
-        landed = touchdown(result)
-        until = time <= landed if np.isfinite(landed) else np.full(time.size, True)
-        begin = int(np.flatnonzero(height >= height[until].max() - 0.5)[-1])  # level flight is one point of the axis
-        way = np.flatnonzero(until & (np.arange(time.size) >= begin))
+        way = descent(result)
         which = some(way.size, 1300 if len(kept) == 1 else 650)
         thinned.append(which)
-        way = which(way)
-        tops.append(float(height[way].max()))
-        heading = math.radians(setting(result, "runway", "heading_deg"))
-        turn = np.array([[-math.sin(heading), math.cos(heading), 0.0], [math.cos(heading), math.sin(heading), 0.0],
-                         [0.0, 0.0, -1.0]])  # fmt: skip
-        straight = np.isclose(np.abs(turn), np.round(np.abs(turn)), atol=1e-9).all()
-        turned |= not straight
-        sigma = _sigma(result)[way][:, :3]
-        errors, spread = _turned(result, turn, way)
+        found = runway_errors(result, which(way), MOST_LINES)
+        turned |= found.sigma is None
+        flown = {"x": height_of(result)[which(way)], "time": result["/filter/time"][which(way)]}
+        own = {"name": name, "line_width": width(i, len(kept))}
+        aside = 0.012 * top * (i - 0.5 * (len(results) - 1))  # bars of several results side by side
         for k, on in enumerate(panels):
-            columns: dict[str, Any] = {"x": height[way], "time": time[way]}
-            alone, own = single(result), width(i, len(kept))
-            if straight:
-                bound = 3.0 * np.abs(turn[k]) @ sigma.T
-                columns |= {"low": -bound, "high": bound}
-                seen[k].append(bound[settled(time[way])])
-            if alone:
-                columns["error"] = errors[0, :, k]
-                seen[k].append(np.abs(errors[0, settled(time[way]), k]))
-            elif spread is not None:
-                columns |= {"up": 3.0 * spread[:, k], "down": -3.0 * spread[:, k], "rms": spread[:, k]}
-                seen[k].append(3.0 * spread[settled(time[way]), k])
-            of = source(**columns)
-            if straight:
-                band(on, of, "low", "high", colour(i))
-            if alone:
-                marks[k].append(line(on, of, "error", colour(i), name=name, line_width=own))
-            elif spread is not None:
-                if len(kept) == 1 and len(errors):
-                    few = slice(None, None, max(1, way.size // 300))
-                    xs = [height[way][few].astype(np.float32)] * len(errors)
-                    on.multi_line(xs, [run[few, k].astype(np.float32) for run in errors], line_color=GREY,
-                                  line_alpha=0.45, line_width=0.7)  # fmt: skip
-                marks[k].append(line(on, of, "up", colour(i), name=name, line_width=own))
-                line(on, of, "down", colour(i), line_width=own)
-            path = f"/summary/at/{AXES[k]}_sigma"
-            if path in result:
-                mine = 3.0 * result[path]
-                at = result["/summary/at/height"] + 0.012 * tops[0] * (i - 0.5 * (len(results) - 1))  # side by side
-                bars = source(x=at, low=-mine, high=mine)
-                on.segment("x", "low", "x", "high", source=bars, line_color=colour(i), line_width=2)
-                for end in ("low", "high"):
-                    on.scatter("x", end, source=bars, marker="dash", size=9, line_color=colour(i), line_width=2)
-                seen[k].append(mine)
+            if len(kept) == 1 and not single(result):
+                _single_runs(on, flown["x"], found.runs[:, :, k])
+            lines, reached = _against_height(on, flown, found, k, single(result), colour(i), own)
+            marks[k] += lines
+            seen[k] += [*reached, _bars(on, result, AXES[k], aside, colour(i))]
     for k, on in enumerate(panels):
-        on.x_range = panels[0].x_range
         reach(on, seen[k], symmetric=True)
         level(on, 0.0, dash="solid")
         one = [("error", "@error{0.000} m")] if any(single(r) for _, _, r in kept) else []
         more = [("RMS over runs", "@rms{0.000} m")] if not all(single(r) for _, _, r in kept) else []
         tell(on, marks[k], ("", "$name"), ("height", "@x{0.0} m"), ("time", "@time{0.0} s"), *one, *more)
-    downwards(panels[0], -0.02 * max(tops), 1.02 * max(tops))
-    for on in panels:
+        downwards(on, -0.02 * top, 1.02 * top)
         on.x_range = panels[0].x_range
     lone = [single(result) for _, _, result in kept]
     what = "Error of position, truth minus estimate: right of, along and above the axes of the runway; the flight goes "
     what += "from left to right. "
     what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
-    what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and len(_first(kept[0][2])) else ""
+    what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and "/filter/error" in kept[0][2] else ""
     what += "Bars: ±3σ of the filter where errors are told; shaded: the same all the way"
     what += ", where the runway runs along a parallel or meridian" if turned else "."
     what += " (across other axes σ is known at the bars alone, the RMS of a covariance analysis not)." if turned else ""
-    keys = [Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band")]
     what += most_thinned(thinned).words("output")
-    return Drawing("heights", "Errors in runway axes against height", panels, what, keys_of(results, *keys), 3)
+    keys = keys_of(results, Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band"))
+    return Drawing("heights", "Errors in runway axes against height", panels, what, keys, 3)
 
 
-def _first(result: Result) -> np.ndarray:
-    return result["/run"][:MOST_LINES] if "/filter/error" in result else np.empty(0)
+def _against_height(
+    on: figure, flown: dict[str, np.ndarray], found: RunwayErrors, k: int, alone: bool, colour: str, own: dict[str, Any]
+) -> tuple[list[Any], list[np.ndarray]]:
+    """The error of a run, or 3 RMS of several, and 3 sigma, along the k-th axis; the marks to tell of, and sizes that
+    the plot has to reach. flown: heights and times. own: name and width of the line."""
+    columns, late = dict(flown), settled(flown["time"])
+    reached: list[np.ndarray] = []
+    if found.sigma is not None:
+        bound = 3.0 * found.sigma[:, k]
+        columns |= {"low": -bound, "high": bound}
+        reached.append(bound[late])
+    if alone:
+        columns["error"] = found.runs[0, :, k]
+        reached.append(np.abs(columns["error"][late]))
+    elif found.rms is not None:
+        columns |= {"rms": found.rms[:, k], "up": 3.0 * found.rms[:, k], "down": -3.0 * found.rms[:, k]}
+        reached.append(columns["up"][late])
+    of = source(**columns)
+    if found.sigma is not None:
+        band(on, of, "low", "high", colour)
+    drawn = ["error"] if alone else ["up", "down"] if found.rms is not None else []
+    return [line(on, of, each, colour, **own) for each in drawn][:1], reached
+
+
+def _single_runs(on: figure, height: np.ndarray, errors: np.ndarray) -> None:
+    """Thin lines of runs (r, w)."""
+    few = slice(None, None, max(1, height.size // 300))
+    runs = [run[few].astype(np.float32) for run in errors]
+    on.multi_line([height[few].astype(np.float32)] * len(runs), runs, line_color=GREY, line_alpha=0.45, line_width=0.7)
+
+
+def _bars(on: figure, result: Result, axis: str, aside: float, colour: str) -> np.ndarray:
+    """3 sigma of the filter at the heights where errors are told, drawn so much beside them; their sizes."""
+    sizes = 3.0 * result[f"/summary/at/{axis}_sigma"]
+    of = source(x=result["/summary/at/height"] + aside, low=-sizes, high=sizes)
+    on.segment("x", "low", "x", "high", source=of, line_color=colour, line_width=2)
+    for end in ("low", "high"):
+        on.scatter("x", end, source=of, marker="dash", size=9, line_color=colour, line_width=2)
+    return sizes
 
 
 def _sigma(result: Result) -> np.ndarray:
     """1 sigma of the filter over runs (t, n)."""
     return rms_over_runs(result, "/filter/sigma")
-
-
-def _turned(result: Result, turn: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Errors of position in turned axes at some outputs: of single runs (r, w, 3), and their root mean square over all
-    runs (w, 3); of a covariance analysis in axes of the map alone, None in others."""
-    if "/filter/error" not in result:
-        axes = np.round(np.abs(turn))
-        exact = np.isclose(np.abs(turn), axes, atol=1e-9).all()
-        rms = result["/covariance/rms"][way][:, :3]
-        return np.empty((0, way.size, 3)), rms @ axes.T if exact else None
-    total, some_runs, room = np.zeros((way.size, 3)), list[np.ndarray](), MOST_LINES
-    for block in blocks(result, "/filter/error"):
-        here = block[:, way, :3] @ turn.T
-        total += np.sum(here**2, axis=0)
-        some_runs.append(here[:room])
-        room -= len(some_runs[-1])
-    return np.concatenate(some_runs), np.sqrt(total / result["/run"].size)
 
 
 def scatter(results: Sequence[Named]) -> Drawing | None:
@@ -452,7 +437,9 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
         every = np.concatenate(list(errors.values()))
         if not every.size or every.min() == every.max():
             continue
-        edges = np.linspace(every.min(), every.max(), _BINS + 1)
+        runs = max(each.size for each in errors.values())
+        bins = int(np.clip(2.0 * runs ** (1.0 / 3.0), *_BINS))  # Rice's rule
+        edges = np.linspace(every.min(), every.max(), bins + 1)
         marks = []
         for i, name, result in kept:
             if not errors[i].size:
