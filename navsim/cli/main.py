@@ -25,6 +25,8 @@ _PLACES = {
     "show": "navsim.cli.results:show",
     "plot": "navsim.cli.results:plot",
     "export": "navsim.cli.results:export",
+    "report": "navsim.cli.reports:report",
+    "cite": "navsim.cli.reports:cite",
     "validate": "navsim.cli.files:validate",
     "schema": "navsim.cli.files:schema",
     "init": "navsim.cli.files:init",

@@ -128,6 +128,8 @@ RMS_WINDOW = 20.0
 """Length of the stretch before touchdown over which RMS errors are taken, s."""
 HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
 """Heights above the runway at which errors are told, ft."""
+SKY_TIMES = 25
+"""Most instants at which the directions to all sources are kept."""
 _HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
 _RUNWAY = ("lateral", "along", "vertical")
 _BAND = ("band_low", "band_high", "degrees_of_freedom")
@@ -172,6 +174,11 @@ _TRUTH = Chapter(
         _a("/geometry/line_of_sight", "time source enu", "1",
            "unit vectors antenna to source at truth, nan where not used", _FLOWN),
         _a("/geometry/{dop}", "time", "1", "{DOP}, unit weights, nan without a fix", _FLOWN, dop=_DOPS),
+        _a("/geometry/instant", "instant", "s", f"fix epochs at which the whole sky is kept: at most {SKY_TIMES}, "
+           "evenly spread, the first and the last among them", _FLOWN),
+        _a("/geometry/{angle}", "instant source", "rad",
+           "{angle} of a source at truth, used or not, nan where no message tells where it is", _FLOWN,
+           angle=("azimuth", "elevation")),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
     ),

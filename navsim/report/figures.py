@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +18,21 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
-from navsim.io.export import true_antenna
-from navsim.io.results import Result, ResultError, Stream, write_bytes
+from navsim.io.results import Result, ResultError, write_bytes
 from navsim.report.figure_files import MARK, remove_former
-from navsim.report.limits import gates, rms_lines, touchdown, within_sight
+from navsim.report.limits import gates, rms_lines, within_sight
+from navsim.report.quantities import (
+    ellipse,
+    first_runs,
+    followed,
+    in_runway_axes,
+    rms_over_runs,
+    settled,
+    shares,
+    some_fix_errors,
+    touchdown,
+    true_for,
+)
 from navsim.report.tables import runs_of, setting, single
 
 if TYPE_CHECKING:
@@ -53,10 +63,6 @@ _STYLE: Any = {
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
 COLOURS = (_BLUE, _ORANGE, _GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Told apart by the colour-blind (Okabe and Ito)."""
-START = 0.1
-"""Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
-MOST_RUNS = 50
-"""So many runs of an ensemble are drawn one by one."""
 _MOST_POINTS = 5000
 
 
@@ -81,11 +87,6 @@ def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
 def legend_over(ax: Axes, columns: int) -> None:
     """A legend on top of one of several panels."""
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2)
-
-
-def settled(time: np.ndarray) -> np.ndarray:
-    """Which times (t,) lie behind the start."""
-    return time >= time[0] + START * (time[-1] - time[0])
 
 
 def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
@@ -118,33 +119,25 @@ def on_page(ax: Axes, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return ax.transData.transform(np.column_stack([x, y])) * 72.0 / ax.figure.dpi
 
 
-def _in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
-    """Positions in the tangent plane of the threshold: along (positive beyond it), right, up, m."""
-    threshold = result["/truth/threshold_llh"]
-    heading = np.radians(setting(result, "runway", "heading_deg"))
-    return in_heading_axes(ecef_from_llh(llh), threshold, heading) * np.array([1.0, 1.0, -1.0])
-
-
-def _true_for(result: Result) -> str:
-    """What a figure of the truth says of the runs it belongs to."""
-    runs = result["/run"].size
-    return f" (the truth, the same in all {runs} runs)" if runs > 1 else ""
+def _in_brackets(result: Result) -> str:
+    said = true_for(result)
+    return f" ({said})" if said else ""
 
 
 def track(result: Result) -> Figure:
     """Plan view with the pseudolites, and the height profile over the same distances."""
     fig = new_figure(2 * COLUMN, 3.8)
     plan, profile = fig.subplots(2, 1, height_ratios=[3, 2], sharex=True)
-    path = _in_runway_axes(result, result["/truth/position_llh"])
+    path = in_runway_axes(result, result["/truth/position_llh"])
     length = setting(result, "runway", "length_m")
     width = setting(result, "runway", "width_m")
     plan.fill([0, length, length, 0], [-width / 2, -width / 2, width / 2, width / 2], color=_GREY, lw=0)
     plan.plot([0, length], [0, 0], color=_GREY, lw=2.5, solid_capstyle="butt", alpha=0.6, label="runway")
-    plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft" + _true_for(result))
+    plan.plot(path[:, 0], path[:, 1], color=_BLUE, label="aircraft" + _in_brackets(result))
     plan.plot(path[0, 0], path[0, 1], "o", color=_BLUE, ms=3)
     names = result["/pseudolites/name"]
     if names.size:
-        places = _in_runway_axes(result, result["/pseudolites/position_llh"])
+        places = in_runway_axes(result, result["/pseudolites/position_llh"])
         plan.plot(places[:, 0], places[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
     plan.margins(0.06, 0.15)
     if names.size:
@@ -202,7 +195,7 @@ def sky(result: Result) -> Figure:
         ax.set_rlabel_position(max(np.arange(22.5, 360.0, 45.0), key=room))  # type: ignore[attr-defined]
     ax.set_title(
         "directions by azimuth and elevation;\nmarks: last epoch; triangles: pseudolites"
-        + ("\n" + _true_for(result).strip(" ()") if _true_for(result) else "")
+        + (f"\n{said}" if (said := true_for(result)) else "")
     )
     return fig
 
@@ -220,37 +213,19 @@ def dop(result: Result) -> Figure:
     ax.set_ylim(bottom=0)
     ax.set_xlabel("time, s")
     ax.set_ylabel("DOP")
-    legend_above(fig, ax, 4, _true_for(result).strip(" ()") or None)
+    legend_above(fig, ax, 4, true_for(result) or None)
     return fig
-
-
-def fix_errors(result: Result) -> np.ndarray:
-    """Fixes minus the antenna's true positions, NED, m: (run, e, 3); nan without a fix."""
-    difference = ecef_from_llh(result["/receiver/position_llh"]) - true_antenna(result)
-    here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
-                     for column in unturned(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
-    return np.einsum("eij,rej->rei", ned_matrix(here), difference)
 
 
 def fixes(result: Result) -> Figure:
     """Scatter of the fixes about the antenna's true position, with the 95 % ellipse of their mean covariance."""
     fig = new_figure(COLUMN, 3.4)
     ax = fig.subplots()
-    error = fix_errors(result).reshape(-1, 3)
-    error = error[np.isfinite(error[:, 0])]
-    covariance = result["/receiver/covariance_enu"][:, :2, :2]
-    if error.size:
-        # of all runs alike: a step that has no divisor in common with the epochs of a run
-        step = max(1, len(error) // _MOST_POINTS)
-        while np.gcd(step, result["/receiver/time"].size) > 1:
-            step += 1
-        shown = error[::step]
+    shown = some_fix_errors(result, _MOST_POINTS)
+    if shown.size:
         ax.plot(shown[:, 1], shown[:, 0], ".", ms=2, color=_BLUE, alpha=0.5, label="fixes")
-        mean = np.nanmean(covariance, axis=0)
-        angle = np.linspace(0, 2 * np.pi, 181)
-        circle = np.sqrt(5.991) * np.stack([np.cos(angle), np.sin(angle)])
-        ellipse = np.linalg.cholesky(mean) @ circle
-        ax.plot(*ellipse, color=_ORANGE, label="95 % by the predicted covariance")
+        mean = np.nanmean(result["/receiver/covariance_enu"][:, :2, :2], axis=0)
+        ax.plot(*ellipse(mean), color=_ORANGE, label="95 % by the predicted covariance")
         legend_above(fig, ax, 2, runs_of(result))
     else:
         ax.text(0.5, 0.5, "no fixes", transform=ax.transAxes, ha="center")
@@ -260,50 +235,6 @@ def fixes(result: Result) -> Figure:
     return fig
 
 
-_ROWS: tuple[tuple[str, float], ...] = (
-    ("position, m", 1.0),
-    ("velocity, m/s", 1.0),
-    ("attitude, deg", 180.0 / np.pi),
-    ("gyro bias, deg/h", 180.0 / np.pi * 3600.0),
-    ("accel. bias, mg", 1e3 / 9.80665),
-)
-
-
-def blocks(result: Result, path: str) -> Iterator[np.ndarray]:
-    """A variable along its first axis block by block, as it is kept: an ensemble need not fit into memory."""
-    data = result.variables[path].data
-    yield from data.blocks() if isinstance(data, Stream) else [np.asarray(data)]
-
-
-def _rms_over_runs(result: Result, path: str) -> np.ndarray:
-    """Root mean square over runs (t, n)."""
-    total = sum(np.sum(block**2, axis=0) for block in blocks(result, path))
-    return np.sqrt(total / result["/run"].size)
-
-
-def _first_runs(result: Result, path: str) -> np.ndarray:
-    """As many runs as are drawn one by one (r, t, n)."""
-    found: list[np.ndarray] = []
-    for block in blocks(result, path):
-        found.append(block[: MOST_RUNS - sum(len(b) for b in found)])
-        if sum(len(b) for b in found) >= MOST_RUNS:
-            break
-    return np.concatenate(found)
-
-
-def _further_rows(names: list[str]) -> list[tuple[str, float]]:
-    """Labels and scales of what a filter follows beside the biases, three states a row; names: of the states but the
-    clock's."""
-    firsts = names[3 * len(_ROWS) :: 3]
-    short = [name.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ") for name in firsts]
-    return [(f"{name}, ppm", 1e6) for name in short]
-
-
-def _clock_label(name: str) -> tuple[str, float]:
-    """Label and scale of a state of the receiver's clock."""
-    return f"{name.replace('_', ' ')}, {'m/s' if name.endswith('drift') else 'm'}", 1.0
-
-
 _DOWN = 2
 """Number of the state whose limits are those of the vertical error; the others are not along the runway's axes."""
 
@@ -311,23 +242,23 @@ _DOWN = 2
 def errors(result: Result) -> Figure:
     """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
     names = [str(name) for name in result["/filter/state"]]
-    clock = [name for name in names if name.startswith("clock_")]
-    rows = [*_ROWS, *_further_rows(names[: len(names) - len(clock)])]
-    triads, count = len(rows), len(rows) + math.ceil(len(clock) / 3)
-    fig = new_figure(2 * COLUMN, 6.6 * count / len(_ROWS))
+    states = followed(names)
+    triads = sum(bool(state.axis) for state in states) // 3
+    count = math.ceil(len(names) / 3)
+    fig = new_figure(2 * COLUMN, 1.32 * count)
     axes = fig.subplots(count, 3, sharex=True)
     for unused in axes.flat[len(names) :]:
         unused.set_axis_off()
     t = result["/filter/time"]
-    error = _first_runs(result, "/filter/error")
+    error = first_runs(result, "/filter/error")
     alone = single(result)
-    sigma, rms = _rms_over_runs(result, "/filter/sigma"), _rms_over_runs(result, "/filter/error")
+    sigma, rms = rms_over_runs(result, "/filter/sigma"), rms_over_runs(result, "/filter/error")
     late = settled(t)
     for row in range(count):
         for column in range(min(3, len(names) - 3 * row)):
             ax: Axes = axes[row, column]
             i = 3 * row + column
-            label, scale = rows[row] if row < triads else _clock_label(names[i])
+            label, scale = states[i].label, states[i].scale
             bound, spread = 3.0 * sigma[:, i] * scale, 3.0 * rms[:, i] * scale
             runs = error[:, :, i].T * scale
             ax.fill_between(t, -bound, bound, color=_ORANGE, alpha=0.25, lw=0, label="±3σ of the filter")
@@ -386,7 +317,6 @@ def budget(result: Result) -> Figure:
     after = t >= t[0] + 0.05 * (t[-1] - t[0])
     names = [str(n) for n in result["/budget/source"]]
     styles = _source_style(names)
-    square = result["/budget/rms"] ** 2
     seen: set[int] = set()
     for column, (title, states) in enumerate((("horizontal position", [0, 1]), ("vertical position", [2]))):
         upper, lower = axes[0, column], axes[1, column]
@@ -397,8 +327,7 @@ def budget(result: Result) -> Figure:
         most = rms_lines(upper, result, title.split()[0])
         upper.set_ylim(0, 1.15 * max(true[after].max(), believed[after].max(), most))
         upper.set_title(title)
-        share = square[:, :, states].sum(axis=2)
-        share = 100.0 * share / np.maximum(share.sum(axis=0), np.finfo(float).tiny)
+        share = shares(result, states)
         shown = np.flatnonzero(share[:, after].max(axis=1) > 1.0)
         seen |= set(shown.tolist())
         stack = lower.stackplot(t, share[shown], colors=[styles[i][0] for i in shown], lw=0)

@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.figures import COLOURS, COLUMN, SMALL, blocks, legend_above, new_figure
-from navsim.report.limits import level_lines, touchdown
-from navsim.report.tables import runs_of, setting
+from navsim.report.figures import COLOURS, COLUMN, SMALL, legend_above, new_figure
+from navsim.report.limits import level_lines
+from navsim.report.quantities import LEVELS, Stanford, alarms, largest_errors, limit, stanford_words, touchdown, whose
+from navsim.report.quantities import stanford as counted
+from navsim.report.tables import runs_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LEVEL, _ERROR, _LIMIT = COLOURS[0], COLOURS[2], COLOURS[1]
-_ALARM = 3
-"""`/integrity/status` of an alarm."""
-_AXES = (("horizontal", "hpl", "hal"), ("vertical", "vpl", "val"))
-"""Axes, and the names of their levels and limits."""
-_BINS = 60
-
-
-def _limit(result: Result, name: str) -> float:
-    path = f"/summary/integrity/{name}"
-    return float(result[path]) if path in result else np.inf
-
-
-def _whose(result: Result) -> str:
-    return "filter" if setting(result, "integrity", "method") == "filter" else "fix"
 
 
 def levels(result: Result) -> Figure:
@@ -39,22 +27,18 @@ def levels(result: Result) -> Figure:
     axes = fig.subplots(2, 1, sharex=True)
     time = result["/integrity/time"]
     landed = touchdown(result)
-    for ax, (axis, level, limit) in zip(axes, _AXES, strict=True):
+    for ax, (axis, level, name) in zip(axes, LEVELS, strict=True):
         values = result[f"/integrity/{level}"]
         ax.plot(time, np.where(np.isfinite(values), values, np.nan), color=_LEVEL, label="protection level")
         if not np.isfinite(values).any():
             ax.text(0.5, 0.5, "no protection level", transform=ax.transAxes, ha="center", fontsize=SMALL)
-        if np.isfinite(most := _limit(result, limit)):
+        if np.isfinite(most := limit(result, name)):
             ax.axhline(most, color=_LIMIT, lw=0.9, ls="--", label="alert limit")
         level_lines(ax, result, level)
         if f"/integrity/error_{axis}" in result:
-            largest = np.full(time.size, -np.inf)
-            for block in blocks(result, f"/integrity/error_{axis}"):
-                largest = np.fmax(largest, np.fmax.reduce(block, axis=0))
-            several = "largest error of all runs" if result["/run"].size > 1 else f"error of the {_whose(result)}"
-            ax.plot(time, np.where(np.isfinite(largest), largest, np.nan), color=_ERROR, lw=0.6, label=several)
-            alarms = sum((block == _ALARM).any(axis=0) for block in blocks(result, "/integrity/status"))
-            there = np.flatnonzero(alarms)
+            several = "largest error of all runs" if result["/run"].size > 1 else f"error of the {whose(result)}"
+            ax.plot(time, largest_errors(result, axis), color=_ERROR, lw=0.6, label=several)
+            there = alarms(result)
             if there.size:
                 ax.plot(time[there], np.zeros(there.size), "|", color=COLOURS[3], ms=5, label="alarm")
         if np.isfinite(landed):
@@ -72,37 +56,19 @@ def stanford(result: Result) -> Figure:
     touchdown."""
     fig = new_figure(2 * COLUMN, 3.2)
     axes = fig.subplots(1, 2)
-    landed = touchdown(result)
-    flying = ~(result["/integrity/time"] > landed)
-    for ax, (axis, level, limit) in zip(axes, _AXES, strict=True):
-        values = result[f"/integrity/{level}"]
-        most = _limit(result, limit)
-        top = 1.5 * most if np.isfinite(most) else 1.2 * float(np.max(values, where=np.isfinite(values), initial=1.0))
-        edges = np.linspace(0.0, top, _BINS + 1)
-        counts = np.zeros((_BINS, _BINS))
-        own = f"/integrity/{level}_run"  # after exclusions
-        errors, codes = (blocks(result, f"/integrity/{name}") for name in (f"error_{axis}", "status"))
-        of_runs = blocks(result, own) if own in result else itertools.repeat(values)
-        for error, status, one in zip(errors, codes, of_runs, strict=False):
-            shown = np.isfinite(error) & np.isfinite(one) & (status != _ALARM) & flying
-            of_shown = np.broadcast_to(one, error.shape)[shown]
-            # what is beyond the frame is counted at its edge
-            counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
-        _diagram(ax, edges, counts, most, top)
-        ax.set_xlabel(f"{axis} error of the {_whose(result)}, m")
+    for ax, (axis, level, name) in zip(axes, LEVELS, strict=True):
+        _diagram(ax, counted(result, axis, level, name))
+        ax.set_xlabel(f"{axis} error of the {whose(result)}, m")
         ax.set_ylabel(f"{axis} protection level, m")
-    until = " until touchdown" if np.isfinite(landed) else ""
-    fig.suptitle(
-        f"{runs_of(result)}; epochs{until} by error and level, without those with an alarm;\n"
-        "what is beyond the frame is at its edge"
-    )
+    fig.suptitle(fill(stanford_words(result), 90))
     return fig
 
 
-def _diagram(ax: Axes, edges: np.ndarray, counts: np.ndarray, limit: float, top: float) -> None:
+def _diagram(ax: Axes, of: Stanford) -> None:
     from matplotlib.colors import LogNorm
     from matplotlib.patheffects import withStroke
 
+    edges, counts, most, top = of.edges, of.counts, of.limit, of.top
     if counts.any():
         picture = ax.pcolormesh(
             edges, edges, np.where(counts > 0.0, counts, np.nan).T, norm=LogNorm(1.0, max(2.0, counts.max())),
@@ -112,13 +78,10 @@ def _diagram(ax: Axes, edges: np.ndarray, counts: np.ndarray, limit: float, top:
     else:
         ax.text(0.5, 0.5, "no levels", transform=ax.transAxes, ha="center", fontsize=SMALL)
     ax.plot([0.0, top], [0.0, top], color="#777777", lw=0.8)
-    if np.isfinite(limit):
-        ax.axhline(limit, color=_LIMIT, lw=0.8, ls="--")
-        ax.axvline(limit, color=_LIMIT, lw=0.8, ls="--")
-        for x, y, name in (
-            (0.25 * limit, 0.75 * limit, "nominal"), (0.72 * limit, 0.25 * limit, "misleading"),
-            (0.5 * (limit + top), 0.5 * limit, "hazardous"), (0.5 * limit, 0.5 * (limit + top), "unavailable"),
-        ):  # fmt: skip
+    if np.isfinite(most):
+        ax.axhline(most, color=_LIMIT, lw=0.8, ls="--")
+        ax.axvline(most, color=_LIMIT, lw=0.8, ls="--")
+        for x, y, name in of.regions():
             ax.text(
                 x, y, name, fontsize=SMALL, ha="center", va="center", color="#555555",
                 path_effects=[withStroke(linewidth=1.5, foreground="white")],

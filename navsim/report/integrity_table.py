@@ -110,4 +110,7 @@ def more(result: Result) -> dict[str, Any]:
     return {"method": method(result)}
 
 
-VIEW = View(one_by_one(tables), 110, figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more)
+VIEW = View(
+    one_by_one(tables), 110, figures, ("/pseudolites", "/satellites", "/possible", "/useful"), more,
+    drawings="navsim.report.page.systems:few_satellites",
+)  # fmt: skip

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from navsim.io.results import Result
 from navsim.report.table import Table
-from navsim.report.tables import summary_table
+from navsim.report.tables import glance, summary_table, verdicts
 from navsim.report.view import View
 
 if TYPE_CHECKING:
@@ -47,5 +47,6 @@ def _figures(result: Result) -> dict[str, Figure]:
     return drawn
 
 
-VIEW = View(_tables, 116, _figures, ("/summary/",), width_more=60)
+VIEW = View(_tables, 116, _figures, ("/summary/",), width_more=60, drawings="navsim.report.page.landing:drawings",
+            verdicts=verdicts, glance=glance)  # fmt: skip
 """The summary of landings as a table, and of all results as plain data for JSON."""

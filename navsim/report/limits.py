@@ -10,6 +10,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.report.quantities import event_time, touchdown
 from navsim.report.tables import setting
 
 if TYPE_CHECKING:
@@ -45,17 +46,6 @@ def asked(result: Result, *what: str) -> list[Limit]:
     rows = zip(*(result[f"{branch}/{name}"] for name in names), strict=True)
     found = [Limit(str(w), str(of), str(at), float(size), float(limit), str(v)) for w, of, at, size, limit, v in rows]
     return [one for one in found if one.what in what]
-
-
-def event_time(result: Result, name: str) -> float:
-    """When an event of the flight is, s; nan where there is none of the name."""
-    names = list(result["/truth/event"])
-    return float(result["/truth/event_time"][names.index(name)]) if name in names else math.nan
-
-
-def touchdown(result: Result) -> float:
-    """When the aircraft touches down, s; nan where it does not."""
-    return event_time(result, "touchdown")
 
 
 def glide(result: Result) -> tuple[float, float]:

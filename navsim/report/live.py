@@ -49,4 +49,6 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": fig}
 
 
-VIEW = View(one_by_one(tables), 100, figures, ("/summary", "/stream", "/clock"))
+VIEW = View(
+    one_by_one(tables), 100, figures, ("/summary", "/stream", "/clock"), drawings="navsim.report.page.flights:lives"
+)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from navsim.io.results import Result, Variable
+from navsim.io.results import Result
 from navsim.io.schema import LARGE
 from navsim.report.table import ABSENT, Cell, Table, cell, number
 from navsim.report.tables import setting
@@ -168,8 +168,50 @@ def _on_border(result: Result, i: int) -> list[str]:
     return out
 
 
+def plan_title(result: Result, i: int) -> str:
+    """What the i-th placement comes to, and what is to be known of it."""
+    count = int(result["/pseudolites"][i])
+    many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
+    stopped = "" if result["/front/finished"][i] else " (search stopped)"
+    border = _on_border(result, i)
+    where = f"; on the border of the area: {', '.join(border)}" if border else ""
+    met = f"; requirements {_met(result['/front/met'][i])}" if "/front/met" in result else ""
+    computed = "" if result["/map/computed"][i] else "; map not computed"
+    return f"{many}: {result['/front/objective'][i]:.4g}{met}{stopped}{where}{computed}"
+
+
+def label(result: Result) -> str:
+    """What is optimised, with its unit."""
+    variable = result.variables["/front/objective"]
+    return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
+
+
+def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Numbers of pseudolites, none of them among them where that is known, what was reached with each, and whether
+    requirements are met, None where none are asked for."""
+    none = float(result.variables["/front/objective"].attributes["without_pseudolites"])
+    counts, values = result["/pseudolites"].astype(int), result["/front/objective"]
+    met = result["/front/met"].astype(bool) if "/front/met" in result else None
+    if np.isfinite(none):
+        counts, values = np.append(0, counts), np.append(none, values)
+        met = None if met is None else np.append(bool(result["/front/met_without"]), met)
+    return counts, values, met
+
+
+def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
+    """Numbers of pseudolites (n,), the requirements that placements are judged by, and how much of what is allowed each
+    takes (n, r), nan where that is no number."""
+    branch = "/requirements"
+    chosen = np.flatnonzero(result[f"{branch}/decided"])
+    counts = np.append(0, result["/pseudolites"].astype(int))
+    taken = np.vstack([result[f"{branch}/utilisation_without"][None], result[f"{branch}/utilisation"]])[:, chosen]
+    return counts, [str(result[f"{branch}/statement"][k]) for k in chosen], np.where(np.isfinite(taken), taken, np.nan)
+
+
 def plan(result: Result) -> Figure:
     """For each number of pseudolites: the placement over the objective with the first one moved."""
+    from textwrap import fill
+
     from navsim.report.figures import COLUMN, label_points, legend_above, new_figure
 
     counts = result["/pseudolites"]
@@ -178,7 +220,7 @@ def plan(result: Result) -> Figure:
     height = min(2.7, max(1.3, 5.5 * across / max(along, 1.0)))
     fig = new_figure(2 * COLUMN, 0.8 + height * len(counts))
     axes = fig.subplots(len(counts), 1, squeeze=False, sharex=True)[:, 0]
-    variable, large = result.variables["/front/objective"], str(result.attributes["objective"]) in LARGE
+    large = str(result.attributes["objective"]) in LARGE
     for i, ax in enumerate(axes):
         finite = maps[i][np.isfinite(maps[i])]
         if finite.size:
@@ -188,21 +230,14 @@ def plan(result: Result) -> Figure:
                 vmin=np.percentile(finite, 5 if large else 0), vmax=np.percentile(finite, 100 if large else 95),
                 rasterized=True,
             )  # fmt: skip
-            fig.colorbar(image, ax=ax, label=_label(variable, 30), extend="min" if large else "max")
+            fig.colorbar(image, ax=ax, label=fill(label(result), 30), extend="min" if large else "max")
         x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
         ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites",
                 clip_on=False, zorder=5)  # fmt: skip
         ends = [0.0, setting(result, "runway", "length_m")]
         ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
-        value = result["/front/objective"][i]
-        computed = bool(result["/map/computed"][i])
-        count = int(counts[i])
-        many = "1 pseudolite" if count == 1 else f"{count} pseudolites"
-        stopped = "" if result["/front/finished"][i] else " (search stopped)"
-        border = _on_border(result, i)
-        where = f"; on the border of the area: {', '.join(border)}" if border else ""
-        met = f"; requirements {_met(result['/front/met'][i])}" if "/front/met" in result else ""
-        ax.set_title(f"{many}: {value:.4g}{met}{stopped}{where}{'' if computed else '; map not computed'}")
+        computed, count = bool(result["/map/computed"][i]), int(counts[i])
+        ax.set_title(plan_title(result, i))
         ax.set_ylabel("right of the axis, m")
         ax.update_datalim([(-l1[-1], s[0]), (-l1[0], s[-1])])
         ax.set_facecolor("#dddddd" if computed else "white")
@@ -217,35 +252,23 @@ def plan(result: Result) -> Figure:
 
 def front(result: Result) -> Figure:
     """The objective against the number of pseudolites."""
+    from textwrap import fill
+
     from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
     fig = new_figure(COLUMN, 2.4)
     ax = fig.subplots()
-    variable = result.variables["/front/objective"]
-    none = float(variable.attributes["without_pseudolites"])
-    counts, values = result["/pseudolites"].astype(int), result["/front/objective"]
-    if np.isfinite(none):
-        counts, values = np.append(0, counts), np.append(none, values)
+    counts, values, met = front_points(result)
     ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
-    if "/front/met" in result:
-        met = result["/front/met"].astype(bool)
-        if np.isfinite(none):
-            met = np.append(bool(result["/front/met_without"]), met)
+    if met is not None:
         ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
         fewest = int(result["/front/fewest"])
         legend_above(fig, ax, 1, f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none")
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("pseudolites")
-    ax.set_ylabel(_label(variable, 38))
+    ax.set_ylabel(fill(label(result), 38))
     return fig
-
-
-def _label(variable: Variable, width: int) -> str:
-    """What a variable is, with its unit, in lines of this width."""
-    from textwrap import fill
-
-    return fill(variable.long_name + ("" if variable.units == "1" else f", {variable.units}"), width)
 
 
 def utilisation(result: Result) -> Figure:
@@ -254,17 +277,13 @@ def utilisation(result: Result) -> Figure:
 
     from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
-    branch = "/requirements"
-    chosen = np.flatnonzero(result[f"{branch}/decided"])
-    statements = [fill(str(result[f"{branch}/statement"][k]), 60) for k in chosen]
+    counts, names, taken = used(result)
+    statements = [fill(name, 60) for name in names]
     fig = new_figure(1.3 * COLUMN, 2.6 + 0.17 * sum(text.count("\n") + 1 for text in statements))
     ax = fig.subplots()
-    counts = np.append(0, result["/pseudolites"].astype(int))
-    used = np.vstack([result[f"{branch}/utilisation_without"][None], result[f"{branch}/utilisation"]])
     marks = "osD^v<>Pp"
-    for i, (k, statement) in enumerate(zip(chosen, statements, strict=True)):
-        shown = np.where(np.isfinite(used[:, k]), used[:, k], np.nan)
-        ax.plot(counts, shown, f"{marks[i % len(marks)]}-", color=COLOURS[i % len(COLOURS)], ms=5, mfc="none",
+    for i, statement in enumerate(statements):
+        ax.plot(counts, taken[:, i], f"{marks[i % len(marks)]}-", color=COLOURS[i % len(COLOURS)], ms=5, mfc="none",
                 label=statement)  # fmt: skip
     ax.axhline(1.0, color="black", lw=0.9, ls="--", label="what is asked for: met below")
     ax.set_xticks(counts)
@@ -281,4 +300,15 @@ def figures(result: Result) -> dict[str, Figure]:
     return out | ({"requirements": utilisation(result)} if "/front/met" in result else {})
 
 
-VIEW = View(one_by_one(tables), 140, figures, more=best_plain)
+def _verdicts(result: Result) -> list[Table | str]:
+    return [requirements(result)] if "/front/met" in result else []
+
+
+VIEW = View(
+    one_by_one(tables),
+    140,
+    figures,
+    more=best_plain,
+    verdicts=one_by_one(_verdicts),
+    drawings="navsim.report.page.placement:optima",
+)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,13 +112,25 @@ def exceedance(result: Result) -> Figure:
     return fig
 
 
-def _curve(ax: Axes, result: Result, i: int) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+@dataclass(frozen=True)
+class Exceedance:
+    """How often an error exceeds a size. size, chance, low, high: by runs (n,), m and chances, as `exceeded`. grid,
+    first_order: to first order. limit: of the box, m. bottom: where the axis of chances begins, 0 for a linear one."""
 
-    from navsim.report.figures import COLOURS
+    size: np.ndarray
+    chance: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    grid: np.ndarray
+    first_order: np.ndarray
+    limit: float
+    bottom: float
 
+
+def curve(result: Result, i: int) -> Exceedance:
+    """Of the i-th axis, which has a limit."""
     limit, mean, sigma = (float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma"))
-    x, chance, low, high = _exceeded(result["/rare/error"][:, i], result["/rare/log_weight"])
+    x, chance, low, high = exceeded(result["/rare/error"][:, i], result["/rare/log_weight"])
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
     least = min((p for p in at_limit if p > 0.0), default=_LEAST)
     required = min((one.limit for one in asked(result, "box")), default=math.inf)
@@ -126,10 +139,20 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     grid = np.linspace(0.0, max(1.1 * limit, abs(mean) + 3.0 * sigma), _POINTS)
     if bottom:  # only as far as curves are
         grid = np.linspace(0.0, min(grid[-1], abs(mean) - sigma * normal.quantile(0.5 * bottom)), _POINTS)
-    ax.fill_between(x, low, high, step="post", color=COLOURS[0], alpha=0.25, lw=0)
+    return Exceedance(x, chance, low, high, grid, normal.exceedance(grid, mean, sigma), limit, bottom)
+
+
+def _curve(ax: Axes, result: Result, i: int) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+
+    from navsim.report.figures import COLOURS
+
+    of = curve(result, i)
+    bottom, grid = of.bottom, of.grid
+    ax.fill_between(of.size, of.low, of.high, step="post", color=COLOURS[0], alpha=0.25, lw=0)
     runs = result["/run"].size
-    ax.plot(x, chance, drawstyle="steps-post", color=COLOURS[0], label=f"{several(runs, 'pushed run')}, 95 %")
-    ax.plot(grid, normal.exceedance(grid, mean, sigma), color=COLOURS[1], ls="--", label="first order")
+    ax.plot(of.size, of.chance, drawstyle="steps-post", color=COLOURS[0], label=f"{several(runs, 'pushed run')}, 95 %")
+    ax.plot(grid, of.first_order, color=COLOURS[1], ls="--", label="first order")
     if bottom:
         ax.set_yscale("log")
         ax.yaxis.set_major_locator(LogLocator(numticks=8))
@@ -139,7 +162,8 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     ax.set_ylim(bottom, 1.0)
     ax.set_xlim(0.0, grid[-1])
     ax.set_ylabel(f"P(|{result['/axis'][i]} error| > x)")
-    _mark(ax, limit, float(grid[-1]))
+    _mark(ax, of.limit, float(grid[-1]))
+    required = min((one.limit for one in asked(result, "box")), default=math.inf)
     if math.isfinite(required):  # of the box, so of each of its sides at least
         ax.axhline(required, color=REQUIRED, ls=DOTTED, lw=1.2)
         word(ax, f"required of the box: {required:g}", (0.0, required), (3.0, 2.5))
@@ -162,7 +186,7 @@ def _mark(ax: Axes, limit: float, end: float) -> None:
     )  # fmt: skip
 
 
-def _exceeded(error: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def exceeded(error: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Sizes of the errors of runs (n,), from the largest on, how often they are reached and the ends of 95 % intervals;
     above 1/2 by the runs that do not, as `/summary/rare/probability`."""
     size = np.where(np.isfinite(error), np.abs(error), np.inf)  # what is no number exceeds everything

@@ -46,7 +46,7 @@ def tables(result: Result) -> list[Table | str]:
     return [seen, tuned, lost, said]
 
 
-def _local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
+def local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
     """East and north of positions (n, 3) from an origin, m."""
     ned = (earth.ecef_from_llh(llh) - earth.ecef_from_llh(origin)) @ earth.ned_matrix(origin).T
     return ned[:, [1, 0]]
@@ -61,7 +61,7 @@ def _track(result: Result) -> Figure:
     dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
     for positions, style in ((fixes, dots),
                              (llh, {"color": COLOURS[0], "label": "estimate (IMU)"})):  # fmt: skip
-        plan.plot(*_local(llh[0], positions).T, **style)
+        plan.plot(*local(llh[0], positions).T, **style)
     plan.set_aspect("equal", adjustable="datalim")
     plan.set_xlabel("east, m")
     plan.set_ylabel("north, m")
@@ -129,6 +129,17 @@ def _attitude(result: Result) -> Figure:
     return fig
 
 
+def drifts(result: Result) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """For each length of outages, s: their horizontal drifts in order, m, and the share of outages each stands for."""
+    length = np.round(result["/outages/end"] - result["/outages/start"], 6)
+    out = []
+    for duration in map(float, result["/summary/duration"]):
+        drift = np.sort(result["/outages/horizontal_error"][length == np.round(duration, 6)])
+        drift = drift[np.isfinite(drift)]
+        out.append((duration, drift, (np.arange(drift.size) + 0.5) / max(drift.size, 1)))
+    return out
+
+
 def _outages(result: Result) -> Figure:
     from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
@@ -136,11 +147,7 @@ def _outages(result: Result) -> Figure:
 
     fig = new_figure(COLUMN, 2.8)
     ax = fig.subplots()
-    length = np.round(result["/outages/end"] - result["/outages/start"], 6)
-    for i, duration in enumerate(result["/summary/duration"]):
-        drift = np.sort(result["/outages/horizontal_error"][length == np.round(duration, 6)])
-        drift = drift[np.isfinite(drift)]
-        share = (np.arange(drift.size) + 0.5) / max(drift.size, 1)
+    for i, (duration, drift, share) in enumerate(drifts(result)):
         ax.plot(drift, share, "o-", ms=3, color=COLOURS[i % len(COLOURS)], label=f"{duration:g} s without fixes")
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -161,4 +168,6 @@ def figures(result: Result) -> dict[str, Figure]:
     return drawn
 
 
-VIEW = View(one_by_one(tables), 110, figures, ("/summary", "/tuning", "/outages"))
+VIEW = View(
+    one_by_one(tables), 110, figures, ("/summary", "/tuning", "/outages"), drawings="navsim.report.page.flights:replays"
+)

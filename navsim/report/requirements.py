@@ -9,8 +9,9 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS
-from navsim.report.figures import COLOURS, COLUMN, MOST_RUNS, blocks, legend_below, new_figure, settled
-from navsim.report.limits import REQUIRED, asked, glide, rms_lines, spoken, touchdown, word
+from navsim.report.figures import COLOURS, COLUMN, legend_below, new_figure
+from navsim.report.limits import REQUIRED, asked, glide, rms_lines, spoken, word
+from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.tables import runs_of, single
 
 if TYPE_CHECKING:

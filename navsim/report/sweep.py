@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -157,12 +158,12 @@ def figures(result: Result) -> dict[str, Figure]:
         cube = result[f"/sweep/{name}"]
         if best(cube, large(result, name)) is None:
             continue
-        plane = _plane(result)
-        out[name] = _map(result, name, cube, plane) if plane else _curves(result, name, cube)
+        moved = plane(result)
+        out[name] = _map(result, name, cube, moved) if moved else _curves(result, name)
     return out
 
 
-def _plane(result: Result) -> tuple[int, int] | None:
+def plane(result: Result) -> tuple[int, int] | None:
     """The two axes along which the first pseudolite moves in the plane."""
     moving = []
     along, right = result["/plan/site_along"][..., 0], result["/plan/site_right"][..., 0]
@@ -175,7 +176,7 @@ def _plane(result: Result) -> tuple[int, int] | None:
     return (moving[0], moving[1]) if len(moving) == 2 else None
 
 
-def _label(result: Result, name: str) -> str:
+def label(result: Result, name: str) -> str:
     variable = result.variables[f"/sweep/{name}"]
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
 
@@ -184,47 +185,86 @@ _PANEL = 5.3
 """Width of a map without its labels and colour bar, inches."""
 
 
-def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) -> Figure:
-    """Heat maps on the runway plan, a panel for each point of the other axes (or the best of them)."""
-    from navsim.report.figures import COLUMN, legend_above, new_figure
+@dataclass(frozen=True)
+class Panel:
+    """A map of an output on the runway plan. values: (n, m). sites: along and right of each pseudolite (n, m), m.
+    corners: the same of the corners of the cells (n + 1, m + 1), None where they do not go in straight lines. best:
+    along and right (s,) of the pseudolites of the best combination, m, nan for none; None where nothing is known.
+    title: which combination of the other axes, and the best value."""
 
-    dims = dimensions(result)
+    values: np.ndarray
+    sites: list[tuple[np.ndarray, np.ndarray]]
+    corners: list[tuple[np.ndarray, np.ndarray] | None]
+    best: tuple[np.ndarray, np.ndarray] | None
+    title: str
+
+
+def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
+    """The maps of an output, one for each point of the other axes, or of the best of them where they are many."""
+    cube, dims = result[f"/sweep/{name}"], dimensions(result)
     others = [axis for axis in range(cube.ndim) if axis not in plane]
     better = large(result, name)
     found = best(cube, better)
     assert found is not None
-    panels = list(np.ndindex(*(cube.shape[axis] for axis in others)))
-    if len(panels) > _MOST_PANELS:
-        panels = [tuple(found[axis] for axis in others)]
+    points = list(np.ndindex(*(cube.shape[axis] for axis in others)))
+    if len(points) > _MOST_PANELS:
+        points = [tuple(found[axis] for axis in others)]
     first_along = result["/plan/site_along"][..., 0]
-    panels = [p for p in panels if np.any(np.isfinite(first_along[_slice(cube.ndim, others, p)]))]
-    finite = cube[np.isfinite(cube)]
-    # the bad end, where next to nothing is solved, is cut
-    low, high = np.percentile(finite, [2, 100] if better else [0, 98]).tolist()
-    views = [_View(result, cube.ndim, others, panel) for panel in panels]
+    out = []
+    for point in points:
+        place = _slice(cube.ndim, others, point)
+        if not np.any(np.isfinite(first_along[place])):
+            continue
+        values = cube[place]
+        both = [(result["/plan/site_along"][(*place, s)], result["/plan/site_right"][(*place, s)])
+                for s in range(result["/site"].size)]  # fmt: skip
+        sites = [(along, right) for along, right in both if np.any(np.isfinite(along))]
+        numbers = [result[f"/{dims[axis]}"] for axis in plane]
+        corners = []
+        for along, right in sites:
+            x, y = _corners(numbers, along), _corners(numbers, right)
+            corners.append(None if x is None or y is None else (x, y))
+        here, title, star = best(values, better), "", None
+        if here is not None:
+            star = (result["/plan/site_along"][place][here], result["/plan/site_right"][place][here])
+            text = ", ".join(f"{dims[axis]} = {as_text(_axis_value(result, axis, i))}"
+                             for axis, i in zip(others, point, strict=True))  # fmt: skip
+            index = [0] * cube.ndim
+            for axis, i in (*zip(others, point, strict=True), *zip(plane, here, strict=True)):
+                index[axis] = int(i)
+            ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane]
+            where = f", on the border of the map ({', '.join(ends)}): better may lie beyond" if ends else ""
+            title = f"{text + ': ' if text else ''}best {values[here]:.4g}{where}"
+        out.append(Panel(values, sites, corners, star, title))
+    return out
+
+
+def colours(cube: np.ndarray, better: bool) -> tuple[float, float]:
+    """The ends of the colours of a map; the bad end, where next to nothing is solved, is cut."""
+    low, high = np.percentile(cube[np.isfinite(cube)], [2, 100] if better else [0, 98]).tolist()
+    return low, max(high, low + 1e-12)
+
+
+def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) -> Figure:
+    """Heat maps on the runway plan, a panel for each point of the other axes (or the best of them)."""
+    from navsim.report.figures import COLUMN, legend_above, new_figure
+
+    better = large(result, name)
+    shown = panels(result, name, plane)
+    low, high = colours(cube, better)
+    views = [_View(panel) for panel in shown]
     heights = [view.height for view in views]
     fig = new_figure(2 * COLUMN, 0.9 + sum(h + 0.35 for h in heights))
-    axes = fig.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
+    axes = fig.subplots(len(shown), 1, squeeze=False, height_ratios=heights)[:, 0]
     image = None
-    hollow = False
-    for ax, panel, view in zip(axes, panels, views, strict=True):
-        place = _slice(cube.ndim, others, panel)
-        values = cube[place]
-        hollow = hollow or not np.all(np.isfinite(values))
-        style = {
-            "cmap": "viridis" if better else "viridis_r",
-            "vmin": low,
-            "vmax": max(high, low + 1e-12),
-            "rasterized": True,
-        }
-        for along, right in view.sites:
-            shown = np.ma.masked_invalid(values)
-            numbers = [result[f"/{dims[axis]}"] for axis in plane]
-            corners = _corners(numbers, along), _corners(numbers, right)
-            if corners[0] is not None and corners[1] is not None:
-                image = ax.pcolormesh(*corners, shown, **style)
+    hollow = any(not np.all(np.isfinite(panel.values)) for panel in shown)
+    style = {"cmap": "viridis" if better else "viridis_r", "vmin": low, "vmax": high, "rasterized": True}
+    for ax, panel, view in zip(axes, shown, views, strict=True):
+        for (along, right), corners in zip(panel.sites, panel.corners, strict=True):
+            if corners is not None:
+                image = ax.pcolormesh(*corners, np.ma.masked_invalid(panel.values), **style)
             else:
-                image = ax.scatter(along, right, c=shown, marker="s", s=16.0, **style)
+                image = ax.scatter(along, right, c=np.ma.masked_invalid(panel.values), marker="s", s=16.0, **style)
         ax.margins(0.0)
         lower, upper = ax.get_ylim()
         reach = 0.05 * (upper - lower)
@@ -233,21 +273,12 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
                     max(upper, 0.4 * reach) if upper > -reach else upper)  # fmt: skip
         ax.set_facecolor("#dddddd")
         ax.grid(visible=False)
-        here = best(values, better)
-        if here is not None:
-            along, right = result["/plan/site_along"][place][here], result["/plan/site_right"][place][here]
+        if panel.best is not None:
             ax.plot(
-                along, right, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best", clip_on=False,
-                zorder=5,
+                *panel.best, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best",
+                clip_on=False, zorder=5,
             )  # fmt: skip
-            text = ", ".join(f"{dims[axis]} = {as_text(_axis_value(result, axis, i))}"
-                             for axis, i in zip(others, panel, strict=True))  # fmt: skip
-            index = [0] * cube.ndim
-            for axis, i in (*zip(others, panel, strict=True), *zip(plane, here, strict=True)):
-                index[axis] = int(i)
-            ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane]
-            where = f", on the border of the map ({', '.join(ends)}): better may lie beyond" if ends else ""
-            ax.set_title(f"{text + ': ' if text else ''}best {values[here]:.4g}{where}")
+            ax.set_title(panel.title)
         _runway(ax, result)
         if view.to_scale:
             ax.set_aspect("equal", adjustable="box")
@@ -255,19 +286,15 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     axes[-1].set_xlabel("along the runway from the threshold, m" + ("; grey: no solution" if hollow else ""))
     legend_above(fig, axes[0], 3)
     if image is not None:
-        fig.colorbar(image, ax=list(axes), label=_label(result, name), extend="min" if better else "max", shrink=0.8)
+        fig.colorbar(image, ax=list(axes), label=label(result, name), extend="min" if better else "max", shrink=0.8)
     return fig
 
 
 class _View:
-    """What a panel shows: the coordinates (n, m) of each pseudolite, and how high it is on the page."""
+    """How high a panel is on the page, and whether both its axes have one scale."""
 
-    def __init__(self, result: Result, dimensions_: int, others: list[int], panel: tuple[int, ...]) -> None:
-        place = _slice(dimensions_, others, panel)
-        both = [(result["/plan/site_along"][(*place, s)], result["/plan/site_right"][(*place, s)])
-                for s in range(result["/site"].size)]  # fmt: skip
-        self.sites = [(along, right) for along, right in both if np.any(np.isfinite(along))]
-        along, right = (np.concatenate([site[i].ravel() for site in self.sites]) for i in (0, 1))
+    def __init__(self, panel: Panel) -> None:
+        along, right = (np.concatenate([site[i].ravel() for site in panel.sites]) for i in (0, 1))
         spans = [float(np.nanmax(x) - np.nanmin(x)) for x in (along, right)]
         ratio = spans[1] / max(spans[0], 1e-3)
         self.to_scale = 0.2 <= ratio <= 0.9
@@ -321,38 +348,63 @@ def _runway(ax: Axes, result: Result) -> None:
     ax.set_ylim(box[1])
 
 
-def _curves(result: Result, name: str, cube: np.ndarray) -> Figure:
+@dataclass(frozen=True)
+class Curves:
+    """An output along an axis. axis: its name. x: (n,) numbers or names. rows: (k, n) values. names: which combination
+    of the other axes each is of, empty where there are none. of: how many there are. scattered: the points of the axis
+    have no order."""
+
+    axis: str
+    x: np.ndarray
+    rows: np.ndarray
+    names: list[str]
+    of: int
+    scattered: bool
+
+    @property
+    def some(self) -> str:
+        """How many of how many combinations are shown; nothing where all are."""
+        return f"{len(self.rows)} of {self.of} combinations" if len(self.rows) < self.of else ""
+
+
+def curves(result: Result, name: str, most: int) -> Curves:
+    """The output along the longest axis, for as many points of the others as `most`, evenly chosen."""
+    cube, dims = result[f"/sweep/{name}"], dimensions(result)
+    axis = int(np.argmax(cube.shape))
+    members = [key for key, own in keys(result).items() if own == dims[axis]]
+    rows = np.moveaxis(cube, axis, -1).reshape(-1, cube.shape[axis])
+    others = [d for i, d in enumerate(dims) if i != axis]
+    shapes = [n for i, n in enumerate(cube.shape) if i != axis]
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))
+    names = []
+    for row in chosen:
+        index = np.unravel_index(int(row), shapes) if shapes else ()
+        names.append(", ".join(f"{d} = {as_text(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True)))
+    return Curves(dims[axis], result[f"/{dims[axis]}"], rows[chosen], names, len(rows), len(members) > 1)
+
+
+def _curves(result: Result, name: str) -> Figure:
     """The output along the longest axis, a curve for each point of the others (as many as there are colours)."""
     from textwrap import fill
 
     from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
-    dims = dimensions(result)
-    axis = int(np.argmax(cube.shape))
-    x = result[f"/{dims[axis]}"]
-    members = [key for key, own in keys(result).items() if own == dims[axis]]
-    rows = np.moveaxis(cube, axis, -1).reshape(-1, cube.shape[axis])
-    others = [d for i, d in enumerate(dims) if i != axis]
-    shapes = [n for i, n in enumerate(cube.shape) if i != axis]
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(COLOURS), len(rows))).astype(int))
-    fig = new_figure(COLUMN, 2.5 + (0.16 * chosen.size if others else 0.0))
+    of = curves(result, name, len(COLOURS))
+    several = bool(of.names[0])
+    fig = new_figure(COLUMN, 2.5 + (0.16 * len(of.rows) if several else 0.0))
     ax = fig.subplots()
-    numeric = x.dtype.kind in "fiu"
-    at = x if numeric else np.arange(x.size)
-    for row, colour in zip(chosen, COLOURS, strict=False):
-        index = np.unravel_index(int(row), shapes) if shapes else ()
-        label = ", ".join(f"{d} = {as_text(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True))
-        scattered = members and len(members) > 1
-        ax.plot(at, rows[row], "." if scattered else ".-", ms=3, lw=0.8, color=colour, label=label or None)
+    numeric = of.x.dtype.kind in "fiu"
+    at = of.x if numeric else np.arange(of.x.size)
+    for row, said, colour in zip(of.rows, of.names, COLOURS, strict=False):
+        ax.plot(at, row, "." if of.scattered else ".-", ms=3, lw=0.8, color=colour, label=said or None)
     if numeric:
         ax.locator_params(axis="x", nbins=5)  # numbers of many digits, as latitudes, would run into each other
     else:
-        ax.set_xticks(at, [str(value) for value in x])
-    ax.set_xlabel(dims[axis])
-    ax.set_ylabel(fill(_label(result, name), 38))
-    if others:
-        some = f"{chosen.size} of {len(rows)} combinations" if chosen.size < len(rows) else None
-        legend_above(fig, ax, 1, some)
+        ax.set_xticks(at, [str(value) for value in of.x])
+    ax.set_xlabel(of.axis)
+    ax.set_ylabel(fill(label(result, name), 38))
+    if several:
+        legend_above(fig, ax, 1, of.some or None)
     return fig
 
 
@@ -360,4 +412,17 @@ def _texts(result: Result, target: Path) -> dict[Path, str]:
     return {target.with_suffix(".csv"): csv_text(result)}
 
 
-VIEW = View(one_by_one(tables), 150, figures, more=best_plain, texts=_texts)
+def _verdicts(result: Result) -> list[Table | str]:
+    judged = requirements(result)
+    return [] if judged is None else [judged]
+
+
+VIEW = View(
+    one_by_one(tables),
+    150,
+    figures,
+    more=best_plain,
+    texts=_texts,
+    verdicts=one_by_one(_verdicts),
+    drawings="navsim.report.page.placement:sweeps",
+)

@@ -69,7 +69,7 @@ def approach_csv(result: Result) -> str:
     return table.csv_text(heads, np.column_stack([result["/approach/time"], *curves]))
 
 
-def _case(result: Result, i: int) -> str:
+def case(result: Result, i: int) -> str:
     count = int(result["/table/pseudolites"][i])
     return f"{count} PL {result['/table/s'][i]:g}/{result['/table/l1'][i]:g}" if count else "GNSS alone"
 
@@ -92,7 +92,7 @@ def _compared(result: Result, calibration: int, title: str = "") -> Table:
         ]
         last = texts.pop()
         error = cell(last.pattern + " [{:.3f}, {:.3f}]", *last.values, float(interval[1]), float(interval[2]))
-        out.add(_case(result, i), *texts, error)
+        out.add(case(result, i), *texts, error)
     return out
 
 
@@ -103,7 +103,7 @@ def _other_dops(result: Result, calibration: int) -> tuple[str, Table]:
     group, name = ("table", "unit-weight") if weighted else ("weighted", "weighted")
     out = Table(f"The same with {name} DOPs", ("case", *_HEADS[:3]))
     for i in range(result["/case"].size):
-        out.add(_case(result, i), *(number(result[f"/{group}/{dop}"][calibration, i, 0]) for dop in COLUMNS[:3]))
+        out.add(case(result, i), *(number(result[f"/{group}/{dop}"][calibration, i, 0]) for dop in COLUMNS[:3]))
     return name, out
 
 
@@ -175,7 +175,8 @@ def markdown(result: Result) -> str:
 
 def figures(result: Result) -> dict[str, Figure]:
     """The paper's figures 4 and 5: PDOP and horizontal error over the approach for none, one and two pseudolites."""
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure, settled
+    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.quantities import settled
 
     out = {}
     time = result["/approach/time"]
@@ -185,8 +186,8 @@ def figures(result: Result) -> dict[str, Figure]:
     ):
         figure = new_figure(COLUMN, 2.6)
         axes = figure.subplots()
-        for values, case, colour in zip(result[path], result["/approach/curve"], COLOURS, strict=False):
-            axes.plot(time, values, color=colour, label=_case(result, int(case) - 1))
+        for values, row, colour in zip(result[path], result["/approach/curve"], COLOURS, strict=False):
+            axes.plot(time, values, color=colour, label=case(result, int(row) - 1))
         axes.set_xlim(time[0], time[-1])
         axes.set_ylim(0.0, 1.1 * np.max(result[path][:, settled(time)]))
         axes.set_xlabel("time, s")
@@ -203,4 +204,12 @@ def texts(result: Result, target: Path) -> dict[Path, str]:
     return {target.with_name(name): text for name, text in out.items()}
 
 
-VIEW = View(one_by_one(tables), 170, figures, ("/fit", "/claims", "/table"), texts=texts)
+VIEW = View(
+    one_by_one(tables),
+    170,
+    figures,
+    ("/fit", "/claims", "/table"),
+    texts=texts,
+    verdicts=one_by_one(lambda result: [_claims(result)]),
+    drawings="navsim.report.page.systems:table2s",
+)

@@ -101,15 +101,31 @@ def _fixes(result: Result) -> Cell:
     return cell("{}  ({:.6g} a run)", fixes, fixes / runs) if runs > 1 else cell("{}", fixes)
 
 
-def _group(result: Result, i: int) -> Cell | str:
-    if "/summary/consistency/mean_group" not in result:
+def _named(results: Sequence[Result], path: str) -> list[str]:
+    """The names that stand at a path of results, each once: results may have different ones."""
+    return list(dict.fromkeys(str(name) for result in results if path in result for name in result[path]))
+
+
+def _place(result: Result, path: str, name: str) -> int | None:
+    """Where a name stands at a path of a result; None where it does not."""
+    there = [str(each) for each in result[path]] if path in result else []
+    return there.index(name) if name in there else None
+
+
+_GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
+
+
+def _group(result: Result, name: str) -> Cell | str:
+    i = _place(result, _GROUPS, name)
+    if i is None:
         return ABSENT
     mean = number(result["/summary/consistency/mean_group"][i])
     return mean if single(result) else cell("{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]))
 
 
-def _budget(result: Result, i: int) -> Cell | str:
-    if "/summary/budget/source" not in result:
+def _budget(result: Result, name: str) -> Cell | str:
+    i = _place(result, _SOURCES, name)
+    if i is None:
         return ABSENT
     values = []
     for axis in ("horizontal", "vertical"):
@@ -234,6 +250,23 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     table.head("Requirements", *("verdict: found [95 %]; what would decide" for _ in results))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
+
+
+def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
+    """A verdict on each requirement, and on the filter's sigmas where there are runs to judge them by."""
+    out = Table("", ("", *(name for name, _ in results)), labelled=True)
+    requirements(out, results)
+    judged = [result for _, result in results if _GROUPS in result and not single(result)]
+    if judged:
+        out.head("Is sigma right? By groups of states", *("" for _ in results))
+        for name in _named(judged, _GROUPS):
+            out.add(f"  {name.replace('_', ' ')}", *(_sigma_verdict(result, name) for _, result in results))
+    return [out] if out.rows else []
+
+
+def _sigma_verdict(result: Result, group: str) -> str:
+    i = _place(result, _GROUPS, group)
+    return ABSENT if i is None else str(result["/summary/consistency/verdict"][i])
 
 
 def _verdict(result: Result, statement: str) -> Cell | str:
@@ -418,17 +451,40 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     row("  NIS", lambda r: _unit_mean(r, "nis"))
     flown = next((r for _, r in results if "/summary/coverage/level" in r), None)
     if flown is not None:
-        for i, name in enumerate(flown["/summary/consistency/group"]):
-            row(f"  NEES of {str(name).replace('_', ' ')}, last {RMS_WINDOW:g} s", lambda r, i=i: _group(r, i))
+        for name in _named([r for _, r in results], _GROUPS):
+            row(f"  NEES of {name.replace('_', ' ')}, last {RMS_WINDOW:g} s", lambda r, n=name: _group(r, n))
         for i, level in enumerate(flown["/summary/coverage/level"]):
             row(f"  share of position within {level:g}σ", lambda r, i=i: _coverage(r, i))
-    analysed = next((r for _, r in results if "/summary/budget/source" in r), None)
-    if analysed is not None:
+    sources = _named([r for _, r in results], _SOURCES)
+    if sources:
         section(f"Error budget, same {RMS_WINDOW:g} s: horizontal, vertical, m (share of mean square)")
-        for i, name in enumerate(analysed["/summary/budget/source"]):
-            row(f"  {str(name).replace('_', ' ')}", lambda r, i=i: _budget(r, i))
+        for name in sources:
+            row(f"  {name.replace('_', ' ')}", lambda r, n=name: _budget(r, n))
     requirements(table, results)
     return table
+
+
+def glance(result: Result) -> list[tuple[str, Cell | str]]:
+    """What of a landing is seen first: the figures of its tables, with their intervals."""
+    if result.attributes["method"] == "rare":
+        value, low, high = map(float, result["/summary/rare/probability"])
+        chance = (
+            cell("{:.3g}  [{:.3g}, {:.3g}]", value, low, high) if np.isfinite(value) else cell("below {:.2g}", high)
+        )
+        effective = cell("{:.0f}", float(result["/summary/rare/effective_samples"]))
+        return [("outside the box", chance), ("effective samples", effective), ("pushed runs", runs_of(result))]
+    out: list[tuple[str, Cell | str]] = [
+        (f"horizontal RMS over {RMS_WINDOW:g} s, m", _late(result, "horizontal")),
+        (f"vertical RMS over {RMS_WINDOW:g} s, m", _late(result, "vertical")),
+        ("lateral at touchdown, m", _at(result, "lateral", 0)),
+        ("PDOP on the glide", cell("{:.2f}  ({:.2f} - {:.2f})", *map(float, result["/summary/dop/pdop"][:3]))),
+        ("NEES per state", _unit_mean(result, "nees")),
+    ]
+    if "/summary/box/limit" in result:
+        out.append(("outside the box", _box(result, None)))
+    if "/summary/integrity/availability" in result:
+        out.append(("epochs available", _share(result, "/summary/integrity/availability")))
+    return out
 
 
 LONG = ("/summary/consistency/time",)

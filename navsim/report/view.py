@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from navsim.io.results import Result, ResultError, write_text
 from navsim.kinds import KINDS, named
-from navsim.report.table import Table
+from navsim.report.table import Cell, Table
 from navsim.report.tables import FINDINGS, plain_tree
 
 if TYPE_CHECKING:
@@ -26,7 +26,9 @@ class View:
     tables: of several results, each with its name, and words between them. width: of the tables where there is no
     terminal to ask for its own, wider by `width_more` for every result after the first. figures: by name. summary: the
     paths whose variables are the summary as plain data. more: of it. texts: files of text beside the result, by
-    their paths.
+    their paths. drawings: what draws results for the page of `navsim report`, as "module:name"; it takes results, each
+    with its name, and returns `page.marks.Drawing`s. verdicts: tables, and words,
+    of what is judged in results. glance: what of a result is seen first, by what it is called.
     """
 
     tables: Callable[[Sequence[tuple[str, Result]]], list[Table | str]]
@@ -36,15 +38,19 @@ class View:
     more: Callable[[Result], dict[str, Any]] = lambda _: {}
     texts: Callable[[Result, Path], dict[Path, str]] = lambda _, __: {}
     width_more: int = 0
+    drawings: str = ""
+    verdicts: Callable[[Sequence[tuple[str, Result]]], list[Table | str]] = lambda _: []
+    glance: Callable[[Result], list[tuple[str, Cell | str]]] = lambda _: []
 
 
 def one_by_one(
     tables: Callable[[Result], list[Table | str]],
 ) -> Callable[[Sequence[tuple[str, Result]]], list[Table | str]]:
-    """Tables of each result, under its name where there are several."""
+    """Tables of each result that has any, under its name where there are several."""
 
     def all_of_them(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
-        return [part for name, result in results for part in [name][: len(results) - 1] + tables(result)]
+        made = [(name, tables(result)) for name, result in results]
+        return [part for name, parts in made if parts for part in [name][: len(results) - 1] + parts]
 
     return all_of_them
 

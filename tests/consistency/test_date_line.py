@@ -15,7 +15,7 @@ from navsim.core.arrays import earth
 from navsim.io import export
 from navsim.io.export import true_antenna
 from navsim.io.results import Result
-from navsim.report.figures import fix_errors
+from navsim.report.quantities import fix_errors
 from navsim.scenario.load import read_replay
 from navsim.study import landing, replay
 from navsim.study.executor import threads

@@ -18,7 +18,7 @@ from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, al
 from navsim.integrity.solution import Independent, rows_of, solve
 from navsim.io.results import read
 from navsim.models.sky import unit_vector
-from navsim.report import integrity as shown
+from navsim.report import quantities
 from navsim.simulation import landing as simulation
 from navsim.simulation import monitoring
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET, UNTESTED
@@ -307,7 +307,7 @@ def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
     assert low == 0.0
     assert high == pytest.approx(1.0 - 0.025 ** (1.0 / 40), rel=1e-9)
     if keep != "none":
-        assert shown._ALARM == ALARM  # reports read results alone
+        assert quantities.ALARM == ALARM  # reports read results alone
         glide = result["/integrity/time"] <= 60.2
         assert int((result["/integrity/status"][:, glide] == ALARM).sum()) == alarms
 

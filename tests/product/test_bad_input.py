@@ -251,7 +251,7 @@ def test_output_refused(workplace: Path) -> None:
         assert other["x"][()] == 1.0
 
 
-@pytest.mark.parametrize("command", ["show", "plot"])
+@pytest.mark.parametrize("command", ["show", "plot", "report", "cite"])
 def test_result_refused(command: str, workplace: Path) -> None:
     with h5py.File(workplace / "other.h5", "w") as other:
         other["x"] = 1.0

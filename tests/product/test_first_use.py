@@ -204,7 +204,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", ["show", "plot", "export"])
+@pytest.mark.parametrize("command", ["show", "plot", "export", "report", "cite"])
 @pytest.mark.parametrize("template", ["landing_smooth", "placement_sweep", "placement_optimum", "recorded_flight"])
 def test_results_are_wanted(command: str, template: str, files: Path) -> None:
     file = SCENARIOS / f"{template}.yaml"
@@ -257,7 +257,7 @@ def test_files_are_sent_to_their_command(command: str, template: str, files: Pat
 
 COMMAND_NAMES = (
     "run", "table2", "integrity-table", "sweep", "optimize", "replay", "live", "show", "plot", "export", "validate",
-    "schema", "init",
+    "schema", "init", "report", "cite",
 )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
-from navsim.report import figures, limits, live, sweep, tables
+from navsim.report import figures, limits, live, quantities, sweep, tables
 from navsim.report.landing import VIEW
 from navsim.report.table import console
 from navsim.report.tracking import atc, azimuth, elevation
@@ -204,7 +204,7 @@ def test_every_figure_fits_its_page(one: Result, many: Result, linear: Result) -
 def test_fixes_lie_about_the_antenna() -> None:
     """Exact ranges: the fixes are the antenna's true position to centimetres, 2.3 m from the IMU."""
     exact = flown(1, "all", "signals.range_sigma_m=1e-4", "pseudolites.range_sigma_m=1e-4")
-    error = figures.fix_errors(exact)
+    error = quantities.fix_errors(exact)
     assert error.shape == (1, exact["/receiver/time"].size, 3)
     assert np.abs(error).max() < 0.02
     drawn_points = figures.fixes(exact).axes[0].lines[0].get_xydata()
@@ -458,7 +458,7 @@ def test_elevation_figures_follow_the_scenario() -> None:
 
 def test_azimuth_names_its_filters_by_the_scenario() -> None:
     scenario = read_for("run", SCENARIOS / "azimuth_tracking.yaml", ["filters.singer_sigma_m_s2=[0.7, 4]"])[0]
-    words = azimuth._words(Result({"scenario": resolved_yaml(scenario)}, {}))
+    words = azimuth.words(Result({"scenario": resolved_yaml(scenario)}, {}))
     assert words["S1"] == "Singer, 0.7 m/s²"
     assert words["S2"] == "Singer, 4 m/s²"
 

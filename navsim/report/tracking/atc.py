@@ -13,7 +13,7 @@ from navsim.report.view import View, one_by_one
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WORDS = {
+WORDS = {
     "full": "13 states", "adapt": "six groups, variance of the input counted", "fix": "six groups, variance ignored",
     "singer": "range alone", "cartesian": "Cartesian, Singer acceleration",
 }  # fmt: skip
@@ -30,10 +30,10 @@ def tables(result: Result) -> list[Table | str]:
     heads = ("filter", "", "D manoeuvre, m", "D' manoeuvre, m/s", "D straight, m", "azimuth man., deg")
     azimuth = names.index("azimuth")
     for c, case in enumerate(result["/case"]):
-        errors = Table(f"{_in_words(case)}: RMSE [95 %]", heads)
+        errors = Table(f"{in_words(case)}: RMSE [95 %]", heads)
         for f, name in enumerate(result["/filter"]):
             errors.add(
-                str(name), _WORDS[str(name)], interval(rmse[c, f, 0, 0], 2), interval(rmse[c, f, 0, 1], 3),
+                str(name), WORDS[str(name)], interval(rmse[c, f, 0, 0], 2), interval(rmse[c, f, 0, 1], 3),
                 interval(rmse[c, f, 1, 0], 2), interval(rmse[c, f, 0, azimuth], 4, 180.0 / np.pi),
             )  # fmt: skip
         parts.append(errors)
@@ -51,11 +51,11 @@ def tables(result: Result) -> list[Table | str]:
             (False, True): "for the range, not for the pairs", (False, False): "no",
         }[kept_pairs, kept_range]  # fmt: skip
         spread = cell("{:.3f} to {:.3f}", float(pairs.min()), float(pairs.max()))
-        kept.add(_in_words(case), interval(range_, 3), interval(rate, 3), spread, verdict)
+        kept.add(in_words(case), interval(range_, 3), interval(rate, 3), spread, verdict)
     parts.append(kept)
     gain = Table("Singer over adapt in the manoeuvre [95 %]", ("case", "D", "D'"))
     for c, case in enumerate(result["/case"]):
-        gain.add(_in_words(case), *(interval(x, 3) for x in result["/summary/singer_to_adapt"][c, 0]))
+        gain.add(in_words(case), *(interval(x, 3) for x in result["/summary/singer_to_adapt"][c, 0]))
     parts.append(gain)
     full, groups = int(result["/summary/multiplications_full"]), int(result["/summary/multiplications_decoupled"])
     stored = int(result["/summary/stored_full"]), int(result["/summary/stored_decoupled"])
@@ -71,14 +71,15 @@ def tables(result: Result) -> list[Table | str]:
 _COLOURS = {"singer": "#999999", "fix": "#0072B2", "adapt": "#D55E00", "full": "#009E73", "cartesian": "#CC79A7"}
 
 
-def _in_words(case: object) -> str:
+def in_words(case: object) -> str:
     """`T1_angles` as people write it."""
     period, measured = str(case).removeprefix("T").split("_")
     return f"T = {period} s, {'angles and rates' if measured == 'rates' else 'angles'}"
 
 
 def _errors(result: Result) -> Figure:
-    from navsim.report.figures import COLUMN, legend_above, new_figure, settled
+    from navsim.report.figures import COLUMN, legend_above, new_figure
+    from navsim.report.quantities import settled
     from navsim.report.tables import setting
 
     fig = new_figure(2 * COLUMN, 4.8)
@@ -90,7 +91,7 @@ def _errors(result: Result) -> Figure:
         error, sigma = result[f"/filters/{name}/error"], result[f"/filters/{name}/sigma"]
         for i, ax in enumerate(axes):
             rmse = np.sqrt(np.mean(error[:, :, i] ** 2, axis=0))
-            ax.plot(time, rmse, color=_COLOURS[name], label=f"{name}: {_WORDS[name]}")
+            ax.plot(time, rmse, color=_COLOURS[name], label=f"{name}: {WORDS[name]}")
             ax.plot(time, sigma[:, i], color=_COLOURS[name], lw=0.6, ls=":")
             top[i] = max(top[i], rmse[late].max(initial=0.0), sigma[late, i].max(initial=0.0))
     runs = result["/run"].size
@@ -100,7 +101,7 @@ def _errors(result: Result) -> Figure:
         if highest > 0.0:
             ax.set_ylim(0.0, 1.08 * highest)
         ax.set_ylabel(f"{label} {'RMSE' if runs > 1 else 'error'}, {'m' if label == 'range' else 'm/s'}")
-    title = f"{_in_words(result['/case'][0])}, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
+    title = f"{in_words(result['/case'][0])}, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
     legend_above(fig, axes[0], 2, title)
     axes[1].set_xlim(time[0], time[-1])
     axes[1].set_xlabel("time, s; grey: manoeuvre")
@@ -123,7 +124,7 @@ def _ratios(result: Result) -> Figure:
         ax.errorbar(
             at + gap * (c - 0.5 * (cases.size - 1)), value, yerr=[value - low, high - value],
             fmt="os^D"[c // len(COLOURS) % 4], ms=3, lw=0.8, color=COLOURS[c % len(COLOURS)],
-            label=_in_words(case),
+            label=in_words(case),
         )  # fmt: skip
     ax.axhline(1.0, color="#777777", lw=0.6)
     ax.set_xticks(at, names, rotation=35, ha="right")
@@ -137,4 +138,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": _errors(result), "ratios": _ratios(result)}
 
 
-VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits"))
+VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits"), drawings="navsim.report.page.systems:atcs")

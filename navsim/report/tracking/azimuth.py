@@ -25,7 +25,7 @@ CLAIM = (1.5, 1.8)
 
 def tables(result: Result) -> list[Table | str]:
     """RMSE by phase, the claim, the sweep of ages, why the literal formula fails."""
-    words = _words(result)
+    said = words(result)
     periods = result["/period"]
     parts: list[Table | str] = []
     for i, period in enumerate(periods):
@@ -36,7 +36,7 @@ def tables(result: Result) -> list[Table | str]:
         for f, name in enumerate(result["/filter"]):
             cells = [interval(values, 4) for values in result["/summary/rmse"][i, f]]
             nis = cell("{:.2f} / {:.2f}", *map(float, result["/summary/nis"][i, f]))
-            errors.add(str(name), words[str(name)], *cells, nis)
+            errors.add(str(name), said[str(name)], *cells, nis)
         parts.append(errors)
     claim = Table(
         f"The paper: {CLAIM[0]:g} to {CLAIM[1]:g} times smaller in the manoeuvre",
@@ -65,7 +65,7 @@ def tables(result: Result) -> list[Table | str]:
     return parts
 
 
-def _words(result: Result) -> dict[str, str]:
+def words(result: Result) -> dict[str, str]:
     """What each filter is."""
     from navsim.report.tables import setting
 
@@ -80,10 +80,10 @@ def _errors(result: Result) -> Figure:
     ax = fig.subplots()
     time = result["/time"]
     colours = ("#999999", COLOURS[0], "#CC79A7", "#E69F00", COLOURS[1], COLOURS[2])
-    words = _words(result)
+    said = words(result)
     for name, colour in zip(("S1", "S2", "L1", "L2", "L3", "L4"), colours, strict=True):
         error = result[f"/filters/{name}/error_deg"]
-        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {words[name]}")
+        ax.semilogy(time, np.sqrt(np.mean(error**2, axis=0)), color=colour, label=f"{name}: {said[name]}")
         ax.semilogy(time, result[f"/filters/{name}/sigma_deg"], color=colour, lw=0.6, ls=":")
     roll = result["/truth/roll"] != 0.0
     ax.fill_between(result["/truth/time"], 0, 1, where=roll, color="#000000", alpha=0.06, lw=0,
@@ -95,6 +95,13 @@ def _errors(result: Result) -> Figure:
     title = f"T = {result['/period'][0]:g} s, {f'{runs} runs' if runs > 1 else 'one run'}; dotted: σ of the filter"
     legend_above(fig, ax, 3, title)
     return fig
+
+
+def shown_acceleration(result: Result) -> float:
+    """How far the accelerations of the azimuth are shown, 1e-3 deg/s2: close to the radar it runs away; the rest is
+    what the filters live on."""
+    most = 1.3e3 * float(np.percentile(np.abs(result["/truth/azimuth_acceleration"]), 95))
+    return max(most, 1.1e3 * float(np.abs(result["/truth/azimuth_acceleration_literal"]).max()))
 
 
 def _accelerations(result: Result) -> Figure:
@@ -113,9 +120,7 @@ def _accelerations(result: Result) -> Figure:
     time = result["/truth/time"]
     lower.plot(time, 1e3 * result["/truth/azimuth_acceleration"], color=COLOURS[0], label="exact")
     lower.plot(time, 1e3 * result["/truth/azimuth_acceleration_literal"], color=COLOURS[1], label="the paper's (14)")
-    # close to the radar the azimuth runs away; the rest is what the filters live on
-    reach = 1.3 * 1e3 * np.percentile(np.abs(result["/truth/azimuth_acceleration"]), 95)
-    reach = max(reach, 1.1e3 * np.abs(result["/truth/azimuth_acceleration_literal"]).max())
+    reach = shown_acceleration(result)
     lower.set_ylim(-reach, reach)
     lower.set_xlabel("time, s")
     lower.set_ylabel("azimuth'', 10⁻³ deg/s²")
@@ -173,4 +178,4 @@ def figures(result: Result) -> dict[str, Figure]:
     return out
 
 
-VIEW = View(one_by_one(tables), 130, figures, ("/summary", "/map"))
+VIEW = View(one_by_one(tables), 130, figures, ("/summary", "/map"), drawings="navsim.report.page.systems:azimuths")

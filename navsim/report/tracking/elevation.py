@@ -21,7 +21,7 @@ _BAND_WORDS = {
 }
 
 
-def _half_width(result: Result) -> float:
+def half_width(result: Result) -> float:
     """Half width of the band, as a share of the standard deviation."""
     return float(setting(result, "montecarlo", "band"))
 
@@ -40,7 +40,7 @@ def tables(result: Result) -> list[Table | str]:
     )
     for b, band in enumerate(result["/band"]):
         proof.add(
-            _BAND_WORDS[str(band)].format(f"±{100 * _half_width(result):g} %"),
+            _BAND_WORDS[str(band)].format(f"±{100 * half_width(result):g} %"),
             number(result["/band_theory/coverage"][b], 4),
             number(inside[:, b].mean(), 4),
             number(inside[0, b]),
@@ -100,7 +100,7 @@ def _proof(result: Result) -> Figure:
 
     fig = new_figure(COLUMN, 3.6)
     axes = fig.subplots(2, 1, sharex=True)
-    share = _half_width(result)
+    share = half_width(result)
     period = float(result.variables["/step"].attributes["period_s"])
     time = result["/step"] * period
     for i, (ax, label) in enumerate(zip(axes, ("sd of β, deg", "sd of β', deg/s"), strict=True)):
@@ -120,15 +120,19 @@ def _proof(result: Result) -> Figure:
     return fig
 
 
+def judged(result: Result) -> np.ndarray:
+    """Which times of the nominal approach are judged: those after settling."""
+    settling = float(result.variables["/nominal/time"].attributes["settling_s"])
+    return result["/nominal/time"] >= float(setting(result, "nominal", "from_s")) + settling
+
+
 def _nominal(result: Result) -> Figure:
     from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
 
     fig = new_figure(COLUMN, 4.0)
     upper, lower = fig.subplots(2, 1, sharex=True)
     time = result["/nominal/time"]
-    late = time >= float(setting(result, "nominal", "from_s")) + float(
-        result.variables["/nominal/time"].attributes["settling_s"]
-    )
+    late = judged(result)
     for i, q in enumerate(result["/nominal/rate_variance"]):
         colour = COLOURS[i % len(COLOURS)]
         bias = result["/nominal/bias"][i]
@@ -154,4 +158,5 @@ VIEW = View(
     140,
     figures,
     _SUMMARY,
+    drawings="navsim.report.page.systems:elevations",
 )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, clock_states
+from navsim.io.schema import SKY_TIMES
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SUM
@@ -238,7 +239,7 @@ def _stored(here: Extent, keep: str) -> float:
 def _common_bytes(scenario: Landing, here: Extent) -> float:
     """Truth, geometry, messages: what every result of a landing has, bytes."""
     truth = 10 * (here.samples + 1)
-    geometry = here.epochs * (16 + 3 * here.sources) + 2 * here.sources
+    geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
     messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
     return NUMBER * (truth + geometry + messages) + 7000
 

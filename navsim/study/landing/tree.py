@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.io.draft import Draft
-from navsim.io.schema import COVARIANCE, HEIGHTS
+from navsim.io.schema import COVARIANCE, HEIGHTS, SKY_TIMES
 from navsim.models import timescales
 from navsim.models.systems import CLOCKS
 from navsim.study.landing.case import FOOT, Case, on_glide
@@ -58,6 +58,10 @@ def _geometry(draft: Draft, case: Case) -> None:
     draft["/geometry/line_of_sight"] = s.los
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         draft[f"/geometry/{name}"] = world.dop[:, i]
+    some = np.unique(np.linspace(0, s.time.size - 1, min(SKY_TIMES, s.time.size)).astype(int))
+    draft["/geometry/instant"] = s.time[some]
+    draft["/geometry/azimuth"] = s.azimuth[some]
+    draft["/geometry/elevation"] = s.elevation[some]
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh

@@ -1,0 +1,103 @@
+"""`navsim report`, `navsim cite`: the page of results, and whom to cite for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from navsim.cli.common import leave, read_result
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED
+from navsim.cli.results import shown_as_stored
+
+INSTALL = "pip install 'navsim-landing[report]'"
+_BEGINNING = 2000
+"""Bytes of a page in which it says who made it."""
+
+
+def report(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="RESULT.h5", help="One result, or more of one kind.", show_default=False)
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.html",
+            help="The page. Default: beside the first result, by its name.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Write results as one page for any browser: verdicts, figures, tables, sources.
+
+    The page is one file that needs no network. Several results stand over each other, with what differs between them.
+    """  # fmt: skip
+    target = output or files[0].with_suffix(".html")
+    if not target.parent.is_dir():
+        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    results = [read_result(path) for path in files]
+    try:
+        from navsim.report.page.document import GENERATOR, Read, page
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] not in ("bokeh", "jinja2", "markupsafe"):
+            raise
+        leave(BAD_INPUT, f"navsim report draws with Bokeh, which is not installed here: {INSTALL}")
+    from navsim.io.results import ResultError, check_writable, write_text
+
+    try:
+        check_writable(target)
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    _refuse(target, files, GENERATOR)
+    with shown_as_stored(results, files):
+        text = page([Read(*each) for each in zip(_names(files), files, results, strict=True)])
+    try:
+        write_text(target, text)
+    except ResultError as error:
+        leave(RUN_FAILED, error)
+    print(target)
+
+
+def _refuse(target: Path, files: list[Path], generator: str) -> None:
+    """Leave where the page would take the place of a result that it is of, or of anything but such a page."""
+    if not target.exists():
+        return
+    if any(path.exists() and target.samefile(path) for path in files):
+        leave(BAD_INPUT, f"{target}: is one of the results; choose another -o/--output")
+    from navsim.io.files import opened
+
+    try:
+        with opened(target) as file:
+            ours = f'name="generator" content="{generator}'.encode() in file.read(_BEGINNING)
+    except OSError as error:
+        leave(BAD_INPUT, f"{target}: {error.strerror or error}")
+    if not ours:
+        leave(BAD_INPUT, f"{target}: is no page of navsim report and is not overwritten; choose another -o/--output")
+
+
+def _names(files: list[Path]) -> list[str]:
+    """What results are called: by their stems, by their paths where stems are alike, numbered where these are, too."""
+    stems = [path.stem for path in files]
+    names = stems if len(set(stems)) == len(stems) else [str(path) for path in files]
+    return names if len(set(names)) == len(names) else [f"{name} ({i})" for i, name in enumerate(names, 1)]
+
+
+def cite(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[RESULT.h5]...", help="Results whose methods to cite. Default: all.", show_default=False
+        ),
+    ] = None,
+    bibtex: Annotated[bool, typer.Option("--bibtex", help="Print the sources as BibTeX.")] = False,
+) -> None:
+    """Print whom to cite for the methods that results rest on."""
+    results = [read_result(path) for path in files or []]
+    from navsim.report import citations
+
+    with shown_as_stored(results, files or []):
+        methods = citations.methods_of(results) if results else list(citations.METHODS)
+        print(citations.bibtex(methods) if bibtex else citations.cited(methods), end="" if bibtex else "\n")

@@ -1,0 +1,220 @@
+"""The page itself: what results are, tables, drawings, where they come from, whom to cite; one file that asks the
+network for nothing. The same results give the same page, byte for byte, with the same versions of navsim and Bokeh.
+
+Everything that comes from a result goes through Jinja's escaping, or into Bokeh's data with every `<` escaped.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files as packaged
+from pathlib import Path
+from typing import Any
+
+import bokeh
+import yaml
+from bokeh.document import Document
+from bokeh.embed.util import standalone_docs_json_and_render_items
+from bokeh.resources import Resources
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+import navsim
+from navsim.io import files, findings
+from navsim.io.results import Result, ResultError
+from navsim.kinds import named
+from navsim.report import citations
+from navsim.report.page.marks import Drawing, Named, colour
+from navsim.report.table import ABSENT, Table
+from navsim.report.view import View, view
+
+GENERATOR = "navsim report"
+"""What the page says of who made it: by this a page may be overwritten."""
+_MODEL = re.compile("p[0-9]+")
+"""How Bokeh names its models."""
+_HEADS = {
+    "kind": "kind", "method": "method", "seed": "seed", "epoch": "epoch", "created": "computed at",
+    "navsim_version": "navsim", "schema_version": "version of the layout", "scenario_sha256": "SHA-256 of the scenario",
+}  # fmt: skip
+"""Root attributes of provenance, and what they are called."""
+_TEXTS = ("scenario", "study")
+"""Root attributes with settings as YAML: what a result was computed from."""
+
+
+@dataclass(frozen=True)
+class Read:
+    """A result of the page. name: what it is called there. path: the file."""
+
+    name: str
+    path: Path
+    result: Result
+
+
+def page(read: Sequence[Read]) -> str:
+    """The page of results of one kind. Raises ResultError where they are of several kinds, or of one that this version
+    does not have."""
+    kinds = sorted({str(each.result.attributes["kind"]) for each in read})
+    if len(kinds) > 1:
+        raise ResultError(f"results of different kinds do not stand on one page: {', '.join(kinds)}")
+    here = view(kinds[0])
+    results = [(each.name, each.result) for each in read]
+    drawings: list[Drawing] = named(here.drawings)(results)
+    content, script = _embedded(drawings)
+    methods = citations.methods_of(result for _, result in results)
+    sources = citations.sources_of(methods)
+    number = {source.key: i for i, source in enumerate(sources, 1)}
+    settings = [_settings(result) for _, result in results]
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    folder = packaged(__package__)
+    return environment.from_string(folder.joinpath("page.html").read_text(encoding="utf-8")).render(
+        generator=GENERATOR,
+        version=navsim.__version__,
+        drawn_by=bokeh.__version__,
+        title=_title(results),
+        kind=kinds[0],
+        results=[{"name": name, "colour": colour(i), "title": str(r.attributes.get("title", "")), "about": _about(r)}
+                 for i, (name, r) in enumerate(results)],
+        glance=_glance(here, results),
+        warned=[(name, found.text) for name, result in results for found in findings.of(result)],
+        verdicts=_parts(here.verdicts(results)),
+        differences=_differences([name for name, _ in results], settings),
+        settings=[(name, [(part, str(result.attributes[part])) for part in _TEXTS if part in result.attributes])
+                  for name, result in results],
+        tables=_parts(here.tables(results)),
+        drawings=drawings,
+        provenance=_provenance(read),
+        methods=[(method, citations.numbered(method, number)) for method in methods],
+        sources=sources,
+        bibtex=citations.bibtex(methods),
+        style=Markup(folder.joinpath("page.css").read_text(encoding="utf-8")),  # ours
+        library=Markup(_library()),
+        content=Markup(content),  # JSON without `<`
+        roots=Markup(script),  # the same
+        absent=ABSENT,
+    )  # fmt: skip
+
+
+def _parts(parts: Sequence[Table | str]) -> list[tuple[str, Table | str]]:
+    """Tables and words, with what each is."""
+    return [("table" if isinstance(part, Table) else "words", part) for part in parts]
+
+
+def _title(results: Sequence[Named]) -> str:
+    """What the page is called: by the title of what was computed, where all have one and the same, and the names."""
+    titles = list(dict.fromkeys(str(result.attributes.get("title", "")) for _, result in results))
+    names = ", ".join(name for name, _ in results)
+    return f"{titles[0]}: {names}" if len(titles) == 1 and titles[0] else names
+
+
+def _about(result: Result) -> str:
+    """Method, runs and seed in words."""
+    parts = [str(result.attributes["method"])] if "method" in result.attributes else []
+    if "/run" in result and result["/run"].size > 1:
+        parts.append(f"{result['/run'].size} runs")
+    parts += [f"seed {result.attributes['seed']}", f"epoch {result.attributes['epoch']}"]
+    return ", ".join(parts)
+
+
+def _glance(here: View, results: Sequence[Named]) -> list[dict[str, Any]]:
+    """The first figures of each result, split into the number and its interval."""
+    out = []
+    for i, (name, result) in enumerate(results):
+        shown = []
+        for label, said in here.glance(result):
+            number, _, more = str(said).partition("  ")
+            shown.append({"label": label, "number": number, "more": more})
+        out.append({"name": name, "colour": colour(i), "shown": shown})
+    return out if any(each["shown"] for each in out) else []
+
+
+def _settings(result: Result) -> dict[str, str]:
+    """Everything a result was computed from, by dotted keys."""
+    found: dict[str, str] = {}
+    for part in _TEXTS:
+        if part in result.attributes:
+            _flatten(found, "" if part == "scenario" else f"{part}.", yaml.safe_load(str(result.attributes[part])))
+    return found
+
+
+def _flatten(found: dict[str, str], key: str, node: Any) -> None:
+    if isinstance(node, Mapping):
+        for name, value in node.items():
+            _flatten(found, f"{key}{name}.", value)
+    elif isinstance(node, list) and any(isinstance(each, Mapping) for each in node):
+        for i, value in enumerate(node):
+            _flatten(found, f"{key}{i}.", value)
+    else:
+        found[key.removesuffix(".")] = "none" if node in ([], {}, None) else str(node)
+
+
+def _differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> Table | None:
+    """The settings in which results differ; None for one result. What a study sets in its scenario stands in that."""
+    if len(names) < 2:
+        return None
+    out = Table("", ("setting", *names), labelled=True)
+    for key in dict.fromkeys(key for each in settings for key in each):
+        values = [each.get(key, ABSENT) for each in settings]
+        if len(set(values)) > 1 and not key.startswith("study.set."):
+            out.add(key, *values)
+    return out
+
+
+def _provenance(read: Sequence[Read]) -> Table:
+    """What files the page is made from, and what made them."""
+    out = Table("", ("", *(each.name for each in read)), labelled=True)
+    out.add("file", *(str(each.path) for each in read))
+    out.add("SHA-256 of the file", *(_sum(each.path) for each in read))
+    for attribute, said in _HEADS.items():
+        if any(attribute in each.result.attributes for each in read):
+            out.add(said, *(str(each.result.attributes.get(attribute, ABSENT)) for each in read))
+    return out
+
+
+def _sum(path: Path) -> str:
+    try:
+        return files.checksum(path)
+    except OSError as error:  # too large to be summed now
+        return f"{ABSENT} ({error.strerror})"
+
+
+def _embedded(drawings: Sequence[Drawing]) -> tuple[str, str]:
+    """Bokeh's document as JSON, and which of its roots goes where; with names that are the same each time."""
+    document = Document()
+    models = [panel for drawing in drawings for panel in drawing.panels]
+    places = {panel.id: f"{drawing.name}-{i}" for drawing in drawings for i, panel in enumerate(drawing.panels)}
+    if not models:
+        return "{}", "{}"
+    with document.models.freeze():  # else all of it is gone through again for each
+        for model in models:
+            document.add_root(model)
+    docs, _ = standalone_docs_json_and_render_items(models)
+    ((_, content),) = docs.items()
+    numbers: dict[str, str] = {}
+    content = _renamed(content, numbers)
+    roots = {numbers[str(model.id)]: places[str(model.id)] for model in models}
+
+    return _script(content), _script(roots)
+
+
+def _library() -> str:
+    """BokehJS, without the line that has it tell the console how much it tells."""
+    return Resources(mode="inline", components=["bokeh"]).js_raw[0]
+
+
+def _renamed(node: Any, numbers: dict[str, str]) -> Any:
+    """The document with its models numbered from one."""
+    if isinstance(node, dict):
+        return {
+            key: numbers.setdefault(value, f"p{len(numbers) + 1}")
+            if key == "id" and isinstance(value, str) and _MODEL.fullmatch(value) else _renamed(value, numbers)
+            for key, value in node.items()
+        }  # fmt: skip
+    return [_renamed(each, numbers) for each in node] if isinstance(node, list) else node
+
+
+def _script(data: Any) -> str:
+    """JSON that can stand within a script."""
+    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c").replace("&", "\\u0026")

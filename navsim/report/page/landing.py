@@ -1,0 +1,643 @@
+"""Drawings of landings: of one, or of several over each other, in the colour of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import Range1d
+from bokeh.plotting import figure
+
+from navsim.io.results import Result
+from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.report.page import integrity, rare
+from navsim.report.page.marks import (
+    BLUE,
+    GREY,
+    MOST_LINES,
+    ORANGE,
+    Drawing,
+    Key,
+    Named,
+    band,
+    colour,
+    downwards,
+    from_runway,
+    keys_of,
+    level,
+    line,
+    most_thinned,
+    names,
+    plot,
+    reach,
+    some,
+    source,
+    stretch,
+    tell,
+    upright,
+    width,
+)
+from navsim.report.quantities import (
+    RunwayErrors,
+    descent,
+    ellipse,
+    first_runs,
+    followed,
+    in_runway_axes,
+    rms_over_runs,
+    runway_errors,
+    settled,
+    some_fix_errors,
+    touchdown,
+    true_for,
+)
+from navsim.report.quantities import heights as height_of
+from navsim.report.tables import runs_of, setting, single
+
+AXES = ("lateral", "along", "vertical")
+_MOST_FIXES = 1500
+_FEW = 3
+"""Fewer runs than this have no distribution."""
+_BINS = (8, 40)
+"""Fewest and most columns of a histogram."""
+
+
+def drawings(results: Sequence[Named]) -> list[Drawing]:
+    """Every drawing that these landings have data for, flights before the probabilities of leaving a box."""
+    flights = [(name, result) for name, result in results if result.attributes["method"] != "rare"]
+    out: list[Drawing] = []
+    if flights:
+        made = (
+            track, sky, dops, heights, scatter, distribution, percentiles, states, fixes, consistency, budget,
+            integrity.levels, integrity.stanford, integrity.interference,
+        )  # fmt: skip
+        out = [drawing for make in made if (drawing := make(flights)) is not None]
+    boxes = [(name, result) for name, result in results if result.attributes["method"] == "rare"]
+    return out + rare.drawings(boxes) if boxes else out
+
+
+def having(results: Sequence[Named], path: str) -> list[tuple[int, str, Result]]:
+    """The results that have a variable, each with its number, which gives its colour."""
+    return [(i, name, result) for i, (name, result) in enumerate(results) if path in result]
+
+
+def track(results: Sequence[Named]) -> Drawing:
+    """Plan view with the pseudolites, and the height over the same distances."""
+    plan = plot("Plan", "", "right of the axis, m", 300)
+    profile = plot("Height", "along the runway from the threshold, m", "height above the threshold, m", 220)
+    profile.x_range = plan.x_range
+    lines: list[Any] = []
+    places: list[Any] = []
+    thinned = []
+    runways = {(setting(r, "runway", "length_m"), setting(r, "runway", "width_m")) for _, r in results}
+    for length, breadth in sorted(runways):
+        plan.quad(
+            left=0.0, right=length, bottom=-breadth / 2, top=breadth / 2, fill_color=GREY, line_color=GREY, line_width=3
+        )
+    stretch(profile, 0.0, max(length for length, _ in runways), upright=True)
+    for i, (name, result) in enumerate(results):
+        path, time = in_runway_axes(result, result["/truth/position_llh"]), result["/truth/time"]
+        which = some(time.size, 600)
+        thinned.append(which)
+        of = source(x=which(path[:, 0]), right=which(path[:, 1]), up=which(path[:, 2]), time=which(time))
+        own = width(i, len(results))
+        lines += [line(on, of, y, colour(i), name=name, line_width=own) for on, y in ((plan, "right"), (profile, "up"))]
+        sites = result["/pseudolites/name"]
+        if sites.size:
+            at = in_runway_axes(result, result["/pseudolites/position_llh"])
+            of = source(x=at[:, 0], y=at[:, 1], said=[str(site) for site in sites])
+            places.append(
+                plan.scatter("x", "y", source=of, marker="triangle", size=11, color=ORANGE if len(results) == 1 else
+                             colour(i), name=name)
+            )  # fmt: skip
+            names(plan, at[:, 0], at[:, 1], sites)
+        if np.isfinite(landed := touchdown(result)):
+            upright(profile, float(np.interp(landed, time, path[:, 0])), colour(i) if len(results) > 1 else GREY)
+    for on in (plan, profile):
+        from_runway(on)
+        shown = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
+                ("up", "@up{0.0} m")]  # fmt: skip
+        tell(on, [each for each in lines if each in on.renderers], *shown)
+    tell(plan, places, ("pseudolite", "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
+    truth = next((said for _, r in results if (said := true_for(r))), "")
+    caption = (
+        "The true flight over the runway (grey), seen from above and from the side, both over the distance from the "
+        "threshold. Triangles: pseudolites; dashed: touchdown." + (f" {truth.capitalize()}." if truth else "")
+        + most_thinned(thinned).words()
+    )  # fmt: skip
+    keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle")]
+    return Drawing("track", "Track over the runway", [plan, profile], caption, keys_of(results, *keys), 1)
+
+
+def sky(results: Sequence[Named]) -> Drawing:
+    """Directions to all sources, used and not, with the mask, a panel a result."""
+    panels = [_sky(name if len(results) > 1 else "", result) for name, result in results]
+    whole = all("/geometry/instant" in result for _, result in results)
+    caption = (
+        "Directions by azimuth (north up, east right) and elevation (zenith in the middle) over the approach; marks: "
+        "where sources are at its end. Shaded: below the mask, or taken out of the sky."
+        + ("" if whole else " A result of an earlier version keeps used sources alone.")
+    )  # fmt: skip
+    keys = [Key("used", BLUE, "dot"), Key("not used", GREY, "ring"), Key("pseudolite", ORANGE, "triangle"),
+            Key("masked", GREY, "band")]  # fmt: skip
+    return Drawing("sky", "Sky: sources used and unused", panels, caption, keys, min(3, max(2, len(panels))))
+
+
+def _sky(title: str, result: Result) -> figure:
+    on = plot(title, "", "", 380)
+    on.update(sizing_mode="scale_width", aspect_ratio=1.0, max_width=460, height=None)
+    azimuth, elevation, used = _directions(result)
+    ground = set(map(str, result["/pseudolites/name"]))
+    away = 90.0 - elevation
+    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(np.where(used, away, 0.0), initial=0.0)) / 10.0))
+    on.x_range = on.y_range = Range1d(-1.14 * edge, 1.14 * edge)
+    for axis in (*on.axis, *on.grid):
+        axis.visible = False
+    _mask(on, result, edge)
+    for ring in (30.0, 60.0, 90.0):
+        on.circle(0.0, 0.0, radius=ring, fill_color=None, line_color=GREY, line_alpha=0.5)
+        names(on, 0.0, ring, [f"{90.0 - ring:g}°"], x_offset=2, y_offset=2, text_font_size="10px")
+    for bearing, said in zip(range(0, 360, 45), ("N", "45°", "E", "135°", "S", "225°", "W", "315°"), strict=True):
+        s, c = math.sin(math.radians(bearing)), math.cos(math.radians(bearing))
+        on.segment(0.0, 0.0, edge * s, edge * c, line_color=GREY, line_alpha=0.3)
+        names(on, 1.07 * edge * s, 1.07 * edge * c, [said], text_align="center", text_baseline="middle", x_offset=0,
+              y_offset=0)  # fmt: skip
+    x, y = away * np.sin(azimuth), away * np.cos(azimuth)
+    marks = []
+    for i, name in enumerate(map(str, result["/geometry/source"])):
+        up = np.isfinite(x[:, i]) & ((elevation[:, i] > 0.0) | used[:, i])
+        if not up.any():
+            continue
+        own = ORANGE if name in ground else BLUE
+        for shown, style in ((up & used[:, i], own), (up & ~used[:, i], GREY)):
+            # a line goes on to the next instant, where the other one begins
+            joined = shown | (np.append(False, shown[:-1]) & up)
+            if shown.any():
+                of = source(x=np.where(joined, x[:, i], np.nan), y=np.where(joined, y[:, i], np.nan))
+                line(on, of, "y", style, line_dash="solid" if style == own else "dotted")
+        last = int(np.flatnonzero(up)[-1])
+        now = bool(used[last, i])
+        here = {"x": x, "y": y, "azimuth": np.degrees(azimuth) % 360.0, "elevation": elevation}
+        of = source(said=[name], how=["used" if now else "not used"],
+                    **{key: values[last : last + 1, i] for key, values in here.items()})  # fmt: skip
+        style = own if now else GREY
+        marks.append(
+            on.scatter("x", "y", source=of, size=10, marker="triangle" if name in ground else "circle",
+                       line_color=style, fill_color=style, fill_alpha=1.0 if now else 0.0)
+        )  # fmt: skip
+        names(on, x[last, i], y[last, i], [name], text_font_size="10px")
+    tell(on, marks, ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
+    return on
+
+
+def _directions(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Azimuths, rad, elevations, deg, of sources (t, s), and which of them are used: of all there are, or in a
+    result of an earlier version of those used."""
+    los = result["/geometry/line_of_sight"]
+    if "/geometry/instant" in result:
+        at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
+        used = np.isfinite(los[at][:, :, 0])
+        return result["/geometry/azimuth"], np.degrees(result["/geometry/elevation"]), used
+    los = some(len(los), 60)(los)
+    used = np.isfinite(los[:, :, 0])
+    return np.arctan2(los[:, :, 0], los[:, :, 1]), np.degrees(np.arcsin(los[:, :, 2])), used
+
+
+def _mask(on: figure, result: Result, edge: float) -> None:
+    """What the mask takes out of the sky."""
+    sectors = [(0.0, 360.0, low, high) for low, high in (
+        (90.0 - edge, float(setting(result, "sky", "mask_deg"))),
+        (float(setting(result, "sky", "mask_upper_deg")), 90.0),
+    )]  # fmt: skip
+    for part in setting(result, "sky", "interference"):
+        (west, east), (low, high) = part["azimuth_deg"], part["elevation_deg"]
+        sectors.append((float(west), float(east), float(low), float(high)))
+    for west, east, low, high in sectors:
+        if high <= low:
+            continue
+        on.annular_wedge(
+            0.0, 0.0, inner_radius=90.0 - high, outer_radius=90.0 - low, start_angle=90.0 - west,
+            end_angle=90.0 - (east if east > west else east + 360.0), start_angle_units="deg", end_angle_units="deg",
+            direction="clock", fill_color=GREY, fill_alpha=0.25, line_color=None,
+        )  # fmt: skip
+
+
+def dops(results: Sequence[Named]) -> Drawing:
+    """Dilutions of precision, and how many sources are used, over time."""
+    ground = any(result["/pseudolites/name"].size for _, result in results)
+    wanted = ["pdop", "hdop", "vdop", "sources"]
+    panels = [plot(name.upper() if name != "sources" else "Sources used", "time, s", "", 210) for name in wanted]
+    for other in panels[1:]:
+        other.x_range = panels[0].x_range
+    marks: list[list[Any]] = [[] for _ in wanted]
+    largest: list[list[np.ndarray]] = [[] for _ in wanted]
+    thinned = []
+    for i, (name, result) in enumerate(results):
+        time = result["/geometry/time"]
+        which = some(time.size)
+        thinned.append(which)
+        seen = np.isfinite(result["/geometry/line_of_sight"][:, :, 0])
+        mine = np.isin(result["/geometry/source"].astype(str), result["/pseudolites/name"].astype(str))
+        columns = {dop: result[f"/geometry/{dop}"] for dop in wanted[:3]}
+        columns |= {"sources": seen.sum(axis=1), "pseudolites": seen[:, mine].sum(axis=1)}
+        of = source(x=which(time), **{key: which(values) for key, values in columns.items()})
+        for k, key in enumerate(wanted):
+            marks[k].append(line(panels[k], of, key, colour(i), name=name, line_width=width(i, len(results))))
+            largest[k].append(columns[key])
+        if ground:
+            marks[3].append(line(panels[3], of, "pseudolites", colour(i), name=name, line_dash="dashed"))
+        if np.isfinite(landed := touchdown(result)):
+            for on in panels:
+                upright(on, landed)
+    for k, key in enumerate(wanted):
+        reach(panels[k], largest[k])
+        said = ("used", "@sources{0}, of them @pseudolites{0} pseudolites") if key == "sources" else (
+            key.upper(), f"@{key}{{0.000}}")  # fmt: skip
+        tell(panels[k], marks[k], ("", "$name"), ("time", "@x{0.0} s"), said, vertical=True)
+    caption = (
+        "Dilution of precision by unit weights, a gap where there is no fix; how many sources a fix is made of"
+        + (", and of them pseudolites (dashed)" if ground else "") + "; the upright line is touchdown."
+        + most_thinned(thinned).words()
+    )  # fmt: skip
+    return Drawing("dop", "Dilution of precision, number of sources", panels, caption, keys_of(results))
+
+
+def _of_runs(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
+    """Errors of the runs drawn one by one (r, t, n), and the root mean square over all (t, n); of a covariance analysis
+    none, and its root mean square; None where the result keeps no history."""
+    if "/filter/error" in result:
+        return first_runs(result, "/filter/error", MOST_LINES), rms_over_runs(result, "/filter/error")
+    if "/covariance/rms" in result:
+        rms = result["/covariance/rms"]
+        return np.empty((0, *rms.shape)), rms
+    return None
+
+
+def heights(results: Sequence[Named]) -> Drawing | None:
+    """Errors of position in axes of the runway against the height, with 3 sigma."""
+    kept = [(i, name, result) for i, (name, result) in enumerate(results)
+            if "/filter/error" in result or "/covariance/rms" in result]  # fmt: skip
+    if not kept:
+        return None
+    panels = [plot(axis.capitalize(), "height above the threshold, m", "error, m", 280) for axis in AXES]
+    seen: list[list[np.ndarray]] = [[] for _ in AXES]
+    marks: list[list[Any]] = [[] for _ in AXES]
+    thinned, turned = [], False
+    top = max(float(height_of(result)[descent(result)].max()) for _, _, result in kept)
+    for i, name, result in kept:
+        way = descent(result)
+        which = some(way.size, 1300 if len(kept) == 1 else 650)
+        thinned.append(which)
+        found = runway_errors(result, which(way), MOST_LINES)
+        turned |= found.sigma is None
+        flown = {"x": height_of(result)[which(way)], "time": result["/filter/time"][which(way)]}
+        own = {"name": name, "line_width": width(i, len(kept))}
+        aside = 0.012 * top * (i - 0.5 * (len(results) - 1))  # bars of several results side by side
+        for k, on in enumerate(panels):
+            if len(kept) == 1 and not single(result):
+                _single_runs(on, flown["x"], found.runs[:, :, k])
+            lines, reached = _against_height(on, flown, found, k, single(result), colour(i), own)
+            marks[k] += lines
+            seen[k] += [*reached, _bars(on, result, AXES[k], aside, colour(i))]
+    for k, on in enumerate(panels):
+        reach(on, seen[k], symmetric=True)
+        level(on, 0.0, dash="solid")
+        one = [("error", "@error{0.000} m")] if any(single(r) for _, _, r in kept) else []
+        more = [("RMS over runs", "@rms{0.000} m")] if not all(single(r) for _, _, r in kept) else []
+        tell(on, marks[k], ("", "$name"), ("height", "@x{0.0} m"), ("time", "@time{0.0} s"), *one, *more)
+        downwards(on, -0.02 * top, 1.02 * top)
+        on.x_range = panels[0].x_range
+    lone = [single(result) for _, _, result in kept]
+    what = "Error of position, truth minus estimate: right of, along and above the axes of the runway; the flight goes "
+    what += "from left to right. "
+    what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
+    what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and "/filter/error" in kept[0][2] else ""
+    what += "Bars: ±3σ of the filter where errors are told; shaded: the same all the way"
+    what += ", where the runway runs along a parallel or meridian" if turned else "."
+    what += " (across other axes σ is known at the bars alone, the RMS of a covariance analysis not)." if turned else ""
+    what += most_thinned(thinned).words("output")
+    keys = keys_of(results, Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band"))
+    return Drawing("heights", "Errors in runway axes against height", panels, what, keys, 3)
+
+
+def _against_height(
+    on: figure, flown: dict[str, np.ndarray], found: RunwayErrors, k: int, alone: bool, colour: str, own: dict[str, Any]
+) -> tuple[list[Any], list[np.ndarray]]:
+    """The error of a run, or 3 RMS of several, and 3 sigma, along the k-th axis; the marks to tell of, and sizes that
+    the plot has to reach. flown: heights and times. own: name and width of the line."""
+    columns, late = dict(flown), settled(flown["time"])
+    reached: list[np.ndarray] = []
+    if found.sigma is not None:
+        bound = 3.0 * found.sigma[:, k]
+        columns |= {"low": -bound, "high": bound}
+        reached.append(bound[late])
+    if alone:
+        columns["error"] = found.runs[0, :, k]
+        reached.append(np.abs(columns["error"][late]))
+    elif found.rms is not None:
+        columns |= {"rms": found.rms[:, k], "up": 3.0 * found.rms[:, k], "down": -3.0 * found.rms[:, k]}
+        reached.append(columns["up"][late])
+    of = source(**columns)
+    if found.sigma is not None:
+        band(on, of, "low", "high", colour)
+    drawn = ["error"] if alone else ["up", "down"] if found.rms is not None else []
+    return [line(on, of, each, colour, **own) for each in drawn][:1], reached
+
+
+def _single_runs(on: figure, height: np.ndarray, errors: np.ndarray) -> None:
+    """Thin lines of runs (r, w)."""
+    few = slice(None, None, max(1, height.size // 300))
+    runs = [run[few].astype(np.float32) for run in errors]
+    on.multi_line([height[few].astype(np.float32)] * len(runs), runs, line_color=GREY, line_alpha=0.45, line_width=0.7)
+
+
+def _bars(on: figure, result: Result, axis: str, aside: float, colour: str) -> np.ndarray:
+    """3 sigma of the filter at the heights where errors are told, drawn so much beside them; their sizes."""
+    sizes = 3.0 * result[f"/summary/at/{axis}_sigma"]
+    of = source(x=result["/summary/at/height"] + aside, low=-sizes, high=sizes)
+    on.segment("x", "low", "x", "high", source=of, line_color=colour, line_width=2)
+    for end in ("low", "high"):
+        on.scatter("x", end, source=of, marker="dash", size=9, line_color=colour, line_width=2)
+    return sizes
+
+
+def _sigma(result: Result) -> np.ndarray:
+    """1 sigma of the filter over runs (t, n)."""
+    return rms_over_runs(result, "/filter/sigma")
+
+
+def scatter(results: Sequence[Named]) -> Drawing | None:
+    """Errors of runs at touchdown, or at the height of the box, with the box and an ellipse."""
+    kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run") if r["/run"].size >= _FEW]
+    if not kept:
+        return None
+    column, where = 0, "touchdown"
+    boxed = [float(r["/summary/box/height"]) for _, _, r in kept if "/summary/box/height" in r]
+    near = [k for k, at in enumerate(kept[0][2]["/summary/at/height"]) if boxed and abs(at - boxed[0]) < 0.01]
+    if near:
+        column, where = near[0], list(HEIGHTS)[near[0]].replace("ft", " ft")
+    panels = []
+    for across, up in (("lateral", "vertical"), ("lateral", "along")):
+        on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", f"{up} error, m", 340, match_aspect=True)
+        marks = []
+        for i, name, result in kept:
+            points = np.stack([result[f"/summary/at/{axis}_run"][:, column] for axis in (across, up)])
+            known = np.isfinite(points).all(axis=0)
+            which = some(int(known.sum()))
+            x, y = (which(each[known]) for each in points)
+            of = source(x=x, y=y, run=which(result["/run"][known]))
+            marks.append(
+                on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6, line_color=None, name=name)
+            )
+            if known.sum() >= _FEW and np.linalg.matrix_rank(spread := np.cov(points[:, known])) == 2:
+                rim = points[:, known].mean(axis=1)[:, None] + ellipse(spread)
+                line(on, source(x=rim[0], y=rim[1]), "y", colour(i))
+            if "/summary/box/limit" in result and abs(float(result["/summary/box/height"]) - float(
+                    result["/summary/at/height"][column])) < 0.01:  # fmt: skip
+                _box(on, result, across, up, colour(i) if len(kept) > 1 else GREY)
+        tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
+        panels.append(on)
+    counted = ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept)
+    caption = (
+        f"Errors at {where}, truth minus estimate, a point a run ({counted}), with the ellipse that holds 95 % of a "
+        "Gaussian of their mean and covariance" + ("; dashed: the box." if boxed else ".")
+    )  # fmt: skip
+    keys = [Key("box", GREY, "dash")] if boxed else []
+    return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys))
+
+
+def _box(on: figure, result: Result, across: str, up: str, own: str) -> None:
+    """The limits of the box that there are, dashed."""
+    limits = dict(zip(AXES, map(float, result["/summary/box/limit"]), strict=True))
+    x, y = limits[across], limits[up]
+    if np.isfinite([x, y]).all():
+        corners = source(x=np.array([-x, x, x, -x, -x]), y=np.array([-y, -y, y, y, -y]))
+        line(on, corners, "y", own, line_dash="dashed", line_width=1)
+        return
+    for ends, side in ((x, upright), (y, level)):
+        if np.isfinite(ends):
+            for end in (-ends, ends):
+                side(on, end, own)
+
+
+def distribution(results: Sequence[Named]) -> Drawing | None:
+    """Histograms of the errors at touchdown, beside what the filter believes."""
+    kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run") if r["/run"].size >= 10]
+    if not kept:
+        return None
+    panels = []
+    for axis in AXES:
+        on = plot(axis.capitalize(), f"{axis} error at touchdown, m", "share of runs per m", 260)
+        errors = {}
+        for i, _, result in kept:
+            of_runs = result[f"/summary/at/{axis}_run"][:, 0]
+            errors[i] = of_runs[np.isfinite(of_runs)]
+        every = np.concatenate(list(errors.values()))
+        if not every.size or every.min() == every.max():
+            continue
+        runs = max(each.size for each in errors.values())
+        bins = int(np.clip(2.0 * runs ** (1.0 / 3.0), *_BINS))  # Rice's rule
+        edges = np.linspace(every.min(), every.max(), bins + 1)
+        marks = []
+        for i, name, result in kept:
+            if not errors[i].size:
+                continue
+            count, _ = np.histogram(errors[i], edges)
+            of = source(left=edges[:-1], right=edges[1:], top=count / (errors[i].size * np.diff(edges)), count=count)
+            marks.append(
+                on.quad(left="left", right="right", bottom=0.0, top="top", source=of, fill_color=colour(i),
+                        fill_alpha=0.3, line_color=colour(i), line_alpha=0.7, name=name)
+            )  # fmt: skip
+            sigma = float(result[f"/summary/at/{axis}_sigma"][0])
+            x = np.linspace(edges[0], edges[-1], 121)
+            density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2.0 * math.pi))
+            line(on, source(x=x, y=density), "y", colour(i), line_dash="dashed")
+        on.y_range.start = 0.0
+        tell(on, marks, ("", "$name"), ("error", "@left{0.000} to @right{0.000} m"), ("runs", "@count{0}"))
+        panels.append(on)
+    caption = (
+        "How errors at touchdown are distributed over runs; dashed: the Gaussian of the filter's σ there. "
+        + ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept) + "."
+    )  # fmt: skip
+    return Drawing("histograms", "Histograms at touchdown", panels, caption, keys_of(results), 3) if panels else None
+
+
+def percentiles(results: Sequence[Named]) -> Drawing | None:
+    """Percentiles of the size of errors against the height."""
+    kept = [each for each in having(results, "/summary/at/lateral_percentile") if not single(each[2])]
+    if not kept:
+        return None
+    panels, dashes = [], ("solid", "dashed", "dotted", "dotdash")
+    said = [str(p) for p in kept[0][2]["/summary/percentile"]]
+    for axis in AXES:
+        on = plot(axis.capitalize(), "height above the runway, m", "size of the error, m", 260)
+        marks, values = [], []
+        for i, name, result in kept:
+            of = source(x=result["/summary/at/height"], **{
+                f"p{k}": column for k, column in enumerate(result[f"/summary/at/{axis}_percentile"].T)
+            })  # fmt: skip
+            values.append(result[f"/summary/at/{axis}_percentile"])
+            for k in range(len(said)):
+                line(on, of, f"p{k}", colour(i), line_dash=dashes[k % len(dashes)])
+                marks.append(on.scatter("x", f"p{k}", source=of, size=6, color=colour(i), name=name))
+        reach(on, values)
+        tell(on, marks, ("", "$name"), ("height", "@x{0.0} m"),
+             *((f"{p} % of runs below", f"@p{k}{{0.000}} m") for k, p in enumerate(said)))  # fmt: skip
+        top = max(float(r["/summary/at/height"].max()) for _, _, r in kept)
+        downwards(on, -0.03 * top, 1.05 * top)
+        panels.append(on)
+    caption = (
+        f"What {', '.join(said[:-1])} and {said[-1]} % of runs stay below (from below) at the heights where errors are "
+        "told; the table has the numbers. Of a covariance analysis: of a Gaussian."
+    )  # fmt: skip
+    return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results), 3)
+
+
+def states(results: Sequence[Named]) -> Drawing | None:
+    """All errors of the filter over time."""
+    kept = [(i, name, r, found) for i, (name, r) in enumerate(results) if (found := _of_runs(r)) is not None]
+    if not kept:
+        return None
+    # those of all results, each by its name: filters follow different ones
+    shown = {
+        name: state
+        for _, _, r, _ in kept
+        for name, state in zip(map(str, r["/filter/state"]), followed(list(map(str, r["/filter/state"]))), strict=True)
+    }
+    panels, thinned, place = [], [], {name: k for k, name in enumerate(shown)}
+    for state in shown.values():
+        panels.append(plot(f"{state.row}{' ' + state.axis if state.axis else ''}", "time, s", state.unit, 190))
+        panels[-1].x_range = panels[0].x_range
+    marks: list[list[Any]] = [[] for _ in shown]
+    seen: list[list[np.ndarray]] = [[] for _ in shown]
+    for i, name, result, (errors, rms) in kept:
+        time = result["/filter/time"]
+        which = some(time.size, 1300 if len(kept) == 1 else 650)
+        thinned.append(which)
+        sigma, late, alone = _sigma(result), settled(time), single(result)
+        columns: dict[str, np.ndarray] = {"x": which(time)}
+        mine = [place[state] for state in map(str, result["/filter/state"])]
+        for j, k in enumerate(mine):
+            scale = list(shown.values())[k].scale
+            drawn = (errors[0] if alone else 3.0 * rms)[:, j] * scale
+            columns[f"e{k}"] = which(drawn)
+            columns[f"s{k}"], columns[f"t{k}"] = (which(sign * 3.0 * sigma[:, j] * scale) for sign in (1.0, -1.0))
+            seen[k] += [np.abs(drawn[late]), 3.0 * sigma[late, j] * scale]
+        of = source(**columns)
+        for k in mine:
+            band(panels[k], of, f"t{k}", f"s{k}", colour(i))
+            marks[k].append(line(panels[k], of, f"e{k}", colour(i), name=name, line_width=width(i, len(kept))))
+    for k, on in enumerate(panels):
+        reach(on, seen[k], symmetric=any(single(r) for _, _, r, _ in kept))
+        unit = list(shown.values())[k].unit
+        tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("shown", f"@e{k}{{0.0000}} {unit}"),
+             ("3σ of the filter", f"@s{k}{{0.0000}} {unit}"))  # fmt: skip
+    lone = [single(r) for _, _, r, _ in kept]
+    what = "the error of the run, truth minus estimate" if all(lone) else "3 RMS over all runs"
+    what = what if len(set(lone)) == 1 else "3 RMS over all runs, of one run its error"
+    caption = f"Line: {what}; shaded: 3σ of the filter. The axes fit what is left once the start has settled."
+    caption += most_thinned(thinned).words("output")
+    keys = keys_of(results, Key("3σ of the filter", GREY, "band"))
+    return Drawing("states", "All states of the filter over time", panels, caption, keys, 3)
+
+
+def fixes(results: Sequence[Named]) -> Drawing | None:
+    """Scatter of fixes about the true antenna, a panel a result."""
+    kept = having(results, "/receiver/position_llh")
+    if not kept:
+        return None
+    panels = []
+    for i, name, result in kept:
+        on = plot(
+            name if len(results) > 1 else "", "fix minus true antenna, east, m", "north, m", 340, match_aspect=True
+        )
+        shown = some_fix_errors(result, _MOST_FIXES)
+        if not shown.size:
+            names(on, 0.0, 0.0, ["no fixes"])
+        else:
+            drawn = on.scatter(
+                "x", "y", source=source(x=shown[:, 1], y=shown[:, 0]), size=3, color=colour(i), alpha=0.5
+            )
+            rim = ellipse(np.nanmean(result["/receiver/covariance_enu"][:, :2, :2], axis=0))
+            line(on, source(x=rim[0], y=rim[1]), "y", ORANGE if colour(i) != ORANGE else BLUE)
+            tell(on, [drawn], ("east", "@x{0.00} m"), ("north", "@y{0.00} m"))
+        panels.append(on)
+    caption = (
+        "Fixes of the receiver about where its antenna is, some of all runs alike, with the ellipse that holds 95 % by "
+        "the mean of their predicted covariance."
+    )
+    return Drawing("fixes", "Fixes", panels, caption, [Key("95 % as predicted", ORANGE)])
+
+
+def consistency(results: Sequence[Named]) -> Drawing:
+    """NEES and NIS per degree of freedom over time."""
+    wanted = (("nees", "All states (NEES)"), ("nees_position_velocity", "Position and velocity (NEES)"),
+              ("nis", "Innovations (NIS)"))  # fmt: skip
+    panels: list[figure] = []
+    thinned = []
+    for name, title in wanted:
+        on = plot(title, "time, s", "per degree of freedom", 230)
+        on.x_range = panels[0].x_range if panels else on.x_range
+        marks, values = [], []
+        for i, (called, result) in enumerate(results):
+            variable = result.variables[f"/summary/consistency/{name}"]
+            time, data = result["/summary/consistency/time"], np.asarray(variable.data)
+            which = some(time.size, 1300 if len(results) == 1 else 650)
+            thinned.append(which)
+            of = source(x=which(time), y=which(data))
+            dots = name == "nis" and "band_low" in variable.attributes
+            marks.append(on.scatter("x", "y", source=of, size=3, color=colour(i), name=called) if dots
+                         else line(on, of, "y", colour(i), name=called, line_width=width(i, len(results))))  # fmt: skip
+            values.append(data[settled(time)])
+            if "band_low" in variable.attributes:
+                stretch(on, float(variable.attributes["band_low"]), float(variable.attributes["band_high"]), colour(i))
+        level(on, 1.0, dash="solid")
+        reach(on, values, 1.5)
+        tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("per degree", "@y{0.000}"))
+        panels.append(on)
+    caption = (
+        "Squared errors by the filter's own covariance, per degree of freedom: 1 is right, more is overconfident. "
+        "Shaded: where the mean of so many runs lies at 95 % of instants if the filter is right. Of a covariance "
+        "analysis: what is to be expected." + most_thinned(thinned).words("output")
+    )
+    return Drawing("consistency", "Consistency", panels, caption, keys_of(results), 3)
+
+
+def budget(results: Sequence[Named]) -> Drawing | None:
+    """What each source of error contributes, as a waterfall of mean squares."""
+    kept = having(results, "/summary/budget/source")
+    panels = []
+    for i, name, result in kept:
+        sources = [str(each).replace("_", " ") for each in result["/summary/budget/source"]]
+        for axis in ("horizontal", "vertical"):
+            share, alone = (result[f"/summary/budget/{axis}{part}"] for part in ("_share", ""))
+            order = [k for k in np.argsort(-share, kind="stable") if share[k] >= 0.001]
+            rest = 1.0 - float(share[order].sum())
+            said = [sources[k] for k in order] + (
+                [f"{len(sources) - len(order)} others"] if len(order) < len(sources) else []
+            )
+            shares = [float(share[k]) for k in order] + ([max(rest, 0.0)] if len(order) < len(sources) else [])
+            metres = [float(alone[k]) for k in order]
+            total = math.sqrt(float(np.sum(alone**2)))
+            metres += [total * math.sqrt(s) for s in shares[len(metres) :]]
+            end = 100.0 * np.cumsum(shares)
+            said, start = [*said, "in all"], [*(end - 100.0 * np.array(shares)), 0.0]
+            title = f"{axis.capitalize()}{f', {name}' if len(results) > 1 else ''}: {total:.3f} m"
+            on = plot(title, "share of the mean square, %", "", 90 + 22 * len(said), y_range=said[::-1])
+            on.update(x_range=Range1d(0.0, 102.0))
+            of = source(said=said, left=start, right=[*end, 100.0], share=[*(100.0 * s for s in shares), 100.0],
+                        metres=[*metres, total])  # fmt: skip
+            drawn = on.hbar("said", height=0.7, left="left", right="right", source=of, color=colour(i), alpha=0.85)
+            on.ygrid.visible = False
+            tell(on, [drawn], ("", "@said"), ("alone", "@metres{0.0000} m"), ("share", "@share{0.00} %"))
+            panels.append(on)
+    if not panels:
+        return None
+    caption = (
+        f"How the mean square error over {RMS_WINDOW:g} s to touchdown is made up, the largest source first: mean "
+        "squares of sources add up, sizes do not. Each bar begins where the one above it ends. Sources below 0.1 % "
+        "are together."
+    )
+    return Drawing("budget", "Error budget", panels, caption, keys_of(results))

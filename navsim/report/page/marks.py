@@ -1,0 +1,253 @@
+"""What the drawings of the page are made of: plots that can be read on light and on dark paper, lines, bands, points,
+images, each with what it says under the pointer. Axes in the unit that stands in their label."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from bokeh.core.properties import value
+from bokeh.models import (
+    BasicTickFormatter,
+    BoxAnnotation,
+    ColorBar,
+    ColumnDataSource,
+    FixedTicker,
+    HoverTool,
+    LinearColorMapper,
+    LogColorMapper,
+    Range1d,
+    Span,
+)
+from bokeh.palettes import Viridis256
+from bokeh.plotting import figure
+
+from navsim.io.results import Result
+
+Named = tuple[str, Result]
+"""A result and what it is called on the page."""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#A67C00", "#7A6FF0")
+"""Of results, and of lines: told apart by the colour-blind (Okabe and Ito; their yellow and sky blue are too light on
+white, and have others in their places), each 3:1 against white and against the page's dark."""
+BLUE, ORANGE, GREEN = COLOURS[:3]
+GREY = "#808080"
+TEXT = "#767676"
+"""4.5:1 against white, 4:1 against the page's dark."""
+MOST_POINTS = 1500
+"""Most points of a line; of longer ones every so many-th is drawn, and the caption says so."""
+MOST_LINES = 20
+"""Most runs drawn one by one."""
+_FONT = "system-ui, sans-serif"
+
+
+@dataclass(frozen=True)
+class Key:
+    """An entry of a legend. how: line, dash, dots, band, dot, ring, triangle or star."""
+
+    text: str
+    colour: str
+    how: str = "line"
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure of the page. name: its anchor. panels: the plots, in the order of reading. caption: what is seen, and
+    of whom. columns: how many panels stand side by side where there is room."""
+
+    name: str
+    title: str
+    panels: list[figure]
+    caption: str
+    keys: list[Key] = field(default_factory=list)
+    columns: int = 2
+
+
+def colour(i: int) -> str:
+    """The colour of the i-th result or line."""
+    return COLOURS[i % len(COLOURS)]
+
+
+def width(i: int, of: int) -> float:
+    """How wide the line of the i-th of several results is: later ones lie over earlier ones, which stay to be seen."""
+    return 1.6 if of == 1 else max(1.2, 3.6 - 1.2 * i)
+
+
+def keys_of(results: Sequence[Named], *more: Key) -> list[Key]:
+    """A legend with the results by their colours, where they are several, and more."""
+    named = [Key(name, colour(i)) for i, (name, _) in enumerate(results)] if len(results) > 1 else []
+    return [*named, *more]
+
+
+def small(values: Any) -> np.ndarray:
+    """Numbers as the page keeps them: single precision; what is not finite is a gap."""
+    data = np.asarray(values, dtype=np.float32)
+    return np.where(np.isfinite(data), data, np.float32(np.nan))
+
+
+@dataclass(frozen=True)
+class Some:
+    """Which of many instants are drawn. step: every so many-th; of: how many there are."""
+
+    step: int
+    of: int
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        return values[:: self.step]
+
+    def words(self, what: str = "instant") -> str:
+        """A sentence for the caption; nothing where all are drawn."""
+        return f" Of {self.of} {what}s every {_ordinal(self.step)} is drawn." if self.step > 1 else ""
+
+
+def _ordinal(n: int) -> str:
+    ending = "th" if 10 <= n % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
+    return f"{n}{ending}"
+
+
+def some(count: int, most: int = MOST_POINTS) -> Some:
+    """So many of `count` that no more than `most` are left."""
+    return Some(max(1, -(-count // most)), count)
+
+
+def most_thinned(of: Iterable[Some]) -> Some:
+    """The one to tell of: that leaves out the most."""
+    return max(of, key=lambda each: each.step, default=Some(1, 0))
+
+
+def plot(title: str, x: str, y: str, height: int = 260, **more: Any) -> figure:
+    """An empty plot as wide as its place. title: above it, as text of the page; x, y: labels with units."""
+    out = figure(
+        height=height, sizing_mode="stretch_width", tools="pan,box_zoom,wheel_zoom,reset,save", active_drag=None,
+        active_scroll=None, toolbar_location="above", background_fill_alpha=0.0, border_fill_alpha=0.0,
+        outline_line_color=None, name=title, min_border_left=64, min_border_right=12, **more,
+    )  # fmt: skip
+    out.toolbar.logo = None
+    out.toolbar.autohide = True
+    for axis, said in ((out.xaxis[0], x), (out.yaxis[0], fill(y, height // 7))):
+        axis.update(
+            axis_label=said, axis_label_text_color=TEXT, axis_label_text_font=_FONT, axis_label_text_font_size="12px",
+            axis_label_text_font_style="normal", major_label_text_color=TEXT, major_label_text_font=_FONT,
+            major_label_text_font_size="11px", axis_line_color=GREY, major_tick_line_color=GREY,
+            minor_tick_line_color=None,
+        )  # fmt: skip
+    for grid in (out.xgrid[0], out.ygrid[0]):
+        grid.update(grid_line_color=GREY, grid_line_alpha=0.25)
+    return out
+
+
+def source(**columns: Any) -> ColumnDataSource:
+    """Columns that several marks share; numbers become `small`."""
+    return ColumnDataSource({
+        name: values if isinstance(values, list) else small(values) for name, values in columns.items()
+    })  # fmt: skip
+
+
+def line(on: figure, of: ColumnDataSource, y: str, colour: str, x: str = "x", **style: Any) -> Any:
+    """A line through columns."""
+    return on.line(x, y, source=of, line_color=colour, line_width=style.pop("line_width", 1.6), **style)
+
+
+def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, x: str = "x") -> Any:
+    """What lies between two columns."""
+    return on.varea(x, low, high, source=of, fill_color=colour, fill_alpha=0.18)
+
+
+def tell(on: figure, marks: Sequence[Any], *said: tuple[str, str], vertical: bool = False) -> None:
+    """What is said under the pointer of these marks: pairs of a label and a pattern of Bokeh's. vertical: of all marks
+    at the same x."""
+    on.add_tools(
+        HoverTool(renderers=list(marks), tooltips=list(said), mode="vline" if vertical else "mouse",
+                  point_policy="snap_to_data", line_policy="nearest", attachment="horizontal")
+    )  # fmt: skip
+
+
+def reach(on: figure, values: Iterable[np.ndarray], least: float = 0.0, symmetric: bool = False) -> None:
+    """Let the y axis reach as far as the largest of these values, and 8 % on, from zero or from its negative."""
+    known = [float(np.max(each[np.isfinite(each)])) for each in values if np.isfinite(each).any()]
+    top = 1.08 * max([least, *known])
+    if top > 0.0:
+        on.y_range = Range1d(-top if symmetric else 0.0, top)
+
+
+def upright(on: figure, x: float, colour: str = GREY) -> None:
+    """A dashed line across the plot at x."""
+    on.add_layout(Span(location=x, dimension="height", line_color=colour, line_dash="dashed", line_width=1))
+
+
+def level(on: figure, y: float, colour: str = GREY, dash: str = "dashed") -> None:
+    """A line across the plot at y."""
+    on.add_layout(Span(location=y, dimension="width", line_color=colour, line_dash=dash, line_width=1))
+
+
+def stretch(on: figure, low: float, high: float, colour: str = GREY, upright: bool = False) -> None:
+    """A shaded stretch of an axis."""
+    ends = {"left": low, "right": high} if upright else {"bottom": low, "top": high}
+    on.add_layout(BoxAnnotation(**ends, fill_color=colour, fill_alpha=0.15, line_color=None))
+
+
+def names(on: figure, x: Any, y: Any, said: Iterable[object], colour: str = TEXT, **style: Any) -> None:
+    """Words beside points."""
+    style = {"x_offset": 6, "y_offset": 6, "text_font_size": "11px"} | style
+    of = source(x=np.atleast_1d(x), y=np.atleast_1d(y), said=[str(text) for text in said])
+    on.text("x", "y", "said", source=of, text_color=colour, text_font=value(_FONT), **style)
+
+
+def labels(on: figure, x: np.ndarray, y: np.ndarray, said: Iterable[object]) -> None:
+    """Words beside points of a map, which has any colour below them."""
+    names(on, x, y, said, "black", background_fill_color="white", background_fill_alpha=0.75)
+
+
+def image(
+    on: figure, values: np.ndarray, x: tuple[float, float], y: tuple[float, float], mapper: Any, label: str
+) -> Any:
+    """An image (y, x) between ends of the axes, with its bar of colours."""
+    drawn = on.image(
+        image=[small(values)], x=x[0], y=y[0], dw=x[1] - x[0], dh=y[1] - y[0], color_mapper=mapper, level="image"
+    )
+    on.grid.visible = False
+    bar(on, mapper, label)
+    return drawn
+
+
+def bar(on: figure, mapper: Any, label: str) -> None:
+    """The bar of colours beside a plot."""
+    on.add_layout(
+        ColorBar(
+            color_mapper=mapper, title=label, title_text_color=TEXT, title_text_font=_FONT, title_text_font_size="11px",
+            title_text_font_style="normal", major_label_text_color=TEXT, background_fill_alpha=0.0, width=10,
+            bar_line_color=None, padding=4,
+        ),
+        "right",
+    )  # fmt: skip
+
+
+def shades(low: float, high: float, *, reverse: bool = False, log: bool = False) -> Any:
+    """Colours between two numbers; what is not known is transparent."""
+    palette = list(Viridis256[::-1] if reverse else Viridis256)[::4]
+    kind: Callable[..., Any] = LogColorMapper if log else LinearColorMapper
+    return kind(palette=palette, low=low, high=high, nan_color="rgba(0,0,0,0)")
+
+
+def ticks(on: figure, axis: Any, at: Sequence[float], said: Sequence[object]) -> None:
+    """Words in place of numbers on an axis of a plot."""
+    axis.ticker = FixedTicker(ticks=list(at))
+    axis.major_label_overrides = {each: str(text) for each, text in zip(at, said, strict=True)}
+
+
+def steps(on: figure, x: np.ndarray, y: np.ndarray, colour: str, **style: Any) -> Any:
+    """A line that keeps each value until the next."""
+    return on.step("x", "y", source=source(x=x, y=y), line_color=colour, line_width=1.6, mode="after", **style)
+
+
+def downwards(on: figure, low: float, high: float) -> None:
+    """An x axis that runs from its high end to its low one, as heights do in an approach."""
+    on.x_range = Range1d(high, low)
+
+
+def from_runway(on: figure) -> None:
+    """Axes in metres, whose thousands are not cut into powers of ten."""
+    for axis in (on.xaxis[0], on.yaxis[0]):
+        axis.formatter = BasicTickFormatter(use_scientific=False)

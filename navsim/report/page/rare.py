@@ -1,0 +1,95 @@
+"""Drawings of the probability of leaving a box: exceedance curves, and where pushed runs end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import Range1d
+
+from navsim.io.findings import several
+from navsim.report.page.marks import (
+    GREY,
+    Drawing,
+    Key,
+    Named,
+    colour,
+    keys_of,
+    level,
+    line,
+    plot,
+    some,
+    source,
+    tell,
+    upright,
+)
+from navsim.report.rare import curve
+
+_MOST = 400
+"""Most steps of a curve; of more every so many-th is drawn."""
+
+
+def drawings(results: Sequence[Named]) -> list[Drawing]:
+    """The drawings of these results."""
+    return [exceedance(results), _runs(results)]
+
+
+def exceedance(results: Sequence[Named]) -> Drawing:
+    """How often each limited error exceeds a size, by pushed runs and to first order."""
+    panels = []
+    for k, axis in enumerate(map(str, results[0][1]["/axis"])):
+        curves = [(i, name, curve(result, k)) for i, (name, result) in enumerate(results)
+                  if np.isfinite(result["/summary/box/limit"][k])]  # fmt: skip
+        if not curves:
+            continue
+        bottom = min(each.bottom for _, _, each in curves)
+        on = plot(axis.capitalize(), "size x of the error, m", f"P(|{axis} error| > x)", 320,
+                  y_axis_type="log" if bottom > 0.0 else "linear")  # fmt: skip
+        on.x_range = Range1d(0.0, max(float(each.grid[-1]) for _, _, each in curves))
+        on.y_range = Range1d(bottom, 1.0)
+        marks: list[Any] = []
+        for i, name, each in curves:
+            which = some(each.size.size, _MOST)
+            floor = bottom if bottom > 0.0 else 0.0
+            of = source(
+                x=which(each.size), y=which(each.chance), low=np.maximum(which(each.low), floor), high=which(each.high)
+            )
+            on.varea_step("x", "low", "high", source=of, step_mode="after", fill_color=colour(i), fill_alpha=0.2)
+            marks.append(on.step("x", "y", source=of, mode="after", line_color=colour(i), line_width=1.6, name=name))
+            line(on, source(x=each.grid, y=each.first_order), "y", colour(i), line_dash="dashed")
+            upright(on, each.limit, colour(i) if len(results) > 1 else GREY)
+        tell(on, marks, ("", "$name"), ("size", "@x{0.000} m"), ("chance", "@y{0.0e+0}"),
+             ("95 %", "@low{0.0e+0} to @high{0.0e+0}"))  # fmt: skip
+        panels.append(on)
+    counted = ", ".join(f"{name}: {several(result['/run'].size, 'pushed run')}" for name, result in results)
+    caption = (
+        "How often an error at the height of the box exceeds a size, by weighed runs with their 95 % interval "
+        f"({counted}); dashed curve: a Gaussian by first order; upright line: the limit."
+    )
+    return Drawing("exceedance", "How often errors exceed a size", panels, caption,
+                   keys_of(results, Key("first order", GREY, "dash")))  # fmt: skip
+
+
+def _runs(results: Sequence[Named]) -> Drawing:
+    """Where pushed runs end, lateral and vertical."""
+    on = plot("Vertical against lateral", "lateral error, m", "vertical error, m", 360, match_aspect=True)
+    marks = []
+    for i, (name, result) in enumerate(results):
+        error = result["/rare/error"]
+        which = some(len(error))
+        weight = np.exp(result["/rare/log_weight"])
+        of = source(x=which(error[:, 0]), y=which(error[:, 2]), weight=which(weight))
+        marks.append(on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6, line_color=None, name=name))
+        for k, side in ((0, upright), (2, level)):
+            if np.isfinite(ends := float(result["/summary/box/limit"][k])):
+                for end in (-ends, ends):
+                    side(on, end, colour(i) if len(results) > 1 else GREY)
+    tell(
+        on, marks, ("", "$name"), ("lateral", "@x{0.000} m"), ("vertical", "@y{0.000} m"), ("weight", "@weight{0.0e+0}")
+    )
+    caption = (
+        "Errors of the pushed runs at the height of the box (dashed). They are pushed towards its faces: how dense "
+        "they lie is no probability, their weights make one of it."
+    )
+    return Drawing("pushed", "Pushed runs and the box", [on], caption, keys_of(results, Key("box", GREY, "dash")))

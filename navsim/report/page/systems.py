@@ -1,0 +1,327 @@
+"""Drawings of the tracking systems of the companion papers, of Table 2, and of what few satellites make possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import FactorRange
+from bokeh.plotting import figure
+
+from navsim.io.results import Result
+from navsim.report import integrity_table, table2
+from navsim.report.page.marks import (
+    ORANGE,
+    Drawing,
+    Key,
+    Named,
+    band,
+    bar,
+    colour,
+    level,
+    line,
+    most_thinned,
+    names,
+    plot,
+    reach,
+    shades,
+    some,
+    source,
+    stretch,
+    tell,
+    ticks,
+    upright,
+)
+from navsim.report.quantities import settled
+from navsim.report.tables import setting
+from navsim.report.tracking import atc, azimuth, elevation
+
+_OF_RUNS = "σ of the filter"
+
+
+def _several(results: Sequence[Named], k: int) -> tuple[str, str]:
+    """What is appended to an anchor and to a title of the k-th result."""
+    return f"-{k}", f" ({results[k][0]})" if len(results) > 1 else ""
+
+
+def _rmse(errors: np.ndarray) -> np.ndarray:
+    """Root mean square over runs (t,)."""
+    return np.sqrt(np.mean(errors**2, axis=0))
+
+
+def atcs(results: Sequence[Named]) -> list[Drawing]:
+    """Of air traffic control: RMSE over time of every filter; decoupled over full, state by state."""
+    out = []
+    for k, (_, result) in enumerate(results):
+        anchor, called = _several(results, k)
+        panels = [plot("Range", "time, s", "RMSE, m", 280), plot("Range rate", "time, s", "RMSE, m/s", 280)]
+        panels[1].x_range = panels[0].x_range
+        time = result["/time"]
+        late, which = settled(time), some(time.size, 800)
+        marks: list[list[Any]] = [[], []]
+        seen: list[list[np.ndarray]] = [[], []]
+        filters = [str(name) for name in result["/filter"]]
+        for f, name in enumerate(filters):
+            error, sigma = result[f"/filters/{name}/error"], result[f"/filters/{name}/sigma"]
+            for i, on in enumerate(panels):
+                rmse = _rmse(error[:, :, i])
+                of = source(x=which(time), y=which(rmse), sigma=which(sigma[:, i]))
+                line(on, of, "sigma", colour(f), line_dash="dotted", line_width=1)
+                marks[i].append(line(on, of, "y", colour(f), name=name))
+                seen[i] += [rmse[late], sigma[late, i]]
+        for i, on in enumerate(panels):
+            for begin, end in setting(result, "circuit", "manoeuvre_s"):
+                stretch(on, begin, end, upright=True)
+            reach(on, seen[i])
+            tell(on, marks[i], ("", "$name"), ("time", "@x{0.0} s"), ("RMSE", "@y{0.000}"), (_OF_RUNS, "@sigma{0.000}"))
+        keys = [Key(f"{name}: {atc.WORDS[name]}", colour(f)) for f, name in enumerate(filters)]
+        caption = (
+            f"{atc.in_words(result['/case'][0])}, {_runs(result)}; dotted: {_OF_RUNS}; shaded: manoeuvres."
+            + which.words("scan")
+        )
+        out += [Drawing(f"errors{anchor}", f"Errors over time{called}", panels, caption, keys, 1),
+                _ratios(result, anchor, called)]  # fmt: skip
+    return out
+
+
+def _runs(result: Result) -> str:
+    runs = result["/run"].size
+    return f"{runs} runs" if runs > 1 else "one run"
+
+
+def _ratios(result: Result, anchor: str, called: str) -> Drawing:
+    states = [str(name).replace("_", " ") for name in result["/state"]]
+    cases, ratios = result["/case"], result["/summary/decoupled_to_full"][:, 0, 0]
+    on = plot("", "", "RMSE, adapt / full, manoeuvre", 320)
+    marks, keys = [], []
+    for c, case in enumerate(cases):
+        at = np.arange(len(states)) + 0.6 / cases.size * (c - 0.5 * (cases.size - 1))
+        value, low, high = ratios[c].T
+        of = source(x=at, y=value, low=low, high=high, state=states)
+        on.segment("x", "low", "x", "high", source=of, line_color=colour(c), line_width=2)
+        said = atc.in_words(case)
+        marks.append(on.scatter("x", "y", source=of, size=7, color=colour(c), name=said))
+        keys.append(Key(said, colour(c), "dot"))
+    ticks(on, on.xaxis[0], range(len(states)), states)
+    on.xaxis[0].major_label_orientation = 0.7
+    level(on, 1.0)
+    tell(on, marks, ("", "$name"), ("", "@state"), ("ratio", "@y{0.000}"), ("95 %", "@low{0.000} to @high{0.000}"))
+    caption = "What decoupling costs, state by state, with 95 % intervals: at 1 nothing."
+    return Drawing(f"ratios{anchor}", f"Decoupled over full{called}", [on], caption, keys, 1)
+
+
+def azimuths(results: Sequence[Named]) -> list[Drawing]:
+    """Of azimuth tracking: RMSE over time, the accelerations, the map."""
+    out = []
+    for k, (_, result) in enumerate(results):
+        anchor, called = _several(results, k)
+        words = azimuth.words(result)
+        on = plot("", "time, s", "azimuth RMSE, deg", 340, y_axis_type="log")
+        time = result["/time"]
+        which = some(time.size, 800)
+        marks, keys = [], []
+        for f, name in enumerate(("S1", "S2", "L1", "L2", "L3", "L4")):
+            of = source(x=which(time), y=which(_rmse(result[f"/filters/{name}/error_deg"])),
+                        sigma=which(result[f"/filters/{name}/sigma_deg"]))  # fmt: skip
+            line(on, of, "sigma", colour(f), line_dash="dotted", line_width=1)
+            marks.append(line(on, of, "y", colour(f), name=name))
+            keys.append(Key(f"{name}: {words[name]}", colour(f)))
+        turns = np.flatnonzero(result["/truth/roll"] != 0.0)
+        for run in np.split(turns, np.flatnonzero(np.diff(turns) > 1) + 1) if turns.size else []:
+            begin, end = (float(result["/truth/time"][at]) for at in run[[0, -1]])
+            stretch(on, begin, end, upright=True)
+        tell(
+            on,
+            marks,
+            ("", "$name"),
+            ("time", "@x{0.0} s"),
+            ("RMSE", "@y{0.0000} deg"),
+            (_OF_RUNS, "@sigma{0.0000} deg"),
+        )
+        caption = f"T = {result['/period'][0]:g} s, {_runs(result)}; dotted: {_OF_RUNS}; shaded: turns." + which.words(
+            "scan"
+        )
+        out += [Drawing(f"errors{anchor}", f"Errors over time{called}", [on], caption, keys, 1),
+                _accelerations(result, anchor, called)]  # fmt: skip
+        if "/map/ratio" in result:
+            out.append(_where(result, anchor, called))
+    return out
+
+
+def _accelerations(result: Result, anchor: str, called: str) -> Drawing:
+    plan = plot("Circuit", "east, km", "north, km", 320, match_aspect=True)
+    below = plot("Acceleration of the azimuth", "time, s", "10⁻³ deg/s²", 320)
+    time = result["/truth/time"]
+    which = some(time.size, 800)
+    position = which(result["/truth/position"]) / 1e3
+    of = source(x=position[:, 2], y=position[:, 0], time=which(time))
+    drawn = line(plan, of, "y", colour(0))
+    plan.scatter([0.0], [0.0], marker="triangle", size=11, color=ORANGE)
+    names(plan, 0.0, 0.0, ["radar"])
+    tell(plan, [drawn], ("time", "@time{0.0} s"), ("east", "@x{0.00} km"), ("north", "@y{0.00} km"))
+    marks = []
+    for i, (path, said) in enumerate((("", "exact"), ("_literal", "the paper's (14)"))):
+        values = 1e3 * which(result[f"/truth/azimuth_acceleration{path}"])
+        marks.append(line(below, source(x=which(time), y=values), "y", colour(i), name=said))
+    reach(below, [np.array([azimuth.shown_acceleration(result)]) / 1.08], symmetric=True)
+    tell(below, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
+    caption = "The circuit seen from above, and what drives the azimuth." + which.words()
+    keys = [Key("exact", colour(0)), Key("the paper's (14)", colour(1))]
+    return Drawing(f"accelerations{anchor}", f"Accelerations{called}", [plan, below], caption, keys)
+
+
+def _cells(
+    on: figure, rows: Sequence[str], columns: Sequence[str], values: np.ndarray, pattern: str, mapper: Any
+) -> Any:
+    """A table (rows, columns) as coloured cells with their numbers."""
+    x, y = zip(*((c, r) for r in rows for c in columns), strict=True)
+    flat = values.ravel()
+    of = source(x=list(x), y=list(y), value=flat, said=[pattern.format(v) if np.isfinite(v) else "" for v in flat])
+    drawn = on.rect("x", "y", width=1, height=1, source=of, line_color=None,
+                    fill_color={"field": "value", "transform": mapper})  # fmt: skip
+    middle = 0.5 * (mapper.low + mapper.high)
+    for shown, ink in ((flat < middle, "white"), (flat >= middle, "black")):
+        at = np.flatnonzero(shown)
+        part = source(x=[x[i] for i in at], y=[y[i] for i in at], said=[of.data["said"][i] for i in at])
+        on.text("x", "y", "said", source=part, text_align="center", text_baseline="middle", text_font_size="11px",
+                text_color=ink)  # fmt: skip
+    on.grid.visible = False
+    return drawn
+
+
+def _where(result: Result, anchor: str, called: str) -> Drawing:
+    both = [result[name] for name in ("/map/ratio", "/map/ratio_by_latency")]
+    mapper = shades(min(float(each.min()) for each in both), max(float(each.max()) for each in both))
+    rows = [f"{x:g}" for x in result["/map/scan_period"]]
+    panels = []
+    for values, across, label in zip(both, (result["/map/azimuth_sigma"], result["/map/report_age"]),
+                                     ("σ of azimuth, deg", "age of reports, s"), strict=True):  # fmt: skip
+        columns = [f"{x:g}" for x in across]
+        on = plot("", label, "scan period, s", 320, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
+        drawn = _cells(on, rows, columns, values, "{:.2f}", mapper)
+        tell(on, [drawn], (label, "@x"), ("scan period", "@y s"), ("Singer / L4", "@value{0.000}"))
+        panels.append(on)
+    bar(panels[-1], mapper, "")
+    low, high = azimuth.CLAIM
+    caption = (
+        f"Singer's error over that of L4, each at its best, in the manoeuvre; the paper claims {low:g} to {high:g}."
+    )
+    return Drawing(f"map{anchor}", f"Where it pays{called}", panels, caption)
+
+
+def elevations(results: Sequence[Named]) -> list[Drawing]:
+    """Of the MLS elevation: the angle over the approach, the proof with its band, the nominal run."""
+    out = []
+    for k, (_, result) in enumerate(results):
+        anchor, called = _several(results, k)
+        out += [_approach(result, anchor, called), _proof(result, anchor, called), _nominal(result, anchor, called)]
+    return out
+
+
+def _approach(result: Result, anchor: str, called: str) -> Drawing:
+    time = result["/approach/time"]
+    which = some(time.size, 1000)
+    panels: list[figure] = []
+    for name, label in (("beta", "β, deg"), ("beta_rate", "β', deg/s"), ("beta_acceleration", "β'', deg/s²")):
+        on = plot("", "time, s", label, 230)
+        on.x_range = panels[0].x_range if panels else on.x_range
+        drawn = line(on, source(x=which(time), y=which(result[f"/approach/{name}"])), "y", colour(0))
+        for edge in result["/approach/segment_start"][1:]:
+            upright(on, float(edge))
+        tell(on, [drawn], ("time", "@x{0.0} s"), (label, "@y{0.00000}"))
+        panels.append(on)
+    segments = ", ".join(map(str, result["/approach/segment"]))
+    caption = f"The angle over the approach and its derivatives; segments: {segments}."
+    return Drawing(f"approach{anchor}", f"The approach{called}", panels, caption + which.words(), columns=3)
+
+
+def _proof(result: Result, anchor: str, called: str) -> Drawing:
+    share = elevation.half_width(result)
+    time = result["/step"] * float(result.variables["/step"].attributes["period_s"])
+    panels: list[figure] = []
+    for i, label in enumerate(("σ of β, deg", "σ of β', deg/s")):
+        theory = np.sqrt(result["/filter/covariance"][:, i, i])
+        sample = np.sqrt(result["/montecarlo/covariance"][:, i, i])
+        of = source(x=time, theory=theory, sample=sample, low=(1.0 - share) * theory, high=(1.0 + share) * theory)
+        on = plot("", "time, s", label, 260)
+        on.x_range = panels[0].x_range if panels else on.x_range
+        band(on, of, "low", "high", colour(1))
+        marks = [line(on, of, "theory", colour(1)), line(on, of, "sample", colour(0))]
+        reach(on, [np.array([2.0 * theory[-1]])])
+        tell(on, marks[1:], ("time", "@x{0.00} s"), ("runs", "@sample{0.00000}"), ("filter", "@theory{0.00000}"))
+        panels.append(on)
+    runs = int(result["/montecarlo/runs"])
+    keys = [Key("filter", colour(1)), Key(f"{runs} runs", colour(0)), Key(f"±{100 * share:g} %", colour(1), "band")]
+    return Drawing(
+        f"proof{anchor}", f"Proof by runs{called}", panels, "The first experiment beside the filter's covariance.", keys
+    )
+
+
+def _nominal(result: Result, anchor: str, called: str) -> Drawing:
+    time = result["/nominal/time"]
+    late = elevation.judged(result)
+    which = some(int(late.sum()), 800)
+    panels = [
+        plot("Bias", "time of the approach, s", "10⁻³ deg", 260),
+        plot("RMSE", "time of the approach, s", "10⁻³ deg", 260),
+    ]
+    panels[1].x_range = panels[0].x_range
+    marks: list[list[Any]] = [[], []]
+    keys = []
+    for i, q in enumerate(result["/nominal/rate_variance"]):
+        bias = result["/nominal/bias"][i]
+        for k, values in enumerate((bias, np.hypot(bias, result["/nominal/noise"][i]))):
+            of = source(x=which(time[late]), y=which(1e3 * values[late]))
+            marks[k].append(line(panels[k], of, "y", colour(i), name=f"Q = {q:.3g}"))
+        keys.append(Key(f"Q = {q:.3g} (deg/s)²", colour(i)))
+    for k, on in enumerate(panels):
+        tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
+    panels[1].y_range.start = 0.0
+    caption = (
+        "The nominal approach after settling: what the model leaves, and that with the noise of the angles."
+        + which.words()
+    )
+    return Drawing(f"nominal{anchor}", f"Nominal approach{called}", panels, caption, keys)
+
+
+def table2s(results: Sequence[Named]) -> list[Drawing]:
+    """Of Table 2: the paper's figures 4 and 5."""
+    panels, keys, thinned = [], [], []
+    for name, result in results:
+        time = result["/approach/time"]
+        which = some(time.size, 1000)
+        thinned.append(which)
+        for path, label in (("/approach/pdop", "PDOP"), ("/approach/rms_horizontal", "horizontal RMS error, m")):
+            on = plot(name if len(results) > 1 else "", "time, s", label, 300)
+            marks = []
+            for i, (values, case) in enumerate(zip(result[path], result["/approach/curve"], strict=True)):
+                said = table2.case(result, int(case) - 1)
+                keys.append(Key(said, colour(i)))
+                marks.append(line(on, source(x=which(time), y=which(values)), "y", colour(i), name=said))
+            reach(on, [result[path][:, settled(time)]])
+            tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), (label, "@y{0.000}"))
+            panels.append(on)
+    caption = (
+        "PDOP and horizontal error over the approach for none, one and two pseudolites: the paper's figures 4 and 5."
+    )
+    caption += most_thinned(thinned).words("epoch")
+    return [Drawing("approach", "Over the approach", panels, caption, list(dict.fromkeys(keys)))]
+
+
+def few_satellites(results: Sequence[Named]) -> list[Drawing]:
+    """Of the table of few satellites: how useful levels are, as colours."""
+    panels = []
+    mapper = shades(0.0, 1.0)
+    for name, result in results:
+        rows = [f"{n} pseudolites" for n in result["/pseudolites"]][::-1]
+        columns = [str(n) for n in result["/satellites"]]
+        for path, said in (("worst", "worst subset"), ("median", "median subset")):
+            title = f"{said.capitalize()}{f', {name}' if len(results) > 1 else ''}"
+            on = plot(title, "satellites", "", 240, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
+            drawn = _cells(on, rows, columns, result[f"/useful/{path}"][::-1], "{:.2f}", mapper)
+            tell(on, [drawn], ("satellites", "@x"), ("", "@y"), ("share", "@value{0.000}"))
+            panels.append(on)
+    said = "; ".join(dict.fromkeys(integrity_table.limits(result) for _, result in results))
+    caption = f"Share of epochs of the glide with {said}: 1 always, 0 never."
+    return [Drawing("useful", "How useful levels are", panels, caption)]

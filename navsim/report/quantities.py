@@ -1,0 +1,272 @@
+"""What figures show, as numbers: computed once here for those drawn by matplotlib and those of the page.
+
+Times are in s, lengths in m, as in the result.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
+from navsim.io.export import true_antenna
+from navsim.io.results import Result, Stream
+from navsim.report.tables import runs_of, setting
+
+START = 0.1
+"""Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
+MOST_RUNS = 50
+"""So many runs of an ensemble are drawn one by one."""
+ALARM = 3
+"""`/integrity/status` of an alarm."""
+LEVELS = (("horizontal", "hpl", "hal"), ("vertical", "vpl", "val"))
+"""Axes, and the names of their protection levels and alert limits."""
+_BINS = 60
+_STATES: tuple[tuple[str, str, float], ...] = (
+    ("position", "m", 1.0),
+    ("velocity", "m/s", 1.0),
+    ("attitude", "deg", 180.0 / np.pi),
+    ("gyro bias", "deg/h", 180.0 / np.pi * 3600.0),
+    ("accel. bias", "mg", 1e3 / 9.80665),
+)
+"""Triads of the states, their units and scales."""
+
+
+def settled(time: np.ndarray) -> np.ndarray:
+    """Which times (t,) lie behind the start."""
+    return time >= time[0] + START * (time[-1] - time[0])
+
+
+def in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
+    """Positions (n, 3) in the tangent plane of the threshold: along (positive beyond it), right, up, m."""
+    threshold = result["/truth/threshold_llh"]
+    heading = np.radians(setting(result, "runway", "heading_deg"))
+    return in_heading_axes(ecef_from_llh(llh), threshold, heading) * np.array([1.0, 1.0, -1.0])
+
+
+def event_time(result: Result, name: str) -> float:
+    """When an event of the flight is, s; nan where there is none of the name."""
+    names = list(result["/truth/event"])
+    return float(result["/truth/event_time"][names.index(name)]) if name in names else np.nan
+
+
+def touchdown(result: Result) -> float:
+    """When the aircraft touches down, s; nan where it does not."""
+    return event_time(result, "touchdown")
+
+
+def whose(result: Result) -> str:
+    """Whose levels and errors `/integrity` has."""
+    return "filter" if setting(result, "integrity", "method") == "filter" else "fix"
+
+
+def true_for(result: Result) -> str:
+    """What a figure of the truth says of the runs it belongs to."""
+    runs = result["/run"].size
+    return f"the truth, the same in all {runs} runs" if runs > 1 else ""
+
+
+def fix_errors(result: Result) -> np.ndarray:
+    """Fixes minus the antenna's true positions, NED, m: (run, e, 3); nan without a fix."""
+    difference = ecef_from_llh(result["/receiver/position_llh"]) - true_antenna(result)
+    here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
+                     for column in unturned(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
+    return np.einsum("eij,rej->rei", ned_matrix(here), difference)
+
+
+def some_fix_errors(result: Result, most: int) -> np.ndarray:
+    """About `most` of the horizontal errors of fixes, north and east, m (n, 2), of all runs alike."""
+    error = fix_errors(result).reshape(-1, 3)
+    error = error[np.isfinite(error[:, 0])]
+    # a step that has no divisor in common with the epochs of a run
+    step = max(1, len(error) // most)
+    while np.gcd(step, result["/receiver/time"].size) > 1:
+        step += 1
+    return error[::step, :2]
+
+
+SHARE_95 = 5.991
+"""Square of the radius, in sigmas, of the circle that holds 95 % of a Gaussian of two dimensions: -2 ln 0.05."""
+
+
+def ellipse(covariance: np.ndarray) -> np.ndarray:
+    """The ellipse (2, 181) that holds 95 % of a Gaussian with this covariance (2, 2)."""
+    angle = np.linspace(0, 2 * np.pi, 181)
+    circle = np.sqrt(SHARE_95) * np.stack([np.cos(angle), np.sin(angle)])
+    return np.linalg.cholesky(covariance) @ circle
+
+
+def blocks(result: Result, path: str) -> Iterator[np.ndarray]:
+    """A variable along its first axis block by block, as it is kept: an ensemble need not fit into memory."""
+    data = result.variables[path].data
+    yield from data.blocks() if isinstance(data, Stream) else [np.asarray(data)]
+
+
+def rms_over_runs(result: Result, path: str) -> np.ndarray:
+    """Root mean square over runs (t, n)."""
+    total = sum(np.sum(block**2, axis=0) for block in blocks(result, path))
+    return np.sqrt(total / result["/run"].size)
+
+
+def first_runs(result: Result, path: str, most: int = MOST_RUNS) -> np.ndarray:
+    """As many runs as are drawn one by one (r, t, n)."""
+    found: list[np.ndarray] = []
+    for block in blocks(result, path):
+        found.append(block[: most - sum(len(b) for b in found)])
+        if sum(len(b) for b in found) >= most:
+            break
+    return np.concatenate(found)
+
+
+def heights(result: Result) -> np.ndarray:
+    """True heights above the threshold's tangent plane at the times of the filter (t,), m."""
+    up = in_runway_axes(result, result["/truth/position_llh"])[:, 2]
+    return np.interp(result["/filter/time"], result["/truth/time"], up)
+
+
+def descent(result: Result) -> np.ndarray:
+    """The filter's outputs from where the aircraft leaves its level to touchdown, or to the end; their numbers."""
+    time, height, landed = result["/filter/time"], heights(result), touchdown(result)
+    until = time <= landed if np.isfinite(landed) else np.full(time.size, True)
+    begin = int(np.flatnonzero(until & (height >= height[until].max() - 0.5))[-1])
+    return np.flatnonzero(until & (np.arange(time.size) >= begin))
+
+
+@dataclass(frozen=True)
+class RunwayErrors:
+    """Errors of position, truth minus estimate, right of, along and above the axes of the runway, m. runs: of the first
+    runs (r, w, 3), none of a covariance analysis. rms: over all runs, or true (w, 3). sigma: 1 sigma of the filter
+    (w, 3). Both None where they are not known: the filter tells its sigmas along the axes of the map alone."""
+
+    runs: np.ndarray
+    rms: np.ndarray | None
+    sigma: np.ndarray | None
+
+
+def runway_errors(result: Result, at: np.ndarray, most: int) -> RunwayErrors:
+    """At some outputs (w,), their numbers; of as many runs as `most`. Raises KeyError for a result without history."""
+    heading = math.radians(setting(result, "runway", "heading_deg"))
+    s, c = math.sin(heading), math.cos(heading)
+    turn = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+    axes = np.round(np.abs(turn))
+    straight = bool(np.isclose(np.abs(turn), axes, atol=1e-9).all())
+    sigma = rms_over_runs(result, "/filter/sigma")[at][:, :3] @ axes.T if straight else None
+    if "/filter/error" not in result:
+        true = result["/covariance/rms"][at][:, :3] @ axes.T if straight else None
+        return RunwayErrors(np.empty((0, at.size, 3)), true, sigma)
+    total, runs, room = np.zeros((at.size, 3)), list[np.ndarray](), most
+    for block in blocks(result, "/filter/error"):
+        here = block[:, at, :3] @ turn.T
+        total += np.sum(here**2, axis=0)
+        runs.append(here[:room])
+        room -= len(runs[-1])
+    return RunwayErrors(np.concatenate(runs), np.sqrt(total / result["/run"].size), sigma)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A state of a filter as it is shown: what its row of three is called, its unit, the factor to it, and its axis."""
+
+    row: str
+    unit: str
+    scale: float
+    axis: str
+
+    @property
+    def label(self) -> str:
+        """The row with its unit."""
+        return f"{self.row}, {self.unit}"
+
+
+def followed(names: list[str]) -> list[Followed]:
+    """How states of a filter are shown, three a row; names: as the result has them."""
+    clock = [name for name in names if name.startswith("clock_")]
+    rows = list(_STATES)
+    for first in names[3 * len(_STATES) : len(names) - len(clock) : 3]:
+        short = first.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ")
+        rows.append((short, "ppm", 1e6))
+    out = [
+        Followed(*rows[i // 3], ("north", "east", "down")[i % 3] if i < 9 else "xyz"[i % 3])
+        for i in range(len(names) - len(clock))
+    ]
+    return out + [Followed(n.replace("_", " "), "m/s" if n.endswith("drift") else "m", 1.0, "") for n in clock]
+
+
+def shares(result: Result, states: list[int]) -> np.ndarray:
+    """Shares of the sources of errors in the mean square error of these states (source, t), %."""
+    share = (result["/budget/rms"] ** 2)[:, :, states].sum(axis=2)
+    return 100.0 * share / np.maximum(share.sum(axis=0), np.finfo(float).tiny)
+
+
+def limit(result: Result, name: str) -> float:
+    """An alert limit of a landing, m; inf for none."""
+    path = f"/summary/integrity/{name}"
+    return float(result[path]) if path in result else np.inf
+
+
+def largest_errors(result: Result, axis: str) -> np.ndarray:
+    """The largest error of the fixes of all runs (e,), nan where there is none."""
+    largest = np.full(result["/integrity/time"].size, -np.inf)
+    for block in blocks(result, f"/integrity/error_{axis}"):
+        largest = np.fmax(largest, np.fmax.reduce(block, axis=0))
+    return np.where(np.isfinite(largest), largest, np.nan)
+
+
+def alarms(result: Result) -> np.ndarray:
+    """Epochs at which a run has an alarm, their numbers."""
+    return np.flatnonzero(sum((block == ALARM).any(axis=0) for block in blocks(result, "/integrity/status")))
+
+
+@dataclass(frozen=True)
+class Stanford:
+    """How often errors of fixes met protection levels. edges: of both axes (b + 1,), m. counts: epochs (error, level).
+    limit: the alert limit, inf for none. top: the end of the axes."""
+
+    edges: np.ndarray
+    counts: np.ndarray
+    limit: float
+    top: float
+
+    def regions(self) -> list[tuple[float, float, str]]:
+        """Names of the regions and where they stand; none without a limit."""
+        most, top = self.limit, self.top
+        if not math.isfinite(most):
+            return []
+        return [
+            (0.25 * most, 0.75 * most, "nominal"),
+            (0.72 * most, 0.25 * most, "misleading"),
+            (0.5 * (most + top), 0.5 * most, "hazardous"),
+            (0.5 * most, 0.5 * (most + top), "unavailable"),
+        ]
+
+
+def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
+    """Of an axis of `LEVELS`, epochs with an alarm, or after touchdown, left out."""
+    flying = ~(result["/integrity/time"] > touchdown(result))
+    values = result[f"/integrity/{level}"]
+    most = limit(result, name)
+    top = 1.5 * most if np.isfinite(most) else 1.2 * float(np.max(values, where=np.isfinite(values), initial=1.0))
+    edges = np.linspace(0.0, top, _BINS + 1)
+    counts = np.zeros((_BINS, _BINS))
+    own = f"/integrity/{level}_run"  # after exclusions
+    errors, codes = (blocks(result, f"/integrity/{path}") for path in (f"error_{axis}", "status"))
+    of_runs = blocks(result, own) if own in result else itertools.repeat(values)
+    for error, status, one in zip(errors, codes, of_runs, strict=False):
+        shown = np.isfinite(error) & np.isfinite(one) & (status != ALARM) & flying
+        of_shown = np.broadcast_to(one, error.shape)[shown]
+        # what is beyond the frame is counted at its edge
+        counts += np.histogram2d(np.minimum(error[shown], top), np.minimum(of_shown, top), [edges, edges])[0]
+    return Stanford(edges, counts, most, top)
+
+
+def stanford_words(result: Result) -> str:
+    """What a Stanford diagram counts."""
+    until = " until touchdown" if np.isfinite(touchdown(result)) else ""
+    return (
+        f"{runs_of(result)}; epochs{until} by error and level, without those with an alarm; what is beyond the frame "
+        "is at its edge"
+    )

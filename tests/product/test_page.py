@@ -1,0 +1,446 @@
+"""The page of `navsim report` and the list of `navsim cite`: every kind of result, alone and beside others; nothing of
+a result is taken for markup; a real browser finds no fault with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.io.export import export
+from navsim.io.results import Result, read
+from navsim.kinds import KINDS
+from navsim.report import citations, tables
+from navsim.report.page import landing
+from navsim.report.page.document import GENERATOR, Read, page
+from navsim.report.page.marks import MOST_POINTS, some
+from navsim.report.table import Table
+from navsim.report.view import view
+from tests import steps
+from tests.conftest import ROOT, SCENARIOS
+from tests.forks import _shared, navsim
+
+MOST_BYTES = 5_000_000
+"""Of a page with three results."""
+EVIL = "<script>alert('title')</script>"
+_GLIDE = ("--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1")
+_QUIET = ("-q", "--figures", "none")
+_LIMITS = "integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"
+_MADE: dict[str, tuple[object, ...]] = {
+    "one": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET),
+    "cut": ("run", SCENARIOS / "landing.yaml", "--set", "duration_s=6", *_QUIET),
+    "runs": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--keep", "all", "--set", _LIMITS,
+             "--set", "box={lateral_m: 1.5, vertical_m: 1.5}", "--set",
+             "requirements=[{what: rms, of: horizontal, below_m: 0.2}]"),
+    "evil": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--set", f"title={EVIL}", "--set",
+             "runway.heading_deg=33", "--set", "interference={jammers: [{name: \"<b>van</b>\", place: {lat_deg: 56.01, "
+             "lon_deg: 37.0}, height_m: 10, eirp_dbw: -10, waveform: tone}]}"),
+    "none": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 5, "--keep", "none"),
+    "covariance": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "covariance", "--set",
+                   "filter.coupling=tight"),
+    "rare": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "rare", "--runs", 30, "--set",
+             "box={lateral_m: 0.8, vertical_m: 1.2}"),
+    "sweep": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary.1.grid.count=6", "--set",
+              "vary.2.grid.count=6", *_QUIET),
+    "optimize": ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "--set", "effort=1",
+                 *_QUIET),
+    "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", *_QUIET),
+    "mls-elevation": ("run", SCENARIOS / "mls_elevation.yaml", "--set", "montecarlo.experiments=5", *_QUIET),
+    "atc-tracking": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, *_QUIET),
+    "azimuth-tracking": ("run", SCENARIOS / "azimuth_tracking.yaml", "--runs", 5, "--set", "map.runs=3", *_QUIET),
+    "integrity-table": ("integrity-table", "--set", _LIMITS, "-q"),
+}  # fmt: skip
+"""Commands that make a small result each."""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a result of every kind, by the names of `_MADE`, and `live` and `table2`."""
+    folder = tmp_path_factory.mktemp("page")
+    for name, command in _MADE.items():
+        navsim(*command, "-o", f"{name}.h5", cwd=folder)
+    navsim("table2", "--runs", 2, "-q", "-o", "t2", cwd=folder)
+    (folder / "t2" / "table2.h5").rename(folder / "table2.h5")
+    (sentences,) = export(read(folder / "one.h5"), folder / "sent.h5", ["nmea"])
+    navsim("live", SCENARIOS / "landing.yaml", *_GLIDE, "--receiver", sentences, "-o", "live.h5", cwd=folder)
+    return folder
+
+
+ALONE = (*_MADE, "live", "table2")
+TOGETHER = (
+    ("runs", "evil", "covariance"), ("one", "none", "rare"), ("covariance", "one"),
+    *((name, name) for name in KINDS if name != "landing"), ("rare", "rare"),
+)  # fmt: skip
+
+
+class Text(HTMLParser):
+    """The words of a page, what it embeds, and its anchors and links within it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: dict[str, int] = {}
+        self.words: list[str] = []
+        self.anchors: list[str] = []
+        self.links: list[str] = []
+        self._within: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] = self.tags.get(tag, 0) + 1
+        self._within.append(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.anchors.append(value)
+            if name in ("href", "src") and value:
+                self.links.append(value)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in self._within:
+            while self._within.pop() != tag:
+                pass
+
+    def handle_data(self, data: str) -> None:
+        if not {"script", "style"} & set(self._within):
+            self.words.append(data)
+
+    @property
+    def said(self) -> str:
+        """All words, one blank between them."""
+        return " ".join(" ".join(self.words).split())
+
+
+def made(place: Path, *names: str) -> str:
+    """The page of results, each called by its name and place in the row."""
+    files = [place / f"{name}.h5" for name in names]
+    return page([Read(f"{file.stem}{i or ''}", file, read(file)) for i, file in enumerate(files)])
+
+
+def drawn(text: str) -> Any:
+    """Bokeh's document within a page."""
+    found = re.search(r'<script type="application/json" id="drawn">(.*?)</script>', text, re.DOTALL)
+    assert found
+    return json.loads(found[1])
+
+
+def cells(parts: list[Table | str]) -> Iterator[str]:
+    for part in parts:
+        if isinstance(part, Table):
+            for row in part.rows:
+                yield from row.texts()
+
+
+# --- every kind
+
+
+def test_there_is_a_result_of_every_kind(place: Path) -> None:
+    kinds = {str(read(place / f"{name}.h5").attributes["kind"]) for name in ALONE}
+    assert kinds == set(KINDS)
+
+
+@pytest.mark.parametrize("names", [*((name,) for name in ALONE), *TOGETHER], ids="+".join)
+def test_a_page_has_all_that_is_shown(names: tuple[str, ...], place: Path) -> None:
+    """Every cell of the tables, verdicts, warnings, provenance and sources; figures with captions; nothing from
+    elsewhere; links lead to what is there."""
+    text = made(place, *names)
+    found = Text(text)
+    results = [(f"{name}{i or ''}", read(place / f"{name}.h5")) for i, name in enumerate(names)]
+    kind = str(results[0][1].attributes["kind"])
+    for said in cells(view(kind).tables(results)):
+        assert " ".join(said.split()) in found.said, said
+    for _, result in results:
+        assert str(result.attributes["scenario_sha256"]) in found.said
+        assert str(result.attributes["navsim_version"]) in found.said
+    for name in names:
+        assert hashlib.sha256((place / f"{name}.h5").read_bytes()).hexdigest() in found.said
+    for source in citations.sources_of(citations.methods_of(result for _, result in results)):
+        assert source.text() in found.said
+    figures = found.tags["figure"]
+    assert figures >= 1
+    assert found.tags["figcaption"] == figures
+    assert len(drawn(text)["roots"]) >= figures
+    assert sorted(found.anchors) == sorted(set(found.anchors))
+    for link in found.links:
+        assert link == "data:," or link.removeprefix("#") in found.anchors, link
+    assert len(text.encode()) < MOST_BYTES
+    assert GENERATOR in text[:2000]
+
+
+def test_the_same_results_give_the_same_page(place: Path) -> None:
+    assert made(place, "runs", "one") == made(place, "runs", "one")
+
+
+def test_what_differs_is_said(place: Path) -> None:
+    found = Text(made(place, "runs", "evil")).said
+    assert f"title Glide approach with two pseudolites at 200/5000 {EVIL}" in found
+    assert "runway.heading_deg 0.0 33.0" in found
+    assert "duration_s 65" not in found.partition("Verdicts")[0]
+    assert "The settings are the same." in Text(made(place, "one", "one")).said
+
+
+def test_verdicts_and_warnings_are_said(place: Path) -> None:
+    found = Text(made(place, "runs")).said
+    (statement,) = read(place / "runs.h5")["/summary/requirements/statement"]
+    verdict = str(read(place / "runs.h5")["/summary/requirements/verdict"][0])
+    assert f"{statement} {verdict}: " in found
+    assert str(read(place / "rare.h5")["/findings/text"][0]) in Text(made(place, "rare")).said
+
+
+def test_the_first_figures_are_those_of_the_table(place: Path) -> None:
+    result = read(place / "runs.h5")
+    of_table = set(cells([tables.summary_table([("runs", result)])]))
+    shown = tables.glance(result)
+    assert len(shown) >= 6
+    assert {str(said) for _, said in shown} <= of_table
+
+
+def test_a_result_of_an_earlier_version_has_its_sky(place: Path) -> None:
+    """Without the directions of sources that are not used."""
+    result = read(place / "one.h5")
+    new = {f"/geometry/{name}" for name in ("instant", "azimuth", "elevation")}
+    old = Result(result.attributes, {k: v for k, v in result.variables.items() if k not in new})
+    text = page([Read("old", place / "one.h5", old)])
+    assert "A result of an earlier version keeps used sources alone." in Text(text).said
+
+
+def test_unused_satellites_are_in_the_result(place: Path) -> None:
+    """All that are above the horizon, those below the mask among them; where used, they are where the lines of sight
+    point."""
+    result = read(place / "one.h5")
+    at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
+    los = result["/geometry/line_of_sight"][at]
+    azimuth, elevation = result["/geometry/azimuth"], result["/geometry/elevation"]
+    used = np.isfinite(los[:, :, 0])
+    np.testing.assert_allclose(np.sin(elevation)[used], los[:, :, 2][used], atol=1e-12)
+    np.testing.assert_allclose((np.tan(azimuth) * los[:, :, 1])[used], los[:, :, 0][used], atol=1e-9)
+    assert ((elevation > 0.0) & ~used).any()
+    assert at[0] == 0
+    assert at[-1] == result["/geometry/time"].size - 1
+
+
+def test_long_histories_are_thinned_and_told_of() -> None:
+    which = some(10 * MOST_POINTS)
+    assert which(np.arange(10 * MOST_POINTS)).size == MOST_POINTS
+    assert which.words() == f" Of {10 * MOST_POINTS} instants every 10th is drawn."
+    assert some(MOST_POINTS).words() == ""
+
+
+@pytest.mark.parametrize("name", ["one", "runs", "evil", "covariance"])
+def test_errors_against_height_are_those_of_the_table(name: str, place: Path) -> None:
+    """Along axes of the map and along others: what is drawn goes through what is told at heights."""
+    result = read(place / f"{name}.h5")
+    drawing = landing.heights([(name, result)])
+    assert drawing is not None
+    column = "error" if name == "one" else "rms"
+    for axis, panel in zip(landing.AXES, drawing.panels, strict=True):
+        (of,) = {r.data_source for r in panel.renderers if column in r.data_source.data}
+        drawn_there = np.interp(result["/summary/at/height"], of.data["x"][::-1], of.data[column][::-1])
+        told = result[f"/summary/at/{axis}_run"][0] if name == "one" else result[f"/summary/at/{axis}"][:, 0]
+        np.testing.assert_allclose(drawn_there, told, rtol=0.1, atol=0.02)
+
+
+# --- what anybody may have written
+
+
+def test_nothing_of_a_result_is_markup(place: Path) -> None:
+    """Titles, names, settings, statements, in words, in Bokeh's data and in its tooltips."""
+    result = read(place / "evil.h5")
+    names = [f"{name}{EVIL}</pre></script>&amp;" for name in result["/geometry/source"]]
+    variables = dict(result.variables)
+    variables["/geometry/source"] = replace(variables["/geometry/source"], data=np.array(names, dtype=object))
+    attributes = result.attributes | {"navsim_version": "0.1", "epoch": EVIL, "seed": 7}
+    text = page([Read(f"a{EVIL}", place / "evil.h5", Result(attributes, variables))])
+    assert EVIL not in text
+    found = Text(text)
+    clean = Text(made(place, "evil"))
+    assert {tag: count for tag, count in found.tags.items() if tag not in ("li", "dd")} == {
+        tag: count for tag, count in clean.tags.items() if tag not in ("li", "dd")
+    }
+    assert EVIL in found.said
+    assert "<b>van</b> is received" in found.said
+    assert EVIL in json.dumps(drawn(text), ensure_ascii=False)
+
+
+def test_the_page_takes_no_file_s_place(place: Path, tmp_path: Path) -> None:
+    shutil.copy(place / "one.h5", tmp_path / "one.h5")
+    before = (tmp_path / "one.h5").read_bytes()
+    (tmp_path / "mine.html").write_text("<p>mine")
+    for target, fragment in (("one.h5", "is one of the results"), ("mine.html", "is no page of navsim report"),
+                             ("no/x.html", "no such folder"), (".", "folder")):  # fmt: skip
+        assert fragment in navsim("report", "one.h5", "-o", target, cwd=tmp_path, code=2).stderr
+    assert (tmp_path / "one.h5").read_bytes() == before
+    assert (tmp_path / "mine.html").read_text() == "<p>mine"
+    assert navsim("report", "one.h5", cwd=tmp_path).stdout == "one.html\n"
+    navsim("report", "one.h5", cwd=tmp_path)  # a page is written again
+    said = navsim("report", "one.h5", place / "sweep.h5", cwd=tmp_path, code=2).stderr
+    assert "results of different kinds do not stand on one page: landing, sweep" in said
+    (tmp_path / "cut.h5").write_bytes(before[:-5000])
+    assert "damaged" in navsim("report", "cut.h5", cwd=tmp_path, code=2).stderr
+
+
+def test_results_of_one_name_are_told_apart(place: Path, tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    shutil.copy(place / "none.h5", tmp_path / "r.h5")
+    shutil.copy(place / "none.h5", tmp_path / "a" / "r.h5")
+    navsim("report", "r.h5", "a/r.h5", "-o", "x.html", cwd=tmp_path)
+    assert " r.h5 : monte-carlo" in (said := Text((tmp_path / "x.html").read_text()).said)
+    assert " a/r.h5 : monte-carlo" in said
+    navsim("report", "r.h5", "r.h5", "-o", "x.html", cwd=tmp_path)
+    assert "r.h5 (1)" in Text((tmp_path / "x.html").read_text()).said
+
+
+def test_a_kill_or_a_full_disk_leaves_the_page_before(place: Path, tmp_path: Path) -> None:
+    shutil.copy(place / "none.h5", tmp_path / "r.h5")
+    command = ("report", "r.h5")
+    navsim(*command, cwd=tmp_path)
+    whole = (tmp_path / "r.html").read_bytes()
+    count = _shared().run(*command, cwd=tmp_path).steps
+    assert 2 <= count < 50
+    for at in range(1, count + 1):
+        for what in (steps.KILL, steps.FULL):
+            done = _shared().run(*command, cwd=tmp_path, what=what, at=at)
+            assert what == steps.KILL or done.failure() is None, done.err
+            assert (tmp_path / "r.html").read_bytes() == whole
+    navsim(*command, cwd=tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.h5", "r.html"]
+
+
+def test_without_bokeh_the_way_to_it_is_said(place: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    (tmp_path / "bokeh.py").write_text("raise ModuleNotFoundError(\"No module named 'bokeh'\", name='bokeh')\n")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
+    done = subprocess.run([sys.executable, "-m", "navsim", "report", place / "one.h5", "-o", tmp_path / "x.html"],
+                          capture_output=True, text=True, check=False)  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == (
+        "error: navsim report draws with Bokeh, which is not installed here: pip install 'navsim-landing[report]'\n"
+    )
+    assert not (tmp_path / "x.html").exists()
+
+
+# --- whom to cite
+
+
+def test_sources_are_those_of_the_documentation() -> None:
+    """Authors, year and title of each stand in docs/theory, another page or a module; a few titles are told to be from
+    elsewhere; every source is used, every page there."""
+    files = [*(ROOT / "docs").rglob("*.md"), *(p for p in (ROOT / "navsim").rglob("*.py") if p.name != "citations.py")]
+    text = " ".join(" ".join(path.read_text().replace("*", "").split()) for path in files)
+    elsewhere = (citations.__doc__ or "").partition("(")[2].partition(")")[0].split(", ")
+    for source in citations.SOURCES.values():
+        for author in source.authors:
+            assert author == "others" or author in text, (source.key, author)
+        assert not source.year or str(source.year) in text, source.key
+        ours = "title is ours" in source.note or source.key in ("landing_paper",)
+        told = any(name in source.authors for name in elsewhere)
+        assert ours or told or source.title.split(", vol.")[0].split(", v3")[0].split(", parts")[0] in text, (
+            source.title
+        )
+    used = {key for method in citations.METHODS for key in method.sources}
+    assert used == set(citations.SOURCES)
+    assert all((ROOT / method.page).is_file() for method in citations.METHODS)
+
+
+def test_cite_names_what_a_result_rests_on(place: Path) -> None:
+    said = navsim("cite", "rare.h5", cwd=place).stdout
+    assert "rare events by importance sampling" in said
+    assert "Owen & Zhou: Safe and effective importance sampling" in said
+    assert "Singer" not in said
+    assert "Singer" in navsim("cite", cwd=place).stdout
+    entries = navsim("cite", "--bibtex", cwd=place).stdout
+    assert len(re.findall(r"^@\w+\{\w+,$", entries, re.MULTILINE)) == len(citations.SOURCES)
+    assert entries.count("{") == entries.count("}")
+
+
+# --- a real browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, as it is installed."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs Chromium (apt-get install chromium), which is not here")
+    api = pytest.importorskip("playwright.sync_api", reason="needs playwright, which is not installed")
+    with api.sync_playwright() as tools:
+        here = tools.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield here
+        here.close()
+
+
+def looked_at(browser: Any, file: Path, **how: Any) -> tuple[Any, list[str]]:
+    """A page offline, drawn to its end, and all it asked for or had to say."""
+    context = browser.new_context(offline=True, **how)
+    shown = context.new_page()
+    said: list[str] = []
+    shown.on("console", lambda message: said.append(f"console: {message.text}"))
+    shown.on("pageerror", lambda error: said.append(f"error: {error}"))
+    shown.on("dialog", lambda dialog: said.append(f"dialog: {dialog.message}"))
+    shown.on("request", lambda request: said.append(f"request: {request.url}"))
+    shown.goto(file.as_uri())
+    shown.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.documents.every(d => d.is_idle)")
+    return shown, said
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_browser_finds_no_fault(scheme: str, browser: Any, place: Path, tmp_path: Path) -> None:
+    """Three results, offline: no console line, no request but the file; every panel drawn, as wide as there is room, on
+    a phone, too; a title that is a script is text."""
+    file = tmp_path / "three.html"
+    file.write_text(made(place, "runs", "evil", "covariance"))
+    assert file.stat().st_size < MOST_BYTES
+    shown, said = looked_at(browser, file, color_scheme=scheme, viewport={"width": 1280, "height": 900})
+    panels = len(drawn(file.read_text())["roots"])
+    assert shown.evaluate("Bokeh.documents[0].roots().length") == panels
+    empty = "[...document.querySelectorAll('.panel')].filter(p => p.getBoundingClientRect().height < 80).length"
+    assert shown.evaluate(empty) == 0
+    assert EVIL in shown.inner_text("header")
+    paper = shown.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, re.findall(r"\d+", paper)[:3])) > 600) == (scheme == "light")
+    for width in (390, 1280, 1800):
+        shown.set_viewport_size({"width": width, "height": 900})
+        assert shown.evaluate("document.documentElement.scrollWidth") <= width
+    assert said == [f"request: {file.as_uri()}"]
+    printed = shown.pdf(format="A4")
+    assert printed.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) >= 5
+    shown.context.close()
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_every_kind_is_drawn(name: str, browser: Any, place: Path, tmp_path: Path) -> None:
+    file = tmp_path / f"{name}.html"
+    file.write_text(made(place, name))
+    shown, said = looked_at(browser, file)
+    assert said == [f"request: {file.as_uri()}"]
+    shown.context.close()
+
+
+def test_names_under_the_pointer_are_text(browser: Any, place: Path, tmp_path: Path) -> None:
+    """What is said of a mark whose name is markup."""
+    name = "<img src=x onerror=alert(1)>"
+    file = tmp_path / "x.html"
+    file.write_text(page([Read(name, place / "runs.h5", read(place / "runs.h5"))]))
+    shown, said = looked_at(browser, file, viewport={"width": 1280, "height": 900})
+    panel = shown.locator("#dop-0")
+    panel.scroll_into_view_if_needed()
+    box = panel.bounding_box()
+    told = (
+        "(function all(n) { return [...n.querySelectorAll('*')].map(e => (e.className === 'bk-tooltip-row-value' ? "
+        "e.textContent : '') + (e.shadowRoot ? all(e.shadowRoot) : '')).join(' '); })(document)"
+    )
+    for x in (0.4, 0.5, 0.6):
+        shown.mouse.move(box["x"] + x * box["width"], box["y"] + 0.5 * box["height"])
+    shown.wait_for_function(f"{told}.includes('onerror')")
+    assert said == [f"request: {file.as_uri()}"]
+    shown.context.close()
