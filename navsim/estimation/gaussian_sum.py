@@ -208,21 +208,19 @@ def _invert_blocks(diagonal, column):
 
 
 @kernel
-def _apart(component, nav, error, x):
-    """How far a component (NAV,) is from nav, x (n,): position and velocity as they are, the rest in the chart at nav.
-
-    In the chart a difference of positions is turned by half of that of the headings: where a direction is known well
-    and another badly, as with two sources left, the one would be spoiled by the other. error (n,): work space.
-    """
+def _apart(component, nav, flat, error, x):
+    """How far a component (NAV,) is from nav, x (n,), in the chart at nav, or, where `flat`, as far as positions and
+    velocities go, as they are. error (n,): work space."""
     between(component, nav, error)
     tfg.own_error(nav, error, x)
-    for i in range(POS, ATT):
-        x[i] = error[i]
+    if flat:
+        for i in range(POS, ATT):
+            x[i] = error[i]
 
 
 @kernel
 def _unturned(space, x):
-    """x (n,) from `_apart` <- in the chart, as `tfg.feed_back` takes it."""
+    """x (n,) of a `flat` mean <- in the chart, as `tfg.feed_back` takes it."""
     jac, inverse, moved = space.c_nb, small_matrix(x, 3, 3), small_vector(x, 3)
     left_jacobian(x[ATT], x[ATT + 1], x[ATT + 2], jac)
     invert3(jac, inverse)
@@ -234,8 +232,14 @@ def _unturned(space, x):
 
 
 @kernel
-def moments(mixture, nav, p, space, bench):
-    """Mean nav (NAV,) and covariance p (n, n) of a sum; see `_apart`. space: `filter_loop.workshop`."""
+def moments(mixture, nav, p, flat, space, bench):
+    """Mean nav (NAV,) and covariance p (n, n) of a sum. space: `filter_loop.workshop`.
+
+    Components are one in the chart at their mean, as they are divided and merged. What is answered is `flat`: of
+    positions and velocities as they are. In the chart a difference of positions is turned by half of that of the
+    headings, and where one direction is known well and another badly, as with two sources left, the one would be
+    spoiled by the other.
+    """
     weight, x, error, other, square = mixture.weight, bench.x, bench.error, bench.other, bench.square
     n = p.shape[0]
     count = _count(weight)
@@ -254,10 +258,11 @@ def moments(mixture, nav, p, space, bench):
         for i in range(n):
             bench.mean[i] = 0.0
         for j in range(count):
-            _apart(mixture.navigation[j], nav, error, x)
+            _apart(mixture.navigation[j], nav, flat, error, x)
             for i in range(n):
                 bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
-        _unturned(space, bench.mean)
+        if flat:
+            _unturned(space, bench.mean)
         copy(nav, other)
         tfg.feed_back(other, bench.mean, space)
         held(other, no(several), nav)
@@ -266,11 +271,11 @@ def moments(mixture, nav, p, space, bench):
             p[a, b] = select(several, 0.0, p[a, b])
     for j in range(count):
         there = several & (weight[j] > 0.0)
-        _apart(mixture.navigation[j], nav, error, x)
-        # the reset that leads from the mean to the component, backwards; of position and velocity there is none
+        _apart(mixture.navigation[j], nav, flat, error, x)
+        # the reset that leads from the mean to the component, backwards; of what is as it is there is none
         copy(nav, other)
         tfg.feed_back(other, x, space)
-        for block in range(ATT // 3):
+        for block in range(ATT // 3 if flat else 0):
             for a in range(3):
                 for b in range(3):
                     space.diagonal[block, a, b], space.column[block, a, b] = 1.0 if a == b else 0.0, 0.0
@@ -387,7 +392,7 @@ def merge(mixture, which, first, second, space, bench):
                 pair.weight[side] = select(own, weight[j], pair.weight[side])
     total = pair.weight[0] + pair.weight[1]
     _share(total > 0.0, pair.weight)
-    moments(pair, bench.nav, bench.p, space, bench)
+    moments(pair, bench.nav, bench.p, False, space, bench)
     for i in range(6):
         increments[i] = pair.weight[0] * pair.increments[0, i] + pair.weight[1] * pair.increments[1, i]
     for j in range(most):
@@ -554,7 +559,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 )  # fmt: skip
             copy(cursor, cursors[ahead])
         if what == OUTPUT:
-            moments(now, gauge.nav, gauge.p, space, bench)
+            moments(now, gauge.nav, gauge.p, True, space, bench)
             answer(chart, gauge.nav, gauge.p, left, row)
         elif what != PASS:
             m = 0
@@ -606,6 +611,6 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 if is_alone(events, i, 0) and has_jumped(heard.heard, heard.kept, heard.jumped):
                     for j in range(_count(weight)):
                         forget_clock(heard.jumped, now.covariance[j])
-    moments(own, state_nav, state_p, space, bench)
+    moments(own, state_nav, state_p, True, space, bench)
     copy(rejections[0], state_rejected)
     copy(cursors[0], way.cursor)

@@ -225,8 +225,10 @@ def _count(result: Result, path: str) -> Cell | str:
 
 def _range_noise(result: Result) -> Cell | str:
     """What noise is drawn from that is not the believed Gaussian."""
-    section = setting(result, "integrity") or {}
-    if section.get("error_model", "gaussian") == "gaussian":
+    if "/integrity/hpl" not in result:
+        return ABSENT
+    section = setting(result, "integrity")
+    if "error_model" not in section or section["error_model"] == "gaussian":  # of an earlier version, or as believed
         return ABSENT
     noise = section["heavier"]
     core, tail, share = (float(noise[name]) for name in ("core", "tail", "share"))

@@ -10,6 +10,7 @@ from navsim.core import states
 from navsim.core.elementary import exp_of_negative
 from navsim.core.states import A_D, NAV_HELD, NAV_N, NAV_SENSORS, N
 from navsim.estimation import estimate, gaussian_sum, tfg
+from navsim.estimation.error_state import inject
 from navsim.estimation.observations import FIX, FixTable, Measurements
 from navsim.estimation.records import ImuData, Mixture, schedule, start
 from navsim.simulation.landing import exact_start
@@ -51,9 +52,9 @@ def bench() -> gaussian_sum.Bench:
     return gaussian_sum.Bench(*vectors, np.empty((N, N)), np.empty((N, N)), np.empty(6), sum_of(room=2))
 
 
-def moments(mixture: Mixture) -> tuple[np.ndarray, np.ndarray]:
+def moments(mixture: Mixture, flat: bool = False) -> tuple[np.ndarray, np.ndarray]:
     nav, p = np.empty(NAV_N), np.empty((N, N))
-    gaussian_sum.moments(mixture, nav, p, workshop(), bench())
+    gaussian_sum.moments(mixture, nav, p, flat, workshop(), bench())
     return nav, p
 
 
@@ -113,6 +114,33 @@ def test_moments_are_those_of_points_on_the_chart() -> None:
     tiny = np.diag(1e-12 * sigma**2)
     parts = [(retract("tfg", centre(), y), tiny, float(w)) for y, w in zip(places, weight, strict=True)]
     same(moments(sum_of(*parts)), (centre(), np.einsum("j,ja,jb->ab", weight, places, places)), 2e-5)
+
+
+def test_what_is_answered_has_positions_and_velocities_as_they_are() -> None:
+    """Components far apart in heading and in one direction of position, known well across it: neither the mean nor what
+    is known across is spoiled, as it is in the chart; of the rest nothing changes."""
+    rng = np.random.default_rng(7)
+    weight = np.array([0.5, 0.3, 0.15, 0.05])
+    off = np.zeros((4, N))
+    off[:, 0], off[:, 4], off[:, A_D] = (
+        8.0 * rng.standard_normal(4),
+        0.2 * rng.standard_normal(4),
+        0.15 * rng.standard_normal(4),
+    )
+    off -= weight @ off
+    parts = []
+    for one, w in zip(off, weight, strict=True):
+        nav = centre()
+        inject(nav, one)
+        parts.append((nav, np.diag(np.full(N, 1e-6)), float(w)))
+    nav, p = moments(sum_of(*parts), flat=True)
+    np.testing.assert_allclose(error(nav, centre())[:6], 0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        p[:6, :6], np.einsum("j,ja,jb->ab", weight, off, off)[:6, :6] + 1e-6 * np.eye(6), atol=1e-6
+    )
+    of_chart = moments(sum_of(*parts))
+    assert np.sqrt(of_chart[1][1, 1]) > 0.05
+    np.testing.assert_allclose(p[6:9, 6:9], of_chart[1][6:9, 6:9], rtol=1e-9)
 
 
 def test_measurements_weigh_by_their_likelihood() -> None:
