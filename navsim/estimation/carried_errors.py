@@ -326,7 +326,8 @@ def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
                 for q in range(3):
                     size = scale[row, f, q] * one[q]
                     size = select(size < 0.0, -size, size)
-                    largest = select(size > largest, size, largest)
+                    # what is no number stays
+                    largest = select((size <= largest) | (largest != largest), largest, size)
             if w >= 0:
                 for a in range(MOST):
                     off[a] = z[a]

@@ -168,8 +168,8 @@ def allotted(
 ) -> Levels:
     """The levels of solutions that use ranges (e, s), by their spread; other arguments are those of `levels`.
 
-    idle: (k, e) bool, faults that are not monitored where what is tolerated has room for them, the least probable
-    first.
+    idle: (k, e) bool, faults that are not monitored where what is tolerated has room for them, and half of the budget,
+    the least probable first.
     """
     priors = np.array([fault.prior for fault in faults])
     touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults], bool)
@@ -185,17 +185,17 @@ def allotted(
     else:
         unmonitored = np.full(used.shape[0], unlisted)
     unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
+    p_hmi = np.array([*[0.5 * allocation.p_hmi_horizontal] * 2, allocation.p_hmi_vertical]) / allocation.samples
+    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
     spared = np.zeros_like(monitored) if idle is None else idle & monitored
     for k in np.argsort(priors, kind="stable"):
-        left = spared[k] & (unmonitored + priors[k] <= allocation.p_unmonitored)
+        left = spared[k] & (unmonitored + priors[k] <= min(allocation.p_unmonitored, 0.5 * total))
         monitored[k] &= ~left
         unmonitored = unmonitored + np.where(left, priors[k], 0.0)
 
     threshold = _factors(allocation, monitored.sum(axis=0)) * spread.apart
     threshold[~monitored] = np.nan
 
-    p_hmi = np.array([*[0.5 * allocation.p_hmi_horizontal] * 2, allocation.p_hmi_vertical]) / allocation.samples
-    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
     share = 1.0 - unmonitored / total
     available = spread.solved & (unmonitored <= allocation.p_unmonitored) & (share > 0.0)
     level = np.full((used.shape[0], 3), np.nan)

@@ -432,7 +432,7 @@ _INTERFERENCE = Chapter(
 
 _WATCHED = "where the scenario has `integrity`"
 _WATCHED_KEPT = f"{_WATCHED}, {_KEPT}"
-_SEPARATED = f"{_WATCHED} with method mhss"
+_SEPARATED = f"{_WATCHED} with method mhss or filter"
 _ASKED = f"{_WATCHED} with limits"
 _SAMPLED = f"{_WATCHED} with tails"
 _EXCLUDING = f"{_WATCHED} with exclusion"
@@ -878,7 +878,7 @@ _TABLE2 = Chapter(
 
 MOST_LEVELS = 60
 """Most epochs of a glide that a table of integrity has levels at."""
-_SEPARATING = "with method mhss"
+_SEPARATING = "with method mhss or filter"
 _INTEGRITY_TABLE = Chapter(
     "Table of integrity",
     "What numbers of sources make possible by rank, each on the same clock; and what their levels are worth: shares of "

@@ -29,7 +29,8 @@ class Signals:
     """All sources over all fix epochs; a source that is not received has `used` false there, and may have nan
     in every other field; where it is used, all are finite.
 
-    time: (e,) s. antenna: (e, 3) ECEF, m. names: (s,). clock: (s,) number of the clock unknown. used: (e, s) bool.
+    time: (e,) s. antenna, antenna_velocity: (e, 3) ECEF, m, m/s. names: (s,). clock: (s,) number of the clock unknown.
+    used: (e, s) bool.
     position, velocity: (e, s, 3) where the receiver believes the sources (satellites at the time of
     transmission, in ECEF axes at reception), m, and how that place moves with the time of reception, m/s, see
     `apparent_velocity`. range, range_rate: (e, s) true, m, m/s.
@@ -43,6 +44,7 @@ class Signals:
 
     time: np.ndarray
     antenna: np.ndarray
+    antenna_velocity: np.ndarray
     names: tuple[str, ...]
     clock: np.ndarray
     used: np.ndarray
@@ -78,7 +80,7 @@ class Signals:
         """Of the epochs, those with these numbers (m,) int."""
         each = {
             name: getattr(self, name)[epochs]
-            for name in ("time", "antenna", *_BY_SOURCE, "space", "smoothing")
+            for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "space", "smoothing")
             if getattr(self, name) is not None
         }
         return replace(self, js=self.js[:, epochs], **each)

@@ -225,6 +225,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     built = pseudorange.Signals(
         time=motion.time,
         antenna=antenna,
+        antenna_velocity=antenna_velocity,
         names=tuple(names),
         clock=np.array(clocks, dtype=np.int64),
         used=used,

@@ -251,6 +251,24 @@ SOURCES = {
             2015,
         ),
         Source(
+            "brenner1996",
+            ARTICLE,
+            ("Brenner",),
+            "Integrated GPS/Inertial Fault Detection Availability",
+            "NAVIGATION",
+            "43(2)",
+            1996,
+        ),
+        Source(
+            "young2003",
+            ARTICLE,
+            ("Young", "McGraw"),
+            "Fault Detection and Exclusion Using Normalized Solution Separation and Residual Monitoring Methods",
+            "NAVIGATION",
+            "50(3)",
+            2003,
+        ),
+        Source(
             "araim2017",
             REPORT,
             (),
@@ -522,6 +540,12 @@ METHODS = (
     ),
     Method("fixes watched by their residuals", _WATCH, ("brown1994", "walter1995"), _integrity("chi2")),
     Method("fixes watched by solution separation", _WATCH, ("blanch2015", "araim2017"), _integrity("mhss")),
+    Method(
+        "filters watched by solution separation",
+        _WATCH,
+        ("brenner1996", "young2003", "blanch2015", "araim2017"),
+        _integrity("filter"),
+    ),
     Method(
         "protection levels of augmentation systems, alert limits",
         _WATCH,

@@ -9,8 +9,19 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.figures import COLOURS, COLUMN, SMALL, legend_above, new_figure
-from navsim.report.limits import level_lines
-from navsim.report.quantities import LEVELS, Stanford, alarms, largest_errors, limit, stanford_words, touchdown, whose
+from navsim.report.limits import asked, level_lines
+from navsim.report.quantities import (
+    ALARM,
+    LEVELS,
+    NO_FIX,
+    Stanford,
+    alarms,
+    largest_errors,
+    limit,
+    stanford_words,
+    touchdown,
+    whose,
+)
 from navsim.report.quantities import stanford as counted
 from navsim.report.tables import runs_of
 
@@ -19,6 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEVEL, _ERROR, _LIMIT = COLOURS[0], COLOURS[2], COLOURS[1]
+_GIVEN = {"fix": "fix", "filter": "fix or source"}
+"""What there is none of where a run has an alert without an alarm."""
 
 
 def levels(result: Result) -> Figure:
@@ -29,22 +42,32 @@ def levels(result: Result) -> Figure:
     landed = touchdown(result)
     for ax, (axis, level, name) in zip(axes, LEVELS, strict=True):
         values = result[f"/integrity/{level}"]
+        shown = [values]
         ax.plot(time, np.where(np.isfinite(values), values, np.nan), color=_LEVEL, label="protection level")
         if not np.isfinite(values).any():
             ax.text(0.5, 0.5, "no protection level", transform=ax.transAxes, ha="center", fontsize=SMALL)
         if np.isfinite(most := limit(result, name)):
             ax.axhline(most, color=_LIMIT, lw=0.9, ls="--", label="alert limit")
+            shown.append(np.full(time.size, most))
         level_lines(ax, result, level)
+        shown += [np.full(time.size, one.size) for one in asked(result, "level") if one.of == level]
         if f"/integrity/error_{axis}" in result:
             several = "largest error of all runs" if result["/run"].size > 1 else f"error of the {whose(result)}"
-            ax.plot(time, largest_errors(result, axis), color=_ERROR, lw=0.6, label=several)
-            there = alarms(result)
-            if there.size:
-                ax.plot(time[there], np.zeros(there.size), "|", color=COLOURS[3], ms=5, label="alarm")
+            largest = largest_errors(result, axis)
+            ax.plot(time, largest, color=_ERROR, lw=0.6, label=several)
+            shown.append(largest)
+            for said, mark, code in (("alarm", "|", ALARM), (f"alert: no {_GIVEN[whose(result)]}", "x", NO_FIX)):
+                there = alarms(result, code)
+                if there.size:
+                    ax.plot(time[there], np.zeros(there.size), mark, color=COLOURS[3], ms=5, label=said, clip_on=False)
         if np.isfinite(landed):
             ax.axvline(landed, color="#777777", lw=0.8, ls="--", label="touchdown")
         ax.set_ylim(bottom=0.0)
-        ax.set_ylabel(f"{axis}, m")
+        # what comes after touchdown is not judged
+        judged = np.array(shown)[:, ~(time > landed)]
+        if np.isfinite(judged).any():
+            ax.set_ylim(top=1.1 * float(np.max(judged, where=np.isfinite(judged), initial=0.1)))
+        ax.set_ylabel(f"{axis}, {whose(result)}, m")
     axes[-1].set_xlabel("time, s")
     fig.align_ylabels(axes)
     legend_above(fig, axes[0], 5, runs_of(result))

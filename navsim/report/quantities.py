@@ -21,8 +21,8 @@ START = 0.1
 """Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
 MOST_RUNS = 50
 """So many runs of an ensemble are drawn one by one."""
-ALARM = 3
-"""`/integrity/status` of an alarm."""
+NO_FIX, ALARM = 0, 3
+"""`/integrity/status` without a fix, and with an alarm."""
 LEVELS = (("horizontal", "hpl", "hal"), ("vertical", "vpl", "val"))
 """Axes, and the names of their protection levels and alert limits."""
 _BINS = 60
@@ -216,9 +216,9 @@ def largest_errors(result: Result, axis: str) -> np.ndarray:
     return np.where(np.isfinite(largest), largest, np.nan)
 
 
-def alarms(result: Result) -> np.ndarray:
-    """Epochs at which a run has an alarm, their numbers."""
-    return np.flatnonzero(sum((block == ALARM).any(axis=0) for block in blocks(result, "/integrity/status")))
+def alarms(result: Result, of: int = ALARM) -> np.ndarray:
+    """Epochs at which a run has an alarm, or another status, their numbers."""
+    return np.flatnonzero(sum((block == of).any(axis=0) for block in blocks(result, "/integrity/status")))
 
 
 @dataclass(frozen=True)

@@ -180,6 +180,12 @@ class IntegritySection(Section):
         return self
 
     @model_validator(mode="after")
+    def _worse(self) -> Self:
+        if self.error_model == "gaussian" and self.heavier != HeavierSection():
+            raise reject("is for `error_model: heavier`", "heavier")
+        return self
+
+    @model_validator(mode="after")
     def _of_fixes_alone(self) -> Self:
         if self.method == "filter":
             for name, default, why in (

@@ -109,6 +109,9 @@ class Landing(Section):
             if self.integrity.method == "filter" and self.filter.kind in SMOOTHERS:
                 text = f"is for a filter, {self.filter.kind} is a smoother; use mhss or chi2, or another filter.kind"
                 raise reject(text, "integrity", "method")
+            if self.integrity.method == "filter" and self.receiver.smoothing_s > 0.0:
+                text = "smoothed ranges are correlated in time, which levels of the filter are not for; use 0, or mhss"
+                raise reject(text, "receiver", "smoothing_s")
             for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
                 if at > self.duration_s:
                     text = f"is not within duration_s, {self.duration_s:g} s"

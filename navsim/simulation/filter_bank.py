@@ -28,10 +28,10 @@ from navsim.integrity.separation import Allocation, Levels, SolutionSpread
 from navsim.integrity.solution import turned
 from navsim.simulation.fixes import ReceiverFixes, solved
 from navsim.simulation.landing import Flight
-from navsim.simulation.landing_covariance import AlongTruth, along_truth, excess, responses, route_of_filter
+from navsim.simulation.landing_covariance import AlongTruth, along_belief, excess, responses, route_of_filter
 from navsim.simulation.monitoring import faults_of, fix_of
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-5
 """A variance of a difference below zero by so much of that without some sources is rounding."""
 LEAST = 0.05
 """Least sigma of a difference, of that without some sources: what gains along the truth leave out is some hundredths of
@@ -62,7 +62,8 @@ class FilterBank:
     found: levels at its outputs but the first (e,). taken: (f, s) bool, the sources that each of the others is not
     given. route: what happens to the states of the filter. gains: (w, f, n, MOST) of the others. fix: (k,) the rows of
     fixes, -1 of other events. scale: (o, f, 3) one by the thresholds of differences, north, east, down. solutions: of
-    the filter and of the others, what levels along other axes are of.
+    the filter and of the others, what levels along other axes are of. aided: (e,) bool, where the filter is given a
+    fix, or, tightly coupled, a range. idle: (f, e) bool, where those without a fault's sources would have no fix.
     """
 
     flight: Flight
@@ -73,6 +74,8 @@ class FilterBank:
     fix: np.ndarray
     scale: np.ndarray
     solutions: tuple[FilterSolution, ...]
+    aided: np.ndarray
+    idle: np.ndarray
 
     @classmethod
     def of(cls, flight: Flight) -> FilterBank:
@@ -84,21 +87,22 @@ class FilterBank:
         expected = watching.expected(signals)
         faults = faults_of(signals.names, expected)
         taken = np.array([np.isin(signals.names, one.sources) for one in expected]).reshape(-1, len(signals.names))
-        whole = along_truth(flight, noisy=False)
+        whole = along_belief(flight, np.zeros(len(signals.names), bool))
         nominal = np.array([watching.nominal[name] for name in signals.names])
         # of each filter what levels and differences need, for all of it would be hundreds of megabytes
         route = route_of_filter(flight, whole)
         gains, solutions, both = [], [FilterSolution.of(flight, whole, nominal)], []
         for without in taken:
-            along = along_truth(flight, without, noisy=False)
+            along = along_belief(flight, without)
             gains.append(along.lin.gain)
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
         ever = np.logical_or.accumulate(signals.used, axis=0)
         spread = _together(solutions, both)
         # without some there is no fix, so that the filter goes on by its inertial sensors, further and further off
-        idle = ~np.array([fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken], bool)
-        found = separation.allotted(spread, ever, faults, watching.test, idle=idle.reshape(len(taken), -1))
+        solved_ = [fix_of(replace(signals, used=signals.used & ~one)).solved for one in taken]
+        idle = ~np.array(solved_, bool).reshape(len(taken), signals.time.size)
+        found = separation.allotted(spread, ever, faults, watching.test, idle=idle)
         there = found.monitored[..., None] & (found.threshold > 0.0)
         inverse = 1.0 / np.where(there, found.threshold, np.inf)
         scale = np.zeros((flight.world.filter_time.size, len(faults), 3))
@@ -108,6 +112,7 @@ class FilterBank:
         return cls(
             flight, found, taken, route, np.stack(gains, axis=1) if gains else np.zeros(shape),
             np.where(events.kind == FIX, events.row, -1), scale, tuple(solutions),
+            np.asarray(signals.used.any(axis=1) if flight.beliefs.tight else fix_of(signals).solved), idle,
         )  # fmt: skip
 
     @property
@@ -122,8 +127,13 @@ class FilterBank:
 
     @property
     def tested(self) -> np.ndarray:
-        """Where there is a fault that is monitored (e,)."""
-        return np.asarray(self.found.monitored.any(axis=0))
+        """Where the filter is given something, and there is a fault that is monitored (e,)."""
+        return np.asarray(self.aided & self.found.monitored.any(axis=0))
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """1 sigma of the filter that levels are of (e, 3), north, east, down, m."""
+        return self.found.spread.sigma[:, _NED]
 
     def along(self, bearing: float) -> np.ndarray:
         """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""

@@ -335,6 +335,17 @@ def without_noise(world: World) -> tuple[np.ndarray, np.ndarray]:
     return smoothed(world, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
 
 
+def believed_measurements(world: World) -> tuple[np.ndarray, np.ndarray]:
+    """Pseudoranges and range rates (e, s) that agree with what the receiver believes of the sources: no errors at all,
+    of nature or by events."""
+    signals = world.signals
+    offset = signals.position - signals.antenna[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    rate = np.sum(offset * (signals.velocity - signals.antenna_velocity[:, None]), axis=2) / distance
+    ranges = np.where(signals.used, distance + world.clock[:, :1], np.nan)
+    return ranges, np.where(signals.used, rate + world.clock[:, 1:], np.nan)
+
+
 def expected_measurements(world: World) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
     signals = world.signals
@@ -607,7 +618,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     if flight.watching is not None and flight.watching.innovations is not None:
         squared, degrees = of_events["innovation_squared"], of_events["degrees"]
         ratio = flight.watching.innovations.ratio(world.signals.time, squared, degrees)
-        status = np.where(ratio > 1.0, monitoring.ALARM, status)
+        status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
     return Run(
         of_signals(ranges), of_signals(rates), of_runs(llh), of_runs(velocity), of_runs(clocks),
         of_runs(account.judgement.error), of_runs(account.sigma), of_runs(account.cross),
@@ -647,8 +658,12 @@ class Watched:
         bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         assert bank is not None
         statistic = bank.statistic(account.innovation, fixes, ranges, rates)
-        received = np.repeat(flight.world.signals.used.any(axis=1, keepdims=True), WIDTH, axis=1)
-        said = monitoring.status(bank.tested, bank.threshold, statistic, received)
+        aided = np.repeat(bank.aided[:, None], WIDTH, axis=1)
+        said = monitoring.status(bank.tested, bank.threshold, statistic, aided)
+        # what is no number is no silence; nor do levels hold where the filter knows much less than they are of
+        sigma = account.sigma[1:, states.POS : states.POS + 3]
+        lost = np.isnan(statistic) | (sigma > monitoring.DOUBTED * bank.sigma[..., None]).any(axis=1)
+        said = np.where(lost & aided, monitoring.ALARM, said)
         error = np.abs(account.judgement.error[1:, states.POS : states.POS + 3])
         off = np.stack([np.hypot(error[:, 0], error[:, 1]), error[:, 2]], axis=1)
         return cls(statistic, said.astype(float), off, *none)

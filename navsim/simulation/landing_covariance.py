@@ -42,6 +42,7 @@ from navsim.simulation.landing import (
     InitialErrors,
     World,
     begun,
+    believed_measurements,
     exact_clock,
     exact_start,
     measurements,
@@ -334,15 +335,21 @@ def _densities(flight: Flight) -> np.ndarray:
     return np.array([gyro.noise_density**2, accel.noise_density**2, gyro.drive(), accel.drive()])
 
 
-def along_truth(flight: Flight, without: np.ndarray | None = None, noisy: bool = True) -> AlongTruth:
-    """Fly the filter of a flight along the truth, without noise.
+def along_belief(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongTruth:
+    """The same with measurements that have no error at all (`landing.believed_measurements`), of sensors without noise;
+    without: (s,) bool, sources of which nothing is given."""
+    ranges, rates = believed_measurements(flight.world)
+    return _along(flight, np.where(without, np.nan, ranges), rates, noisy=False)
 
-    without: (s,) bool, sources of which it is given nothing. noisy: whether what sensor noise adds is wanted.
-    """
+
+def along_truth(flight: Flight) -> AlongTruth:
+    """Fly the filter of a flight along the truth, without noise."""
+    return _along(flight, *without_noise(flight.world))
+
+
+def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = True) -> AlongTruth:
+    """With these measurements (e, s); noisy: whether what sensor noise adds is wanted."""
     world, beliefs, gyro, accel = flight.world, flight.beliefs, flight.gyro, flight.accel
-    ranges, rates = without_noise(world)
-    if without is not None:
-        ranges = np.where(without, np.nan, ranges)
     own: FixTable | RangeTable
     if beliefs.tight:
         epoch, source = np.nonzero(world.signals.used)

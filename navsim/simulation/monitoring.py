@@ -22,6 +22,9 @@ from navsim.simulation.fixes import ReceiverFixes
 NO_FIX, UNTESTED, QUIET, ALARM, EXCLUDED = range(5)
 """What a monitor says of an epoch: there is no fix, or nothing is received; nothing to test it by, nothing wrong,
 something wrong; something was, and is excluded."""
+DOUBTED = 1.5
+"""By how much more than its levels are of a filter may be uncertain, in 1 sigma, before that is an alarm: its gate
+rejects what they count on."""
 NO_EXCLUSION, RESIDUAL, RMS = "none", "residual", "rms"
 """Rules by which something is excluded after an alarm."""
 
@@ -55,6 +58,14 @@ class Snapshot(Watcher, Protocol):
 
 class Bank(Watcher, Protocol):
     """A monitor of the filter, at its outputs."""
+
+    @property
+    def aided(self) -> np.ndarray:
+        """Where the filter is given a fix, or, tightly coupled, a range (e,)."""
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """1 sigma of the filter that levels are of (e, 3), north, east, down, m."""
 
     def along(self, bearing: float) -> np.ndarray:
         """Levels (e, 2) across a horizontal direction and along it, of a bearing, rad, m; nan where there are none."""

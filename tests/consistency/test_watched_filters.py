@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from navsim.core.arrays import chi_square
 from navsim.core.lanes import WIDTH
@@ -15,6 +16,7 @@ from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.scenario.source import InputError
 from navsim.simulation import landing as simulation
+from navsim.simulation import monitoring
 from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.landing import Flight, draw, fly_inputs
 from navsim.simulation.monitoring import ALARM, NO_FIX, QUIET
@@ -30,8 +32,16 @@ SETTINGS = [
     ("sky.source=nominal", "receiver.lever_arm_m=[1, 0.5, -0.7]", "receiver.latency_s=0.253", "altimeter.sigma_m=1.0"),
     ("filter.coupling=tight", "receiver.latency_s=0.253", "altimeter.sigma_m=1.0", "filter.fix_sigma_scale=1.5"),
     ("filter.kind=gaussian-sum", "filter.velocity=false"),
+    ("filter.kind=left-invariant",),
 ]
-NAMES = ["as shipped", "tight", "late, lever arm, two systems, altimeter", "tight, late, altimeter", "sum, positions"]
+NAMES = [
+    "as shipped",
+    "tight",
+    "late, lever arm, two systems, altimeter",
+    "tight, late, altimeter",
+    "sum, positions",
+    "left-invariant",
+]
 AXES = (1, 0, 2)
 """North, east, down by east, north, up."""
 
@@ -115,7 +125,7 @@ def test_differences_are_as_large_as_their_sigma_says(
         assert np.all(squares / runs < high)
         assert np.sqrt(squares[counted].mean() / runs) == pytest.approx(1.0, abs=0.05)
     else:  # sigmas that are believed too large are the differences', too, but not in proportion
-        assert np.sqrt(squares.mean() / runs) < 1.5
+        assert 0.6 < np.sqrt(squares[counted].mean() / runs) < 1.5
 
 
 def test_tight_filters_differ_by_the_difference_of_their_covariances() -> None:
@@ -138,7 +148,7 @@ def test_false_alarms_are_as_rare_as_asked(coupling: str) -> None:
     assert 1e-3 < share < 2e-2
     # at one epoch runs are independent of each other
     late = int(np.sum(run.monitor_status[:, -1] == ALARM))
-    assert late <= chi_square.quantile(0.9999, 2 * 8 + 2) / 2.0 + 8
+    assert late <= binom.ppf(0.9999, 400, 2e-2)
 
 
 def test_nobody_is_touched_by_being_watched() -> None:
@@ -158,7 +168,7 @@ def test_a_run_does_not_depend_on_its_neighbours(settings: tuple[str, ...]) -> N
 
 
 def test_a_step_on_a_source_is_seen_sooner_than_by_fixes() -> None:
-    """Filters average: a step that the ranges of an epoch do not show is seen after some, with levels a fifth."""
+    """Filters average: a step that the ranges of an epoch do not show is seen after some, with levels below a half."""
     limits = "limits: {hal_m: 40, val_m: 60, tta_s: 6}"
     event = "events=[{what: step, sources: [R01], error_m: 18, at_s: 10}]"
     cases = [
@@ -251,6 +261,83 @@ def test_what_is_of_fixes_alone_is_refused(wrong: str, said: str) -> None:
 def test_smoothers_are_refused() -> None:
     with pytest.raises(InputError, match="is for a filter, rts is a smoother"):
         case("duration_s=25", FILTER, "filter.kind=rts")
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        {"what": "step", "sources": ["R01"], "error_m": 20, "at_s": 0},
+        {"what": "step", "sources": ["R01"], "error_m": 3000, "at_s": 10},
+        {"what": "ramp", "sources": ["PL1"], "rate_m_s": 50, "at_s": 5},
+        {"what": "meacon", "sources": ["R01"], "place": {"lat_deg": 56.02, "lon_deg": 37.0}, "delay_m": 300, "at_s": 5},
+        {"what": "spoof", "sources": ["glonass"], "rate_ned_m_s": [0, 0, -2], "at_s": 10},
+        {"what": "survey", "sources": ["PL1"], "ned_m": [200, 0, 0]},
+    ],
+    ids=lambda what: f"{what['what']} {what.get('error_m', '')}",
+)
+def test_levels_know_nothing_of_the_fault(what: dict[str, Any]) -> None:
+    there = case(*SHORT, FILTER, f"events={json.dumps([what])}")
+    np.testing.assert_array_equal(bank_of(there).levels, bank_of(case(*SHORT, FILTER)).levels)
+    assert np.isfinite(flown(there, 2).monitor_statistic).all()
+
+
+def test_whom_nothing_can_befall_has_levels() -> None:
+    """No fault of any probability, and none of a source that is heard."""
+    none = "p_satellite: 0, p_constellation: 0, p_pseudolite: 0, ground_groups: []"
+    assert np.isfinite(bank_of(case(*SHORT, f"integrity={{method: filter, {none}}}")).levels).all()
+    silent = case(*SHORT, FILTER, silence(begin=0, end=90))
+    assert np.all(flown(silent, 2).monitor_status == NO_FIX)
+
+
+def test_two_pseudolites_that_are_no_fix_are_nothing_to_a_loose_filter() -> None:
+    """Without a fix there is an alert, whatever is received; a tightly coupled filter takes what there is."""
+    said = []
+    for coupling in ("loose", "tight"):
+        c = case(*SHORT, FILTER, f"filter.coupling={coupling}", silence("PL1", "PL2", begin=10, end=90))
+        status = flown(c, 8).monitor_status[:, c.world.signals.time >= 10.0]
+        said.append(np.unique(status).tolist())
+    assert said == [[NO_FIX], [QUIET]]
+
+
+def test_levels_rise_with_priors_however_small_the_budget() -> None:
+    """A fault is left out where half of the budget has room for it, else it is monitored by the inertial sensors."""
+    small = "p_hmi_v: 1.0e-9, p_hmi_h: 1.0e-9, p_satellite: 1.0e-7, p_pseudolite: 1.0e-7"
+    last = [
+        bank_of(case(*SHORT, f"integrity={{method: filter, p_constellation: {p}, {small}}}")).levels[-1]
+        for p in ("1.0e-10", "1.0e-8", "1.0e-7")
+    ]
+    assert np.all(np.diff(last, axis=0) > 0.0)
+    (told,) = integrity.told(case(*SHORT, "integrity={method: filter}"))
+    assert told.startswith("integrity: without glonass 0.0001")
+
+
+def test_a_filter_that_coasts_behind_its_gate_is_no_silence() -> None:
+    """All satellites spoofed up by 300 m: the gate rejects the fixes for good, the filter knows less and less, and its
+    levels, which count on them, are worth nothing: an alarm."""
+    event = {"what": "spoof", "sources": ["glonass"], "offset_ned_m": [0, 0, -300], "at_s": 8}
+    c = case(*SHORT, FILTER, f"events={json.dumps([event])}", "filter.gate.max_rejected=1000")
+    run = flown(c, 16)
+    rejected = (run.status == 2) & (c.world.signals.time > 12.0)
+    assert rejected[:, -20:].mean() > 0.9
+    assert np.mean(run.monitor_status[:, -10:] == ALARM) > 0.9
+
+
+@pytest.mark.parametrize("method", ["filter", "mhss"])
+def test_availability_without_runs_is_that_of_runs(method: str) -> None:
+    """Epochs without a source are not available, however low the level."""
+    limits = "limits: {hal_m: 60, val_m: 90, tta_s: 6}"
+    wanted = f"integrity={{method: {method}, p_constellation: 1.0e-8, {limits}}}"
+    c = case("duration_s=40", "receiver.rate_hz=2", "filter.kind=eskf", wanted, silence(begin=20, end=90))
+    asked = integrity.asked_of(c)
+    assert asked is not None
+    assert c.flight.monitor is not None
+    by_levels = integrity.within(asked, monitoring.tested_levels(c.flight.monitor)).all(axis=1)[asked.glide].sum()
+    np.testing.assert_array_equal(integrity.tally(c, flown(c, 4))["integrity_available"], by_levels)
+
+
+def test_smoothed_ranges_are_refused() -> None:
+    with pytest.raises(InputError, match="smoothing_s: smoothed ranges are correlated"):
+        case(*SHORT, FILTER, "receiver.smoothing_s=10")
 
 
 def test_a_flight_that_nobody_watches_has_no_bank() -> None:

@@ -362,7 +362,7 @@ def told(case: Case) -> list[str]:
         return []
     lacking = glide & ~np.isfinite(monitor.levels).all(axis=1)
     if not lacking.any():
-        return []
+        return _by_inertial_sensors(case, glide)
     many = f"integrity: no protection level at {lacking.sum()} of {glide.sum()} epochs of the glide"
     if not isinstance(monitor, SEPARATING):
         return [f"{many}: a range is not checked by the others there, or there is no fix"]
@@ -374,9 +374,29 @@ def told(case: Case) -> list[str]:
     section = case.scenario.integrity
     assert section is not None
     if unmonitored[worst] <= section.p_unmonitored_max:
+        budget = (section.p_hmi_v + section.p_hmi_h) / section.effective_samples
+        if unmonitored[worst] >= budget:
+            text = f"has the probability {unmonitored[worst]:.2g}, and p_hmi_v and p_hmi_h allow {budget:.2g} in all"
+            return [f"{many}: what is not monitored {text}"]
         return [f"{many}: there is no fix"]
     what = f" ({', '.join(names[:5])}{', ...' if len(names) > 5 else ''})" if names else " (several at once)"
     return [
         f"{many}: what is not monitored{what} has the probability {unmonitored[worst]:.2g}; "
         f"integrity.p_unmonitored_max is {section.p_unmonitored_max:g}"
+    ]
+
+
+def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
+    """What the user must hear of faults that the filter is monitored for by its inertial sensors alone."""
+    bank = case.flight.bank
+    if not isinstance(bank, FilterBank):
+        return []
+    alone = (bank.found.monitored & bank.idle)[:, glide].any(axis=1)
+    names = [f"{one.name} {one.prior:g}" for one, there in zip(case.flight.expected, alone, strict=True) if there]
+    if not names:
+        return []
+    said = f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
+    return [
+        f"integrity: without {said} there is no fix, and what is then left of the filter, its inertial sensors, makes "
+        "the levels grow; p_constellations gives systems probabilities of their own"
     ]
