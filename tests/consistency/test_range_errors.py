@@ -102,8 +102,8 @@ def beyond(size: float, core: np.ndarray | float = CORE, tail: np.ndarray | floa
 
 
 def test_believed_noise_is_what_it_was() -> None:
-    """To the bit: the stream's normal numbers times sigma, whatever else the scenario could have asked for."""
-    c = case(*BRIEF, HEAVIER.replace("error_model: heavier", "error_model: gaussian"))
+    """To the bit: the stream's normal numbers times sigma, where no other noise is asked for."""
+    c = case(*BRIEF, "integrity={method: chi2, p_fa: 1.0e-2, error_model: gaussian}")
     s, run = c.world.signals, 3
     drawn = generator(20263, run, "measurements").standard_normal((*s.range.shape, 2))
     ranges, rates = simulation.measured(c.world, 20263, run)

@@ -273,7 +273,10 @@ def test_epochs_without_a_fix(place: Path) -> None:
     assert np.all(np.isnan(r["/geometry/pdop"]))
     assert np.all(np.isnan(r["/receiver/position_llh"]))
     assert int(r["/summary/count/epochs_without_fix"]) == 650
-    assert np.all(np.diff(r["/filter/sigma"][0, :, 0]) > 0)
+    # a division of the sum's components takes some 3e-5 of it (docs/theory/filter.md, 9): J_l shrinks what it turns
+    sigma = r["/filter/sigma"][0, :, 0]
+    assert np.all(np.diff(sigma) > -1e-4 * sigma[:-1])
+    assert np.all(sigma[10::10] > sigma[:-10:10])
     assert np.all(np.isnan(r["/summary/dop/pdop"]))
     refused = navsim("run", SCENARIOS / "landing.yaml", *jam, "--require-fix", cwd=place, code=3)
     assert "650 epochs without a fix" in refused.stderr
