@@ -68,6 +68,15 @@ def _carry_column(phi, rest, x):
 
 
 @kernel
+def _carry_over(route, at, x):
+    """x (S,) over interval `at` of a route, with the clock."""
+    _carry_column(route.phi[at], route.rest[at], x)
+    first, scales = route.clock
+    for b in range(scales):
+        x[first + b] += route.length[at] * x[first + scales]
+
+
+@kernel
 def _observe_column(h, x, d, seen):
     """seen (m,) <- H x + d."""
     for a in range(h.shape[0]):
@@ -97,10 +106,7 @@ def carry_columns(route, x, d, seen, error):
                     x[1, g, j] = x[0, g, j]
             one = x[ahead, g]
             if at >= 0:
-                _carry_column(route.phi[at], route.rest[at], one)
-                first, scales = route.clock
-                for b in range(scales):
-                    one[first + b] += route.length[at] * one[first + scales]
+                _carry_over(route, at, one)
             if row >= 0:
                 for j in range(n):
                     t = one[j]
@@ -302,7 +308,6 @@ def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
     """
     innovation, apart, x, farthest = registers(innovation), registers(apart), registers(x), registers(farthest)
     others, n = x.shape[1], x.shape[2]
-    first, scales = route.clock
     z, seen, off = small_vector(x, MOST), small_vector(x, MOST), small_vector(x, MOST)
     before = 0
     for i in range(route.ahead.shape[0]):
@@ -319,9 +324,7 @@ def carry_differences(route, gains, innovation, fix, apart, scale, x, farthest):
                     x[1, f, j] = x[0, f, j]
             one = x[ahead, f]
             if at >= 0:
-                _carry_column(route.phi[at], route.rest[at], one)
-                for b in range(scales):
-                    one[first + b] += route.length[at] * one[first + scales]
+                _carry_over(route, at, one)
             if row >= 0:
                 for q in range(3):
                     size = scale[row, f, q] * one[q]
@@ -383,7 +386,6 @@ def carry_excess(route, gains, cross, x, excess):
     (2, n, n): zero, and room for the copy that runs ahead; overwritten. Out: excess (o, 3, 3) of positions.
     """
     size = x.shape[1]
-    first, scales = route.clock
     seen, nothing, column = np.empty(MOST), np.zeros(MOST), np.empty(size)
     before = 0
     for i in range(route.ahead.shape[0]):
@@ -396,9 +398,7 @@ def carry_excess(route, gains, cross, x, excess):
         for side in range(2) if at >= 0 else range(0):
             for j in range(size):
                 _line(one, side, j, column)
-                _carry_column(route.phi[at], route.rest[at], column)
-                for b in range(scales):
-                    column[first + b] += route.length[at] * column[first + scales]
+                _carry_over(route, at, column)
                 _put_line(column, side, j, one)
         if row >= 0:
             for j in range(3):

@@ -52,6 +52,7 @@ from navsim.estimation.filter_loop import (
     whitened_square,
     workshop,
 )
+from navsim.estimation.invariant import turned
 from navsim.estimation.observations import RANGE, observe, slot
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
 
@@ -225,10 +226,8 @@ def _unturned(space, x):
     left_jacobian(x[ATT], x[ATT + 1], x[ATT + 2], jac)
     invert3(jac, inverse)
     for first in range(POS, ATT, 3):
-        for i in range(3):
-            moved[i] = inverse[i, 0] * x[first] + inverse[i, 1] * x[first + 1] + inverse[i, 2] * x[first + 2]
-        for i in range(3):
-            x[first + i] = moved[i]
+        turned(inverse, x[first : first + 3], moved)
+        copy(moved, x[first : first + 3])
 
 
 @kernel

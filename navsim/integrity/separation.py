@@ -68,6 +68,16 @@ class Allocation:
     p_emt: float = 1e-5
     samples: float = 1.0
 
+    @property
+    def p_hmi(self) -> np.ndarray:
+        """Of misleading information at a sample (3,), east, north, up."""
+        return np.array([*[0.5 * self.p_hmi_horizontal] * 2, self.p_hmi_vertical]) / self.samples
+
+    @property
+    def total(self) -> float:
+        """Of any at a sample."""
+        return (self.p_hmi_horizontal + self.p_hmi_vertical) / self.samples
+
 
 @dataclass(frozen=True)
 class SolutionSpread:
@@ -185,8 +195,7 @@ def allotted(
     else:
         unmonitored = np.full(used.shape[0], unlisted)
     unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
-    p_hmi = np.array([*[0.5 * allocation.p_hmi_horizontal] * 2, allocation.p_hmi_vertical]) / allocation.samples
-    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
+    p_hmi, total = allocation.p_hmi, allocation.total
     spared = np.zeros_like(monitored) if idle is None else idle & monitored
     for k in np.argsort(priors, kind="stable"):
         left = spared[k] & (unmonitored + priors[k] <= min(allocation.p_unmonitored, 0.5 * total))
@@ -248,10 +257,8 @@ def across(
     """
     share = np.abs(turned(np.eye(2), bearing))
     between = found.threshold[..., :UP] @ share.T
-    p_hmi = 0.5 * allocation.p_hmi_horizontal / allocation.samples
-    total = (allocation.p_hmi_horizontal + allocation.p_hmi_vertical) / allocation.samples
     at = np.flatnonzero(found.available)
-    budget = p_hmi * (1.0 - found.unmonitored[at] / total)
+    budget = allocation.p_hmi[EAST] * (1.0 - found.unmonitored[at] / allocation.total)
     counted = np.where(found.monitored, priors[:, None], 0.0)[:, at]
     (sigma, bias), *each = spreads
     shape = len(priors), len(sigma), 2
@@ -358,15 +365,10 @@ def _farthest(separator: np.ndarray, residual: Any, out: Any) -> None:
         out[e] = farthest
 
 
-class SeparationMonitor:
-    """The test whether fixes without the sources of a fault are too far from the whole ones."""
+class SeparationWatch:
+    """The test whether solutions without the sources of a fault are too far from the whole ones; found: the levels."""
 
-    def __init__(self, found: FixLevels) -> None:
-        self.found = found
-        there = found.monitored[..., None] & (found.threshold > 0.0)
-        # residuals instead of errors serve as well: of those the whole fix makes nothing
-        by_threshold = found.separator / np.where(there, found.threshold, np.inf)[..., None]
-        self._separator = np.ascontiguousarray(by_threshold)
+    found: Levels
 
     @property
     def levels(self) -> np.ndarray:
@@ -374,14 +376,27 @@ class SeparationMonitor:
         return np.stack([self.found.horizontal, self.found.vertical], axis=1)
 
     @property
+    def tested(self) -> np.ndarray:
+        """Where there is a fault that is monitored (e,)."""
+        return np.asarray(self.found.monitored.any(axis=0))
+
+    @property
     def threshold(self) -> np.ndarray:
         """What `statistic` may be without an alarm (e,)."""
         return np.ones(self.tested.size)
 
-    @property
-    def tested(self) -> np.ndarray:
-        """Where there is a fault that is monitored (e,)."""
-        return np.asarray(self.found.monitored.any(axis=0))
+
+class SeparationMonitor(SeparationWatch):
+    """The test of fixes."""
+
+    found: FixLevels
+
+    def __init__(self, found: FixLevels) -> None:
+        self.found = found
+        there = found.monitored[..., None] & (found.threshold > 0.0)
+        # residuals instead of errors serve as well: of those the whole fix makes nothing
+        by_threshold = found.separator / np.where(there, found.threshold, np.inf)[..., None]
+        self._separator = np.ascontiguousarray(by_threshold)
 
     @property
     def size(self) -> int:

@@ -24,7 +24,7 @@ from navsim.core.states import MOST
 from navsim.estimation.carried_errors import Route, carry_differences
 from navsim.estimation.observations import FIX
 from navsim.integrity import separation
-from navsim.integrity.separation import Allocation, Levels, SolutionSpread
+from navsim.integrity.separation import Allocation, Levels, SeparationWatch, SolutionSpread
 from navsim.integrity.solution import turned
 from navsim.simulation.fixes import ReceiverFixes, solved
 from navsim.simulation.landing import Flight
@@ -56,7 +56,7 @@ class FilterSolution:
 
 
 @dataclass(frozen=True)
-class FilterBank:
+class FilterBank(SeparationWatch):
     """What watches a filter by others that are given less; see `monitoring.Bank`.
 
     found: levels at its outputs but the first (e,). taken: (f, s) bool, the sources that each of the others is not
@@ -116,19 +116,9 @@ class FilterBank:
         )  # fmt: skip
 
     @property
-    def levels(self) -> np.ndarray:
-        """Protection levels of the filter (e, 2), m, horizontal and vertical; nan where there are none."""
-        return np.stack([self.found.horizontal, self.found.vertical], axis=1)
-
-    @property
-    def threshold(self) -> np.ndarray:
-        """What `statistic` may be without an alarm (e,)."""
-        return np.ones(self.tested.size)
-
-    @property
     def tested(self) -> np.ndarray:
         """Where the filter is given something, and there is a fault that is monitored (e,)."""
-        return np.asarray(self.aided & self.found.monitored.any(axis=0))
+        return self.aided & super().tested
 
     @property
     def sigma(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.integrity.exclusion import NOTHING
-from navsim.integrity.separation import SeparationMonitor
+from navsim.integrity.separation import SeparationWatch
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.models.events import Silence
@@ -42,8 +42,6 @@ NOMINAL, MISLEADING, HAZARDOUS, UNAVAILABLE, UNAVAILABLE_MISLEADING, ALARMED = r
 EXCLUSIONS = ("correct", "wrong", "needless")
 """Outcomes of exclusions, by the events that there are at the time: what is left has no part in them; it has; there are
 none."""
-SEPARATING = (SeparationMonitor, FilterBank)
-"""Monitors by solution separation."""
 _EARLY = 1e-9
 """Of times, which are sums of intervals."""
 
@@ -234,7 +232,7 @@ def described(draft: Draft, case: Case) -> None:
     levels = monitor.levels
     for i, name in enumerate(("hpl", "vpl")):
         draft[f"/integrity/{name}"] = levels[:, i]
-    if isinstance(monitor, SEPARATING):
+    if isinstance(monitor, SeparationWatch):
         expected = case.flight.expected
         draft["/integrity/fault"] = np.array([fault.name for fault in expected], dtype=object)
         draft["/integrity/prior"] = np.array([fault.prior for fault in expected], dtype=float)
@@ -364,13 +362,12 @@ def told(case: Case) -> list[str]:
     if not lacking.any():
         return _by_inertial_sensors(case, glide)
     many = f"integrity: no protection level at {lacking.sum()} of {glide.sum()} epochs of the glide"
-    if not isinstance(monitor, SEPARATING):
+    if not isinstance(monitor, SeparationWatch):
         return [f"{many}: a range is not checked by the others there, or there is no fix"]
     unmonitored = monitor.found.unmonitored[lacking]
     worst = int(np.argmax(unmonitored))
     there = monitor.found.monitored[:, np.flatnonzero(lacking)[worst]]
-    unseen = (fault for fault, seen in zip(case.flight.expected, there, strict=True) if not seen)
-    names = [f"{fault.name} {fault.prior:g}" for fault in unseen]
+    unseen = _named(case, ~there)
     section = case.scenario.integrity
     assert section is not None
     if unmonitored[worst] <= section.p_unmonitored_max:
@@ -379,11 +376,19 @@ def told(case: Case) -> list[str]:
             text = f"has the probability {unmonitored[worst]:.2g}, and p_hmi_v and p_hmi_h allow {budget:.2g} in all"
             return [f"{many}: what is not monitored {text}"]
         return [f"{many}: there is no fix"]
-    what = f" ({', '.join(names[:5])}{', ...' if len(names) > 5 else ''})" if names else " (several at once)"
+    what = f" ({unseen})" if unseen else " (several at once)"
     return [
         f"{many}: what is not monitored{what} has the probability {unmonitored[worst]:.2g}; "
         f"integrity.p_unmonitored_max is {section.p_unmonitored_max:g}"
     ]
+
+
+def _named(case: Case, which: np.ndarray) -> str:
+    """The first of some expected faults (k,) bool, with their probabilities; "" for none."""
+    names = [
+        f"{fault.name} {fault.prior:g}" for fault, chosen in zip(case.flight.expected, which, strict=True) if chosen
+    ]
+    return f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
 
 
 def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
@@ -391,11 +396,9 @@ def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
     bank = case.flight.bank
     if not isinstance(bank, FilterBank):
         return []
-    alone = (bank.found.monitored & bank.idle)[:, glide].any(axis=1)
-    names = [f"{one.name} {one.prior:g}" for one, there in zip(case.flight.expected, alone, strict=True) if there]
-    if not names:
+    said = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))
+    if not said:
         return []
-    said = f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}"
     return [
         f"integrity: without {said} there is no fix, and what is then left of the filter, its inertial sensors, makes "
         "the levels grow; p_constellations gives systems probabilities of their own"

@@ -91,7 +91,7 @@ def _allowed(case: Case, axis: int) -> float:
     test = case.flight.watching.test
     if isinstance(test, ChiSquareTest):
         return test.p_md
-    return (test.p_hmi_vertical if axis == UP else 0.5 * test.p_hmi_horizontal) / test.samples
+    return float(test.p_hmi[axis])
 
 
 def _at(case: Case, fix: MonitoredFix, epoch: int, axis: int, seed: int) -> SampledLevel:
@@ -139,8 +139,7 @@ def _total(case: Case, epoch: int, axis: int, priors: np.ndarray, risk: np.ndarr
     assert watching is not None
     if not isinstance(monitor, SeparationMonitor) or isinstance(watching.test, ChiSquareTest):
         return np.asarray(np.nanmax(risk, axis=0))
-    whole = (watching.test.p_hmi_vertical + watching.test.p_hmi_horizontal) / watching.test.samples
-    unmonitored = float(monitor.found.unmonitored[epoch]) * _allowed(case, axis) / whole
+    unmonitored = float(monitor.found.unmonitored[epoch]) * _allowed(case, axis) / watching.test.total
     # nan of faults that are not there, and of chances below all that can be told
     return np.asarray(np.nansum(priors[:, None] * risk, axis=0) + unmonitored)
 
