@@ -75,6 +75,20 @@ def _correct(chart, nav, p, x, space):
     return lambda chart, nav, p, x, space: tfg.correct(nav, p, x, space)
 
 
+def feed_back(chart, nav, x, space):
+    """`correct` of the estimate alone, nav (NAV,), in place."""
+    raise NotImplementedError("feed_back is for kernels")
+
+
+@in_kernels(feed_back)
+def _feed_back(chart, nav, x, space):
+    if chart.instance_class is Eskf:
+        return lambda chart, nav, x, space: error_state.inject(nav, x)
+    if chart.instance_class is LeftInvariant:
+        return lambda chart, nav, x, space: invariant.feed_back(nav, x, space)
+    return lambda chart, nav, x, space: tfg.feed_back(nav, x, space)
+
+
 def own_error(chart, nav, error, out):
     """The plain error (n,) in the coordinates of the chart, out (n,)."""
     raise NotImplementedError("own_error is for kernels")

@@ -19,21 +19,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.covariance import gain, is_varying, joseph, kept, predict, vary
+from navsim.core.covariance import gain, is_varying, kept, predict, vary
 from navsim.core.jit import inlined, kernel, within
-from navsim.core.lanes import any_lane, no, registers, room, select
+from navsim.core.lanes import any_lane, registers, room, select
 from navsim.core.linear import copy, copy_matrix
-from navsim.core.states import MOST, NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
+from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
-from navsim.estimation.answers import answer, keep_decision, keep_innovation, keep_use, nothing_yet, opened
-from navsim.estimation.charts import correct, own_error, turn_axes
+from navsim.estimation.answers import answer, nothing_yet, opened
+from navsim.estimation.charts import turn_axes
 from navsim.estimation.clock import forget_clock, has_jumped, run_clock_on
-from navsim.estimation.error_state import between
-from navsim.estimation.observations import PROBE, RANGE, is_bent, observe, slot
+from navsim.estimation.observations import RANGE, observe, slot
+from navsim.estimation.ranges import begin, begin_estimate, count_range, finish, foresee, is_alone, range_epoch, take
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
-
-_MORE = 2
-"""Iterations more of an update by a range that is bent."""
+from navsim.estimation.weighing import decide, errors_from, numbers_in, update, weighing
 
 
 class Workshop(NamedTuple):
@@ -61,37 +59,6 @@ def workshop(nav, n):
     return Workshop(
         room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
         room(nav, (n // 3, 3, 3)), room(nav, (n // 3, 3, 3)), room(nav, (n, n)), room(nav, (n, 3)),
-    )  # fmt: skip
-
-
-class Weighing(NamedTuple):
-    """Work space to weigh a measurement: have, z (MOST,), h (MOST, n), r, s (MOST, MOST), k, pht, work (n, MOST), as of
-    `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n): what a lane had before, or what is
-    answered; again_nav, again_p: what it had before another iteration, y (n,)."""
-
-    have: np.ndarray
-    z: np.ndarray
-    h: np.ndarray
-    r: np.ndarray
-    s: np.ndarray
-    k: np.ndarray
-    pht: np.ndarray
-    work: np.ndarray
-    x: np.ndarray
-    nav: np.ndarray
-    p: np.ndarray
-    y: np.ndarray
-    again_nav: np.ndarray
-    again_p: np.ndarray
-
-
-@within
-def weighing(nav, n):
-    """Work space for a filter of n states, of what `nav` holds."""
-    return Weighing(
-        room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
-        room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
-        room(nav, (n, n)), room(nav, (n,)), room(nav, (nav.shape[0],)), room(nav, (n, n)),
     )  # fmt: skip
 
 
@@ -170,163 +137,6 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
 
 
 @kernel
-def whitened_square(s, z, m):
-    """z' S^-1 z through the Cholesky factor s of S that `gain` left; z (m,) is spoiled."""
-    q = 0.0
-    for a in range(m):
-        t = z[a]
-        for b in range(a):
-            t -= s[a, b] * z[b]
-        z[a] = t / s[a, a]
-        q += z[a] * z[a]
-    return q
-
-
-@kernel
-def numbers_in(have, m):
-    """How many of the first m numbers are there."""
-    count = have[0]
-    for a in range(1, m):
-        count += have[a]
-    return count
-
-
-@kernel
-def errors_from(k, z, m, x):
-    """The estimated errors x (n,) = K z of m innovations."""
-    for j in range(x.shape[0]):
-        t = k[j, 0] * z[0]
-        for a in range(1, m):
-            t += k[j, a] * z[a]
-        x[j] = t
-
-
-@kernel
-def limit_of(gate, degrees):
-    """The limit (MOST + 1,) for so many numbers."""
-    limit = degrees * 0.0 + gate[0]
-    for m in range(1, gate.shape[0]):
-        limit = select(degrees == m, gate[m], limit)
-    return limit
-
-
-@kernel
-def count_rejection(weighed, used, where, rejected):
-    """Rejections (slots,) in a row, after a measurement of the slot `where`."""
-    rejected[where] = select(weighed, select(used, 0.0, rejected[where] + 1.0), rejected[where])
-
-
-@kernel
-def decide(ahead, weighed, degrees, m, gauge, where, model, rejected, left, i):
-    """Whether what was weighed is used: it passes the gate, or enough before it did not.
-
-    gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. where: its slot. rejected
-    (slots,): counted on. Unless it is that of the copy that runs ahead, it is left as that of event i.
-    """
-    keep_innovation(ahead, gauge.have, weighed, m, gauge.z, gauge.s, left, i)
-    q = whitened_square(gauge.s, gauge.z, m)
-    used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
-    if where == PROBE:
-        used = used & no(used)
-    keep_use(used, m, left, i)
-    if not ahead:
-        keep_decision(weighed, used, q, degrees, left, i)
-    count_rejection(weighed, used, where, rejected)
-    return used
-
-
-@kernel
-def held(source, there, target):
-    """target (n,) <- source where `there` is not."""
-    for i in range(source.shape[0]):
-        target[i] = select(there, target[i], source[i])
-
-
-@kernel
-def update(chart, used, what, row, measurements, declared, nav, p, increments, interval, space, gauge):
-    """Correct nav (NAV,) and P (n, n) by a measurement and the errors gauge.x estimated from it, where it is used.
-
-    what, row, measurements, increments, interval, declared: as `observe` takes them.
-    """
-    # a lane that does not use it stays as it is
-    spared, bent = any_lane(no(used)), used & is_bent(what, row, measurements, gauge.h, p)
-    if spared or any_lane(bent):
-        copy(nav, gauge.nav)
-        copy_matrix(p, gauge.p)
-    # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before carrying would keep the
-    # correlations that J_l(theta) y gives the fix at the old one
-    correct(chart, nav, p, gauge.x, space)
-    m = observe(
-        what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h, gauge.r
-    )
-    good = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
-    for _ in range(_MORE):
-        bent = bent & good
-        if not any_lane(bent):
-            break
-        # what the prior says from here, then both weighed again
-        copy(nav, gauge.again_nav)
-        copy_matrix(p, gauge.again_p)
-        between(gauge.nav, nav, gauge.x)
-        own_error(chart, nav, gauge.x, gauge.y)
-        for a in range(m):
-            for c in range(gauge.y.shape[0]):
-                gauge.z[a] -= gauge.h[a, c] * gauge.y[c]
-        errors_from(gauge.k, gauge.z, m, gauge.x)
-        for c in range(gauge.y.shape[0]):
-            gauge.x[c] += gauge.y[c]
-        correct(chart, nav, p, gauge.x, space)
-        held(gauge.again_nav, bent, nav)
-        for i in range(p.shape[0]):
-            held(gauge.again_p[i], bent, p[i])
-        m = observe(
-            what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h,
-            gauge.r,
-        )  # fmt: skip
-        good = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
-    joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
-    if spared:
-        held(gauge.nav, used, nav)
-        for i in range(p.shape[0]):
-            held(gauge.p[i], used, p[i])
-
-
-class RangeCount(NamedTuple):
-    """Of the ranges of an epoch: heard, kept (c,), how many of each time scale were weighed and used; jumped (c + 1,),
-    see `clock.has_jumped`."""
-
-    heard: np.ndarray
-    kept: np.ndarray
-    jumped: np.ndarray
-
-
-@within
-def range_count(nav, scales):
-    """Room for a filter that follows the clock of so many time scales."""
-    return RangeCount(room(nav, (scales,)), room(nav, (scales,)), room(nav, (scales + 1,)))
-
-
-@kernel
-def is_alone(events, i, before):
-    """Whether the event before (1), or behind (0), event i is none of the ranges of the same epoch."""
-    j = i - 1 if before else i + 1
-    if j < 0 or j >= events.time.shape[0]:
-        return True
-    return events.kind[j] != RANGE or events.ahead[j] != events.ahead[i] or events.time[j] != events.time[i]
-
-
-@kernel
-def count_range(ranges, row, first, weighed, used, count):
-    """Count a range of an epoch; first: whether it is the first one."""
-    if first:
-        for b in range(count.heard.shape[0]):
-            count.heard[b], count.kept[b] = 0.0, 0.0
-    b = ranges.bias[row]
-    count.heard[b] += select(weighed, 1.0, 0.0)
-    count.kept[b] += select(used, 1.0, 0.0)
-
-
-@kernel
 def run(chart, imu, measurements, events, state, way, model, account):
     """Fly through the events; arguments are those of `estimation.records`, or those of lanes.
 
@@ -344,7 +154,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     n = state_p.shape[0]
     gauge = weighing(state_nav, n)
     space = workshop(state_nav, n)
-    count = range_count(state_nav, model.clock.scales.shape[0])
+    epoch, first = range_epoch(state_nav, n, 1, events, model.clock.scales.shape[0]), 0
     # the filter itself, and its copy that runs ahead
     navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))
     increments_pair, cursors = room(state_nav, (2, 6)), np.empty((2, 3))
@@ -381,11 +191,12 @@ def run(chart, imu, measurements, events, state, way, model, account):
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
             answer(chart, nav, p, left, row)
-        elif what != PASS:
-            m = observe(
-                what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z, gauge.h,
-                gauge.r,
-            )  # fmt: skip
+        elif what == RANGE:
+            if is_alone(events, i, 1):
+                first = i
+                begin(epoch)
+                begin_estimate(epoch, 0, p)
+            m = foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, 0, space, gauge)
             degrees = numbers_in(gauge.have, m)
             weighed = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (degrees > 0.0)
             used = weighed
@@ -394,11 +205,29 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 where = slot(what, row, measurements)
                 used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
                 if any_lane(used):
+                    take(used, m, p, epoch, 0, gauge)
+            count_range(measurements.ranges, row, i - first, weighed, used, epoch)
+            if is_alone(events, i, 0):
+                rows = events.row[first : i + 1]
+                finish(
+                    chart, epoch.heard[0] >= 0.0, rows, measurements, declared, nav, p, increments, cursor[2], epoch,
+                    0, space, gauge,
+                )  # fmt: skip
+                if has_jumped(epoch.heard, epoch.kept, epoch.jumped):
+                    forget_clock(epoch.jumped, p)
+        elif what != PASS:
+            m = observe(
+                what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z, gauge.h,
+                gauge.r,
+            )  # fmt: skip
+            degrees = numbers_in(gauge.have, m)
+            weighed = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (degrees > 0.0)
+            if any_lane(weighed):
+                errors_from(gauge.k, gauge.z, m, gauge.x)
+                where = slot(what, row, measurements)
+                used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
+                if any_lane(used):
                     update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
-            if what == RANGE:
-                count_range(measurements.ranges, row, is_alone(events, i, 1), weighed, used, count)
-                if is_alone(events, i, 0) and has_jumped(count.heard, count.kept, count.jumped):
-                    forget_clock(count.jumped, p)
     copy(navs[0], state_nav)
     copy_matrix(ps[0], state_p)
     copy(rejections[0], state_rejected)

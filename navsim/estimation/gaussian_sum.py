@@ -35,26 +35,12 @@ from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.clock import forget_clock, has_jumped
 from navsim.estimation.error_state import between
-from navsim.estimation.filter_loop import (
-    advance,
-    count_range,
-    decide,
-    errors_from,
-    held,
-    is_ahead,
-    is_alone,
-    numbers_in,
-    range_count,
-    set_off,
-    start_axes,
-    update,
-    weighing,
-    whitened_square,
-    workshop,
-)
+from navsim.estimation.filter_loop import advance, is_ahead, set_off, start_axes, workshop
 from navsim.estimation.invariant import turned
 from navsim.estimation.observations import RANGE, observe, slot
+from navsim.estimation.ranges import begin, begin_estimate, count_range, finish, foresee, is_alone, range_epoch, take
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
+from navsim.estimation.weighing import decide, errors_from, held, numbers_in, update, weighing, whitened_square
 
 _NARROWED = 0.65
 """1 sigma of heading of each of the three that a component is divided into, in its own."""
@@ -518,7 +504,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
     there = room(state_nav, (MOST,))
     space, bench = workshop(state_nav, n), _bench(state_nav, n)
-    heard = range_count(state_nav, model.clock.scales.shape[0])
+    epoch, first = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0]), 0
     # the copy that runs ahead
     runs_ahead = False
     for i in range(events.ahead.shape[0]):  # numba's own `any` loads its linear algebra at every start
@@ -563,16 +549,26 @@ def run(chart, imu, measurements, events, state, way, model, account):
         elif what != PASS:
             m = 0
             for a in range(MOST):
-                gauge.have[a] = 0.0
+                there[a] = 0.0
+            if what == RANGE and is_alone(events, i, 1):
+                first = i
+                begin(epoch)
+                for j in range(count):
+                    begin_estimate(epoch, j, now.covariance[j])
             for j in range(count):
-                m = observe(
-                    what, row, measurements, now.navigation[j], now.increments[j], cursor[2], declared, space.c_nb,
-                    there, zs[j], gauge.h, gauge.r,
-                )  # fmt: skip
-                numbers[j] = numbers_in(there, m)
+                nav, increments = now.navigation[j], now.increments[j]
+                if what == RANGE:
+                    m = foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, gauge)
+                else:
+                    m = observe(
+                        what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z,
+                        gauge.h, gauge.r,
+                    )  # fmt: skip
+                numbers[j] = numbers_in(gauge.have, m)
                 for a in range(m):
-                    more = (weight[j] > 0.0) & (there[a] > gauge.have[a])
-                    gauge.have[a] = select(more, there[a], gauge.have[a])
+                    more = (weight[j] > 0.0) & (gauge.have[a] > there[a])
+                    there[a] = select(more, gauge.have[a], there[a])
+                    zs[j, a] = gauge.z[a]
                 good = gain(now.covariance[j], gauge.h, gauge.r, m, gauge.pht, ss[j], ks[j])
                 copy(zs[j], gauge.z)
                 square = whitened_square(ss[j], gauge.z, m)
@@ -580,7 +576,8 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 sizes[j] = ss[j, 0, 0]
                 for a in range(1, m):
                     sizes[j] *= ss[j, a, a]
-            degrees = numbers_in(gauge.have, m)
+            copy(there, gauge.have)
+            degrees = numbers_in(there, m)
             # a component that is none any more goes, unless there is no other
             sound = weight[0] < 0.0
             for j in range(count):
@@ -597,19 +594,36 @@ def run(chart, imu, measurements, events, state, way, model, account):
             where = slot(what, row, measurements)
             used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
             for j in range(count):
-                if any_lane(used & (weight[j] > 0.0)):
+                own_use = used & (weight[j] > 0.0)
+                if not any_lane(own_use):
+                    continue
+                nav, p, increments = now.navigation[j], now.covariance[j], now.increments[j]
+                if what == RANGE:
+                    # what another component said of it lies in the gauge
+                    foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, gauge)
+                    gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
+                    errors_from(ks[j], zs[j], m, gauge.x)
+                    take(own_use, m, p, epoch, j, gauge)
+                else:
                     errors_from(ks[j], zs[j], m, gauge.x)
                     update(
-                        chart, used, what, row, measurements, declared, now.navigation[j], now.covariance[j],
-                        now.increments[j], cursor[2], space, gauge,
+                        chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge
                     )  # fmt: skip
             weigh(used, weight, squares, sizes)
-            _close_ranks(now)
             if what == RANGE:
-                count_range(measurements.ranges, row, is_alone(events, i, 1), weighed, used, heard)
-                if is_alone(events, i, 0) and has_jumped(heard.heard, heard.kept, heard.jumped):
+                count_range(measurements.ranges, row, i - first, weighed, used, epoch)
+            if what == RANGE and is_alone(events, i, 0):
+                for j in range(_count(weight)):
+                    finish(
+                        chart, weight[j] > 0.0, events.row[first : i + 1], measurements, declared, now.navigation[j],
+                        now.covariance[j], now.increments[j], cursor[2], epoch, j, space, gauge,
+                    )  # fmt: skip
+                if has_jumped(epoch.heard, epoch.kept, epoch.jumped):
                     for j in range(_count(weight)):
-                        forget_clock(heard.jumped, now.covariance[j])
+                        forget_clock(epoch.jumped, now.covariance[j])
+            # places in the epoch are those of its beginning
+            if what != RANGE or is_alone(events, i, 0):
+                _close_ranks(now)
     moments(own, state_nav, state_p, True, space, bench)
     copy(rejections[0], state_rejected)
     copy(cursors[0], way.cursor)

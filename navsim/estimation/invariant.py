@@ -59,13 +59,20 @@ def move_rigidly(nav, x, jac):
 @kernel
 def correct(nav, p, x, space):
     """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
+    feed_back(nav, x, space)
+    transport(p, space.diagonal, space.column, space.square)
+
+
+@kernel
+def feed_back(nav, x, space):
+    """Feed the estimated errors x (n,) back, in place; diagonal, column (n / 3, 3, 3) of `space`: the reset matrix, as
+    `core.covariance.transport` takes it."""
     n = x.shape[0]
     diagonal, column = space.diagonal, space.column
     blocks_of_motion(x, diagonal, column)
     move_rigidly(nav, x, diagonal[0])
     for c in range(n - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
-    transport(p, diagonal, column, space.square)
 
 
 @kernel

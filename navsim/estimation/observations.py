@@ -247,17 +247,14 @@ def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
 
 
 @kernel
-def is_bent(kind, row, measurements, h, p):
+def is_bent(ranges, row, h, p):
     """Whether a range is bent where the filter may be, so that one linearisation will not do: its source is near, and
     the position uncertain across it [2]. h: as `observe` left it; p: (n, n)."""
-    if kind != RANGE:
-        return p[0, 0] < 0.0
     across = 0.0
     for i in range(3):
         across += p[POS + i, POS + i]
         for j in range(3):
             across -= h[0, POS + i] * h[0, POS + j] * p[POS + i, POS + j]
-    ranges = measurements.ranges
     return across > 2.0 * ranges.distance[row] * _NEAR * ranges.sigma[row]
 
 

@@ -33,18 +33,10 @@ from navsim.estimation import error_state
 from navsim.estimation.answers import keep_decision, keep_innovation, opened
 from navsim.estimation.charts import PLAIN
 from navsim.estimation.clock import carry_clock_rows
-from navsim.estimation.filter_loop import (
-    advance,
-    count_rejection,
-    errors_from,
-    limit_of,
-    numbers_in,
-    set_off,
-    whitened_square,
-    workshop,
-)
+from navsim.estimation.filter_loop import advance, set_off, workshop
 from navsim.estimation.observations import PROBE, observe, slot
 from navsim.estimation.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
+from navsim.estimation.weighing import count_rejection, errors_from, limit_of, numbers_in, whitened_square
 
 PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind of smoother makes at most."""

@@ -1,0 +1,218 @@
+"""Ranges of one epoch, weighed together as a receiver's fix is.
+
+Each range is gated by itself, with what those before it say, but all are taken at one estimate, which is moved once, by
+what they say together. Were it moved by each, the chart would turn what is not known yet along with what is: in a chart
+whose positions turn with attitude, a correction of one direction ties the others to the error of heading, and the next
+ranges would correct attitude by what they say of position.
+
+Where a source is near, one linearisation will not do: ranges are foreseen from where those before them lead, and all of
+them are weighed again from where they have led.
+
+Source: [1] `docs/theory/filter.md`, section 10.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.covariance import gain, joseph
+from navsim.core.jit import kernel, within
+from navsim.core.lanes import any_lane, no, room, select
+from navsim.core.linear import copy, copy_matrix
+from navsim.estimation.charts import correct, feed_back, own_error
+from navsim.estimation.error_state import between
+from navsim.estimation.observations import RANGE, is_bent, observe
+from navsim.estimation.weighing import errors_from, held
+
+_MORE = 2
+"""Iterations more of an epoch that is bent."""
+NUMBERS = 2
+"""Of a range: itself, and its rate."""
+
+
+class RangeEpoch(NamedTuple):
+    """What ranges say so far of M estimates (components of a sum): prior (M, n, n) covariances before the epoch,
+    x (M, n) errors about the estimates before it, bent (M,) 1 where one linearisation will not do.
+
+    used (E,): 1 where a range is. heard, kept (c,): how many of each time scale were weighed, and used;
+    jumped (c + 1,), see `clock.has_jumped`.
+
+    Work space: now (M,) 1 where the range at hand is bent, z (2,), h (2, n), y (n,), nav (NAV,), p, again (n, n).
+    """
+
+    x: np.ndarray
+    prior: np.ndarray
+    bent: np.ndarray
+    used: np.ndarray
+    heard: np.ndarray
+    kept: np.ndarray
+    jumped: np.ndarray
+    now: np.ndarray
+    z: np.ndarray
+    h: np.ndarray
+    y: np.ndarray
+    nav: np.ndarray
+    p: np.ndarray
+    again: np.ndarray
+
+
+@kernel
+def is_alone(events, i, before):
+    """Whether the event before (1), or behind (0), event i is none of the ranges of the same epoch."""
+    j = i - 1 if before else i + 1
+    if j < 0 or j >= events.time.shape[0]:
+        return True
+    return events.kind[j] != RANGE or events.ahead[j] != events.ahead[i] or events.time[j] != events.time[i]
+
+
+@kernel
+def _longest(events):
+    """How many ranges the longest epoch has."""
+    most, length = 0, 0
+    for i in range(events.time.shape[0]):
+        if events.kind[i] == RANGE:
+            length = 1 if is_alone(events, i, 1) else length + 1
+            most = max(most, length)
+    return most
+
+
+@within
+def range_epoch(nav, n, estimates, events, scales):
+    """Room for the ranges of an epoch, weighed by so many estimates of n states, of what `nav` holds, that follow the
+    clocks of so many time scales."""
+    most = _longest(events)
+    m, states, size = (estimates, n, nav.shape[0]) if most else (0, 0, 0)
+    return RangeEpoch(
+        room(nav, (m, states)), room(nav, (m, states, states)), room(nav, (m,)), room(nav, (most,)),
+        room(nav, (scales,)), room(nav, (scales,)), room(nav, (scales + 1,)), room(nav, (m,)), room(nav, (NUMBERS,)),
+        room(nav, (NUMBERS, states)), room(nav, (states,)), room(nav, (size,)), room(nav, (states, states)),
+        room(nav, (states, states)),
+    )  # fmt: skip
+
+
+@kernel
+def begin(epoch):
+    """The first range of an epoch is at hand."""
+    for b in range(epoch.heard.shape[0]):
+        epoch.heard[b], epoch.kept[b] = 0.0, 0.0
+
+
+@kernel
+def begin_estimate(epoch, j, p):
+    """Estimate j, of the covariance p (n, n), before the first range."""
+    copy_matrix(p, epoch.prior[j])
+    for i in range(p.shape[0]):
+        epoch.x[j, i] = 0.0
+    epoch.bent[j] = 0.0
+
+
+@kernel
+def foresee(chart, row, measurements, declared, nav, increments, interval, epoch, j, space, gauge):
+    """`observe` a range for estimate j, nav (NAV,) before the epoch, beside what those before it said. Returns how many
+    numbers there are."""
+    ranges, z, h, x = measurements.ranges, gauge.z, gauge.h, epoch.x[j]
+    m = observe(RANGE, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, z, h, gauge.r)
+    bent = is_bent(ranges, row, h, epoch.prior[j])
+    epoch.now[j] = select(bent, 1.0, 0.0)
+    for a in range(m):
+        for c in range(x.shape[0]):
+            z[a] -= h[a, c] * x[c]
+    if any_lane(bent):
+        for a in range(m):
+            epoch.z[a] = z[a]
+            copy(h[a], epoch.h[a])
+        copy(nav, epoch.nav)
+        feed_back(chart, epoch.nav, x, space)
+        observe(
+            RANGE, row, measurements, epoch.nav, increments, interval, declared, space.c_nb, gauge.have, z, h, gauge.r
+        )
+        for a in range(m):
+            z[a] = select(bent, z[a], epoch.z[a])
+            held(epoch.h[a], bent, h[a])
+    return m
+
+
+@kernel
+def _weigh(used, m, p, gauge):
+    """P (n, n) after a range of m numbers that `gain` has weighed, where it is used."""
+    for i in range(p.shape[0]):
+        for a in range(m):
+            gauge.k[i, a] = select(used, gauge.k[i, a], 0.0)
+    joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
+
+
+@kernel
+def take(used, m, p, epoch, j, gauge):
+    """What a range says to estimate j, where it is used: its covariance p (n, n), and gauge.x, what it corrects."""
+    for i in range(p.shape[0]):
+        epoch.x[j, i] += select(used, gauge.x[i], 0.0)
+    epoch.bent[j] = select(used & (epoch.now[j] > 0.0), 1.0, epoch.bent[j])
+    _weigh(used, m, p, gauge)
+
+
+@kernel
+def count_range(ranges, row, place, weighed, used, epoch):
+    """Count a range, the one of this place in its epoch."""
+    b = ranges.bias[row]
+    epoch.heard[b] += select(weighed, 1.0, 0.0)
+    epoch.kept[b] += select(used, 1.0, 0.0)
+    epoch.used[place] = select(used, 1.0, 0.0)
+
+
+@kernel
+def _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, gauge, moves):
+    """P (n, n) after all used ranges, taken at nav (NAV,); where it `moves`, x (n,) too: what they correct."""
+    for e in range(rows.shape[0]):
+        m = observe(
+            RANGE, rows[e], measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z,
+            gauge.h, gauge.r,
+        )  # fmt: skip
+        good = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (epoch.used[e] > 0.0)
+        if moves:
+            for a in range(m):
+                for c in range(x.shape[0]):
+                    gauge.z[a] -= gauge.h[a, c] * x[c]
+            errors_from(gauge.k, gauge.z, m, gauge.x)
+            for i in range(x.shape[0]):
+                x[i] += select(good, gauge.x[i], 0.0)
+        _weigh(good, m, p, gauge)
+
+
+@kernel
+def finish(chart, there, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, gauge):
+    """Move estimate j, nav (NAV,) and p (n, n), by what the ranges of these rows said, where it is `there`.
+
+    The prior is carried to the new estimate and all are weighed there, as in `weighing.update`.
+    """
+    x = epoch.x[j]
+    some = there & no(there)
+    for e in range(rows.shape[0]):
+        some = some | (there & (epoch.used[e] > 0.0))
+    if not any_lane(some):
+        return
+    copy(nav, gauge.nav)
+    copy_matrix(epoch.prior[j], p)
+    correct(chart, nav, p, x, space)
+    bent = some & (epoch.bent[j] > 0.0)
+    if any_lane(bent):
+        for _ in range(_MORE):
+            copy(nav, epoch.nav)
+            copy_matrix(p, epoch.again)
+            copy_matrix(p, epoch.p)
+            # what the prior says from here
+            between(gauge.nav, nav, epoch.y)
+            own_error(chart, nav, epoch.y, x)
+            _weigh_all(
+                rows, measurements, declared, nav, epoch.p, x, increments, interval, epoch, space, gauge, True
+            )  # fmt: skip
+            correct(chart, nav, p, x, space)
+            held(epoch.nav, bent, nav)
+            for i in range(p.shape[0]):
+                held(epoch.again[i], bent, p[i])
+    _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, gauge, False)
+    if any_lane(no(some)):
+        held(gauge.nav, some, nav)
+        for i in range(p.shape[0]):
+            held(epoch.prior[j, i], some, p[i])

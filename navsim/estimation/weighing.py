@@ -1,0 +1,145 @@
+"""How a filter weighs a measurement: gate, count of rejections, correction in the chart.
+
+Source: `docs/theory/filter.md`, sections 4 to 7.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.covariance import gain, joseph
+from navsim.core.jit import kernel, within
+from navsim.core.lanes import any_lane, no, room, select
+from navsim.core.linear import copy, copy_matrix
+from navsim.core.states import MOST
+from navsim.estimation.answers import keep_decision, keep_innovation, keep_use
+from navsim.estimation.charts import correct
+from navsim.estimation.observations import PROBE, observe
+
+
+class Weighing(NamedTuple):
+    """Work space to weigh a measurement: have, z (MOST,), h (MOST, n), r, s (MOST, MOST), k, pht, work (n, MOST), as of
+    `observe`, `gain` and `joseph`; x (n,) estimated errors; nav (NAV,), p (n, n): what a lane had before, or what is
+    answered."""
+
+    have: np.ndarray
+    z: np.ndarray
+    h: np.ndarray
+    r: np.ndarray
+    s: np.ndarray
+    k: np.ndarray
+    pht: np.ndarray
+    work: np.ndarray
+    x: np.ndarray
+    nav: np.ndarray
+    p: np.ndarray
+
+
+@within
+def weighing(nav, n):
+    """Work space for a filter of n states, of what `nav` holds."""
+    return Weighing(
+        room(nav, (MOST,)), room(nav, (MOST,)), room(nav, (MOST, n)), room(nav, (MOST, MOST)), room(nav, (MOST, MOST)),
+        room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n, MOST)), room(nav, (n,)), room(nav, (nav.shape[0],)),
+        room(nav, (n, n)),
+    )  # fmt: skip
+
+
+@kernel
+def whitened_square(s, z, m):
+    """z' S^-1 z through the Cholesky factor s of S that `gain` left; z (m,) is spoiled."""
+    q = 0.0
+    for a in range(m):
+        t = z[a]
+        for b in range(a):
+            t -= s[a, b] * z[b]
+        z[a] = t / s[a, a]
+        q += z[a] * z[a]
+    return q
+
+
+@kernel
+def numbers_in(have, m):
+    """How many of the first m numbers are there."""
+    count = have[0]
+    for a in range(1, m):
+        count += have[a]
+    return count
+
+
+@kernel
+def errors_from(k, z, m, x):
+    """The estimated errors x (n,) = K z of m innovations."""
+    for j in range(x.shape[0]):
+        t = k[j, 0] * z[0]
+        for a in range(1, m):
+            t += k[j, a] * z[a]
+        x[j] = t
+
+
+@kernel
+def limit_of(gate, degrees):
+    """The limit (MOST + 1,) for so many numbers."""
+    limit = degrees * 0.0 + gate[0]
+    for m in range(1, gate.shape[0]):
+        limit = select(degrees == m, gate[m], limit)
+    return limit
+
+
+@kernel
+def count_rejection(weighed, used, where, rejected):
+    """Rejections (slots,) in a row, after a measurement of the slot `where`."""
+    rejected[where] = select(weighed, select(used, 0.0, rejected[where] + 1.0), rejected[where])
+
+
+@kernel
+def decide(ahead, weighed, degrees, m, gauge, where, model, rejected, left, i):
+    """Whether what was weighed is used: it passes the gate, or enough before it did not.
+
+    gauge: `weighing` with z (m,), which is spoiled, and the factor s of its covariance. where: its slot. rejected
+    (slots,): counted on. Unless it is that of the copy that runs ahead, it is left as that of event i.
+    """
+    keep_innovation(ahead, gauge.have, weighed, m, gauge.z, gauge.s, left, i)
+    q = whitened_square(gauge.s, gauge.z, m)
+    used = weighed & ((q <= limit_of(model.gate, degrees)) | (rejected[where] >= model.max_rejected))
+    if where == PROBE:
+        used = used & no(used)
+    keep_use(used, m, left, i)
+    if not ahead:
+        keep_decision(weighed, used, q, degrees, left, i)
+    count_rejection(weighed, used, where, rejected)
+    return used
+
+
+@kernel
+def held(source, there, target):
+    """target (n,) <- source where `there` is not."""
+    for i in range(source.shape[0]):
+        target[i] = select(there, target[i], source[i])
+
+
+@kernel
+def update(chart, used, what, row, measurements, declared, nav, p, increments, interval, space, gauge):
+    """Correct nav (NAV,) and P (n, n) by a measurement and the errors gauge.x estimated from it, where it is used.
+
+    what, row, measurements, increments, interval, declared: as `observe` takes them.
+    """
+    # a lane that does not use it stays as it is
+    spared = any_lane(no(used))
+    if spared:
+        copy(nav, gauge.nav)
+        copy_matrix(p, gauge.p)
+    # Gauss-Newton: the prior is carried to the new estimate and weighed there. Weighing before carrying would keep the
+    # correlations that J_l(theta) y gives the fix at the old one
+    correct(chart, nav, p, gauge.x, space)
+    m = observe(
+        what, row, measurements, nav, increments, interval, declared, space.c_nb, gauge.have, gauge.z, gauge.h, gauge.r
+    )
+    gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
+    joseph(p, gauge.h, gauge.r, m, gauge.pht, gauge.k, gauge.work)
+    if spared:
+        held(gauge.nav, used, nav)
+        for i in range(p.shape[0]):
+            held(gauge.p[i], used, p[i])
