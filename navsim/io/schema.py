@@ -436,6 +436,7 @@ _SEPARATED = f"{_WATCHED} with method mhss or filter"
 _ASKED = f"{_WATCHED} with limits"
 _SAMPLED = f"{_WATCHED} with tails"
 _EXCLUDING = f"{_WATCHED} with exclusion"
+_COMPARED_SBAS, _COMPARED_GBAS = (f"{_WATCHED} with comparison.{form}" for form in ("sbas", "gbas"))
 _TRIED = f"{_WATCHED} with innovations"
 _TRIED_KEPT = f"{_TRIED}, {_KEPT}"
 _EXCLUDING_KEPT = f"{_EXCLUDING}, {_KEPT}"
@@ -452,6 +453,11 @@ _INTEGRITY = Chapter(
         _a("/integrity/vpl", "time", "m", "vertical protection level, the same", _FLOWN, when=_WATCHED),
         _a("/integrity/level_{axis}", "time", "m", "protection level of the {axis} error, in axes of the runway",
            _FLOWN, when=_WATCHED, axis=("lateral", "along")),
+        _a("/integrity/sbas_{level}", "time", "m", "{LEVEL} that the form of SBAS gives the fix from all that is used; "
+           "nan without a fix", _FLOWN, when=_COMPARED_SBAS, level=("hpl", "vpl")),
+        _a("/integrity/gbas_{level}", "time", "m", "{LEVEL} that the form of GBAS gives it, the larger with and "
+           "without a faulty reference receiver; across the track (lpl) and over the glide path (vpl)", _FLOWN,
+           when=_COMPARED_GBAS, level=("lpl", "vpl")),
         _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
         _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
            when=_SEPARATED),
@@ -497,6 +503,10 @@ _INTEGRITY = Chapter(
            when=_WATCHED, level=("hpl", "vpl")),
         _a("/summary/integrity/level_{axis}", "statistic", "m", "level of the {axis} error on the glide, where there "
            "is one", _FLOWN, when=_WATCHED, axis=("lateral", "along")),
+        _a("/summary/integrity/sbas_{level}", "statistic", "m", "{LEVEL} on the glide by the form of SBAS", _FLOWN,
+           when=_COMPARED_SBAS, level=("hpl", "vpl")),
+        _a("/summary/integrity/gbas_{level}", "statistic", "m", "{LEVEL} on the glide by the form of GBAS", _FLOWN,
+           when=_COMPARED_GBAS, level=("lpl", "vpl")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
            when=_WATCHED),
         _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none", _FLOWN, when=_ASKED),

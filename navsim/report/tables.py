@@ -207,6 +207,14 @@ def _protection(result: Result, name: str) -> Cell | str:
     return Cell("{:.2f}  ({:.2f} - {:.2f}), limit {:g}", (mean, low, high, limit), whole=True)
 
 
+def _compared(result: Result, name: str) -> Cell | str:
+    """A level of another system's form on the glide."""
+    path = f"/summary/integrity/{name}"
+    if path not in result or not np.isfinite(result[path]).all():
+        return ABSENT
+    return Cell("{:.2f}  ({:.2f} - {:.2f})", tuple(map(float, result[path][:3])), whole=True)
+
+
 def _level_share(result: Result) -> Cell | str:
     path = "/summary/integrity/level_share"
     return number(float(result[path]), 3) if path in result else ABSENT
@@ -312,6 +320,10 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
         row(name.upper(), lambda r, n=name: _protection(r, n))  # type: ignore[misc]
     for name in ("lateral", "along"):
         row(f"level {name} in axes of the runway", lambda r, n=name: _protection(r, f"level_{n}"))  # type: ignore[misc]
+    for form, names in (("sbas", ("hpl", "vpl")), ("gbas", ("lpl", "vpl"))):
+        if any(f"/summary/integrity/{form}_vpl" in result for _, result in results):
+            for name in names:
+                row(f"{name.upper()} by the form of {form.upper()}", lambda r, n=f"{form}_{name}": _compared(r, n))  # type: ignore[misc]
     row("share of epochs with levels", _level_share)
     if flown:
         row("alarms, of tested epochs", _alarms)

@@ -111,6 +111,34 @@ class HeavierSection(Section):
         return HeavierNoise(self.core, self.tail, self.share)
 
 
+class GroundStationSection(Section):
+    """The ground station that the form of GBAS is of."""
+
+    receivers: Annotated[int, Field(ge=2, le=4)]
+    """reference receivers"""
+    ground_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)]
+    """1 sigma of what the ground leaves in each range: a part of the range's own"""
+    b_m: Bias
+    """bound of the B values of each range, taken with the signs that hurt most"""
+    glide_path_deg: Annotated[float, Field(ge=0.5, le=15.0)] | None = None
+    """glide path angle of the form; null: approach.glide_slope_deg"""
+
+
+class ComparisonSection(Section):
+    """Levels that the forms of other systems' standards give the same fixes, for comparison."""
+
+    sbas: bool = True
+    """of DO-229, precision approach"""
+    gbas: GroundStationSection | None = None
+    """of GBAS approach service; null: none"""
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not self.sbas and self.gbas is None:
+            raise reject("with sbas false there is nothing to compare: give gbas, or leave the section out", "sbas")
+        return self
+
+
 class IntegritySection(Section):
     """What watches the fixes, which faults it expects, and what is asked of it."""
 
@@ -124,6 +152,8 @@ class IntegritySection(Section):
     """null: levels are computed, and how often they are exceeded is not sampled"""
     innovations: InnovationsSection | None = None
     """null: the filter's innovations are not watched"""
+    comparison: ComparisonSection | None = None
+    """null: no levels of other systems' forms"""
     decision_height_m: NonNegative | None = None
     """above the runway: from there to touchdown an approach has to be available throughout; null: all of the glide"""
     exclusion: Literal["none", "residual", "rms"] = "none"
@@ -192,6 +222,7 @@ class IntegritySection(Section):
                 ("exclusion", "none", "fixes are solved anew without what is excluded"),
                 ("alarmed_fixes", "use", "alarms of the filter come after it took the fix"),
                 ("tails", None, "they are sampled of fixes"),
+                ("comparison", None, "the forms are of fixes"),
                 ("sigma_ratio_acc", 1.0, "the filter has one covariance"),
             ):
                 if getattr(self, name) != default:

@@ -112,6 +112,10 @@ class Landing(Section):
             if self.integrity.method == "filter" and self.receiver.smoothing_s > 0.0:
                 text = "smoothed ranges are correlated in time, which levels of the filter are not for; use 0, or mhss"
                 raise reject(text, "receiver", "smoothing_s")
+            station = None if self.integrity.comparison is None else self.integrity.comparison.gbas
+            if station is not None and station.glide_path_deg is None and isinstance(self.approach, RecordedApproach):
+                text = "a recorded flight has no slope of its own: give the angle"
+                raise reject(text, "integrity", "comparison", "gbas", "glide_path_deg")
             for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
                 if at > self.duration_s:
                     text = f"is not within duration_s, {self.duration_s:g} s"
@@ -252,6 +256,17 @@ class Landing(Section):
         """Length of the paper's glide path, m: start height over the sine of the slope."""
         assert not isinstance(self.approach, RecordedApproach)
         return self.approach.start_height_m / math.sin(self.approach.glide_slope_deg * DEG)
+
+    def glide_path(self) -> float:
+        """The angle of the glide path that the form of GBAS is given, rad."""
+        assert self.integrity is not None
+        assert self.integrity.comparison is not None
+        station = self.integrity.comparison.gbas
+        assert station is not None
+        if station.glide_path_deg is not None:
+            return station.glide_path_deg * DEG
+        assert not isinstance(self.approach, RecordedApproach)
+        return self.approach.glide_slope_deg * DEG
 
     def effects(self, pseudolites: Pseudolites) -> Effects:
         """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""

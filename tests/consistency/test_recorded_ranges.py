@@ -245,10 +245,10 @@ def test_a_recorded_flight_with_simulated_ranges(shared: Path, tmp_path: Path) -
     names = landing.prepare(*read(tmp_path / "landing.yaml")).world.signals.names
     silent = [name for name in names if name not in ("G03", "G04", "PL1")]
     events = json.dumps([{"what": "silence", "sources": silent, "at_s": 50, "until_s": 80}])
-    sizes, runs = [], 32
+    sizes, runs = [], 64
     for coupling in ("loose", "tight"):
         ready = landing.prepare(*read(tmp_path / "landing.yaml", (f"filter.coupling={coupling}", f"events={events}")))
-        flown = list(ready.fly_runs(9, 0, runs, False))
+        flown = list(ready.fly_runs(77, 0, runs, False))
         last = int(np.searchsorted(ready.world.filter_time, 80.0 - 1e-6)) - 1
         errors = np.concatenate([one.error[:, last, :2] for one in flown])
         sizes.append(float(np.sqrt(np.mean(np.sum(errors**2, axis=1)))))

@@ -321,6 +321,48 @@ def test_the_covariance_analysis_has_levels(tmp_path: Path) -> None:
     assert "/summary/integrity/alarms" not in result
 
 
+def test_levels_of_other_forms(tmp_path: Path) -> None:
+    """By the covariance of the receiver's own fixes: with nothing from the ground GBAS is K sigma along the axes of
+    the approach, and what is asked of the ground adds to it."""
+    station = "{receivers: 4, ground_sigma_m: %s, b_m: %s}"
+    found = []
+    for ground, b in ((0, 0), (0.5, 0), (0.5, 0.3)):
+        chosen = f"integrity={{comparison: {{gbas: {station % (ground, b)}}}}}"
+        options = ("-q", "--figures", "none", "--set", chosen, "-o", f"{ground}_{b}.h5")
+        navsim("run", SCENARIOS / "landing.yaml", *options, cwd=tmp_path)
+        found.append(read(tmp_path / f"{ground}_{b}.h5"))
+    plain, noisy, biased = found
+    cov = plain["/receiver/covariance_enu"]
+    level = 6.0 * np.sqrt(np.linalg.eigvalsh(cov[:, :2, :2])[:, 1])
+    np.testing.assert_allclose(plain["/integrity/sbas_hpl"], level, rtol=1e-6)
+    np.testing.assert_allclose(plain["/integrity/sbas_vpl"], 5.33 * np.sqrt(cov[:, 2, 2]), rtol=1e-6)
+    heading = np.radians(case().scenario.runway.heading_deg)
+    across = np.array([np.cos(heading), -np.sin(heading), 0.0])
+    over = np.array([np.sin(heading) * np.tan(np.radians(5.0)), np.cos(heading) * np.tan(np.radians(5.0)), 1.0])
+    for name, axis in (("lpl", across), ("vpl", over)):
+        sigma = np.sqrt(np.einsum("i,eij,j->e", axis, cov, axis))
+        np.testing.assert_allclose(plain[f"/integrity/gbas_{name}"], 5.847 * sigma, rtol=1e-4)
+        # the ground's is a part of what ranges have: with all receivers it is in their sigma
+        np.testing.assert_allclose(noisy[f"/integrity/gbas_{name}"], plain[f"/integrity/gbas_{name}"], rtol=1e-12)
+        assert np.all(biased[f"/integrity/gbas_{name}"] >= noisy[f"/integrity/gbas_{name}"])
+    glide = plain["/integrity/time"] <= 60.0
+    mean = plain["/integrity/sbas_vpl"][glide].mean()
+    assert plain["/summary/integrity/sbas_vpl"][0] == pytest.approx(mean, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("integrity={comparison: {sbas: false}}", "there is nothing to compare"),
+        ("integrity={method: filter, comparison: {}}", "the forms are of fixes"),
+        ("integrity={comparison: {gbas: {receivers: 5, ground_sigma_m: 0.3, b_m: 0}}}", "receivers"),
+    ],
+)
+def test_comparisons_that_cannot_be(assignment: str, message: str, tmp_path: Path) -> None:
+    refused = navsim("run", SCENARIOS / "landing.yaml", "--dry-run", "--set", assignment, cwd=tmp_path, code=2)
+    assert message in refused.stderr
+
+
 def test_a_satellite_alone_on_its_clock_is_harmless() -> None:
     """It tells the clock of its system and nothing of the position: levels are those without it."""
     silent = ["G07", "G11", "G12", "G14", "G17"]

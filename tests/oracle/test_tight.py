@@ -18,7 +18,7 @@ from navsim.core.covariance import gain, joseph
 from navsim.estimation.clock import ReceiverClock, carry_clock_covariance
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
-from navsim.estimation.records import ESKF, FILTERS, TFG, FilterModel, History, ImuData, schedule, start
+from navsim.estimation.records import ESKF, FILTERS, FilterModel, History, ImuData, schedule, start
 from navsim.models.receiver import wander
 from navsim.models.sky import unit_vector
 from navsim.simulation.landing import (

@@ -71,6 +71,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     _summary(draft, case, analysis, square)
     integrity.described(draft, case)
     integrity.in_runway_axes(draft, case)
+    integrity.compared(draft, case)
     tails.sampled_risks(draft, case, seed)
     requirements.judged(draft, case, 0, _moments(case, analysis))
     out = draft.result(attributes(case, seed))

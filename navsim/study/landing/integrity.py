@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.integrity import forms
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.separation import SeparationWatch
 from navsim.io.draft import Draft
@@ -26,6 +27,7 @@ from navsim.simulation.monitoring import (
     NO_FIX,
     QUIET,
     alerted,
+    fix_of,
     runway_levels,
     tested_levels,
 )
@@ -270,6 +272,32 @@ def in_runway_axes(draft: Draft, case: Case) -> None:
     for i, name in enumerate(("lateral", "along")):
         draft[f"/integrity/level_{name}"] = levels[:, i]
         draft[f"/summary/integrity/level_{name}"] = _numbers(levels[there, i])
+
+
+def compared(draft: Draft, case: Case) -> None:
+    """Levels of the same fixes by the forms of other systems; nothing where none are asked for."""
+    section = case.scenario.integrity
+    if section is None or section.comparison is None:
+        return
+    signals, scenario, station = case.world.signals, case.scenario, section.comparison.gbas
+    fix, found = fix_of(signals), {}
+    if section.comparison.sbas:
+        levels = forms.sbas(fix)
+        found = {"sbas_hpl": levels[:, 0], "sbas_vpl": levels[:, 1]}
+    if station is not None:
+        projection = forms.gbas_projection(fix, scenario.runway.heading_deg * DEG, scenario.glide_path())
+        sigma = np.where(signals.used, signals.fix_sigma, 0.0)
+        ground, b = (np.full(sigma.shape, value) for value in (station.ground_sigma_m, station.b_m))
+        # with the sizes of what each range does, B values add up as they hurt most
+        levels = forms.gbas(
+            np.abs(projection), sigma, ground, b, station.receivers, forms.gbas_factors(station.receivers)
+        ).max(axis=2)
+        levels[~fix.solved] = np.nan
+        found |= {"gbas_lpl": levels[:, 0], "gbas_vpl": levels[:, 1]}
+    glide = glide_of(case)
+    for name, values in found.items():
+        draft[f"/integrity/{name}"] = values
+        draft[f"/summary/integrity/{name}"] = _numbers(values[glide & np.isfinite(values)])
 
 
 def level_outputs(case: Case) -> dict[str, float]:

@@ -47,6 +47,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _watched(draft, case, ensemble)
     integrity.described(draft, case)
     integrity.in_runway_axes(draft, case)
+    integrity.compared(draft, case)
     integrity.counted(draft, case, ensemble)
     tails.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
