@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: run test lint docs table2 calibrate validate torture bench clean
+.PHONY: run test lint docs table2 calibrate validate torture release bench clean
 
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
@@ -38,6 +38,9 @@ torture: $(STAMP)        ## mutants, kills, full disks, damaged files with ten f
 lint: $(STAMP)           ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+release: $(STAMP)        ## sdist and wheel in dist/, tried under every Python at hand: docs/packaging-measured.md; needs the package index
+	$(BIN)/python scripts/release.py
 
 bench: $(VENV)/.bench    ## speed as ratios within one run: rivals, the version before, C, sizes; 20 minutes; benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py

@@ -85,9 +85,9 @@ def clear() -> list[str]:
     lines = [
         "## Under a clear sky",
         "",
-        f"{CLEAR_RUNS} runs each, the same errors of satellites, pseudolites and sensors in both. RMS over the second half",
-        "of the flight: the tight filter's by the loose one's, with the 95 % interval of 1000 samples of the runs;",
-        "NEES/6 of position and velocity over the same time.",
+        f"{CLEAR_RUNS} runs each, the same errors of satellites, pseudolites and sensors in both. RMS over the second",
+        "half of the flight: the tight filter's by the loose one's, with the 95 % interval of 1000 samples of the",
+        "runs; NEES/6 of position and velocity over the same time.",
         "",
         f"| case | {' | '.join(name for name, _ in groups)} | NEES/6 loose | tight |",
         "|---|---|---|---|---|---|---|",

@@ -29,7 +29,16 @@ from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.charts import turn_axes
 from navsim.estimation.clock import forget_clock, has_jumped, run_clock_on
 from navsim.estimation.observations import RANGE, observe, slot
-from navsim.estimation.ranges import begin, begin_estimate, count_range, finish, foresee, is_alone, range_epoch, take
+from navsim.estimation.ranges import (
+    begin_epoch,
+    begin_estimate,
+    count_range,
+    foresee,
+    is_alone,
+    move_estimate,
+    range_epoch,
+    take_range,
+)
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE
 from navsim.estimation.weighing import decide, errors_from, numbers_in, update, weighing
 
@@ -191,12 +200,18 @@ def run(chart, imu, measurements, events, state, way, model, account):
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
         if what == OUTPUT:
             answer(chart, nav, p, left, row)
-        elif what == RANGE:
-            if is_alone(events, i, 1):
-                first = i
-                begin(epoch)
-                begin_estimate(epoch, 0, p)
-            m = foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, 0, space, gauge)
+        elif what != PASS:
+            if what == RANGE:
+                if is_alone(events, i, 1):
+                    first = i
+                    begin_epoch(epoch)
+                    begin_estimate(epoch, 0, p)
+                m = foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, 0, space, gauge)
+            else:
+                m = observe(
+                    what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z,
+                    gauge.h, gauge.r,
+                )  # fmt: skip
             degrees = numbers_in(gauge.have, m)
             weighed = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (degrees > 0.0)
             used = weighed
@@ -205,29 +220,22 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 where = slot(what, row, measurements)
                 used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
                 if any_lane(used):
-                    take(used, m, p, epoch, 0, gauge)
-            count_range(measurements.ranges, row, i - first, weighed, used, epoch)
-            if is_alone(events, i, 0):
-                rows = events.row[first : i + 1]
-                finish(
-                    chart, epoch.heard[0] >= 0.0, rows, measurements, declared, nav, p, increments, cursor[2], epoch,
-                    0, space, gauge,
-                )  # fmt: skip
-                if has_jumped(epoch.heard, epoch.kept, epoch.jumped):
-                    forget_clock(epoch.jumped, p)
-        elif what != PASS:
-            m = observe(
-                what, row, measurements, nav, increments, cursor[2], declared, space.c_nb, gauge.have, gauge.z, gauge.h,
-                gauge.r,
-            )  # fmt: skip
-            degrees = numbers_in(gauge.have, m)
-            weighed = gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k) & (degrees > 0.0)
-            if any_lane(weighed):
-                errors_from(gauge.k, gauge.z, m, gauge.x)
-                where = slot(what, row, measurements)
-                used = decide(ahead > 0, weighed, degrees, m, gauge, where, model, rejected, left, i)
-                if any_lane(used):
-                    update(chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge)
+                    if what == RANGE:
+                        take_range(used, m, p, epoch, 0, gauge)
+                    else:
+                        update(
+                            chart, used, what, row, measurements, declared, nav, p, increments, cursor[2], space, gauge
+                        )  # fmt: skip
+            if what == RANGE:
+                count_range(measurements.ranges, row, i - first, weighed, used, epoch)
+                if is_alone(events, i, 0):
+                    # one estimate: it is there in every lane
+                    move_estimate(
+                        chart, epoch.heard[0] >= 0.0, events.row[first : i + 1], measurements, declared, nav, p,
+                        increments, cursor[2], epoch, 0, space, gauge,
+                    )  # fmt: skip
+                    if has_jumped(epoch.heard, epoch.kept, epoch.jumped):
+                        forget_clock(epoch.jumped, p)
     copy(navs[0], state_nav)
     copy_matrix(ps[0], state_p)
     copy(rejections[0], state_rejected)

@@ -38,7 +38,16 @@ from navsim.estimation.error_state import between
 from navsim.estimation.filter_loop import advance, is_ahead, set_off, start_axes, workshop
 from navsim.estimation.invariant import turned
 from navsim.estimation.observations import RANGE, observe, slot
-from navsim.estimation.ranges import begin, begin_estimate, count_range, finish, foresee, is_alone, range_epoch, take
+from navsim.estimation.ranges import (
+    begin_epoch,
+    begin_estimate,
+    count_range,
+    foresee,
+    is_alone,
+    move_estimate,
+    range_epoch,
+    take_range,
+)
 from navsim.estimation.records import OUTPUT, PASS, TIME_TOLERANCE, Mixture
 from navsim.estimation.weighing import decide, errors_from, held, numbers_in, update, weighing, whitened_square
 
@@ -529,13 +538,15 @@ def run(chart, imu, measurements, events, state, way, model, account):
         weight, rejected = now.weight, rejections[ahead]
         what, row = events.kind[i], events.row[i]
         nothing_yet(left, i)
-        # a turn finds the components as narrow as it needs them
-        turn = turn_ahead(imu, cursors[ahead], events.time[i], now.navigation[0])
-        if any_lane(turn > 0.0):
-            arrange(now, turn, model.widest, space, bench)
-        count = _count(weight)
         copy(cursors[ahead], cursor)
+        count = _count(weight)
+        # nowhere to go: in the midst of an epoch, too, whose components keep their places until its end
         if is_ahead(events.time[i], cursor):
+            # a turn finds the components as narrow as it needs them
+            turn = turn_ahead(imu, cursor, events.time[i], now.navigation[0])
+            if any_lane(turn > 0.0):
+                arrange(now, turn, model.widest, space, bench)
+                count = _count(weight)
             for j in range(count):
                 copy(cursors[ahead], cursor)
                 advance(
@@ -552,7 +563,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 there[a] = 0.0
             if what == RANGE and is_alone(events, i, 1):
                 first = i
-                begin(epoch)
+                begin_epoch(epoch)
                 for j in range(count):
                     begin_estimate(epoch, j, now.covariance[j])
             for j in range(count):
@@ -603,7 +614,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
                     foresee(chart, row, measurements, declared, nav, increments, cursor[2], epoch, j, space, gauge)
                     gain(p, gauge.h, gauge.r, m, gauge.pht, gauge.s, gauge.k)
                     errors_from(ks[j], zs[j], m, gauge.x)
-                    take(own_use, m, p, epoch, j, gauge)
+                    take_range(own_use, m, p, epoch, j, gauge)
                 else:
                     errors_from(ks[j], zs[j], m, gauge.x)
                     update(
@@ -614,7 +625,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
                 count_range(measurements.ranges, row, i - first, weighed, used, epoch)
             if what == RANGE and is_alone(events, i, 0):
                 for j in range(_count(weight)):
-                    finish(
+                    move_estimate(
                         chart, weight[j] > 0.0, events.row[first : i + 1], measurements, declared, now.navigation[j],
                         now.covariance[j], now.increments[j], cursor[2], epoch, j, space, gauge,
                     )  # fmt: skip

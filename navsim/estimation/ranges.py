@@ -34,7 +34,8 @@ NUMBERS = 2
 
 class RangeEpoch(NamedTuple):
     """What ranges say so far of M estimates (components of a sum): prior (M, n, n) covariances before the epoch,
-    x (M, n) errors about the estimates before it, bent (M,) 1 where one linearisation will not do.
+    x (M, n) errors of the estimates before it, by what was said so far; bent (M,) 1 where one linearisation will not
+    do.
 
     used (E,): 1 where a range is. heard, kept (c,): how many of each time scale were weighed, and used;
     jumped (c + 1,), see `clock.has_jumped`.
@@ -93,7 +94,7 @@ def range_epoch(nav, n, estimates, events, scales):
 
 
 @kernel
-def begin(epoch):
+def begin_epoch(epoch):
     """The first range of an epoch is at hand."""
     for b in range(epoch.heard.shape[0]):
         epoch.heard[b], epoch.kept[b] = 0.0, 0.0
@@ -144,7 +145,7 @@ def _weigh(used, m, p, gauge):
 
 
 @kernel
-def take(used, m, p, epoch, j, gauge):
+def take_range(used, m, p, epoch, j, gauge):
     """What a range says to estimate j, where it is used: its covariance p (n, n), and gauge.x, what it corrects."""
     for i in range(p.shape[0]):
         epoch.x[j, i] += select(used, gauge.x[i], 0.0)
@@ -181,7 +182,7 @@ def _weigh_all(rows, measurements, declared, nav, p, x, increments, interval, ep
 
 
 @kernel
-def finish(chart, there, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, gauge):
+def move_estimate(chart, there, rows, measurements, declared, nav, p, increments, interval, epoch, j, space, gauge):
     """Move estimate j, nav (NAV,) and p (n, n), by what the ranges of these rows said, where it is `there`.
 
     The prior is carried to the new estimate and all are weighed there, as in `weighing.update`.

@@ -243,7 +243,8 @@ def by_epoch(
     events (..., k), and the status of each source (..., e, s). rows: (e, s) the event of each source's range, -1 for
     none. One of several ranges used is use of the epoch."""
     there = rows >= 0
-    squares = np.where(there, squared[..., rows], np.nan)
+    # numpy adds in the order in which numbers lie in memory, which is another for one run than for many
+    squares = np.ascontiguousarray(np.where(there, squared[..., rows], np.nan))
     each = np.where(there, status[..., rows], NOT_USED)
     some = np.isfinite(squares).any(axis=-1)
     rejected = np.where((each == REJECTED).any(axis=-1), REJECTED, NOT_USED)

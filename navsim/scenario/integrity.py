@@ -117,7 +117,7 @@ class GroundStationSection(Section):
     receivers: Annotated[int, Field(ge=2, le=4)]
     """reference receivers"""
     ground_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)]
-    """1 sigma of what the ground leaves in each range: a part of the range's own"""
+    """1 sigma of what the ground leaves in each range: a part of the range's own, not above the least of them"""
     b_m: Bias
     """bound of the B values of each range, taken with the signs that hurt most"""
     glide_path_deg: Annotated[float, Field(ge=0.5, le=15.0)] | None = None

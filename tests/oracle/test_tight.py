@@ -206,7 +206,7 @@ def of_all_unknowns(ready: Case, epoch: int, k: int) -> tuple[np.ndarray, np.nda
 @pytest.mark.parametrize("kind", FILTERS)
 def test_with_an_unknown_clock_it_is_the_loose_one(sky: str, kind: int, velocity: str) -> None:
     """The weighted least squares of an epoch are all that it says: `docs/theory/filter.md`, section 10."""
-    moved = 1e-5  # what sources one by one move the place of linearisation by is second order
+    moved = 1e-5  # a fix is linearised where the receiver is, an epoch of ranges where the filter is
     tight, loose = one_epoch(kind, moved, None, f"filter.velocity={velocity}", *SKIES[sky])
     n = loose.covariance.shape[0]
     size = np.sqrt(np.diagonal(loose.covariance))
@@ -249,9 +249,36 @@ def test_the_order_of_sources_does_not_matter(sky: str, kind: int, moved: float)
     n = loose.covariance.shape[0]
     gap = np.abs(forwards.covariance[:n, :n] - loose.covariance) / np.outer(size[:n], size[:n])
     assert gap.max() < 2e-3
-    assert np.abs(forwards.navigation - np.resize(loose.navigation, forwards.navigation.size))[6:10].max() < (
-        0.006 * size[6]
-    )
+    assert np.abs(forwards.navigation[6:10] - loose.navigation[6:10]).max() < 0.006 * size[6]
+
+
+def test_a_component_that_dies_within_an_epoch_leaves_the_others_alone() -> None:
+    """Of two, the first is half a kilometre off: ranges of one epoch end it, and the other ends as if by itself."""
+    ready = case("filter.coupling=tight", "duration_s=1", "receiver.rate_hz=1", "filter.kind=gaussian-sum")
+    flight, world = ready.flight, ready.world
+    ranges, rates = without_noise(world)
+    rows = np.flatnonzero(np.nonzero(world.signals.used)[0] == 0)
+    whole = table_of_ranges(flight, ranges, rates)
+    table = RangeTable(*(m if m is whole.lever_arm else m[rows] for m in whole))
+    k = int(np.searchsorted(world.imu_time, world.signals.time[0] - 1e-9)) - 1
+    imu = ImuData(world.imu_time[k : k + 2], world.dtheta[k : k + 1], world.dv[k : k + 1])
+    truth, sources = world.truth, len(world.signals.names)
+    nav = np.zeros(states.NAV_SENSORS + flight.covariance.shape[0] - states.SENSORS)
+    nav[:3], nav[3:6], nav[6:10] = truth.llh[k], truth.velocity_ned[k], truth.quaternion[k]
+    p = flight.covariance.copy()
+    p[2, 2] = 1.0
+    model = flight.model._replace(gate=NO_GATE)
+    one, two = (start(nav, p, model.components, sources) for _ in range(2))
+    mixture = two.components
+    for member in (mixture.navigation, mixture.covariance):
+        member[1] = member[0]
+    mixture.navigation[0, 2] += 500.0
+    mixture.weight[:2] = 0.5
+    for state in (one, two):
+        flown(table, imu, model, state)
+    np.testing.assert_array_equal(two.components.weight, one.components.weight)
+    np.testing.assert_allclose(two.components.navigation[0], one.components.navigation[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(two.components.covariance[0], one.components.covariance[0], rtol=1e-9, atol=1e-15)
 
 
 def test_a_near_source_is_iterated() -> None:

@@ -291,7 +291,21 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
         after = f"the aircraft {what} at {when:.2f} s, after the filter's last output at {last:g} s"
         text = f"the aircraft never {what} within duration_s" if math.isnan(when) else after
         raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", text)])
+    _check_ground(case, document)
     return case
+
+
+def _check_ground(case: Case, document: Document) -> None:
+    """What the ground leaves in a range is a part of it. Raises InputError where it is more."""
+    section, signals = case.scenario.integrity, case.world.signals
+    station = None if section is None or section.comparison is None else section.comparison.gbas
+    if station is None or not signals.used.any():
+        return
+    least = float(signals.fix_sigma[signals.used].min())
+    if station.ground_sigma_m > least:
+        path = ("integrity", "comparison", "gbas", "ground_sigma_m")
+        text = f"is a part of each range's sigma, of which the least is {least:.3g} m: at most that"
+        raise InputError([Problem(document.place(path), dotted(path), text)])
 
 
 def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> World:
