@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: run test lint docs table2 calibrate validate torture release bench clean
+.PHONY: run test lint docs site table2 calibrate validate torture release bench clean
 
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
@@ -12,9 +12,14 @@ run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and
 test: $(STAMP)           ## the whole test suite
 	$(BIN)/python -m pytest -n 2
 
-docs: $(STAMP)           ## docs/result-file.md from the schema of results, docs/validation.md from the oracle tests
+docs: $(STAMP)           ## docs/result-file.md, docs/reference and the names of keys from the schemas, docs/validation.md from the oracle tests
+	$(BIN)/python scripts/key_names.py
 	$(BIN)/python scripts/result_file.py
+	$(BIN)/python scripts/reference.py
 	$(BIN)/python -m pytest -n 2 tests/oracle --validation docs/validation.md
+
+site: $(STAMP)           ## the pages of docs/ as a site: docs/_build/html/index.html; a warning is an error
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 
 table2: $(STAMP)         ## the paper's Table 2 beside the computed one: results/table2.*
 	$(BIN)/navsim table2
@@ -57,5 +62,5 @@ $(VENV)/.bench: $(STAMP) requirements-bench.lock
 	touch $@
 
 clean:                   ## remove the environment and everything generated
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture results/bench
+	rm -rf $(VENV) docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist results/*.h5 results/landing* results/table2* results/torture results/bench
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

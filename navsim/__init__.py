@@ -17,4 +17,40 @@ SKO      the paper's СКО: root of the weighted covariance of a fix (horizonta
 
 from __future__ import annotations
 
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from navsim.api.calls import NavsimWarning as NavsimWarning
+    from navsim.api.calls import optimize as optimize
+    from navsim.api.calls import replay as replay
+    from navsim.api.calls import run as run
+    from navsim.api.calls import schema as schema
+    from navsim.api.calls import sweep as sweep
+    from navsim.api.calls import validate as validate
+    from navsim.api.result import ResultFile as ResultFile
+    from navsim.api.result import load as load
+    from navsim.work.errors import BadInput as BadInput
+    from navsim.work.errors import NavsimError as NavsimError
+    from navsim.work.errors import RunFailed as RunFailed
+
+_PLACES = {
+    **dict.fromkeys(("run", "sweep", "optimize", "replay", "validate", "schema", "NavsimWarning"), "navsim.api.calls"),
+    **dict.fromkeys(("load", "ResultFile"), "navsim.api.result"),
+    **dict.fromkeys(("NavsimError", "BadInput", "RunFailed"), "navsim.work.errors"),
+}
+"""Where the names for users stand; imported when they are asked for (PEP 562)."""
+
+__all__ = [*_PLACES, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'navsim' has no attribute {name!r}")
+    return getattr(_import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_PLACES})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 
 from navsim.cli.ending import deafen, ends, prepare_streams
 
@@ -26,6 +27,11 @@ def main() -> None:
     prepare_streams()
     try:
         with ends():
+            shell = os.environ.get("_NAVSIM_COMPLETE")
+            if shell is not None:  # a shell asks, not a person
+                from navsim.cli.completion import answer
+
+                answer(shell, sys.argv[1:])
             from navsim.cli.main import app
 
             app()

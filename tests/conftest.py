@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,9 @@ from hypothesis import settings
 # the first example of a kernel may have to compile it
 settings.register_profile("navsim", deadline=None)
 settings.load_profile("navsim")
+
+# what the developer has installed for editors is none of the tests'
+os.environ["XDG_DATA_HOME"] = "/dev/null/data"
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"

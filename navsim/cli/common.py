@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +13,29 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 import typer
 
 from navsim.cli import ending
-from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
+from navsim.work.speech import Speech
 
 if TYPE_CHECKING:
-    from navsim.io.results import Result, Sort
+    from navsim.io.results import Result
+    from navsim.report.table import Table
     from navsim.study.job import Tell
+    from navsim.work.target import Written
+
+
+AT_TERMINAL = Speech(say, lambda warning: say(f"warning: {warning}"))
+"""The work speaks on standard error."""
+
+
+@contextmanager
+def leaving() -> Iterator[None]:
+    """While it lasts, what users are told of as an error (`navsim.work.errors`) ends the command."""
+    from navsim.work.errors import BadInput, NavsimError
+
+    try:
+        yield
+    except NavsimError as error:
+        leave(BAD_INPUT if isinstance(error, BadInput) else RUN_FAILED, *error.problems)
 
 
 def leave(code: int, *messages: object) -> NoReturn:
@@ -89,94 +107,6 @@ def _lines(clock: Callable[[], float]) -> Iterator[Tell]:
     yield tell
 
 
-def target_of(output: Path | None, default: str) -> Path:
-    """The result's path: as given by -o, else results/<default>.h5."""
-    if output is not None and not output.parent.is_dir():
-        leave(BAD_INPUT, f"{output.parent}: no such folder; create it first or choose another -o/--output")
-    return output or Path("results") / f"{default}.h5"
-
-
-def check_target(target: Path, sort: Sort, force: bool) -> None:
-    """Leave, before anything is computed, where the path cannot be written or holds what must stay: a result of another
-    sort unless `force` says so, anything that is no result always."""
-    from navsim.io.results import ResultError, check_writable
-
-    try:
-        check_writable(target)
-        refuse_other(target, sort, force)
-    except ResultError as error:
-        leave(BAD_INPUT, error)
-
-
-def refuse_other(target: Path, sort: Sort, force: bool) -> None:
-    """Raise ResultError where a file stands that a result of this sort may not overwrite."""
-    from navsim.io.results import ResultError, read_sort
-
-    if not target.exists():
-        return
-    try:
-        there = read_sort(target)
-    except ResultError as error:
-        raise ResultError(f"{error}; it is not overwritten, choose another -o/--output") from None
-    if there != sort and not force:
-        raise ResultError(
-            f"{target}: holds a result of another sort ({there}) than the new one ({sort}); "
-            "choose another -o/--output, or overwrite it with --force"
-        )
-
-
-def begin(target: Path, kernels: str) -> None:
-    """The computing of a result begins: no other process works on it until the command ends, leftovers of killed ones
-    are cleaned, and why the first work with these kernels (`study.job.Job`) ever takes longer is said."""
-    from navsim.core import jit
-    from navsim.io.whole import Occupied, clean, locked
-
-    try:
-        ending.keep(locked(target))
-    except Occupied as error:
-        leave(BAD_INPUT, f"{error}; wait for it, or choose another -o/--output")
-    except OSError as error:
-        say(f"warning: {target} cannot be locked ({error.strerror or error}): let no other process write it")
-    else:
-        clean(target, owned=True)
-    if not jit.is_warm(kernels):
-        say(jit.compiling())
-
-
-@dataclass(frozen=True)
-class Written:
-    """Files beside a result."""
-
-    texts: list[Path]
-    figures: list[Path]
-
-
-def save(result: Result, target: Path, figures: Path | None) -> Written:
-    """Write a result, the files of text beside it and, where they are wanted, its figures. Raises ResultError.
-
-    Figures of the result that stood there before are removed: they are not of this one.
-    """
-    from navsim.io.results import write
-    from navsim.report.figure_files import remove_former
-    from navsim.report.view import draw, write_texts
-
-    write(target, result)
-    remove_former(target.parent, target.stem)
-    texts = write_texts(result, target)
-    return Written(texts, [] if figures is None else draw(result, figures, target.stem))
-
-
-def figure_folder(figures: str | Path | None, target: Path, skipped: bool) -> Path | None:
-    """Where figures go. figures: as given by the option, a folder or the word `none`; a Path is a folder whatever its
-    name. skipped: there are none unless a folder is given."""
-    if figures == "none" or (figures is None and skipped):
-        return None
-    folder = target.parent if figures is None else Path(figures)
-    if folder.exists() and not folder.is_dir():
-        leave(BAD_INPUT, f"--figures {folder}: is a file, not a folder")
-    return folder
-
-
 def read_result(path: Path) -> Result:
     """A result file; leaves with what takes the file instead where it is a scenario, a study or a log."""
     from navsim.io.results import ResultError, read
@@ -195,16 +125,62 @@ def read_result(path: Path) -> Result:
         leave(BAD_INPUT, error)
 
 
-def print_tables(results: list[tuple[str, Result]]) -> None:
+@dataclass(frozen=True)
+class Shown:
+    """How tables are printed. format: terminal, markdown, csv or tex. compare: with differences from the first result.
+    rows: a pattern of those that are, None for all."""
+
+    format: str = "terminal"
+    compare: bool = False
+    rows: str | None = None
+
+
+def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) -> None:
     """Print the tables of results of one kind, each with its name."""
-    from navsim.report.table import console
+    from navsim.report.table import Table, chosen, console
     from navsim.report.view import view
 
+    how = how or Shown()
     kinds = {str(result.attributes["kind"]) for _, result in results}
     if len(kinds) > 1:
         leave(BAD_INPUT, f"results of different kinds do not stand side by side: {', '.join(sorted(kinds))}")
     here = view(kinds.pop())
-    print_console(console(here.tables(results)), here.width + here.width_more * (len(results) - 1))
+    parts: Sequence[Table | str] = here.tables(results)
+    if how.compare:
+        from navsim.report.compare import compared, differences, settings_of
+
+        parts = compared(results, parts, [here.tables([each]) for each in results])
+        settings = differences([name for name, _ in results], [settings_of(result) for _, result in results])
+        if settings is not None:
+            settings.title = "Settings that differ"
+            parts = [settings, *parts] if settings.rows else ["the settings are the same", *parts]
+    if how.rows is not None:
+        parts = [table for part in parts if isinstance(part, Table) and (table := chosen(part, how.rows)).rows]
+        if not parts:
+            leave(BAD_INPUT, f"--rows {how.rows}: no table has such a row")
+    if how.format == "terminal":
+        more = 2 if how.compare else 1
+        print_console(console(parts), here.width + more * max(here.width_more, 60 * how.compare) * (len(results) - 1))
+    else:
+        print(_written(parts, how.format), end="")
+
+
+def _written(parts: Sequence[Table | str], form: str) -> str:
+    """Tables, and words between them, as text of a format; as CSV tables alone."""
+    from navsim.report.table import TIDY, Table, csv_text, markdown, tex, tex_text, tidy
+
+    if form == "csv":
+        return csv_text(TIDY, (row for part in parts if isinstance(part, Table) for row in tidy(part)))
+    lines: list[str] = []
+    for part in parts:
+        if not isinstance(part, Table):
+            lines += [part if form == "markdown" else tex_text(part), ""]
+        elif form == "markdown":
+            lines += [*([f"**{part.title}**", ""] if part.title else []), *markdown(part)]
+            lines += [part.notes, ""] if part.notes else []
+        else:
+            lines += tex(part)
+    return "\n".join(lines) + "\n"
 
 
 def print_console(table: Any, width: int) -> None:

@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from types import FrameType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TextIO, TypeVar, cast
 
 OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED = 0, 1, 2, 3
 
@@ -68,6 +68,45 @@ class Words:
             self._stream.flush()
 
 
+class Output:
+    """Standard output that keeps its last failure, for an error that names no file may be of anything else that is
+    written or read: a socket, a device, a file by its descriptor."""
+
+    failed: OSError | None = None
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        return int(self._kept(self._stream.write, text))
+
+    def flush(self) -> None:
+        self._kept(self._stream.flush)
+
+    @staticmethod
+    def _kept(act: Callable[..., Any], *given: str) -> Any:
+        try:
+            return act(*given)
+        except OSError as error:
+            Output.failed = error
+            raise
+
+
+@contextmanager
+def _watched() -> Iterator[None]:
+    """While it lasts, standard output keeps its failure; what stands there is not changed twice."""
+    before = sys.stdout
+    if not isinstance(before, Output):
+        sys.stdout = cast("TextIO", Output(before))
+    try:
+        yield
+    finally:
+        sys.stdout = before
+
+
 def prepare_streams() -> None:
     """See to it that there is a standard input, output and error, and that they take every character.
 
@@ -104,7 +143,7 @@ def ends() -> Iterator[None]:
     from navsim.core.defect import Defect
 
     try:
-        with ExitStack() as held, _listening():
+        with ExitStack() as held, _listening(), _watched():
             _held.append(held)
             try:
                 yield
@@ -130,8 +169,9 @@ def ends() -> Iterator[None]:
     except OSError as error:
         if error.filename is not None:
             raise
+        blamed = "standard output cannot be written: " if error is Output.failed else ""
         _silence(sys.stdout)
-        say(f"error: standard output cannot be written: {error.strerror or error}")
+        say(f"error: {blamed}{error.strerror or error}")
         sys.exit(RUN_FAILED)
 
 

@@ -1,18 +1,24 @@
-"""`navsim validate`, `navsim schema`, `navsim init`: scenario files."""
+"""`navsim validate`, `navsim schema`, `navsim keys`, `navsim init`: scenario files; `navsim completion`."""
 
 from __future__ import annotations
 
+import json
+import sys
+import textwrap
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leave, print_json
+from navsim.cli.common import leave, leaving, print_json
+from navsim.cli.completion import SHELLS, script
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
 from navsim.scenario import shipped
 from navsim.scenario.shipped import names
+from navsim.work.opening import checked, schema_of
 
 
 def validate(
@@ -22,39 +28,91 @@ def validate(
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
     """Check a scenario, study or log and say what is wrong with it."""
-    from navsim.scenario.load import read_any, read_study
-    from navsim.scenario.source import InputError
-
-    try:
-        _, document = read_any(scenario, set_ or [])
-        kind = str(document.data["kind"])
-        if kind == "sweep":
-            from navsim.scenario.sweep import Sweep
-            from navsim.study.sweep import plan
-
-            plan(*read_study(scenario, Sweep, set_ or []), seed=1)
-    except InputError as error:
-        leave(BAD_INPUT, *error.problems)
+    with leaving():
+        _, document = checked(scenario, set_ or [])
+    kind = str(document.data["kind"])
     print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")
 
 
 def schema(
     kind: Annotated[
-        str, typer.Argument(help=f"One of {', '.join(OF_FILES)}.", autocompletion=lambda: list(OF_FILES))
+        str, typer.Argument(help=f"One of {', '.join(OF_FILES)}; or any, for one schema that takes all of them.")
     ] = "landing",
+    all_: Annotated[bool, typer.Option("--all", help="The schema that takes a file of every kind, as `any`.")] = False,
+    install: Annotated[
+        bool,
+        typer.Option(
+            "--install",
+            help="Write the schemas of all kinds into the user's data folder instead, for editors; `navsim init` then "
+            "names them in the files it writes.",
+        ),
+    ] = False,
 ) -> None:
     """Print the JSON Schema of a kind of file: every key, its unit, range, default."""
+    from navsim.io.whole import write_whole
+    from navsim.scenario.published import ANY, installed, published
+
+    with leaving():
+        found = schema_of(ANY if all_ and kind in OF_FILES else kind)
+    if not install:
+        print_json(found)
+        return
+    for each in (*OF_FILES, ANY):
+        path = installed(each)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, json.dumps(published(each), ensure_ascii=False, indent=1).encode())
+        except OSError as error:
+            leave(BAD_INPUT, f"{path}: cannot be written: {error.strerror or error}")
+    print(f"schemas of {len(OF_FILES)} kinds, and {ANY}, written to {installed(ANY).parent}")
+
+
+def keys(
+    kind: Annotated[str, typer.Argument(help=f"One of {', '.join(OF_FILES)}.", show_default=False)],
+    word: Annotated[
+        str | None, typer.Argument(help="Only keys with this in their name or meaning.", show_default=False)
+    ] = None,
+    json_: Annotated[bool, typer.Option("--json", help="Print them as JSON.")] = False,
+) -> None:
+    """Print what a kind of file may say: each key with its unit, range, default, meaning.
+
+    N in a key is the number of an item of a list, from 0; NAME is a name of yours.
+    """
+    from navsim.scenario.base import hint
+    from navsim.scenario.keys import matching, nearest, rows
     from navsim.scenario.load import section
 
     if kind not in OF_FILES:
-        leave(BAD_INPUT, f"{kind!r} is no kind of scenario; allowed: {', '.join(OF_FILES)}")
-    print_json(section(kind).model_json_schema())
+        leave(BAD_INPUT, f"{kind!r} is no kind of scenario; {hint(kind, list(OF_FILES))}")
+    every = rows(section(kind).model_json_schema())
+    found = every if word is None else matching(every, word)
+    if not found:
+        near = nearest(every, str(word))
+        ask = f"; nearest: {', '.join(near)}" if near else f"; navsim keys {kind} lists all {len(every)}"
+        leave(BAD_INPUT, f"no key of kind {kind} has {word!r} in its name or meaning{ask}")
+    if json_:
+        print_json([asdict(row) for row in found])
+        return
+    for row in found:
+        print(row.key)
+        print(f"    {row.facts()}")
+        print(textwrap.fill(row.meaning, 116, initial_indent="    ", subsequent_indent="    ") or "    -")
+
+
+def completion(
+    shell: Annotated[str, typer.Argument(help=f"One of {', '.join(SHELLS)}.", show_default=False)],
+) -> None:
+    """Print the script by which a shell completes commands, options, files, keys.
+
+    Nothing is written anywhere: docs/prompt.md says where each shell looks for it.
+    """
+    if shell not in SHELLS:
+        leave(BAD_INPUT, f"{shell!r} is no shell that is known here; allowed: {', '.join(SHELLS)}")
+    sys.stdout.write(script(shell))
 
 
 def init(
-    template: Annotated[
-        str, typer.Argument(help=f"One of {', '.join(names())}.", autocompletion=names)
-    ] = "landing_smooth",
+    template: Annotated[str, typer.Argument(help=f"One of {', '.join(names())}.")] = "landing_smooth",
     output: Annotated[
         Path | None,
         typer.Option(
@@ -68,7 +126,8 @@ def init(
 ) -> None:
     """Write a commented scenario to start from, which runs as it is.
 
-    Files it names, such as the base of a study, are written beside it where they are not there yet.
+    Where `navsim schema --install` was run, its first line names the schema to editors. Files it names, such as the
+    base of a study, are written beside it where they are not there yet.
     """
     if template not in names():
         leave(BAD_INPUT, f"there is no template {template!r}; allowed: {', '.join(names())}")
@@ -77,9 +136,14 @@ def init(
         leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
     if not target.parent.is_dir():
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    from navsim.scenario.published import modeline
+
     beside = {target.parent / name: shipped.content(name) for name in shipped.needs(template)}
     written = []
-    for path, content in (*beside.items(), (target, shipped.text(template).encode())):
+    for path, content in (
+        *beside.items(),
+        (target, (modeline(shipped.kind(template)) + shipped.text(template)).encode()),
+    ):
         try:
             if path != target:
                 path.parent.mkdir(exist_ok=True)

@@ -14,7 +14,7 @@ from navsim.cli.ending import OK, ending
 from navsim.cli.options import grouped
 from navsim.kinds import named
 
-_PLACES = {
+PLACES = {
     "run": "navsim.cli.run:run",
     "table2": "navsim.cli.studies:table2",
     "integrity-table": "navsim.cli.studies:integrity_table",
@@ -22,6 +22,8 @@ _PLACES = {
     "optimize": "navsim.cli.studies:optimize",
     "replay": "navsim.cli.recorded:replay",
     "live": "navsim.cli.recorded:live",
+    "plan": "navsim.cli.plan:plan",
+    "merge": "navsim.cli.merge:merge",
     "show": "navsim.cli.results:show",
     "plot": "navsim.cli.results:plot",
     "export": "navsim.cli.results:export",
@@ -30,6 +32,8 @@ _PLACES = {
     "validate": "navsim.cli.files:validate",
     "schema": "navsim.cli.files:schema",
     "init": "navsim.cli.files:init",
+    "keys": "navsim.cli.files:keys",
+    "completion": "navsim.cli.files:completion",
 }
 """The commands in the order of `--help`."""
 
@@ -38,7 +42,7 @@ _PLACES = {
 def _command(name: str) -> Any:
     """A command as typer has it."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name)(ending(grouped(named(_PLACES[name]))))
+    alone.command(name)(ending(grouped(named(PLACES[name]))))
     return typer.main.get_command(alone)
 
 
@@ -49,18 +53,18 @@ class _Commands(Mapping[str, Any]):
         return _command(name)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_PLACES)
+        return iter(PLACES)
 
     def __len__(self) -> int:
-        return len(_PLACES)
+        return len(PLACES)
 
 
 class _Group(TyperGroup):
-    """What chooses among them; `_PLACES` is the only way in."""
+    """What chooses among them; `PLACES` is the only way in."""
 
     def __init__(self, **settings: Any) -> None:
         if settings.get("commands"):
-            raise ValueError(f"commands belong in _PLACES: {', '.join(settings['commands'])}")
+            raise ValueError(f"commands belong in PLACES: {', '.join(settings['commands'])}")
         super().__init__(**settings | {"commands": _Commands()})
 
 

@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navsim.cli.budget import afford
-from navsim.cli.carry_out import Wanted, carry_out, target_for
-from navsim.cli.carry_out import opened as opened_job
-from navsim.cli.common import begin, check_target, leave, print_shown, progress, save, target_of
-from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, say
+from navsim.cli.carry_out import Wanted, carry_out
+from navsim.cli.common import AT_TERMINAL, leave, leaving, print_shown, progress
+from navsim.cli.ending import BAD_INPUT, RUN_FAILED, WORDS, keep, say
 from navsim.cli.findings import warn
 from navsim.cli.options import (
     Care,
@@ -32,6 +30,10 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
+from navsim.work.afford import Request, afford
+from navsim.work.opening import opened as opened_job
+from navsim.work.opening import target_of
+from navsim.work.target import begun, check_target, save
 
 if TYPE_CHECKING:
     from navsim.study.live import Session
@@ -64,9 +66,10 @@ def replay(
     from navsim.study.job import Options
 
     options = Options()
-    job = opened_job("replay", log, given.set_ or [], options)
-    wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
-    carry_out(log, job, target_for(given.output, log, job), wanted)
+    with leaving():
+        job, suffix = opened_job("replay", log, given.set_ or [], options)
+        target = target_of(given.output, log.stem + suffix)
+    carry_out(log, job, target, Wanted(care, required, options, given.figures, given.dry_run, given.json_))
 
 
 @dataclass(frozen=True)
@@ -120,17 +123,19 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: Care) -> None:
 
     if (given.receiver is None) == (given.imu is None):
         leave(BAD_INPUT, "give exactly one of --receiver and --imu")
-    target = target_of(given.output, f"{scenario.stem}_live")
     sort = Sort("live")
-    check_target(target, sort, care.force)
-    # what is no result does not take the place of one, nor of anything else
-    failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
-    check_target(failed, sort, care.force)
+    with leaving():
+        target = target_of(given.output, f"{scenario.stem}_live")
+        check_target(target, sort, care.force)
+        # what is no result does not take the place of one, nor of anything else
+        failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
+        check_target(failed, sort, care.force)
     from navsim.core import jit
     from navsim.io.findings import kept
     from navsim.study import live as flying
 
-    session = _session(scenario, given, care, target)
+    with leaving():
+        session = _session(scenario, given, care, target)
     session.tell = lambda message: None if care.quiet and not message.startswith("warning") else say(message)
     extent = math.ceil(session.case.scenario.duration_s)
     try:
@@ -170,7 +175,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
     from navsim.study.live import Session
 
     def ask(section: Any, sources: Any) -> None:
-        afford(scenario, estimated(section, sources), _KERNELS, target, over_budget=care.over_budget, shown=False)
+        afford(Request(scenario, target, care.over_budget), estimated(section, sources), _KERNELS, AT_TERMINAL)
 
     try:
         section, document = read(scenario, given.set_ or [])
@@ -184,7 +189,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
-        begin(target, _KERNELS)
+        keep(begun(target, _KERNELS, AT_TERMINAL))
         case = landing.prepare(section, document, ask)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")

@@ -9,16 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import (
-    figure_folder,
-    leave,
-    print_json,
-    print_tables,
-    read_result,
-)
+from navsim.cli.common import Shown, leave, leaving, print_json, print_tables, read_result
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
+from navsim.work.target import figure_folder
 
 if TYPE_CHECKING:
     from navsim.io.results import Result
@@ -31,8 +26,31 @@ def show(
     json_: Annotated[
         bool, typer.Option("--json", help="Print the summaries as JSON, a list of them for several results.")
     ] = False,
+    format_: Annotated[
+        str, typer.Option("--format", metavar="terminal|markdown|csv|tex", help="How tables are written.")
+    ] = "terminal",
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare", help="Add differences from the first result, ratios to it, and the settings that differ."
+        ),
+    ] = False,
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PATTERN",
+            help="Only rows, or parts of tables, whose name has this; with * and ?.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Print the summary tables of results, side by side, and what their studies warned of."""
+    if format_ not in ("terminal", "markdown", "csv", "tex"):
+        leave(BAD_INPUT, f"--format {format_}: allowed are terminal, markdown, csv, tex")
+    if json_ and (format_ != "terminal" or compare or rows is not None):
+        leave(BAD_INPUT, "--json prints whole summaries: not with --format, --compare or --rows")
+    if compare and len(files) < 2:
+        leave(BAD_INPUT, "--compare needs two results or more: the first is what the others are held against")
     results = [(path.stem, read_result(path)) for path in files]
     from navsim.io.results import ResultError
     from navsim.report.view import plain, view
@@ -47,7 +65,7 @@ def show(
             summaries = [plain(result) for _, result in results]
             print_json(summaries[0] if len(summaries) == 1 else summaries)
         else:
-            print_tables(results)
+            print_tables(results, Shown(format_, compare, rows))
         for name, result in results:
             warn(result, name if len(results) > 1 else "")
 
@@ -80,32 +98,90 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
 
 
 def plot(
-    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result to draw.", show_default=False)],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="RESULT.h5", help="The result to draw, or several.", show_default=False)
+    ],
     figures: Annotated[
         str | None,
         typer.Option(
+            "--figures",
+            "--output",
+            "-o",
             metavar="FOLDER|none",
             help="Where figures go, made where it is not there. Default: beside the result.",
             show_default=False,
         ),
     ] = None,
+    format_: Annotated[
+        str, typer.Option("--format", metavar="png|svg|pdf", help="Of the files; one figure a file.")
+    ] = "png",
+    width: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH",
+            help="Of every figure: a number with mm, cm, in or pt, as 85mm for a column or 170mm for a page of a "
+            "journal. Default: each figure's own, 3.5in or 7in.",
+            show_default=False,
+        ),
+    ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Draw these figures alone. Default: all.", show_default=False),
+    ] = None,
+    run: Annotated[
+        int | None, number_option(int, 0, "Draw one run of an ensemble, by its number. Default: all runs together.")
+    ] = None,
+    dpi: Annotated[int | None, number_option(int, 30, "Dots per inch of pictures. Default: 200.", most=2400)] = None,
 ) -> None:
-    """Draw the figures of a result again and print their names."""
-    folder = figure_folder(figures, file, skipped=False)
-    result = read_result(file)
-    if folder is None:
-        say(f"{file}: no figures, as --figures none says")
-        return
-    with shown_as_stored([result], [file]):
-        from navsim.report.view import draw
+    """Draw the figures of results again and print their names."""
+    inches = None if width is None else _inches(width)
+    if format_ not in ("png", "svg", "pdf"):
+        leave(BAD_INPUT, f"--format {format_}: allowed are png, svg, pdf")
+    names = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
+    if names == []:
+        leave(BAD_INPUT, "--only: name one or more figures, with commas between")
+    if figures not in (None, "none") and len({file.stem for file in files}) < len(set(files)):
+        leave(BAD_INPUT, f"--output {figures}: two results have one name, and their figures would, too")
+    for file in dict.fromkeys(files):
+        with leaving():
+            folder = figure_folder(figures, file, skipped=False)
+        result = read_result(file)
+        if folder is None:
+            say(f"{file}: no figures, as --figures none says")
+            continue
+        with shown_as_stored([result], [file]):
+            from navsim.report.printing import Print
+            from navsim.report.view import draw
 
-        for path in draw(result, folder, file.stem):
-            print(path)
+            how = Print(format_, inches, None if dpi is None else float(dpi))
+            for path in draw(result, folder, file.stem, how, names or (), run):
+                print(path)
+
+
+_UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0, "pt": 72.0}
+"""How many of them an inch has; TeX's points of 72.27 to the inch differ by 0.4 %."""
+_NARROWEST, _WIDEST = 2.0, 40.0
+"""Widths of figures, inches: with letters that can be read there is no room on less."""
+
+
+def _inches(given: str) -> float:
+    """A length as people write one, inches."""
+    import re
+
+    found = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+) ?([a-z]+)", given.strip())
+    if found is None or found[2] not in _UNITS:
+        leave(BAD_INPUT, f"--width {given}: a number with its unit is needed, one of {', '.join(_UNITS)}, as 85mm")
+    inches = float(found[1]) / _UNITS[found[2]]
+    if not _NARROWEST <= inches <= _WIDEST:
+        least, most = (f"{end * _UNITS[found[2]]:.4g}{found[2]}" for end in (_NARROWEST, _WIDEST))
+        leave(BAD_INPUT, f"--width {given}: from {least} to {most} can be drawn with letters of 7 points")
+    return inches
 
 
 def export(
     file: Annotated[
-        Path, typer.Argument(metavar="RESULT.h5", help="The result of a landing or a replay.", show_default=False)
+        Path,
+        typer.Argument(metavar="RESULT.h5", help="The result of a landing, a replay or a search.", show_default=False),
     ],
     rinex: Annotated[
         bool, typer.Option("--rinex", help="RINEX observations and messages; pseudolites as CSV.")
@@ -113,7 +189,9 @@ def export(
     nmea: Annotated[bool, typer.Option("--nmea", help="NMEA sentences GGA, RMC, VTG of the fixes.")] = False,
     kml: Annotated[bool, typer.Option("--kml", help="Track, runway, pseudolites, error ellipses as KML.")] = False,
     geojson: Annotated[bool, typer.Option("--geojson", help="The same as GeoJSON.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Truth, fixes, filter errors as tables.")] = False,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="Truth, fixes, errors of the filter and of runs at heights.")
+    ] = False,
     run: Annotated[
         int | None, number_option(int, 0, "Which run of an ensemble, by its number. Default: the first.")
     ] = None,
@@ -145,7 +223,7 @@ def export(
     result = read_result(file)
     with shown_as_stored([result], [file]):
         chosen_run, several = choose_run(result, run)
-        for path in convert(chosen_run, target, chosen):
+        for path in convert(chosen_run, target, chosen, result):
             print(path)
         if several is not None:
             say(f"{file}: {several}; --run K takes another")

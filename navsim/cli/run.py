@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out, method_given, opened, target_for
+from navsim.cli.carry_out import Wanted, carry_out
+from navsim.cli.common import leaving
 from navsim.cli.options import (
     Care,
     FreshOption,
     JsonOption,
     Required,
     ScenarioArgument,
+    SchedulerOption,
     SeedOption,
     WorkersOption,
     dry_run_option,
@@ -23,9 +25,7 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
-
-Keep = Literal["errors", "all", "none"]
-Method = Literal["monte-carlo", "covariance", "rare"]
+from navsim.work.opening import Keep, Method, opened, target_of
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ class RunOptions:
         number_option(int, 0, "Number of the first run; run 7 alone: --runs 1 --first-run 7. Default: 0."),
     ] = None
     workers: WorkersOption = None
+    scheduler: SchedulerOption = None
     keep: Annotated[
         Keep | None,
         typer.Option(
@@ -90,11 +91,12 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
     """Fly a scenario: result file, summary table, figures."""
     from navsim.study.job import Options
 
-    assigned, suffix = method_given(scenario, given.set_, given.method)
     options = Options(
         given.seed, given.runs, given.first_run, given.until, given.keep, given.method, given.workers,
-        fresh=given.fresh, require_fix=required.require_fix, require_consistent=required.require_consistent,
+        given.scheduler, fresh=given.fresh,
+        require_fix=required.require_fix, require_consistent=required.require_consistent,
     )  # fmt: skip
-    job = opened("run", scenario, [*(given.set_ or []), *assigned], options)
-    wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
-    carry_out(scenario, job, target_for(given.output, scenario, job, suffix), wanted)
+    with leaving():
+        job, suffix = opened("run", scenario, given.set_ or [], options)
+        target = target_of(given.output, scenario.stem + suffix)
+    carry_out(scenario, job, target, Wanted(care, required, options, given.figures, given.dry_run, given.json_))

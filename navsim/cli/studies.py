@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from navsim.cli.carry_out import Wanted, carry_out, failures, method_given, opened, target_for
-from navsim.cli.common import leave, target_of
+from navsim.cli.carry_out import Wanted, carry_out
+from navsim.cli.common import leave, leaving
 from navsim.cli.ending import CHECK_FAILED
 from navsim.cli.options import (
     Care,
     FreshOption,
     JsonOption,
     Required,
+    SchedulerOption,
     SeedOption,
     WorkersOption,
     dry_run_option,
@@ -24,8 +25,9 @@ from navsim.cli.options import (
     output_option,
     set_option,
 )
+from navsim.work.errors import failures
+from navsim.work.opening import SweepMethod, opened, target_of
 
-SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)]
 
 
@@ -42,6 +44,7 @@ class SweepOptions:
         int | None, number_option(int, 1, "Runs of each combination with method monte-carlo. Default: the study's.")
     ] = None
     workers: WorkersOption = None
+    scheduler: SchedulerOption = None
     method: Annotated[
         SweepMethod | None,
         typer.Option(help="How each combination is judged. Default: the study's.", show_default=False),
@@ -60,12 +63,13 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
     """
     from navsim.study.job import Options
 
-    assigned, suffix = method_given(study, given.set_, given.method)
-    keys = [*(given.set_ or []), *assigned, *([f"runs={given.runs}"] if given.runs else [])]
-    options = Options(given.seed, given.runs, workers=given.workers, fresh=given.fresh)
-    job = opened("sweep", study, keys, options)
-    wanted = Wanted(care, required, options, given.figures, given.dry_run, given.json_)
-    carry_out(study, job, target_for(given.output, study, job, suffix), wanted)
+    options = Options(
+        given.seed, given.runs, method=given.method, workers=given.workers, scheduler=given.scheduler, fresh=given.fresh
+    )  # fmt: skip
+    with leaving():
+        job, suffix = opened("sweep", study, given.set_ or [], options)
+        target = target_of(given.output, study.stem + suffix)
+    carry_out(study, job, target, Wanted(care, required, options, given.figures, given.dry_run, given.json_))
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ class OptimizeOptions:
 
     output: Annotated[Path | None, output_option("results/<study stem>.h5")] = None
     seed: SeedOption = 1
+    scheduler: SchedulerOption = None
     set_: Annotated[list[str] | None, set_option("study")] = None
     figures: Annotated[str | None, figures_option()] = None
     time_limit: Annotated[
@@ -92,10 +97,11 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
     """
     from navsim.study.job import Options
 
-    options = Options(given.seed, time_limit=given.time_limit, fresh=given.fresh)
-    job = opened("optimize", study, given.set_ or [], options)
-    wanted = Wanted(care, Required(), options, given.figures, given.dry_run, given.json_)
-    carry_out(study, job, target_for(given.output, study, job), wanted)
+    options = Options(given.seed, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
+    with leaving():
+        job, suffix = opened("optimize", study, given.set_ or [], options)
+        target = target_of(given.output, study.stem + suffix)
+    carry_out(study, job, target, Wanted(care, Required(), options, given.figures, given.dry_run, given.json_))
 
 
 @dataclass(frozen=True)
@@ -162,7 +168,7 @@ def integrity_table(
     from navsim.study.jobs.integrity_table import IntegrityTableJob
 
     file = shipped.path("landing") if scenario is None else scenario
-    with failures(file):
+    with leaving(), failures(file):
         job = IntegrityTableJob(*read(file, given.set_ or []), given.seed)
-    wanted = Wanted(care, Required(), Options(given.seed), "none", given.dry_run, given.json_)
-    carry_out(file, job, target_of(given.output, "integrity_table"), wanted)
+        target = target_of(given.output, "integrity_table")
+    carry_out(file, job, target, Wanted(care, Required(), Options(given.seed), "none", given.dry_run, given.json_))

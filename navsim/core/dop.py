@@ -13,10 +13,13 @@ import numpy as np
 
 from navsim.core.jit import inlined, kernel
 from navsim.core.lanes import any_lane, select
-from navsim.core.linear import invert_spd
+from navsim.core.linear import cholesky, invert_factored
 
 MAX_CLOCKS = 3
 MAX_UNKNOWNS = 3 + MAX_CLOCKS
+SINGULAR = 1e9
+"""From here on a geometry counts as singular (`well_posed`): PDOP of 16 000 with four sources. A filter cannot weigh
+such a fix in double precision: its variance of 1e10 m2 one way hides the metres that it is good for in the others."""
 
 
 @kernel
@@ -57,6 +60,28 @@ def add_source(x, y, z, weight, c, normal):
 
 
 @kernel
+def strength(normal):
+    """Sum of the weights of all sources, from their normal matrix: directions are unit vectors."""
+    return normal[0, 0] + normal[1, 1] + normal[2, 2]
+
+
+@kernel
+def well_posed(weights, inverse):
+    """Whether a geometry is not singular: the sum of the sources' weights times the variance of the place, PDOP squared
+    times their number where all weigh the same, is below `SINGULAR`."""
+    return weights * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]) < SINGULAR
+
+
+@kernel
+def invert_normal(normal, n, out):
+    """out = normal^-1 (n, n), the place first, and whether there is one. normal is spoiled."""
+    weights = strength(normal)
+    good = cholesky(normal, n)
+    invert_factored(normal, n, out)
+    return good & well_posed(weights, out)
+
+
+@kernel
 def covariance_of_geometry(los, clock, weight, out, unknowns):
     """Inverse of H' W H at every epoch.
 
@@ -83,7 +108,7 @@ def covariance_of_geometry(los, clock, weight, out, unknowns):
         for s in range(sources):
             if used[s] > 0.0:
                 add_source(los[e, s, 0], los[e, s, 1], los[e, s, 2], weight[e, s], column[clock[s]], normal)
-        if invert_spd(normal, n, out[e]):
+        if invert_normal(normal, n, out[e]):
             unknowns[e] = n
         else:
             out[e] = np.nan

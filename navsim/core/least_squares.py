@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from navsim.core.dop import MAX_CLOCKS, add_source, clock_columns
+from navsim.core.dop import MAX_CLOCKS, add_source, clock_columns, strength, well_posed
 from navsim.core.jit import kernel
 from navsim.core.lanes import any_lane, no, select
 from navsim.core.linear import cholesky, invert_factored, solve_cholesky
@@ -76,6 +76,7 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
             if column[c] >= 0:
                 i = column[c]
                 normal[i, i] = select(present[c] > 0.0, normal[i, i], 1.0)
+        weights = strength(normal)
         good = cholesky(normal, n)
         solve_cholesky(normal, n, rhs)
         move = rhs[0] * rhs[0] + rhs[1] * rhs[1] + rhs[2] * rhs[2]
@@ -90,7 +91,7 @@ def solve_position(source, pseudorange, sigma, used, clock, x, column, present, 
             for i in range(n):
                 for j in range(n):
                     cofactor[i, j] = select(done, inverse[i, j], cofactor[i, j])
-            fixed = fixed | done
+            fixed = fixed | (done & well_posed(weights, inverse))
             running = running & no(done)
     # the velocity takes the unit vectors of this place: a last step of 1 cm turns those of a source 100 m away
     # by 1e-4, some millimetres per second
@@ -127,8 +128,10 @@ def solve_velocity(source, los, source_velocity, range_rate, sigma, used, x, v, 
         v[1] -= z * uy
         v[2] -= z * uz
         v[3] += z
+    weights = strength(normal)
     good = cholesky(normal, 4)
     invert_factored(normal, 4, cofactor)
+    good = good & well_posed(weights, cofactor)
     solve_cholesky(normal, 4, v)
     for a in range(3):
         for i in range(4):

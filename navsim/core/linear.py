@@ -83,14 +83,6 @@ def solve_cholesky(l, n, x):
 
 
 @kernel
-def invert_spd(a, n, out):
-    """out = a^-1 of the symmetric positive definite a (n, n), which is spoiled; returns whether it is one."""
-    good = cholesky(a, n)
-    invert_factored(a, n, out)
-    return good
-
-
-@kernel
 def invert_factored(l, n, out):
     """out = (L L')^-1."""
     for j in range(n):

@@ -19,6 +19,7 @@ import math
 
 import numpy as np
 
+from navsim.core.dop import SINGULAR
 from navsim.core.jit import inlined, kernel
 from navsim.core.lanes import fma, registers, select, small_matrix
 
@@ -54,10 +55,6 @@ _N = 21
 _TILE = 32
 """Epochs worked on at once: their C of a register of placements stay in the first cache. One loop over them finds C,
 the next the roots: in one loop the steps of an epoch wait for each other, and the processor looks no farther."""
-_SINGULAR = 1e-12
-"""A determinant below this share of (trace / 3)^3 counts as no solution: DOPs above a hundred thousand."""
-
-
 @kernel
 def _common(receiver, up, spare, satellites, weight, count, out):
     """Rows of what `count` pseudolites at any places have in common, (e, _N); returns how many epochs have one, the
@@ -130,12 +127,13 @@ def _squares(row, c):
     k4 = fma(c1, c3, -c0 * c4)
     k5 = fma(c0, c2, -c1 * c1)
     determinant = fma(c0, k0, fma(c1, k1, c3 * k3))
-    size = (c0 + c2 + c5) * (1.0 / 3.0)
-    solved = determinant > _SINGULAR * size * size * size
+    # as `dop.well_posed` has it, of the sources less what their clocks take
+    squares = k0 + k2 + k5
+    solved = (SINGULAR * determinant > (c0 + c2 + c5) * squares) & (squares > 0.0)
     inverse = select(solved, row[_VARIANCE] / determinant, math.nan)
     vertical = fma(row[_UP + 1], k1, fma(row[_UP + 2], k2, row[_UP] * k0))
     vertical = fma(row[_UP + 3], k3, fma(row[_UP + 4], k4, fma(row[_UP + 5], k5, vertical)))
-    return (k0 + k2 + k5) * inverse, vertical * inverse, solved
+    return squares * inverse, vertical * inverse, solved
 
 
 @kernel

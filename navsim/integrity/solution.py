@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.core.dop import invert_normal
 from navsim.core.jit import kernel
-from navsim.core.linear import invert_spd
 
 POSITION = 3
 """Unknowns of position, which stand first."""
@@ -47,7 +47,7 @@ def _cofactors(rows: np.ndarray, used: np.ndarray, out: np.ndarray, degrees: np.
         for i in range(unknowns):
             for j in range(unknowns):
                 out[e, i, j] = 0.0
-        if count < n or not invert_spd(normal, n, inverse):
+        if count < n or not invert_normal(normal, n, inverse):
             degrees[e] = -1
             continue
         for i in range(n):

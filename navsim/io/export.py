@@ -23,6 +23,7 @@ from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError, part, write_text
+from navsim.io.schema import HEIGHTS
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.conventions import KNOT
@@ -38,9 +39,10 @@ TOE_SPACING = 7200.0
 """GPS messages of simulated satellites are given reference times at multiples of this, s."""
 
 
-def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
+def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
     """Write a result (of an ensemble the one of `choose_run`) as `target` with the formats' endings: of a landing
-    "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson".
+    "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson", of a search for placements
+    "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
 
     Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
     """
@@ -51,14 +53,21 @@ def export(result: Result, target: Path, formats: list[str]) -> list[Path]:
         writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
     elif kind == "replay":
         writers = {"csv": _replay_csv, "kml": _kml, "geojson": _geojson}
+    elif kind == "optimize":
+        writers = {"kml": _kml, "geojson": _geojson}
     else:
-        raise ResultError(f"only landings and replays are exported, this is a result of kind {kind}")
+        raise ResultError(
+            f"only landings, replays and searches for placements are exported, this is a result of kind {kind}"
+        )
     for name in formats:
         if name not in writers:
             raise ResultError(f"a result of kind {kind} has nothing for --{name}; there are --{', --'.join(writers)}")
     written = []
     for name in formats:
-        for path, text in writers[name](result, target).items():
+        texts = writers[name](result, target)
+        if name == "csv" and kind == "landing":
+            texts |= _gates(ensemble or result, target)
+        for path, text in texts.items():
             write_text(path, text)
             written.append(path)
     return written
@@ -371,16 +380,43 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
             [f"{t:.4f}", *(f"{x:.9g}" for x in e), *(f"{x:.9g}" for x in s), *run_cell]
             for t, e, s in zip(result["/filter/time"], error, sigma, strict=True)
         ]
-        head = ["t_s", *(f"error_{n}" for n in states), *(f"sigma_{n}" for n in states), *run_head]
+        units = _state_units(result)
+        named = [_with_unit(name, unit) for name, unit in zip(states, units, strict=True)]
+        head = ["t_s", *(f"error_{n}" for n in named), *(f"sigma_{n}" for n in named), *run_head]
         files[target.with_name(f"{target.stem}_filter.csv")] = _table(head, rows)
     return files
+
+
+def _gates(result: Result, target: Path) -> dict[Path, str]:
+    """The position error of every run at the heights where errors are told: a row a run and height."""
+    if "/summary/at/lateral_run" not in result:
+        return {}
+    axes = np.stack([result[f"/summary/at/{axis}_run"] for axis in ("lateral", "along", "vertical")], axis=-1)
+    rows = [
+        [str(run), gate, _cell(height, 4), *(f"{x:.9g}" if np.isfinite(x) else "" for x in axes[r, h])]
+        for r, run in enumerate(result["/run"])
+        for h, (gate, height) in enumerate(zip(HEIGHTS, result["/summary/at/height"], strict=True))
+    ]
+    head = ["run", "gate", "height_m", "error_lateral_m", "error_along_m", "error_vertical_m"]
+    return {target.with_name(f"{target.stem}_gates.csv"): _table(head, rows)}
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """The name of a column with its unit, as keys of scenarios have them."""
+    return name if unit in ("", "1") else f"{name}_{unit.replace('/', '_')}"
+
+
+def _state_units(result: Result) -> list[str]:
+    """The units of the filter's states, as the file tells them."""
+    return [unit.strip() for unit in str(result.variables["/filter/state"].attributes["state_units"]).split(",")]
 
 
 def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
     """Two tables: the estimated motion with its sigmas, and the innovations."""
     columns = (("position_llh", "lat_rad lon_rad h_m"), ("velocity_ned", "vn_m_s ve_m_s vd_m_s"),
                ("attitude_rpy", "roll_rad pitch_rad yaw_rad"), ("sigma", ""))  # fmt: skip
-    states = " ".join(f"sigma_{name}" for name in result["/filter/state"])
+    names = zip(result["/filter/state"], _state_units(result), strict=True)
+    states = " ".join(f"sigma_{_with_unit(str(name), unit)}" for name, unit in names)
     head = ["t_s", *(name for _, names in columns for name in (names or states).split())]
     table = np.column_stack([result["/filter/time"], *(result[f"/filter/{name}"] for name, _ in columns)])
     flight = _table(head, [[f"{row[0]:.4f}", *(f"{x:.12g}" for x in row[1:])] for row in table])
@@ -388,10 +424,10 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
         [result[f"/innovations/{name}"] for name in ("time", "position_ned", "velocity_ned", "normalized_squared")]
     )
     rows = [[f"{row[0]:.4f}", *(_cell(x, 5) for x in row[1:])] for row in seen]
-    names = ["t_s", "pn_m", "pe_m", "pd_m", "vn_m_s", "ve_m_s", "vd_m_s", "normalized_squared"]
+    heads = ["t_s", "pn_m", "pe_m", "pd_m", "vn_m_s", "ve_m_s", "vd_m_s", "normalized_squared"]
     return {
         target.with_name(f"{target.stem}_flight.csv"): flight,
-        target.with_name(f"{target.stem}_innovations.csv"): _table(names, rows),
+        target.with_name(f"{target.stem}_innovations.csv"): _table(heads, rows),
     }
 
 
@@ -469,19 +505,18 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
         return [
             {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
         ]
+    if result.attributes["kind"] != "landing":
+        return _placements(result)
     llh = result["/truth/position_llh"]
     step = max(1, llh.shape[0] // 2000)
     track = np.concatenate([llh[::step], llh[-1:]])
     out: list[dict[str, Any]] = [
         {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(track)}
     ]
-    runway = _scenario(result)["runway"]
     threshold = result["/truth/threshold_llh"]
-    axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
-    half, length = 0.5 * runway["width_m"], runway["length_m"]
-    corners = np.array([[0, -half], [length, -half], [length, half], [0, half], [0, -half]])
-    out.append({"kind": "runway", "type": "Polygon", "name": "runway",
-                "coordinates": _lonlat(_offset(threshold, corners @ axes[:, :2].T))})  # fmt: skip
+    runway = _scenario(result)["runway"]
+    out.append(_runway(threshold, runway))
+    out += _glide(result)
     for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
         out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
     covariance, antenna = result["/receiver/covariance_enu"], earth.llh_from_ecef(true_antenna(result))
@@ -503,6 +538,47 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
                             "semi_minor_m": float(scale * np.sqrt(values[0]))}}
         )  # fmt: skip
     return out
+
+
+def _runway(threshold: np.ndarray, runway: Any) -> dict[str, Any]:
+    axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
+    half, length = 0.5 * runway["width_m"], runway["length_m"]
+    corners = np.array([[0, -half], [length, -half], [length, half], [0, half], [0, -half]])
+    return {"kind": "runway", "type": "Polygon", "name": "runway",
+            "coordinates": _lonlat(_offset(threshold, corners @ axes[:, :2].T))}  # fmt: skip
+
+
+def _glide(result: Result) -> list[dict[str, Any]]:
+    """The path from the start of the glide to touchdown, where the flight has both."""
+    events = dict(zip(map(str, result["/truth/event"]), result["/truth/event_time"].tolist(), strict=True))
+    if "touchdown" not in events:
+        return []
+    time = result["/truth/time"]
+    flown = (time >= events.get("glide_start", -np.inf)) & (time <= events["touchdown"])
+    llh = result["/truth/position_llh"][flown]
+    if len(llh) < 2:
+        return []
+    llh = np.concatenate([llh[:: max(1, len(llh) // 500)], llh[-1:]])
+    return [{"kind": "glide", "type": "LineString", "name": "glide path", "coordinates": _lonlat(llh)}]
+
+
+def _placements(result: Result) -> list[dict[str, Any]]:
+    """Of a search the places of the pseudolites, of each number of them."""
+    height, found = float(_scenario(result)["runway"]["height_m"]), result.variables["/front/objective"]
+    out = []
+    for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
+        angles = (float(result[f"/optimum/{axis}"][i, k]) for axis in ("latitude", "longitude"))
+        count = int(result["/pseudolites"][i])
+        told = {"pseudolites": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
+                "s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}  # fmt: skip
+        out.append(_site(f"PL{k + 1} of {count}", np.array([*angles, height]), told))
+    return out
+
+
+def _site(name: str, llh: np.ndarray, properties: dict[str, Any]) -> dict[str, Any]:
+    """A place for a pseudolite, at the height of the runway."""
+    told = {key: value for key, value in properties.items() if not isinstance(value, float) or np.isfinite(value)}
+    return {"kind": "pseudolite", "type": "Point", "name": name, "coordinates": _lonlat(llh[None]), "properties": told}
 
 
 def _offset(llh: np.ndarray, ecef: np.ndarray) -> np.ndarray:
@@ -541,7 +617,8 @@ def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:
 
 
 _STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
-           "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5")}  # fmt: skip
+           "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5"),
+           "glide": ("ff739e00", 2, "00ffffff")}  # fmt: skip
 """Line colour (aabbggrr), width, fill."""
 
 

@@ -246,8 +246,11 @@ def _fill(file: Path | io.BytesIO, result: Result) -> None:
     own = {CHECKSUMS: "SHA-256 of each 64 KiB, behind the end of HDF5"}
     with Writer(file) as tree:
         _describe(tree.root, "/", own | result.attributes)
-        # coordinates first: they are the dimensions that their neighbours use
-        ordered = sorted(result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/")))
+        # coordinates first: they are the dimensions that their neighbours use; else by name, so that numbers of
+        # dimensions do not tell in which order a result was made
+        ordered = sorted(
+            result.variables.items(), key=lambda item: (not _is_coordinate(*item), item[0].count("/"), item[0])
+        )
         for path, variable in ordered:
             own = {"units": variable.units, "long_name": variable.long_name}
             _describe(_store(tree, path, variable), path, own | variable.attributes)

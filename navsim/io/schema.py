@@ -1096,6 +1096,24 @@ _AZIMUTH = Chapter(
     ),
 )  # fmt: skip
 
+PART = "/part"
+"""The group of what `navsim merge` makes the whole of an ensemble from."""
+_PART = Chapter(
+    "Part of an ensemble",
+    "What `navsim merge` needs of a part, whatever `--keep` left out: statistics of every run, and sums over runs by "
+    "blocks, each of a power of two of runs that begins at a multiple of its length.",
+    (
+        _a(f"{PART}/column", "column", "1", "names of the statistics of a run, some with several columns",
+           (LANDING, RARE), TEXT),
+        _a(f"{PART}/of_run", "run column", "1", "statistics of every run, each in its own unit", (LANDING, RARE),
+           attributes=("layout",)),
+        _a(f"{PART}/block", "block", "1", "first run of each block", LANDING, WHOLE),
+        _a(f"{PART}/entry", "entry", "1", "numbers of the sums", LANDING, WHOLE),
+        _a(f"{PART}/sum", "block entry", "1", "sums over the runs of a block, each in its own unit", LANDING,
+           attributes=("layout",)),
+    ),
+)  # fmt: skip
+
 FINDINGS = "/findings"
 """The group of what the user of a result must hear about."""
 _FINDINGS = Chapter(
@@ -1117,7 +1135,8 @@ _FINDINGS = Chapter(
 
 SECTIONS = (
     _AXES, _TRUTH, _RECEIVER, _FILTER, _ANALYSIS, _SUMMARY, _BOX, _INTERFERENCE, _INTEGRITY, _REQUIREMENTS, _NAVIGATION,
-    _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH, _FINDINGS,
+    _REPLAY, _LIVE, _SWEEP, _OPTIMIZE, _TABLE2, _INTEGRITY_TABLE, _ELEVATION, _TRACKING, _ATC, _AZIMUTH,
+    _PART, _FINDINGS,
 )  # fmt: skip
 """All entries, in the order of the documentation."""
 

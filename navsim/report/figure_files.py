@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 from navsim.io import files
 from navsim.io.results import ResultError
 
 MARK = "navsim result"
 """Keyword of the PNG text that holds the stem of the result's name."""
+_OF_TEXT = re.compile(rb"navsim result: ([A-Za-z0-9%._~-]+);")
+_ENDS = 65536
+"""Marks of SVG stand at the file's begin, of PDF near its begin or its end; so many bytes of either are looked at."""
 
 
-def remove_former(folder: Path, stem: str, kept: Collection[Path] = ()) -> None:
-    """Remove the figures of an earlier result of this stem from a folder, but for those kept.
+def mark_of_text(stem: str) -> str:
+    """The mark of a figure in SVG or PDF: all of it ASCII that neither escapes."""
+    return f"{MARK}: {quote(stem, safe='')};"
+
+
+def remove_former(
+    folder: Path, stem: str, kept: Collection[Path] = (), formats: Collection[str] = ("png", "svg", "pdf")
+) -> None:
+    """Remove the figures of an earlier result of this stem from a folder, of these formats, but for those kept.
 
     Files without the mark, and those of other stems that begin alike, are not touched. Raises ResultError.
     """
     present = {path.resolve() for path in kept}
-    for path in folder.glob("*.png"):
+    for path in (path for ending in formats for path in folder.glob(f"*.{ending}")):
         if path.name.startswith(f"{stem}_") and path.resolve() not in present and _mark(path) == stem:
             try:
                 path.unlink()
@@ -28,6 +40,21 @@ def remove_former(folder: Path, stem: str, kept: Collection[Path] = ()) -> None:
 
 def _mark(path: Path) -> str | None:
     """The stem of the result a picture is of; None for what is no picture of navsim's, whatever its name says."""
+    return _mark_of_png(path) if path.suffix == ".png" else _mark_of_text(path)
+
+
+def _mark_of_text(path: Path) -> str | None:
+    try:
+        with files.opened(path) as file:
+            begin = file.read(_ENDS)
+            file.seek(max(0, path.stat().st_size - _ENDS))
+            found = _OF_TEXT.search(begin) or _OF_TEXT.search(file.read(_ENDS))
+    except OSError:
+        return None
+    return None if found is None else unquote(found[1].decode("ascii"))
+
+
+def _mark_of_png(path: Path) -> str | None:
     from PIL import Image
 
     try:

@@ -5,22 +5,29 @@ Every figure function takes a result and returns a matplotlib Figure; `save` wri
 
 from __future__ import annotations
 
-import io
 import math
-import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-os.environ.setdefault("MPLBACKEND", "Agg")
-
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from navsim.io.results import Result, ResultError, write_bytes
-from navsim.report.figure_files import MARK, remove_former
+from navsim.report.figure_files import remove_former
 from navsim.report.limits import gates, rms_lines, within_sight
+from navsim.report.printing import (
+    COLOURS,
+    COLUMN,
+    SMALL,
+    Print,
+    content,
+    fit,
+    legend,
+    named_handles,
+    new_figure,
+    printed,
+)
 from navsim.report.quantities import (
     ellipse,
     first_runs,
@@ -38,50 +45,21 @@ from navsim.report.tables import runs_of, setting, single
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLUMN = 3.5
-"""Width of a journal column, inches; two-column figures are twice that, and are printed as wide."""
-SMALL = 7.0
-"""The smallest letters, points."""
-_STYLE: Any = {
-    "font.size": 8.0,
-    "axes.titlesize": 8.0,
-    "axes.labelsize": 8.0,
-    "figure.titlesize": 8.0,
-    "legend.fontsize": SMALL,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "grid.linewidth": 0.4,
-    "lines.linewidth": 0.9,
-    "hatch.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "savefig.dpi": 200,
-}
-_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
-COLOURS = (_BLUE, _ORANGE, _GREEN, "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Told apart by the colour-blind (Okabe and Ito)."""
+_BLUE, _ORANGE, _GREEN = COLOURS[:3]
+_GREY = "#777777"
 _MOST_POINTS = 5000
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches."""
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int, title: str | None = None, *more: Axes) -> None:
     """The legend of `axes`, and of what more of them have beside, over the whole figure, where no data are."""
-    named = {label: h for ax in (axes, *more) for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(
-        list(named.values()), list(named), loc="outside upper center", ncols=columns, title=title, title_fontsize=8.0
-    )  # fmt: skip
+    named = named_handles((axes, *more))
+    legend(figure, list(named.values()), list(named), columns, "outside upper center", title)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
     """The legend of `axes` under the whole figure."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    named = named_handles((axes,))
+    legend(figure, list(named.values()), list(named), columns, "outside lower center")
 
 
 def legend_over(ax: Axes, columns: int) -> None:
@@ -337,13 +315,12 @@ def budget(result: Result) -> Figure:
         lower.set_xlim(t[0], t[-1])
         lower.set_xlabel("time, s")
     axes[0, 0].set_ylabel("error, m")
-    axes[0, 0].legend(loc="upper right")
+    legend_above(fig, axes[0, 0], 2)
     axes[1, 0].set_ylabel("share of mean square, %")
     fig.align_ylabels(axes[:, 0])
     handles = [Patch(facecolor=styles[i][0], hatch=styles[i][1], edgecolor="white", lw=0) for i in sorted(seen)]
     labels = [names[i].replace("_", " ") for i in sorted(seen)]
-    fig.legend(handles, labels, loc="outside lower center", ncols=4, title="sources above 1 %, from below",
-               title_fontsize=SMALL)  # fmt: skip
+    legend(fig, handles, labels, 4, "outside lower center", "sources above 1 %, from below")
     return fig
 
 
@@ -352,21 +329,19 @@ def _degrees(result: Result) -> int:
     return int(result.variables["/summary/consistency/nees"].attributes["degrees_of_freedom"])
 
 
+_SQUARES = (("nees", _BLUE, ""), ("nees_position_velocity", _GREEN, "position, velocity"),
+            ("nis", _ORANGE, "innovations"))  # fmt: skip
+"""Names, colours and titles of normalised squares; "": by the number of states."""
+
+
 def nees(result: Result) -> Figure:
     """NEES and NIS per degree of freedom over time with their 95 % bands."""
-    fig = new_figure(COLUMN, 4.4)
-    axes = fig.subplots(3, 1, sharex=True)
+    shown = [each for each in _SQUARES if f"/summary/consistency/{each[0]}" in result]
+    fig = new_figure(COLUMN, 0.8 + 1.2 * len(shown))
+    axes = fig.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     t = result["/summary/consistency/time"]
-    runs = int(result["/summary/count/runs"])
-    for ax, (name, colour, label) in zip(
-        axes,
-        (
-            ("nees", _BLUE, f"{_degrees(result)} states"),
-            ("nees_position_velocity", _GREEN, "position, velocity"),
-            ("nis", _ORANGE, "innovations"),
-        ),
-        strict=True,
-    ):
+    several = result["/run"].size > 1
+    for ax, (name, colour, label) in zip(axes, shown, strict=True):
         variable = result.variables[f"/summary/consistency/{name}"]
         values = np.asarray(variable.data)
         style = {"ls": "", "marker": ".", "ms": 1.5} if name == "nis" else {}
@@ -376,11 +351,12 @@ def nees(result: Result) -> Figure:
             ax.axhspan(*band, color=colour, alpha=0.15, lw=0)
         ax.axhline(1.0, color=_GREY, lw=0.6)
         ax.set_ylim(0.0, max(1.5, ax.get_ylim()[1]))
-        ax.set_title(label, loc="left")
+        ax.set_title(label or f"{_degrees(result)} states", loc="left")
         ax.set_ylabel("NIS" if name == "nis" else "NEES")
     axes[-1].set_xlabel("time, s")
     fig.align_ylabels(axes)
-    what = f"{'mean of ' if runs > 1 else ''}{runs_of(result)};\nshaded: 95 % band" if runs else "expected, linear"
+    flown = result.attributes["method"] != "covariance"
+    what = f"{'mean of ' if several else ''}{runs_of(result)};\nshaded: 95 % band" if flown else "expected, linear"
     fig.suptitle(f"per degree of freedom, {what}")
     return fig
 
@@ -405,20 +381,38 @@ def landing(result: Result) -> dict[str, Figure]:
     return {name: draw(result) for name, draw in chosen.items()}
 
 
-def save_figures(draw: Callable[[], dict[str, Figure]], folder: Path, stem: str) -> list[Path]:
-    """Draw figures in the common style and write them as `folder/stem_NAME.png`, in place of all that an earlier
-    result of this stem left there. Raises ResultError."""
+def save_figures(
+    draw: Callable[[], dict[str, Figure]], folder: Path, stem: str, how: Print, only: Iterable[str] = (), part: str = ""
+) -> list[Path]:
+    """Draw figures in the common style and write them as `folder/stem_NAME.FORMAT`: all, in place of what an earlier
+    result of this stem left there, or some of these names alone. part: of the result, "run7_", stands before names,
+    and its figures take no other's place. Raises ResultError."""
     written = []
+    chosen = list(only)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with mpl.rc_context(_STYLE):
-            for name, figure in draw().items():
-                target = folder / f"{stem}_{name}.png"
-                picture = io.BytesIO()
-                figure.savefig(picture, metadata={MARK: stem})
-                write_bytes(target, picture.getbuffer())
+        with printed(how):
+            drawn = draw()
+            for name in chosen:
+                if name not in drawn:
+                    raise ResultError(f"--only {name}: {_no_figure(name, list(drawn))}")
+            for name, figure in drawn.items():
+                if chosen and name not in chosen:
+                    continue
+                fit(figure)
+                target = folder / f"{stem}_{part}{name}.{how.format}"
+                write_bytes(target, content(figure, how, stem))
                 written.append(target)
     except OSError as error:
         raise ResultError(f"{folder}: figures cannot be written there: {error.strerror or error}") from None
-    remove_former(folder, stem, written)
+    if not chosen and not part:
+        remove_former(folder, stem, written, (how.format,))
     return written
+
+
+def _no_figure(name: str, there: list[str]) -> str:
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, there, 1, 0.4)
+    advice = f"did you mean {near[0]}? " if near else ""
+    return f"the result has no such figure; {advice}it has {', '.join(there) or 'none'}"

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from textwrap import fill
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.report.figures import COLOURS, COLUMN, SMALL, legend_above, new_figure
+from navsim.report.figures import legend_above
 from navsim.report.limits import asked, level_lines
+from navsim.report.printing import COLOURS, COLUMN, SMALL, abreast, new_figure
 from navsim.report.quantities import (
     ALARM,
     LEVELS,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEVEL, _ERROR, _LIMIT = COLOURS[0], COLOURS[2], COLOURS[1]
+_SKY = (COLOURS[0], COLOURS[2], COLOURS[4], COLOURS[5])
+"""Colours of satellites by their clocks."""
 _GIVEN = {"fix": "fix", "filter": "fix or source"}
 """What there is none of where a run has an alert without an alarm."""
 
@@ -47,8 +50,15 @@ def levels(result: Result) -> Figure:
         if not np.isfinite(values).any():
             ax.text(0.5, 0.5, "no protection level", transform=ax.transAxes, ha="center", fontsize=SMALL)
         if np.isfinite(most := limit(result, name)):
-            ax.axhline(most, color=_LIMIT, lw=0.9, ls="--", label="alert limit")
+            # broad, so that a required level of this size, drawn over it, does not hide it
+            ax.axhline(most, color=_LIMIT, lw=2.6, alpha=0.5, label="alert limit", zorder=1.5)
             shown.append(np.full(time.size, most))
+        if axis == "horizontal":
+            for name_of, ls in (("lateral", "--"), ("along", "-.")):
+                if f"/integrity/level_{name_of}" in result:
+                    of_axis = result[f"/integrity/level_{name_of}"]
+                    known = np.where(np.isfinite(of_axis), of_axis, np.nan)
+                    ax.plot(time, known, color=COLOURS[5], ls=ls, lw=0.8, label=f"level {name_of}")
         level_lines(ax, result, level)
         shown += [np.full(time.size, one.size) for one in asked(result, "level") if one.of == level]
         if f"/integrity/error_{axis}" in result:
@@ -70,7 +80,7 @@ def levels(result: Result) -> Figure:
         ax.set_ylabel(f"{axis}, {whose(result)}, m")
     axes[-1].set_xlabel("time, s")
     fig.align_ylabels(axes)
-    legend_above(fig, axes[0], 5, runs_of(result))
+    legend_above(fig, axes[0], 4, runs_of(result), axes[1])
     return fig
 
 
@@ -78,12 +88,13 @@ def stanford(result: Result) -> Figure:
     """How often errors of fixes, or of the filter, met protection levels, but for epochs with an alarm, or after
     touchdown."""
     fig = new_figure(2 * COLUMN, 3.2)
-    axes = fig.subplots(1, 2)
+    fig.set_layout_engine("compressed")  # square panels leave room otherwise
+    axes = abreast(fig, 2)
     for ax, (axis, level, name) in zip(axes, LEVELS, strict=True):
         _diagram(ax, counted(result, axis, level, name))
         ax.set_xlabel(f"{axis} error of the {whose(result)}, m")
         ax.set_ylabel(f"{axis} protection level, m")
-    fig.suptitle(fill(stanford_words(result), 90))
+    fig.suptitle(stanford_words(result).replace("; ", "\n"))
     return fig
 
 
@@ -104,14 +115,34 @@ def _diagram(ax: Axes, of: Stanford) -> None:
     if np.isfinite(most):
         ax.axhline(most, color=_LIMIT, lw=0.8, ls="--")
         ax.axvline(most, color=_LIMIT, lw=0.8, ls="--")
-        for x, y, name in of.regions():
+        for x, y, name in _free(of):
             ax.text(
                 x, y, name, fontsize=SMALL, ha="center", va="center", color="#555555",
                 path_effects=[withStroke(linewidth=1.5, foreground="white")],
             )  # fmt: skip
     ax.set_xlim(0.0, top)
     ax.set_ylim(0.0, top)
-    ax.set_aspect("equal")
+    ax.set_box_aspect(1.0)
+
+
+def _free(of: Stanford) -> list[tuple[float, float, str]]:
+    """Where the names of the regions stand: where fewest epochs lie under them, of places within their regions."""
+    step = of.edges[1] - of.edges[0]
+    places = np.arange(of.edges.size - 1)
+    x, y = np.meshgrid((places + 0.5) * step, (places + 0.5) * step, indexing="ij")
+    out = []
+    for home_x, home_y, name in of.regions():
+        best, least = (home_x, home_y), np.inf
+        for dx, dy in itertools.product(np.linspace(-0.3, 0.3, 7) * of.limit, repeat=2):
+            here = home_x + dx, home_y + dy
+            if not of.within(name, *here) or not 0.2 * of.top < here[0] < 0.85 * of.top:
+                continue
+            covered = (np.abs(x - here[0]) < 0.22 * of.top) & (np.abs(y - here[1]) < 0.06 * of.top)
+            count = float(of.counts[covered].sum()) + 1e-3 * float(np.hypot(dx, dy)) / of.top
+            if count < least:
+                best, least = here, count
+        out.append((*best, name))
+    return out
 
 
 def interference(result: Result) -> Figure:
@@ -121,15 +152,16 @@ def interference(result: Result) -> Figure:
     time, cn0 = result["/interference/time"], result["/interference/cn0"]
     pseudolites = set(map(str, result["/pseudolites/name"]))
     said: set[str] = set()
+    clocks = str(result.variables["/geometry/clock"].attributes["clocks"]).split(", ")
+    system = dict(zip(map(str, result["/geometry/source"]), result["/geometry/clock"].tolist(), strict=True))
     for i, name in enumerate(map(str, result["/interference/source"])):
         if np.isnan(cn0[:, i]).all():
             continue
         ground = name in pseudolites
-        label = "pseudolites" if ground else "satellites"
-        ax.plot(
-            time, cn0[:, i], color=COLOURS[int(ground)], ls="--" if ground else "-",
-            label=None if label in said else label,
-        )  # fmt: skip
+        of_clock = system[name]
+        label = "pseudolites" if ground else f"{clocks[of_clock]} satellites"
+        colour = COLOURS[1] if ground else _SKY[of_clock % len(_SKY)]
+        ax.plot(time, cn0[:, i], color=colour, ls="--" if ground else "-", label=None if label in said else label)
         said.add(label)
     for j, name in enumerate(map(str, result["/interference/jammer"])):
         heard = np.isfinite(result["/interference/js"][j]).any(axis=1)

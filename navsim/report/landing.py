@@ -35,9 +35,9 @@ def _figures(result: Result) -> dict[str, Figure]:
         from navsim.report import rare
 
         return rare.figures(result)
-    from navsim.report import figures, integrity, requirements
+    from navsim.report import ensembles, figures, integrity, requirements
 
-    drawn = figures.landing(result) | requirements.figures(result)
+    drawn = figures.landing(result) | ensembles.figures(result) | requirements.figures(result)
     if "/interference/cn0" in result:
         drawn["interference"] = integrity.interference(result)
     if "/integrity/hpl" in result:
@@ -48,5 +48,6 @@ def _figures(result: Result) -> dict[str, Figure]:
 
 
 VIEW = View(_tables, 116, _figures, ("/summary/",), width_more=60, drawings="navsim.report.page.landing:drawings",
-            verdicts=verdicts, glance=glance)  # fmt: skip
+            verdicts=verdicts, glance=glance,
+            of_runs=("errors", "nees", "fixes", "box", "integrity", "stanford"))  # fmt: skip
 """The summary of landings as a table, and of all results as plain data for JSON."""

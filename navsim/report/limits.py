@@ -80,7 +80,8 @@ def level_lines(ax: Axes, result: Result, level: str) -> None:
         if one.of == level:
             shares.setdefault(one.size, []).append(f"{100.0 * one.limit:g} %")
     for size, each in shares.items():
-        _line(ax, begin, end, size, f"required at {', '.join(dict.fromkeys(each))}: {size:g} m")
+        text = f"required at {', '.join(dict.fromkeys(each))}: {size:g} m"
+        ax.plot([begin, end], [size, size], color=REQUIRED, ls=DOTTED, lw=1.0, label=text, zorder=3)
 
 
 def rms_lines(ax: Axes, result: Result, axis: str) -> float:

@@ -33,7 +33,8 @@ def tables(result: Result) -> list[Table | str]:
 
 def figures(result: Result) -> dict[str, Figure]:
     """Position errors with their 3 sigma."""
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(COLUMN, 3.6)
     axes = fig.subplots(3, 1, sharex=True)

@@ -210,9 +210,8 @@ def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
 
 def plan(result: Result) -> Figure:
     """For each number of pseudolites: the placement over the objective with the first one moved."""
-    from textwrap import fill
-
-    from navsim.report.figures import COLUMN, label_points, legend_above, new_figure
+    from navsim.report.figures import label_points, legend_above
+    from navsim.report.printing import COLUMN, new_figure
 
     counts = result["/pseudolites"]
     s, l1, maps = result["/map/s"], result["/map/l1"], result["/map/objective"]
@@ -230,7 +229,7 @@ def plan(result: Result) -> Figure:
                 vmin=np.percentile(finite, 5 if large else 0), vmax=np.percentile(finite, 100 if large else 95),
                 rasterized=True,
             )  # fmt: skip
-            fig.colorbar(image, ax=ax, label=fill(label(result), 30), extend="min" if large else "max")
+            fig.colorbar(image, ax=ax, label=label(result), extend="min" if large else "max")
         x, y = -result["/optimum/l1"][i], result["/optimum/s"][i]
         ax.plot(x, y, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="pseudolites",
                 clip_on=False, zorder=5)  # fmt: skip
@@ -252,9 +251,8 @@ def plan(result: Result) -> Figure:
 
 def front(result: Result) -> Figure:
     """The objective against the number of pseudolites."""
-    from textwrap import fill
-
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(COLUMN, 2.4)
     ax = fig.subplots()
@@ -267,23 +265,21 @@ def front(result: Result) -> Figure:
     ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("pseudolites")
-    ax.set_ylabel(fill(label(result), 38))
+    ax.set_ylabel(label(result))
     return fig
 
 
 def utilisation(result: Result) -> Figure:
     """How much of what is allowed each requirement takes that placements are judged by, against their number."""
-    from textwrap import fill
-
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, marked, new_figure
 
     counts, names, taken = used(result)
-    statements = [fill(name, 60) for name in names]
-    fig = new_figure(1.3 * COLUMN, 2.6 + 0.17 * sum(text.count("\n") + 1 for text in statements))
+    statements = names
+    fig = new_figure(1.3 * COLUMN, 2.6 + 0.17 * len(statements))
     ax = fig.subplots()
-    marks = "osD^v<>Pp"
     for i, statement in enumerate(statements):
-        ax.plot(counts, taken[:, i], f"{marks[i % len(marks)]}-", color=COLOURS[i % len(COLOURS)], ms=5, mfc="none",
+        ax.plot(counts, taken[:, i], "-", **marked(i), ms=5, mfc="none",
                 label=statement)  # fmt: skip
     ax.axhline(1.0, color="black", lw=0.9, ls="--", label="what is asked for: met below")
     ax.set_xticks(counts)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
-from navsim.io.export import true_antenna
-from navsim.io.results import Result, Stream
+from navsim.io.export import choose_run, true_antenna
+from navsim.io.results import Result, ResultError, Stream
 from navsim.report.tables import runs_of, setting
 
 START = 0.1
@@ -243,6 +244,15 @@ class Stanford:
             (0.5 * most, 0.5 * (most + top), "unavailable"),
         ]
 
+    def within(self, name: str, x: float, y: float) -> bool:
+        """Whether an error and a level belong to a region."""
+        most = self.limit
+        if name == "unavailable":
+            return y > 1.08 * most
+        if name == "hazardous":
+            return x > most and y < 0.94 * most
+        return y < 0.94 * most and (x < y if name == "nominal" else y < x < most)
+
 
 def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
     """Of an axis of `LEVELS`, epochs with an alarm, or after touchdown, left out."""
@@ -270,3 +280,28 @@ def stanford_words(result: Result) -> str:
         f"{runs_of(result)}; epochs{until} by error and level, without those with an alarm; what is beyond the frame "
         "is at its edge"
     )
+
+
+def one_run(result: Result, number: int) -> Result:
+    """The result of one run of an ensemble, with the squares of its own errors and innovations where those of all runs
+    together stand. Raises ResultError for a run it does not hold, or where its figures are of one flight."""
+    if "/run" not in result:
+        raise ResultError(f"--run {number}: a result of kind {result.attributes['kind']} has no runs")
+    if result.attributes.get("method") == "covariance":
+        raise ResultError(f"--run {number}: a covariance analysis has no runs")
+    chosen, _ = choose_run(result, number)
+    variables = dict(chosen.variables)
+    for name, path in (("nees", "nees"), ("nees_position_velocity",) * 2, ("nis", "innovation_squared")):
+        mean, own = f"/summary/consistency/{name}", f"/filter/{path}"
+        if mean not in chosen or own not in chosen or (name == "nis" and "/filter/range_status" in chosen):
+            variables.pop(mean, None)
+            continue
+        degrees = int(variables[own].attributes["degrees_of_freedom"])
+        values = chosen[own][0] / degrees
+        if name == "nis":  # at fix epochs, of which none is at time 0
+            values = np.append(np.full(chosen["/summary/consistency/time"].size - values.size, np.nan), values)
+        band = {
+            f"band_{end}": chi_square.quantile(p, degrees) / degrees for end, p in (("low", 0.025), ("high", 0.975))
+        }
+        variables[mean] = replace(variables[mean], data=values, attributes=variables[mean].attributes | band)
+    return Result(chosen.attributes, variables)

@@ -100,7 +100,8 @@ def figures(result: Result) -> dict[str, Figure]:
 
 def exceedance(result: Result) -> Figure:
     """How often each limited error exceeds a size, by pushed runs and to first order."""
-    from navsim.report.figures import COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, new_figure
 
     some = np.flatnonzero(np.isfinite(result["/summary/box/limit"]))
     fig = new_figure(COLUMN, 1.9 * some.size + 0.5)
@@ -145,7 +146,7 @@ def curve(result: Result, i: int) -> Exceedance:
 def _curve(ax: Axes, result: Result, i: int) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
-    from navsim.report.figures import COLOURS
+    from navsim.report.printing import COLOURS
 
     of = curve(result, i)
     bottom, grid = of.bottom, of.grid
@@ -173,7 +174,7 @@ def _mark(ax: Axes, limit: float, end: float) -> None:
     """The limit, m, on an axis that ends at `end`, or where it is beyond that."""
     from matplotlib.patheffects import withStroke
 
-    from navsim.report.figures import COLOURS, SMALL
+    from navsim.report.printing import COLOURS, SMALL
 
     beyond, left = limit > end, limit < 0.5 * end
     if not beyond:

@@ -53,10 +53,11 @@ def local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
 
 
 def _track(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 
     fig = new_figure(2 * COLUMN, 3.6)
-    plan, profile = fig.subplots(1, 2, width_ratios=[3, 2])
+    plan, profile = abreast(fig, 2, width_ratios=[3, 2])
     llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
     dots = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
     for positions, style in ((fixes, dots),
@@ -74,7 +75,8 @@ def _track(result: Result) -> Figure:
 
 
 def _innovations(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(2 * COLUMN, 4.4)
     axes = fig.subplots(3, 2, sharex=True)
@@ -101,7 +103,8 @@ def _innovations(result: Result) -> Figure:
 
 
 def _attitude(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_over, new_figure
+    from navsim.report.figures import legend_over
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(2 * COLUMN, 4.6)
     axes = fig.subplots(3, 2, sharex=True)
@@ -143,12 +146,13 @@ def drifts(result: Result) -> list[tuple[float, np.ndarray, np.ndarray]]:
 def _outages(result: Result) -> Figure:
     from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, new_figure, style
 
     fig = new_figure(COLUMN, 2.8)
     ax = fig.subplots()
     for i, (duration, drift, share) in enumerate(drifts(result)):
-        ax.plot(drift, share, "o-", ms=3, color=COLOURS[i % len(COLOURS)], label=f"{duration:g} s without fixes")
+        ax.plot(drift, share, marker="o", ms=3, **style(i), label=f"{duration:g} s without fixes")
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.xaxis.set_major_formatter(ScalarFormatter())

@@ -9,8 +9,9 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS
-from navsim.report.figures import COLOURS, COLUMN, legend_below, new_figure
+from navsim.report.figures import legend_below
 from navsim.report.limits import REQUIRED, asked, glide, rms_lines, spoken, word
+from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.tables import runs_of, single
 
@@ -24,6 +25,8 @@ _ALONG_TRACK = tuple(reversed(HEIGHTS))
 _SPREAD = 0.28
 """Half the width over which runs at one height are spread."""
 _MOST_POINTS = 2000
+_WIDEST = 4.0
+"""Limits this many times as large as what is found are said at the edge and not drawn."""
 _STATES = {"horizontal": [0, 1], "vertical": [2]}
 _NAMES = {"lateral": "lateral (right)", "along": "along the track", "vertical": "vertical (up)"}
 
@@ -45,12 +48,16 @@ def errors(result: Result) -> Figure:
     rows = [row for row in (rms, at) if row]
     alone = max(map(len, rows)) == 1
     fig = new_figure(COLUMN if alone else 2 * COLUMN, 2.4 * len(rows) + 0.4)
+    if not alone and narrow(fig):
+        rows = [[axis] for row in rows for axis in row]
+        fig.set_figheight(2.2 * len(rows) + 0.4)
     grid = fig.add_gridspec(len(rows), 6)
+    of_time = len(rms) if rows and len(rows[0]) == 1 and len(rows) > 1 else int(bool(rms))
     for i, row in enumerate(rows):
         width = 6 // len(row)
         for j, axis in enumerate(row):
             ax = fig.add_subplot(grid[i, j * width : (j + 1) * width])
-            (_over_time if row is rms else _at_heights)(ax, result, axis)
+            (_over_time if i < of_time else _at_heights)(ax, result, axis)
     fig.suptitle(f"truth minus estimate, {runs_of(result)};" + ("\n" if alone else " ") + "black: what is required")
     return fig
 
@@ -79,7 +86,7 @@ def _over_time(ax: Axes, result: Result, axis: str) -> None:
     ax.set_ylim(0.0, 1.1 * max(top, high if math.isfinite(high) else 0.0))
     ax.set_xlabel("time, s")
     ax.set_ylabel(f"{axis} error, m")
-    ax.legend(loc="upper right")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
 
 
 def _curves(result: Result, states: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -97,10 +104,16 @@ def _curves(result: Result, states: list[int]) -> tuple[np.ndarray, np.ndarray]:
 def _at_heights(ax: Axes, result: Result, axis: str) -> None:
     """The errors of runs at the heights where they are judged, the size that 95 % of them keep, and the limits."""
     reach = max(_found_at(ax, result, axis, i, i == 0) for i in range(len(HEIGHTS)))
-    for one in asked(result, "error"):
-        if one.of != axis:
-            continue
+    beyond: list[tuple[int, str]] = []
+    limits = [one for one in asked(result, "error") if one.of == axis]
+    sizes = [one.size for one in limits]
+    # what is far wider than what is found would press that together
+    sight = _WIDEST * (reach if reach > 0.0 else min(sizes, default=1.0))
+    for one in limits:
         x = _ALONG_TRACK.index(one.at)
+        if one.size > sight:
+            beyond.append((x, f"↑ ±{one.size:g} m\n{100.0 * one.limit:g} %"))
+            continue
         for side in (-one.size, one.size):
             ax.plot([x - 0.42, x + 0.42], [side, side], color=REQUIRED, lw=1.6, solid_capstyle="butt")
         word(ax, f"{100.0 * one.limit:g} %", (x, one.size), (0.0, 2.0), ha="center", va="bottom")
@@ -108,9 +121,11 @@ def _at_heights(ax: Axes, result: Result, axis: str) -> None:
     ax.set_xticks(range(len(_ALONG_TRACK)), [spoken(h).replace("touchdown", "touch-\ndown") for h in _ALONG_TRACK])
     ax.set_xlim(-0.5, len(_ALONG_TRACK) - 0.5)
     ax.set_ylim(-1.3 * reach or -1.0, 1.3 * reach or 1.0)
+    for x, text in beyond:
+        word(ax, text, (x, 1.3 * reach or 1.0), (0.0, -1.0), ha="center", va="top")
     ax.grid(visible=False, axis="x")
     ax.set_ylabel(f"{_NAMES[axis]}, m")
-    ax.legend(loc="lower left", ncols=2)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
 
 
 def _found_at(ax: Axes, result: Result, axis: str, i: int, named: bool) -> float:
@@ -144,7 +159,7 @@ def box(result: Result) -> Figure:
     if not views or math.isfinite(limits["vertical"]):
         views.append(_BEHIND)
     fig = new_figure(COLUMN * len(views), 3.8)
-    panels = fig.subplots(1, len(views), squeeze=False)[0]
+    panels = abreast(fig, len(views))
     for ax, (x, y, title) in zip(panels, views, strict=True):
         _view(ax, result, (x, y), limits)
         ax.set_title(title)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -60,7 +60,9 @@ def csv_text(result: Result) -> str:
         [*(setting(result, name, i) for name in names), *map(said, columns, (cube[i] for cube in cubes))]
         for i in indices
     )
-    return table.csv_text([*names, *columns], rows)
+    units = {name: result.variables[f"/sweep/{name}"].units for name in columns}
+    heads = (name if unit == "1" or name.endswith(f"_{unit}") else f"{name}_{unit}" for name, unit in units.items())
+    return table.csv_text([*names, *heads], rows)
 
 
 def shown(result: Result) -> list[str]:
@@ -152,14 +154,19 @@ def best_plain(result: Result) -> dict[str, object]:
 
 
 def figures(result: Result) -> dict[str, Figure]:
-    """A map of each output where two axes move pseudolites, else curves along the longest numeric axis."""
+    """A map of each output on the plan where two axes move pseudolites, a map over two axes of numbers, as latitude and
+    longitude of a jammer, else curves along the longest numeric axis."""
     out = {}
     for name in shown(result):
         cube = result[f"/sweep/{name}"]
         if best(cube, large(result, name)) is None:
             continue
         moved = plane(result)
-        out[name] = _map(result, name, cube, moved) if moved else _curves(result, name)
+        if moved:
+            out[name] = _map(result, name, cube, moved)
+        else:
+            both = grid(result)
+            out[name] = _curves(result, name) if both is None else _over_two(result, name, both)
     return out
 
 
@@ -176,13 +183,58 @@ def plane(result: Result) -> tuple[int, int] | None:
     return (moving[0], moving[1]) if len(moving) == 2 else None
 
 
+_LEAST_GRID = 5
+"""Two axes with so many numbers each make a map; curves tell fewer apart."""
+
+
+def grid(result: Result) -> tuple[int, int] | None:
+    """The two longest axes of numbers, of one key each, where both are long enough for a map: down, across."""
+    dims = dimensions(result)
+    sizes = {i: result[f"/{name}"].size for i, name in enumerate(dims)
+             if f"/sweep/axes/{name}" in result and result[f"/{name}"].dtype.kind in "fiu"}  # fmt: skip
+    longest = sorted(sorted(sizes, key=lambda i: -sizes[i])[:2])
+    if len(longest) < 2 or min(sizes[i] for i in longest) < _LEAST_GRID:
+        return None
+    return longest[0], longest[1]
+
+
+def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
+    """A map of an output over two varied numbers; of the other axes the best combination."""
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
+
+    cube, dims, better = result[f"/sweep/{name}"], dimensions(result), large(result, name)
+    found = best(cube, better)
+    assert found is not None
+    others = [i for i in range(cube.ndim) if i not in axes]
+    values = cube[_slice(cube.ndim, others, tuple(found[i] for i in others))]
+    y, x = (result[f"/{dims[i]}"].astype(float) for i in axes)
+    rows, columns = np.argsort(y), np.argsort(x)
+    low, high = colours(values, better)
+    fig = new_figure(COLUMN, 3.2)
+    ax = fig.subplots()
+    image = ax.pcolormesh(
+        x[columns], y[rows], np.ma.masked_invalid(values[np.ix_(rows, columns)]), shading="nearest",
+        cmap="viridis" if better else "viridis_r", vmin=low, vmax=high, rasterized=True,
+    )  # fmt: skip
+    ax.set_facecolor("#dddddd")
+    ax.grid(visible=False)
+    ax.plot(x[found[axes[1]]], y[found[axes[0]]], "*", color=COLOURS[1], ms=9, mec="white", mew=0.6, ls="",
+            clip_on=False, label=f"best: {cube[found]:.4g}")  # fmt: skip
+    hollow = "; grey: no value" if not np.isfinite(values).all() else ""
+    ax.locator_params(axis="x", nbins=5)
+    ax.ticklabel_format(useOffset=False)
+    ax.set_xlabel(f"{dims[axes[1]]}{hollow}")
+    ax.set_ylabel(dims[axes[0]])
+    fig.colorbar(image, ax=ax, label=label(result, name), extend="min" if better else "max", location="bottom")
+    said = ", ".join(f"{dims[i]} = {as_text(_axis_value(result, i, found[i]))}" for i in others)
+    legend_above(fig, ax, 1, said or None)
+    return fig
+
+
 def label(result: Result, name: str) -> str:
     variable = result.variables[f"/sweep/{name}"]
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
-
-
-_PANEL = 5.3
-"""Width of a map without its labels and colour bar, inches."""
 
 
 @dataclass(frozen=True)
@@ -247,14 +299,19 @@ def colours(cube: np.ndarray, better: bool) -> tuple[float, float]:
 
 def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) -> Figure:
     """Heat maps on the runway plan, a panel for each point of the other axes (or the best of them)."""
-    from navsim.report.figures import COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, narrow, new_figure
 
     better = large(result, name)
     shown = panels(result, name, plane)
     low, high = colours(cube, better)
     views = [_View(panel) for panel in shown]
-    heights = [view.height for view in views]
-    fig = new_figure(2 * COLUMN, 0.9 + sum(h + 0.35 for h in heights))
+    fig = new_figure(2 * COLUMN, 1.0)
+    below = narrow(fig)
+    # a colour bar beside the maps takes a quarter of the page
+    across = fig.get_figwidth() - (0.8 if below else 1.7)
+    heights = [across * view.ratio for view in views]
+    fig.set_figheight(0.9 + sum(h + 0.35 for h in heights) + (0.7 if below else 0.0))
     axes = fig.subplots(len(shown), 1, squeeze=False, height_ratios=heights)[:, 0]
     image = None
     hollow = any(not np.all(np.isfinite(panel.values)) for panel in shown)
@@ -286,7 +343,8 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     axes[-1].set_xlabel("along the runway from the threshold, m" + ("; grey: no solution" if hollow else ""))
     legend_above(fig, axes[0], 3)
     if image is not None:
-        fig.colorbar(image, ax=list(axes), label=label(result, name), extend="min" if better else "max", shrink=0.8)
+        place: dict[str, Any] = {"location": "bottom", "aspect": 30} if below else {"shrink": 0.8}
+        fig.colorbar(image, ax=list(axes), label=label(result, name), extend="min" if better else "max", **place)
     return fig
 
 
@@ -299,7 +357,8 @@ class _View:
         ratio = spans[1] / max(spans[0], 1e-3)
         self.to_scale = 0.2 <= ratio <= 0.9
         """Whether both axes have one scale: a strip would leave the page white."""
-        self.height = _PANEL * (ratio if self.to_scale else 0.25 if ratio < 0.2 else 0.7)
+        self.ratio = ratio if self.to_scale else 0.25 if ratio < 0.2 else 0.7
+        """Height by width."""
 
 
 def _corners(numbers: list[np.ndarray], coordinate: np.ndarray) -> np.ndarray | None:
@@ -385,9 +444,8 @@ def curves(result: Result, name: str, most: int) -> Curves:
 
 def _curves(result: Result, name: str) -> Figure:
     """The output along the longest axis, a curve for each point of the others (as many as there are colours)."""
-    from textwrap import fill
-
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, MARKS, new_figure, style
 
     of = curves(result, name, len(COLOURS))
     several = bool(of.names[0])
@@ -395,14 +453,15 @@ def _curves(result: Result, name: str) -> Figure:
     ax = fig.subplots()
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
-    for row, said, colour in zip(of.rows, of.names, COLOURS, strict=False):
-        ax.plot(at, row, "." if of.scattered else ".-", ms=3, lw=0.8, color=colour, label=said or None)
+    for i, (row, said) in enumerate(zip(of.rows, of.names, strict=True)):
+        how = style(i) | ({"ls": ""} if of.scattered else {})
+        ax.plot(at, row, marker=MARKS[i % len(MARKS)], ms=2.5, lw=0.8, label=said or None, **how)
     if numeric:
         ax.locator_params(axis="x", nbins=5)  # numbers of many digits, as latitudes, would run into each other
     else:
         ax.set_xticks(at, [str(value) for value in of.x])
     ax.set_xlabel(of.axis)
-    ax.set_ylabel(fill(label(result, name), 38))
+    ax.set_ylabel(label(result, name))
     if several:
         legend_above(fig, ax, 1, of.some or None)
     return fig

@@ -1,13 +1,16 @@
 """Tables for people as plain data: a title, heads with their units, rows of numbers and how they are said; and the one
-way each to draw them in a terminal, as Markdown, and to write rows as CSV."""
+way each to draw them in a terminal, as Markdown, for LaTeX, and to write rows as CSV."""
 
 from __future__ import annotations
 
 import csv
+import fnmatch
 import io
 import math
+import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -26,11 +29,15 @@ class _Said(float):
 
 @dataclass(frozen=True)
 class Cell:
-    """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known."""
+    """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known.
+    ends: whether the second and third are the ends of the first's 95 % interval. several: whether each value stands
+    for itself, as percentiles do."""
 
     pattern: str
     values: tuple[float | int | str, ...]
     whole: bool = False
+    ends: bool = False
+    several: bool = False
 
     def __str__(self) -> str:
         first = self.values[0] if self.values else 0.0
@@ -52,13 +59,13 @@ def number(value: float, digits: int = 3) -> Cell:
 def numbers(values: Iterable[float], digits: int) -> Cell:
     """Numbers in a row, each with so many digits behind the point."""
     known = tuple(map(float, values))
-    return Cell("  ".join([f"{{:.{digits}f}}"] * len(known)), known)
+    return Cell("  ".join([f"{{:.{digits}f}}"] * len(known)), known, several=True)
 
 
 def interval(values: Iterable[float], digits: int, scale: float = 1.0) -> Cell:
     """A value with its interval (3,): value, low, high, times a scale; nothing where the value is not known."""
     value, low, high = (float(x) * scale for x in values)
-    return Cell(f"{{:.{digits}f}}  [{{:.{digits}f}}, {{:.{digits}f}}]", (value, low, high), whole=True)
+    return Cell(f"{{:.{digits}f}}  [{{:.{digits}f}}, {{:.{digits}f}}]", (value, low, high), whole=True, ends=True)
 
 
 @dataclass(frozen=True)
@@ -97,24 +104,24 @@ class Table:
 def console(parts: Sequence[Table | str]) -> RenderableType:
     """Tables, and words between them, for the terminal."""
     from rich.console import Group
-    from rich.markup import escape
+    from rich.markup import escape as plain
 
-    return Group(*(_drawn(part) if isinstance(part, Table) else escape(part) for part in parts))
+    return Group(*(_drawn(part) if isinstance(part, Table) else plain(part) for part in parts))
 
 
 def _drawn(table: Table) -> RenderableType:
     from rich import box
     from rich import table as rich
-    from rich.markup import escape
+    from rich.markup import escape as plain
 
     out = rich.Table(
-        title=escape(table.title) or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
-        show_lines=table.lines, caption=escape(table.notes) or None,
+        title=plain(table.title) or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
+        show_lines=table.lines, caption=plain(table.notes) or None,
     )  # fmt: skip
     for i, head in enumerate(table.heads):
-        out.add_column(escape(head), no_wrap=table.labelled and i == 0)
+        out.add_column(plain(head), no_wrap=table.labelled and i == 0)
     for row in table.rows:
-        first, *others = map(escape, row.texts())
+        first, *others = map(plain, row.texts())
         if row.heading:
             out.add_row(f"[bold]{first}[/bold]", *(f"[dim]{text}[/dim]" for text in others))
         else:
@@ -122,11 +129,123 @@ def _drawn(table: Table) -> RenderableType:
     return out
 
 
+def text(parts: Sequence[Table | str], width: int) -> str:
+    """Tables, and words between them, as plain text."""
+    from rich.console import Console
+
+    out = io.StringIO()
+    Console(file=out, width=width, highlight=False).print(console(parts))
+    return out.getvalue()
+
+
+def html(parts: Sequence[Table | str]) -> str:
+    """Tables, and words between them, as HTML."""
+    return "\n".join(_html_table(part) if isinstance(part, Table) else f"<p>{escape(part)}</p>" for part in parts)
+
+
+def _html_table(table: Table) -> str:
+    def lines(text: str) -> str:
+        return escape(text).replace("\n", "<br>")
+
+    def row(row: Row) -> str:
+        first, *others = map(lines, row.texts())
+        kind = "th" if row.heading else "td"
+        return f'<tr><th scope="row">{first}</th>{"".join(f"<{kind}>{other}</{kind}>" for other in others)}</tr>'
+
+    title = f"<caption>{escape(table.title)}</caption>" if table.title else ""
+    heads = "".join(f'<th scope="col">{lines(head)}</th>' for head in table.heads)
+    notes = f"<p>{lines(table.notes)}</p>" if table.notes else ""
+    rows = "".join(map(row, table.rows))
+    return f"<table>{title}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>{notes}"
+
+
 def markdown(table: Table) -> list[str]:
     """The lines of a table in Markdown, without its title, an empty one behind them."""
     heads = [f"| {' | '.join(table.heads)} |", "|" + "---|" * len(table.heads)]
     rows = [f"| {' | '.join(text.replace(chr(10), '<br>') for text in row.texts())} |" for row in table.rows]
     return [*heads, *rows, ""]
+
+
+_TEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"$<$", ">": r"$>$", "σ": r"$\sigma$",
+    "β": r"$\beta$", "°": r"$^\circ$", "²": r"$^2$", "±": r"$\pm$", "×": r"$\times$", "→": r"$\rightarrow$",
+    "≤": r"$\le$", "−": r"$-$", "…": r"\ldots{}", "⁻": r"$^-$", "³": r"$^3$", '"': r"\textquotedbl{}",
+}  # fmt: skip
+
+
+def tex_text(text: str) -> str:
+    """Text that TeX sets as it stands."""
+    return "".join(_TEX.get(letter, letter) for letter in text.replace("\n", " "))
+
+
+def tex(table: Table) -> list[str]:
+    """The lines of a table for LaTeX with the package booktabs, captioned by its title."""
+    columns = len(table.heads)
+    lines = [r"\begin{table}"]
+    if table.title:
+        lines.append(rf"\caption{{{tex_text(table.title)}}}")
+    lines += [rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}", r"\toprule"]
+    lines += [" & ".join(map(tex_text, table.heads)) + r" \\", r"\midrule"]
+    for i, row in enumerate(table.rows):
+        texts = list(map(tex_text, row.texts()))
+        texts += [""] * (columns - len(texts))
+        if row.heading:
+            texts[0] = rf"\emph{{{texts[0]}}}"
+            if i:
+                lines.append(r"\addlinespace")
+        lines.append(" & ".join(texts) + r" \\")
+    lines += [r"\bottomrule", r"\end{tabular}"]
+    lines += [rf"\par {tex_text(line)}" for line in table.notes.splitlines()]
+    return [*lines, r"\end{table}", ""]
+
+
+TIDY = ("table", "section", "row", "column", "part", "unit", "value", "low", "high", "text")
+"""Columns of tables as CSV."""
+_UNIT = re.compile(r", (m/s|deg/s|deg/h|deg|m|s|mg|%|°|dB-Hz|\(deg/s\)²|deg2)(?=$|[ ,:(\[])")
+
+
+def _unit(*texts: str) -> str:
+    """The unit that stands behind a comma in the first of some texts that has one; 1 for none."""
+    return next((found[1] for text in texts if (found := _UNIT.search(text))), "1")
+
+
+def tidy(table: Table) -> list[list[object]]:
+    """The rows of a table for programs: one a cell, or a value of a cell that has several, under `TIDY`."""
+    out: list[list[object]] = []
+    section = ""
+    for row in table.rows:
+        label, *cells = row.cells
+        if row.heading:
+            section = str(label)
+            continue
+        for head, one in zip(table.heads[1:], cells, strict=False):
+            where = [table.title, section, str(label).strip(), head]
+            unit = _unit(str(label), head, section)
+            if not isinstance(one, Cell) or not isinstance(one.values[0], float | int):
+                out.append([*where, "", unit, "", "", "", str(one)])
+                continue
+            low, high = one.values[1:3] if one.ends else (math.nan, math.nan)
+            for part, value in enumerate(one.values if one.several else one.values[:1]):
+                out.append([*where, part + 1 if one.several else "", unit, value, low, high, str(one)])
+    return out
+
+
+def chosen(table: Table, pattern: str) -> Table:
+    """The rows whose first cell, or whose heading, has the pattern, `*` and `?` as in names of files, anywhere and in
+    any case; headings of rows that stay stay."""
+    wanted = re.compile(fnmatch.translate(f"*{pattern}*"), re.IGNORECASE)
+    rows: list[Row] = []
+    heading: Row | None = None
+    all_of_it = False
+    for row in table.rows:
+        first = str(row.cells[0])
+        if row.heading:
+            heading, all_of_it = row, bool(wanted.match(first))
+        elif all_of_it or wanted.match(first):
+            rows += [row] if heading is None else [heading, row]
+            heading = None
+    return replace(table, rows=rows)
 
 
 def csv_text(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:

@@ -175,7 +175,8 @@ def markdown(result: Result) -> str:
 
 def figures(result: Result) -> dict[str, Figure]:
     """The paper's figures 4 and 5: PDOP and horizontal error over the approach for none, one and two pseudolites."""
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
     from navsim.report.quantities import settled
 
     out = {}

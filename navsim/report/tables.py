@@ -52,7 +52,7 @@ def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: n
         return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True)
     if low == high:
         return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True)
-    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True)
+    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True, ends=True)
 
 
 def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -> Cell:
@@ -173,7 +173,8 @@ def _box(result: Result, i: int | None) -> Cell | str:
     if i is None:
         if "/summary/box/probability" not in result:
             return box_to_first_order(result, None)
-        return cell("{:.3g}  [{:.3g}, {:.3g}]", *map(float, result["/summary/box/probability"]))
+        found = tuple(map(float, result["/summary/box/probability"]))
+        return Cell("{:.3g}  [{:.3g}, {:.3g}]", found, ends=True)
     limit = float(result["/summary/box/limit"][i])
     if not np.isfinite(limit):
         return ABSENT
@@ -191,7 +192,9 @@ def _share(result: Result, path: str) -> Cell | str:
     value, low, high = map(float, result[path])
     if not np.isfinite(value):
         return ABSENT
-    return cell("{:.4g}  [{:.4g}, {:.4g}]", value, low, high) if np.isfinite(low) else cell("{:.4g}", value)
+    if not np.isfinite(low):
+        return cell("{:.4g}", value)
+    return Cell("{:.4g}  [{:.4g}, {:.4g}]", (value, low, high), ends=True)
 
 
 def _protection(result: Result, name: str) -> Cell | str:
@@ -289,7 +292,8 @@ def _verdict(result: Result, statement: str) -> Cell | str:
     value, low, high = map(float, result[f"{branch}/value"][i])
     if np.isnan(value):
         return cell("{}: nothing is known of it", word)
-    enough = f"; {more:.2g} more runs" if more >= 1e5 else f"; {more:.0f} more runs" if np.isfinite(more) else ""
+    number = f"{more:.2g}" if more >= 1e5 else f"{more:.0f}"
+    enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
     if low == high or np.isnan(low):
         return cell("{}: {:.4g}" + enough, word, value)
     return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high)

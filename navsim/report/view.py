@@ -15,6 +15,8 @@ from navsim.report.tables import FINDINGS, plain_tree
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from navsim.report.printing import Print
+
 _HEAD = ("kind", "navsim_version", "seed", "epoch", "scenario_sha256")
 """Attributes that stand over the plain data of every result."""
 
@@ -28,7 +30,8 @@ class View:
     paths whose variables are the summary as plain data. more: of it. texts: files of text beside the result, by
     their paths. drawings: what draws results for the page of `navsim report`, as "module:name"; it takes results, each
     with its name, and returns `page.marks.Drawing`s. verdicts: tables, and words,
-    of what is judged in results. glance: what of a result is seen first, by what it is called.
+    of what is judged in results. glance: what of a result is seen first, by what it is called. of_runs: names of the
+    figures that show single runs.
     """
 
     tables: Callable[[Sequence[tuple[str, Result]]], list[Table | str]]
@@ -41,6 +44,7 @@ class View:
     drawings: str = ""
     verdicts: Callable[[Sequence[tuple[str, Result]]], list[Table | str]] = lambda _: []
     glance: Callable[[Result], list[tuple[str, Cell | str]]] = lambda _: []
+    of_runs: tuple[str, ...] = ()
 
 
 def one_by_one(
@@ -72,11 +76,29 @@ def plain(result: Result) -> dict[str, Any]:
     return head | here.more(result) | plain_tree(result, (*here.summary, FINDINGS))
 
 
-def draw(result: Result, folder: Path, stem: str) -> list[Path]:
-    """Draw every figure a result has data for as `folder/stem_NAME.png`; returns the files. Raises ResultError."""
+def draw(
+    result: Result, folder: Path, stem: str, how: Print | None = None, only: Sequence[str] = (), run: int | None = None
+) -> list[Path]:
+    """Draw every figure a result has data for, or those of the names in `only`, as `folder/stem_NAME.FORMAT`; of one of
+    its runs alone those that show runs, as `folder/stem_runK_NAME.FORMAT`. Returns the files. Raises ResultError."""
     from navsim.report.figures import save_figures
+    from navsim.report.printing import Print
 
-    return save_figures(lambda: view(result.attributes["kind"]).figures(result), folder, stem)
+    how = how or Print()
+    here = view(result.attributes["kind"])
+    if run is None:
+        return save_figures(lambda: here.figures(result), folder, stem, how, only)
+    from navsim.report.quantities import one_run
+
+    chosen = one_run(result, run)
+
+    def of_run() -> dict[str, Figure]:
+        drawn = {name: figure for name, figure in here.figures(chosen).items() if name in here.of_runs}
+        if not drawn:
+            raise ResultError(f"--run {run}: the result has no figure of single runs")
+        return drawn
+
+    return save_figures(of_run, folder, stem, how, only, f"run{run}_")
 
 
 def write_texts(result: Result, target: Path) -> list[Path]:

@@ -45,11 +45,11 @@ class Runway(Section):
     height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
     """height above the WGS-84 ellipsoid"""
     length_m: Size = 1000.0
-    """for drawings only"""
+    """length of the runway, for drawings only"""
     width_m: Size = 30.0
-    """for drawings only"""
+    """width of the runway, for drawings only"""
     aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
-    """touchdown point beyond the threshold"""
+    """distance of the touchdown point beyond the threshold"""
     threshold: Point | None = None
     """where the runway begins; leave out to derive it from approach.start"""
 
@@ -60,12 +60,13 @@ class _Approach(Section):
     start_height_m: Annotated[float, Field(ge=0.1, le=5000.0)] = 153.0
     """height above the runway at the start"""
     glide_slope_deg: Annotated[float, Field(ge=1.0, le=15.0)] = 5.0
+    """angle of the glide path below the horizontal"""
     speed_start_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 130.0
-    """along the path, over ground"""
+    """speed at the start, along the path, over ground"""
     speed_touchdown_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 80.0
-    """along the path, over ground"""
+    """speed at touchdown, along the path, over ground"""
     angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 3.0
-    """constant; pitch = path angle relative to the air + angle of attack"""
+    """constant angle of attack; pitch = path angle relative to the air + angle of attack"""
     pitch: Literal["path", "level"] = "path"
     """path: the nose follows the path; level: it keeps angle_of_attack_deg above the horizon"""
 
@@ -74,9 +75,11 @@ class STurn(_Approach):
     """Level flight turning right and left, not a landing: for filters to prove themselves in."""
 
     profile: Literal["s-turn"]
+    """level turns to the right and to the left, no landing"""
     turn_rate_deg_s: Annotated[float, Field(ge=1e-3, le=45.0)] = 6.0
+    """largest rate of turn"""
     period_s: Stretch = 30.0
-    """one turn to the right and one to the left"""
+    """time of one turn to the right and one to the left"""
     roll_s: Stretch = 2.0
     """time to roll from one side to the other"""
 
@@ -98,6 +101,7 @@ class PaperApproach(_Approach):
     """The paper's profile: uniformly decelerated glide from time 0, then level at the touchdown speed."""
 
     profile: Literal["paper"]
+    """the paper's decelerated glide, then level at the touchdown speed"""
     corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
     """time within which the glide turns into level flight (instantaneous in the paper)"""
 
@@ -118,11 +122,13 @@ class SmoothApproach(_Approach):
     """A profile an aircraft can fly: level lead-in, capture, decelerated glide, exponential flare, roll-out."""
 
     profile: Literal["smooth"]
+    """one that an aircraft can fly, from level flight to the roll-out"""
     lead_in_s: Stretch = 35.0
     """level flight before the capture of the glide slope"""
     capture_s: Stretch = 6.0
     """duration of the transition onto the slope"""
     flare_height_m: Annotated[float, Field(ge=0.01, le=1000.0)] = 6.0
+    """height above the runway at which the flare begins"""
     flare_blend_s: Stretch = 1.0
     """transition from the slope into the exponential flare"""
     touchdown_sink_m_s: Annotated[float, Field(ge=0.001, le=50.0)] = 0.5
@@ -130,6 +136,7 @@ class SmoothApproach(_Approach):
     settle_s: Stretch = 1.0
     """time in which the landing gear takes up the sink rate and the brakes come on"""
     rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
+    """deceleration by the brakes after touchdown"""
 
     def path(self) -> Path:
         """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
@@ -156,6 +163,7 @@ class RecordedApproach(Section):
     """A real flight, as `navsim replay` found it, with simulated sensors, satellites and pseudolites."""
 
     profile: Literal["recorded"]
+    """a real flight, as `navsim replay` found it"""
     file: str
     """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
     file_sha256: Checksum | None = None
@@ -175,5 +183,6 @@ class WindSection(Section):
     """Steady wind. It changes the attitude (crab), not the path, which is given over ground."""
 
     speed_m_s: Annotated[float, Field(ge=0.0, le=50.0)] = 0.0
+    """speed of the wind over ground"""
     from_deg: Azimuth = 0.0
     """direction the wind comes from, clockwise from true north"""

@@ -128,11 +128,26 @@ def _docstrings(model: type[BaseModel]) -> dict[str, str]:
 def _describe(schema: dict[str, Any], model: type[BaseModel]) -> None:
     """Add the docstrings of the fields to a schema. pydantic's `use_attribute_docstrings` would read every class's
     source at every start, though nobody but `navsim schema` asks."""
+    _count_items(schema)
     for part in model.__mro__:
         if issubclass(part, Section) and part is not Section:
             for name, text in _docstrings(part).items():
                 key = model.model_fields[name].alias or name
                 schema["properties"][key].setdefault("description", text)
+
+
+def _count_items(node: Any) -> None:
+    """Give lists the words for their lengths: behind a validator pydantic takes them for texts."""
+    if isinstance(node, dict):
+        if node.get("type") == "array":
+            for text, items in (("minLength", "minItems"), ("maxLength", "maxItems")):
+                if text in node:
+                    node[items] = node.pop(text)
+        for child in node.values():
+            _count_items(child)
+    elif isinstance(node, list):
+        for child in node:
+            _count_items(child)
 
 
 class Section(BaseModel):

@@ -25,11 +25,13 @@ class EventSection(Section):
     """Something that happens to the signals of some sources for some time; every kind has its own word for `what`."""
 
     what: str
+    """what happens"""
     sources: Annotated[list_of(str), Field(min_length=1)]  # type: ignore[valid-type]
     """names of satellites and pseudolites, of satellite systems, `pseudolites`, `all`"""
     at_s: When = 0.0
+    """when it begins, after time 0"""
     until_s: When | None = None
-    """null: to the end"""
+    """when it ends, after time 0; null: at the end of the flight"""
 
     @model_validator(mode="after")
     def _lasting(self) -> Self:
@@ -52,6 +54,7 @@ class SilenceSection(EventSection):
     """Nothing is received of them."""
 
     what: Literal["silence"]
+    """nothing is received of the sources"""
 
     def happening(self) -> Happening:
         from navsim.models.events import Silence
@@ -63,7 +66,7 @@ class RangeSection(EventSection):
     """An error of ranges by itself."""
 
     code_only: bool = False
-    """of the code: range rates and carriers stay as they are"""
+    """whether it is an error of the code alone: range rates and carriers stay as they are"""
 
     def model(self) -> Event:
         from dataclasses import replace
@@ -75,7 +78,9 @@ class StepSection(RangeSection):
     """Their ranges are wrong by a constant."""
 
     what: Literal["step"]
+    """ranges are wrong by a constant"""
     error_m: Error
+    """how much longer the ranges become"""
 
     def happening(self) -> Happening:
         from navsim.models.events import RangeFault
@@ -87,7 +92,9 @@ class RampSection(RangeSection):
     """Their ranges go wrong slowly, and without `code_only` their range rates with them: a clock that runs away."""
 
     what: Literal["ramp"]
+    """ranges go wrong at a constant rate"""
     rate_m_s: Error
+    """how fast the ranges grow"""
 
     def happening(self) -> Happening:
         from navsim.models.events import RangeFault
@@ -99,6 +106,7 @@ class SurveySection(EventSection):
     """They stand elsewhere than the receiver believes."""
 
     what: Literal["survey"]
+    """the sources stand elsewhere than believed"""
     ned_m: Triple
     """true place less the one believed in: north, east, down at the receiver"""
 
@@ -114,14 +122,15 @@ class SpoofSection(EventSection):
     """Their signals are replaced by such as another place would receive, consistent with each other."""
 
     what: Literal["spoof"]
+    """signals are replaced by such as another place would receive"""
     offset_ned_m: Triple = _NONE
-    """that place less the true one at the beginning"""
+    """the other place less the true one at the beginning: north, east, down"""
     rate_ned_m_s: Triple = _NONE
-    """how it moves off from there"""
+    """how the other place moves off from there: north, east, down"""
     clock_m: Error = 0.0
     """what the receiver's clock seems to be off by, beside the truth"""
     drift_m_s: Error = 0.0
-    """how that grows"""
+    """how fast clock_m grows"""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -141,11 +150,13 @@ class MeaconSection(EventSection):
     """Their signals are received at a place and sent again from there, stronger."""
 
     what: Literal["meacon"]
+    """signals are received at a place and sent again from there"""
     place: Point
+    """where they are received and sent again"""
     height_m: Annotated[float, Field(ge=-1000.0, le=1e5)] = 0.0
-    """above the ellipsoid"""
+    """height of the antennas above the ellipsoid"""
     delay_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """of the meacon itself"""
+    """delay within the meacon, as a range"""
 
     def happening(self) -> Happening:
         import numpy as np

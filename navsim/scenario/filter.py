@@ -19,15 +19,20 @@ class FilterInitial(Section):
     """1 sigma the filter starts from; what is left out is that of initial_errors."""
 
     attitude_deg: Sigma | None = None
+    """1 sigma of attitude about each axis"""
     position_m: Sigma | None = None
+    """1 sigma of position along each axis"""
     velocity_m_s: Sigma | None = None
+    """1 sigma of velocity along each axis"""
 
 
 class FilterSensors(Section):
     """Sensor errors the filter believes in; a sensor left out is as `imu` says."""
 
     gyro: Gyro | None = None
+    """errors of the gyros that the filter believes in"""
     accelerometer: Accelerometer | None = None
+    """errors of the accelerometers that the filter believes in"""
 
 
 class Gate(Section):
@@ -36,7 +41,7 @@ class Gate(Section):
     probability: Annotated[float, Field(ge=0.0, lt=0.5)] = 1e-6
     """chance of rejecting a good fix; 0: no gate"""
     max_rejected: Annotated[int, Field(ge=0, le=1_000_000)] = 10
-    """rejections in a row after which a fix is taken nevertheless, or a source's range"""
+    """rejections in a row after which a fix, or a source's range, is taken nevertheless"""
 
 
 class Components(Section):
@@ -72,18 +77,22 @@ class FilterSection(Section):
     velocity: bool = True
     """use the velocity of the fixes beside their position, or the range rates beside the pseudoranges"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
-    """default: receiver.latency_s"""
+    """latency of the fixes that the filter believes in; default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
-    """default: receiver.lever_arm_m"""
+    """lever arm that the filter believes in; default: receiver.lever_arm_m"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
+    """1 sigma the filter starts from; what is left out is that of initial_errors"""
     imu: FilterSensors = FilterSensors()
+    """sensor errors the filter believes in; what is left out is as `imu` says"""
     scale_factors: bool = False
     """follow the scale factors of gyros and accelerometers as six more states; their 1 sigma at the start is that of
     imu"""
     gate: Gate = Gate()
+    """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()
+    """the components of `kind: gaussian-sum`"""
 
     @property
     def tight(self) -> bool:

@@ -42,7 +42,7 @@ class LimitsSection(Section):
     """What position errors and protection levels are not to exceed, and how soon an alarm is due."""
 
     operation: Operation | None = None
-    """its alert limits; or give hal_m, val_m or both"""
+    """operation whose alert limits are taken; or give hal_m, val_m or both"""
     hal_m: AlertLimit = None
     """horizontal alert limit"""
     val_m: AlertLimit = None
@@ -66,16 +66,18 @@ class GroundGroup(Section):
     """Pseudolites that can fail together, since they share clock, survey, power or correction link."""
 
     members: Annotated[list_of(str), Field(min_length=1)]  # type: ignore[valid-type]
+    """names of the pseudolites of the group"""
     prior: Prior = 1e-5
+    """probability that the whole group is faulty"""
 
 
 class TailsSection(Section):
     """Where it is sampled how often fixes are beyond their levels and nothing is said."""
 
     at_s: Annotated[list_of(Annotated[float, Field(ge=0.0, le=3600.0)]), Field(min_length=1, max_length=20)]  # type: ignore[valid-type]
-    """times; of each the last fix epoch up to then"""
+    """times at which tails are sampled; of each the last fix epoch up to then"""
     samples: Annotated[int, Field(ge=1000, le=1_000_000)] = 100_000
-    """of each fault at each of the times"""
+    """samples of each fault at each of the times"""
 
 
 class InnovationsSection(Section):
@@ -84,7 +86,7 @@ class InnovationsSection(Section):
     window_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 30.0
     """how long innovations are added up; 0: each epoch by itself"""
     p_fa: Chance = 1e-5
-    """of an alarm at an epoch without a fault"""
+    """probability of an alarm at an epoch without a fault"""
 
 
 class HeavierSection(Section):
@@ -94,9 +96,9 @@ class HeavierSection(Section):
     core: Annotated[float, Field(ge=0.01, le=10.0)] = 1.0
     """1 sigma of most ranges by the one that is believed"""
     tail: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
-    """of the others"""
+    """1 sigma of the other ranges by the one that is believed"""
     share: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.1
-    """of the others among all"""
+    """share of the other ranges among all"""
 
     @model_validator(mode="after")
     def _tailed(self) -> Self:
@@ -115,7 +117,7 @@ class GroundStationSection(Section):
     """The ground station that the form of GBAS is of."""
 
     receivers: Annotated[int, Field(ge=2, le=4)]
-    """reference receivers"""
+    """number of reference receivers"""
     ground_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)]
     """1 sigma of what the ground leaves in each range: a part of the range's own, not above the least of them"""
     b_m: Bias
@@ -128,9 +130,9 @@ class ComparisonSection(Section):
     """Levels that the forms of other systems' standards give the same fixes, for comparison."""
 
     sbas: bool = True
-    """of DO-229, precision approach"""
+    """whether levels by the form of DO-229, precision approach, are computed"""
     gbas: GroundStationSection | None = None
-    """of GBAS approach service; null: none"""
+    """ground station of the form of GBAS approach service; null: none"""
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -155,7 +157,8 @@ class IntegritySection(Section):
     comparison: ComparisonSection | None = None
     """null: no levels of other systems' forms"""
     decision_height_m: NonNegative | None = None
-    """above the runway: from there to touchdown an approach has to be available throughout; null: all of the glide"""
+    """height above the runway from which to touchdown an approach has to be available throughout; null: all of the
+    glide"""
     exclusion: Literal["none", "residual", "rms"] = "none"
     """after an alarm. residual: the source (chi2) or fault (mhss) without which alone the rest passes its own test,
     the one of the largest normalised residual; rms: of the sources without which the rest passes, the one that leaves
@@ -163,33 +166,34 @@ class IntegritySection(Section):
     alarmed_fixes: Literal["use", "drop"] = "use"
     """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5
-    """chi2: of an alarm at an epoch without a fault"""
+    """chi2: probability of an alarm at an epoch without a fault"""
     p_md: Chance = 1e-3
-    """chi2: of no alarm at an epoch with the fault that the levels are of"""
+    """chi2: probability of no alarm at an epoch with the fault that the levels are of"""
     p_hmi_v: Chance = 9.8e-8
-    """mhss and filter, as all that follow: of a vertical error beyond the level without an alarm"""
+    """mhss and filter: probability of a vertical error beyond the level without an alarm"""
     p_hmi_h: Chance = 2e-9
-    """of a horizontal one"""
+    """mhss and filter: probability of a horizontal error beyond the level without an alarm"""
     p_fa_v: Chance = 3.9e-6
-    """of an alarm without a fault, by the vertical"""
+    """mhss and filter: probability of an alarm without a fault, by the vertical"""
     p_fa_h: Chance = 9e-8
-    """by the horizontal"""
+    """mhss and filter: probability of an alarm without a fault, by the horizontal"""
     p_unmonitored_max: Chance = 8e-8
-    """of faults that are not monitored, as many as are tolerated"""
+    """mhss and filter: probability of faults that are not monitored, as many as are tolerated"""
     p_satellite: Prior = 1e-5
-    """that a satellite is faulty"""
+    """mhss and filter: probability that a satellite is faulty"""
     p_constellation: Prior = 1e-4
-    """that a whole satellite system is"""
+    """mhss and filter: probability that a whole satellite system is faulty"""
     p_constellations: dict[Name, Prior] = Field(default_factory=dict)
-    """that of single systems, by name, in place of p_constellation"""
+    """mhss and filter: that of single satellite systems, by name, in place of p_constellation"""
     p_pseudolite: Prior = 1e-4
-    """that a pseudolite is"""
+    """mhss and filter: probability that a pseudolite is faulty"""
     ground_groups: Annotated[list_of(GroundGroup), Field(max_length=20)] | None = None  # type: ignore[valid-type]
-    """null: all pseudolites are one group where there are several, with its default prior"""
+    """pseudolites that can fail together; null: all of them are one group where there are several, with its default
+    prior"""
     b_nom_m: Bias = 0.75
     """bound of the bias of a satellite's range without a fault"""
     b_nom_pseudolite_m: Bias = 0.25
-    """of a pseudolite's"""
+    """bound of the bias of a pseudolite's range without a fault"""
     sigma_ratio_acc: Annotated[float, Field(ge=0.01, le=1.0)] = 1.0
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
@@ -198,6 +202,7 @@ class IntegritySection(Section):
     """of the noise of ranges in runs. gaussian: of the sigmas that receiver, filter and monitor believe in; heavier: of
     `heavier`, of which they know nothing: a test of the bound"""
     heavier: HeavierSection = HeavierSection()
+    """the two Gaussians of `error_model: heavier`"""
 
     @model_validator(mode="after")
     def _sampled(self) -> Self:

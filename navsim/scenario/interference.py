@@ -30,13 +30,13 @@ class LockSection(Section):
     """When the receiver loses a signal, and when it has it again."""
 
     lose_db_hz: Density = 28.0
-    """lost when its effective carrier to noise density ratio is below this ..."""
+    """a signal is lost when its effective carrier to noise density ratio is below this for lose_s"""
     lose_s: Wait = 0.5
-    """... for so long"""
+    """how long it has to be below lose_db_hz"""
     regain_db_hz: Density = 31.0
-    """back when it is above this ..."""
+    """a signal is back when its ratio is above this for regain_s"""
     regain_s: Wait = 2.0
-    """... for so long"""
+    """how long it has to be above regain_db_hz"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -49,23 +49,27 @@ class JammerSection(Section):
     """A transmitter that jams."""
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
+    """name of the jammer, in tables and figures"""
     place: Point
+    """where the jammer stands"""
     height_m: Annotated[float, Field(ge=0.0, le=2e4)] = 2.0
-    """of its antenna over the ground, which is as high as the runway"""
+    """height of its antenna over the ground, which is as high as the runway"""
     eirp_dbw: Annotated[float, Field(ge=-100.0, le=100.0)]
-    """power times antenna gain; 10 W: 10"""
+    """equivalent isotropically radiated power, power times antenna gain; 10 W: 10"""
     waveform: Literal["tone", "noise", "sweep", "matched"]
     """tone: one frequency; noise: white over bandwidth_mhz; sweep: a tone that sweeps it; matched: spread like the
     signals of GPS"""
     centre_mhz: Megahertz = 1575.42
+    """centre of its spectrum"""
     bandwidth_mhz: Annotated[float, Field(ge=1e-3, le=1000.0)] | None = None
+    """width of its spectrum, for noise and sweeps"""
     sweep_s: Annotated[float, Field(ge=1e-6, le=3600.0)] | None = None
-    """from the lower end to the upper one, from time 0 on, again and again; left out: so fast that only the mean is
-    felt"""
+    """time of a sweep from the lower end to the upper one, from time 0 on, again and again; left out: so fast that
+    only the mean is felt"""
     shadow_db: NonNegative = 0.0
-    """what hides it from the aircraft"""
+    """loss by what hides it from the aircraft"""
     on_s: list_of(pair_of(Moment)) = ()  # type: ignore[valid-type]
-    """from, to, one or several times; left out: always"""
+    """when it sends: from, to, one or several times; left out: always"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -114,15 +118,15 @@ class RidgeSection(Section):
     aircraft where their path crosses it."""
 
     ends: pair_of(Point) | None = None  # type: ignore[valid-type]
-    """of a ridge: the places it runs between"""
+    """places that a ridge runs between"""
     height_m: Signed | None = None
-    """of its top, above the runway"""
+    """height of the ridge's top above the runway"""
     azimuth_deg: pair_of(Azimuth) | None = None  # type: ignore[valid-type]
-    """of a skyline: from, to, clockwise; 350 to 10 goes through north"""
+    """azimuths of a skyline: from, to, clockwise; 350 to 10 goes through north"""
     elevation_deg: Annotated[float, Field(ge=-10.0, le=60.0)] | None = None
-    """up to where it reaches"""
+    """elevation up to which a skyline reaches"""
     distance_m: Annotated[float, Field(ge=1.0, le=1e5)] | None = None
-    """along the ground"""
+    """distance of a skyline along the ground"""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -160,7 +164,7 @@ class PulseSection(Section):
     blanking: bool = True
     """the receiver is deaf to satellites during pulses; false: pulses are noise to them"""
     correlation: Literal["gated", "ungated"] = "gated"
-    """with a pseudolite during its pulses alone, or all the time"""
+    """gated: the receiver correlates with a pseudolite during its pulses alone; ungated: all the time"""
 
     def model(self) -> Pulses:
         """The pulses."""
@@ -173,7 +177,7 @@ class NearFarSection(Section):
     """Pseudolites as jammers of satellites, and of each other: as strong as they are received."""
 
     pulses: PulseSection | None = None
-    """left out: they send always"""
+    """pulses of the pseudolites; left out: they send always"""
     lines: bool | None = None
     """signals with the codes and the carrier of pseudolites are lost, too, while the highest line of a code, 23.94 dB
     below its peak, exceeds them; null: where they send always. Of pulses, which are parts of codes, none is known"""
@@ -197,6 +201,7 @@ class InterferenceSection(Section):
     """Who jams, what hides jammers, and what the receiver does about weak signals."""
 
     jammers: Annotated[list_of(JammerSection), Field(max_length=50)] = ()  # type: ignore[valid-type]
+    """transmitters that jam"""
     pseudolites: NearFarSection | None = None
     """pseudolites jam, too; null: they do not"""
     horizon: Annotated[list_of(RidgeSection), Field(max_length=100)] = ()  # type: ignore[valid-type]
@@ -204,6 +209,7 @@ class InterferenceSection(Section):
     front_end_mhz: Annotated[list_of(pair_of(Megahertz)), Field(max_length=10)] = ()  # type: ignore[valid-type]
     """from, to: bands that the receiver passes, each signal by the one that its carrier is in; left out: everything"""
     lock: LockSection = LockSection()
+    """when the receiver loses a signal, and when it has it again"""
     rate_bandwidth_hz: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
     """one-sided bandwidth of the loop that range rates come from"""
 

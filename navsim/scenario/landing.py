@@ -47,30 +47,44 @@ class Landing(Section):
     """A landing: INS corrected by satellites and pseudolites."""
 
     kind: Literal["landing"]
+    """kind of the file"""
     version: Version
+    """version of the format"""
     title: str = ""
+    """title of results, reports and exports; empty: they show the name of the file"""
     epoch: Utc
     """UTC of time 0"""
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 120.0
+    """length of the simulation"""
     method: Literal["monte-carlo", "covariance", "rare"] = "monte-carlo"
     """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget;
     rare: the probability that a landing ends outside `box`, however small"""
     runway: Runway = Runway()
+    """the runway, and where on it the aircraft touches down"""
     approach: Annotated[PaperApproach | SmoothApproach | STurn | RecordedApproach, Field(discriminator="profile")]
+    """the way of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
+    """steady wind, which turns the nose"""
     imu: Imu = Imu()
+    """the inertial sensors as they really are"""
     altimeter: AltimeterSection | None = None
     """a sensor of height beside the receiver; null: none"""
     initial_errors: InitialErrorsSection = InitialErrorsSection()
+    """errors that the navigation starts with"""
     sky: Sky = Sky()
+    """where the satellites are, and which of them are received"""
     pseudolites: PseudolitesSection = PseudolitesSection()
+    """transmitters beside the runway"""
     signals: SignalsSection = SignalsSection()
+    """errors of the ranging signals of satellites"""
     events: Annotated[list_of(AnyEvent), Field(max_length=100)] = ()  # type: ignore[valid-type]
     """what happens to signals, and when"""
     interference: InterferenceSection | None = None
     """jammers; null: none"""
     receiver: ReceiverSection = ReceiverSection()
+    """the satellite receiver: epochs, antenna, clock"""
     filter: FilterSection = FilterSection()
+    """what the filter does and believes; what is left out follows from the truth"""
     box: BoxSection | None = None
     """where the position error has to be at the end of a landing; null: anywhere"""
     integrity: IntegritySection | None = None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from navsim.kinds import KINDS, OF_FILES, advice, named
 from navsim.scenario.base import Section, hint, validated
-from navsim.scenario.source import Document, InputError, Problem, assign, load, set_value
+from navsim.scenario.source import Document, InputError, Problem, Setting, assign, load, set_value
 
 if TYPE_CHECKING:
     from navsim.scenario.landing import Landing
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from navsim.scenario.sweep import Sweep
 
 S = TypeVar("S", "Sweep", "Optimize")
+Source = Path | Document
+"""A file, or what would stand in one."""
+Assignment = str | Setting
+"""Of a value to a key: `a.b=value` as text, or the two."""
 
 
 def section(kind: str) -> type[Section]:
@@ -26,8 +30,8 @@ def section(kind: str) -> type[Section]:
     return found
 
 
-def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
-    """The scenario or study in a file, after `--set` assignments, and the document behind it.
+def read_any(path: Source, assignments: Sequence[Assignment] = ()) -> tuple[Section, Document]:
+    """The scenario or study in a file, after assignments, and the document behind it.
 
     Raises InputError listing every problem found.
     """
@@ -40,14 +44,14 @@ def read_any(path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Docu
     return validated(section(str(kind)), document), document
 
 
-def _assigned(path: Path, assignments: Sequence[str]) -> Document:
-    document = load(path)
+def _assigned(path: Source, assignments: Sequence[Assignment]) -> Document:
+    document = path.copy() if isinstance(path, Document) else load(path)
     for assignment in assignments:
         assign(document, assignment)
     return document
 
 
-def own_method(path: Path, assignments: Sequence[str] = ()) -> str | None:
+def own_method(path: Source, assignments: Sequence[Assignment] = ()) -> str | None:
     """The method a file itself asks for, None for kinds that know only one. Raises InputError as `load`.
 
     Nothing else is validated: a file may be right only under the method that the command line gives instead.
@@ -58,7 +62,7 @@ def own_method(path: Path, assignments: Sequence[str] = ()) -> str | None:
     return str(data.get("method", fields["method"].default)) if "method" in fields else None
 
 
-def _read(path: Path, assignments: Sequence[str], wanted: Sequence[str]) -> tuple[Any, Document]:
+def _read(path: Source, assignments: Sequence[Assignment], wanted: Sequence[str]) -> tuple[Any, Document]:
     """As `read_any`, for the wanted kinds alone; a file of another kind is sent to its command."""
     scenario, document = read_any(path, assignments)
     kind = str(document.data["kind"])
@@ -69,7 +73,7 @@ def _read(path: Path, assignments: Sequence[str], wanted: Sequence[str]) -> tupl
     return scenario, document
 
 
-def read_for(command: str, path: Path, assignments: Sequence[str] = ()) -> tuple[Section, Document]:
+def read_for(command: str, path: Source, assignments: Sequence[Assignment] = ()) -> tuple[Section, Document]:
     """As `read_any`, for the kinds that a command of `navsim` computes."""
     return _read(path, assignments, [kind for kind in OF_FILES if KINDS[kind].command == command])
 

@@ -22,7 +22,9 @@ class Numbers(Section):
     """Numbers of pseudolites one after the other, both ends included."""
 
     first: Number
+    """smallest number of pseudolites"""
     last: Number
+    """largest number of pseudolites"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -56,33 +58,44 @@ class Strip(Section):
     """The runway strip, kept clear (ICAO Annex 14, 3.4)."""
 
     half_width_m: Size = 75.0
+    """from the axis of the runway to the edge of the strip"""
     beyond_m: NonNegative = 60.0
-    """before the threshold and past the end of the runway"""
+    """length of the strip before the threshold and past the end of the runway"""
 
 
 class Surfaces(Section):
     """Obstacle limitation surfaces antennas stay under (ICAO Annex 14, table 4-1, precision approach, code 1 or 2)."""
 
     inner_edge_m: Size = 150.0
+    """length of the inner edge of the approach surface, across the runway"""
     from_threshold_m: NonNegative = 60.0
+    """distance of the inner edge from the threshold"""
     divergence_percent: NonNegative = 15.0
+    """how much each side of the approach surface widens with distance"""
     approach_slope_percent: Annotated[float, Field(ge=0.01, le=1000.0)] = 2.5
+    """slope of the approach surface"""
     transitional_slope_percent: Annotated[float, Field(ge=0.01, le=1000.0)] = 14.3
+    """slope of the transitional surface, across the runway"""
 
 
 class SiteChoice(Section):
     """A place where a pseudolite could be put up."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
+    """name of the place; left out: its number in the list"""
     s_m: Signed
+    """distance from the runway axis, positive to the right of landing"""
     l1_m: Signed
+    """distance before the threshold"""
 
 
 class Constraints(Section):
     """What a placement must keep; what is left out is no constraint."""
 
     runway_strip: Strip | None = None
+    """keep out of the runway strip"""
     surfaces: Surfaces | None = None
+    """stay under the obstacle limitation surfaces"""
     keep_out: str | None = None
     """GeoJSON file with polygons (longitude, latitude) to keep out of, relative to this file"""
     keep_out_sha256: Checksum | None = None
@@ -94,8 +107,8 @@ class Constraints(Section):
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
     requirements: bool = False
-    """that those `requirements` of the base scenario are met that levels and covariance analysis decide; where no
-    placement meets them, the one that misses the worst of them by least is given, and the command fails"""
+    """whether those `requirements` of the base scenario have to be met that levels and covariance analysis decide;
+    where no placement meets them, the one that misses the worst of them by least is given, and the command fails"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -110,17 +123,20 @@ class Period(Section):
     """Start times of the approach over which the objective is taken."""
 
     hours: Annotated[float, Field(ge=1e-3, le=1e5)]
-    """GLONASS repeats its ground track after 7.99 days, 191.5 h"""
+    """length of the period; GLONASS repeats its ground track after 7.99 days, 191.5 h"""
     count: Annotated[int, Field(ge=2, le=10_000)]
-    """start times, evenly spread from the base scenario's epoch on"""
+    """number of start times, evenly spread from the base scenario's epoch on"""
 
 
 class Optimize(Section):
     """The best placement of pseudolites for a base scenario."""
 
     kind: Literal["optimize"]
+    """kind of the file"""
     version: Version
+    """version of the format"""
     title: str = ""
+    """title of results, reports and exports; empty: they show the name of the file"""
     base: str
     """scenario file, relative to this one"""
     set: dict[Dotted, Any] = Field(default_factory=dict)
@@ -134,12 +150,15 @@ class Optimize(Section):
     """what is made small: a mean or (…_max) worst DOP or SKO of the glide, an error of the filter, a protection level
     where all of the glide has it; or large, the share of its epochs that have levels (level_share)"""
     area: Area | None = None
+    """where pseudolites may stand; give this or sites"""
     sites: list_of(SiteChoice) = ()  # type: ignore[valid-type]
     """instead of area: the places there are; the choice is then combinatorial"""
     height_m: Signed = 0.0
-    """of the antennas above the runway"""
+    """height of the antennas above the runway"""
     constraints: Constraints = Constraints()
+    """what a placement must keep"""
     period: Period | None = None
+    """start times over which a geometric objective is taken; left out: the base scenario's epoch alone"""
     effort: Annotated[int, Field(ge=1, le=100)] = 3
     """searches from independent starts, of which the best is kept; for an error of the filter, rounds of learning"""
 

@@ -75,12 +75,15 @@ class Sensors(Section):
     """table with t_s, gx_rad_s, gy_rad_s, gz_rad_s, ax_m_s2, ay_m_s2, az_m_s2, body axes forward-right-down;
     .gz, .bz2, .zip too"""
     file_sha256: Checksum | None = None
-    """its checksum; when given, another file is refused"""
+    """checksum of the file; when given, another file is refused"""
     columns: _columns(conventions.IMU_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
     """names of the columns in the file where they are others: {gx_rad_s: GyrX, ...}"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    """unit of the column t_s"""
     gyro_unit: _unit(conventions.GYRO_UNITS) = "rad/s"  # type: ignore[valid-type]
+    """unit of the gyro columns"""
     accelerometer_unit: _unit(conventions.ACCELEROMETER_UNITS) = "m/s2"  # type: ignore[valid-type]
+    """unit of the accelerometer columns"""
     axes: BodyAxes = "FRD"  # type: ignore[valid-type]
     """where the columns x, y, z point: F or B, R or L, D or U. FLU: forward, left, up"""
     gyro_axes: BodyAxes | None = None  # type: ignore[valid-type]
@@ -89,16 +92,16 @@ class Sensors(Section):
     """the same for the accelerometers alone; at rest an axis that points up shows +9.8. BLU: a log that has gravity
     instead of specific force"""
     sensor_class: Literal["consumer", "industrial", "tactical"] = "consumer"
-    """turn-on and in-run biases, and where the tuning of the noise starts"""
+    """grade of the sensors: turn-on and in-run biases, and where the tuning of the noise starts"""
     gyro: Gyro = Gyro()
-    """values that differ from the class's"""
+    """errors of the gyros that differ from the class's"""
     accelerometer: Accelerometer = Accelerometer()
-    """values that differ from the class's"""
+    """errors of the accelerometers that differ from the class's"""
     samples: Literal["instantaneous", "averaged", "increments"] = "instantaneous"
     """what a sample is: the value at its time, the mean since the sample before, or the angle and velocity gained since
     then, in the units times s"""
     longest_gap_s: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
-    """samples farther apart are a gap; default: five sample intervals"""
+    """samples farther apart than this are a gap; default: five sample intervals"""
 
     @model_validator(mode="after")
     def _white_noise_as_density(self) -> Self:
@@ -141,7 +144,7 @@ class Gnss(Section):
     """RINEX navigation files, one or a list: fixes are solved from the ranges of `file`, which `filter.coupling: tight`
     takes as they are"""
     navigation_sha256: Checksums | None = None
-    """their checksums, in order; when given, others are refused"""
+    """checksums of the navigation files, in order; when given, others are refused"""
     mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
     """satellites lower than this are left out, of RINEX observations"""
     atmosphere: bool = True
@@ -153,25 +156,30 @@ class Gnss(Section):
     clock: ClockNoise = ClockNoise()
     """noise of the receiver's clock, for `coupling: tight`"""
     file_sha256: Checksum | None = None
-    """its checksum; when given, another file is refused"""
+    """checksum of the file; when given, another file is refused"""
     columns: _columns((*conventions.GNSS_COLUMNS, "nsat")) = Field(default_factory=dict)  # type: ignore[valid-type]
     """names of the columns in the file where they are others; not for NMEA, as the units and axes"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    """unit of the column t_s"""
     time_offset_s: LogTime = 0.0
     """added to the times of the fixes: GPS time less UTC is 18 s since 2017"""
     angle_unit: _unit(conventions.ANGLE_UNITS) = "deg"  # type: ignore[valid-type]
+    """unit of the columns of latitude and longitude"""
     height_unit: _unit(conventions.HEIGHT_UNITS) = "m"  # type: ignore[valid-type]
+    """unit of the column of height"""
     speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"  # type: ignore[valid-type]
+    """unit of the velocity columns"""
     velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
     latency_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
-    """from the time a fix is valid to its time in the file; untuned 0"""
+    """delay from the time a fix is valid to its time in the file; left out: tuned, untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
-    """IMU to antenna: forward, right, down"""
+    """lever arm from the IMU to the antenna: forward, right, down"""
     velocity_sigma_m_s: pair_of(Sigma) | None = None  # type: ignore[valid-type]
-    """1 sigma: horizontal per axis, vertical; untuned 0.3 and 0.3"""
+    """1 sigma of velocities: horizontal per axis, vertical; left out: tuned, untuned 0.3 and 0.3"""
     position_sigma_m: pair_of(Sigma) | None = None  # type: ignore[valid-type]
-    """1 sigma: horizontal per axis, vertical; default 2.5 s times the velocity's: receivers smooth positions with it"""
+    """1 sigma of positions: horizontal per axis, vertical; default 2.5 s times the velocity's: receivers smooth
+    positions with it"""
     spacing_s: NonNegative = 0.45
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
@@ -224,19 +232,24 @@ class ReplayFilterSection(Section):
     """The filter."""
 
     kind: Kind = "tfg"
-    """as in landings; rts and map are smoothers"""
+    """kind of the filter, as in landings; rts and map are smoothers"""
     coupling: Coupling = "loose"
     """loose: fixes are measurements; tight: pseudoranges and range rates of each satellite (needs gnss.navigation)"""
     gate: Gate = Gate(probability=0.0)
+    """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()
+    """the components of `kind: gaussian-sum`"""
     output_rate_hz: Annotated[float, Field(ge=1e-3, le=1000.0)] = 10.0
+    """outputs of the filter a second"""
 
 
 class Outage(Section):
     """Fixes withheld on purpose: one outage for every start and every duration, each flown by itself."""
 
     start_s: Times
+    """time of the recording at which fixes are withheld from on; one or a list"""
     duration_s: Times
+    """how long they are withheld; one or a list"""
     withhold: bool = False
     """withhold these fixes from the flight itself too"""
 
@@ -245,24 +258,33 @@ class Replay(Section):
     """A recorded flight through the filter."""
 
     kind: Literal["replay"]
+    """kind of the file"""
     version: Version
+    """version of the format"""
     title: str = ""
+    """title of results, reports and exports; empty: they show the name of the file"""
     epoch: Utc = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     """UTC of t_s = 0"""
     imu: Sensors
+    """the inertial samples, and what kind of sensors made them"""
     gnss: Gnss
+    """the fixes, or the observations they are solved from"""
     lenient: bool = False
     """take what is whole of damaged files, and warn of what was left out"""
     start_s: LogTime | None = None
     """look for the alignment from here on; default: the first fix"""
     end_s: LogTime | None = None
+    """time of the recording at which to stop; default: its end"""
     checks: Literal["refuse", "warn", "off"] = "refuse"
     """what becomes of a recording that seems to have wrong units, axes, signs or times"""
     alignment: AlignmentSection = AlignmentSection()
+    """how the attitude at the start is found"""
     tuning: Literal["likelihood", "none"] = "likelihood"
     """likelihood: noise of fixes and sensors, and latency, as make the innovations of the moving flight most likely"""
     filter: ReplayFilterSection = ReplayFilterSection()
+    """what the filter does"""
     outages: list_of(Outage) = ()  # type: ignore[valid-type]
+    """fixes withheld on purpose, to see the drift"""
 
     @model_validator(mode="after")
     def _order(self) -> Self:

@@ -23,24 +23,33 @@ class RequirementSection(Section):
 
     needs: ClassVar[str] = ""
     what: str
+    """what the statement is about"""
 
 
 class ErrorRequirement(RequirementSection):
     """The filter's error at a height stays below a size in a share of the runs."""
 
     what: Literal["error"]
+    """the filter's error at a height"""
     of: Literal["lateral", "along", "vertical"]
+    """axis of the runway"""
     at: Height = "touchdown"
+    """height above the runway at which the error is judged"""
     below_m: Length
+    """size that the error stays below"""
     share: Share = 0.95
+    """share of the runs in which it does"""
 
 
 class RmsRequirement(RequirementSection):
     """The root mean square of the filter's error over the last seconds before touchdown."""
 
     what: Literal["rms"]
+    """the root mean square of the filter's error over the last 20 s before touchdown"""
     of: Literal["horizontal", "vertical"]
+    """horizontal: both axes together; or vertical"""
     below_m: Length
+    """size that it stays below"""
 
 
 class BoxRequirement(RequirementSection):
@@ -48,7 +57,9 @@ class BoxRequirement(RequirementSection):
 
     needs: ClassVar[str] = "box"
     what: Literal["box"]
+    """how often a landing ends outside the scenario's box"""
     at_most: Risk
+    """probability that is allowed"""
 
 
 class LevelRequirement(RequirementSection):
@@ -56,9 +67,13 @@ class LevelRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity"
     what: Literal["level"]
+    """a protection level of the fixes"""
     of: Literal["hpl", "vpl"]
+    """horizontal or vertical protection level"""
     below_m: Length
+    """size that the level stays within"""
     share: Share = 0.99
+    """share of the epochs of the glide at which it does"""
 
 
 class AvailabilityRequirement(RequirementSection):
@@ -66,7 +81,9 @@ class AvailabilityRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["availability", "approaches"]
+    """how much is available: epochs of the glide (availability), or approaches throughout (approaches)"""
     at_least: Share
+    """share that is asked for"""
 
 
 class RiskRequirement(RequirementSection):
@@ -74,7 +91,9 @@ class RiskRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["continuity", "misleading"]
+    """risk of losing continuity within 15 s (continuity), or of a run with misleading information (misleading)"""
     at_most: Risk
+    """probability that is allowed"""
 
 
 class AlertRequirement(RequirementSection):
@@ -82,7 +101,9 @@ class AlertRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["time_to_alert"]
+    """the longest time to an alarm"""
     within_s: Annotated[float, Field(ge=0.0, le=60.0)]
+    """time to alert that is allowed"""
 
 
 CONTINUITY, INTEGRITY = 8e-6, 2e-7
@@ -95,9 +116,11 @@ class PresetRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
+    """all that an operation asks for"""
     operation: Operation
+    """the operation"""
     availability: Share = 0.99
-    """Annex 10 has 0.99 to 0.99999"""
+    """share of the epochs that have levels within the alert limits; Annex 10 has 0.99 to 0.99999"""
 
     @model_validator(mode="after")
     def _of_approaches(self) -> Self:

@@ -44,7 +44,7 @@ class Gyro(Section):
     markov_deg_h: NonNegative | None = None
     """1 sigma of the exponentially correlated drift"""
     markov_time_s: CorrelationTime | None = None
-    """its correlation time"""
+    """correlation time of the exponentially correlated drift"""
 
     @model_validator(mode="after")
     def _one_spelling(self) -> Self:
@@ -89,7 +89,7 @@ class Accelerometer(Section):
     markov_mg: NonNegative | None = None
     """1 sigma of the exponentially correlated bias"""
     markov_time_s: CorrelationTime | None = None
-    """its correlation time"""
+    """correlation time of the exponentially correlated bias"""
 
     @model_validator(mode="after")
     def _one_spelling(self) -> Self:
@@ -145,7 +145,9 @@ class _Sensors(Section):
     preset: Literal["paper", "perfect"] = "paper"
     """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors"""
     gyro: Gyro = Gyro()
+    """errors of the gyros, in place of the preset's"""
     accelerometer: Accelerometer = Accelerometer()
+    """errors of the accelerometers, in place of the preset's"""
 
     @model_validator(mode="before")
     @classmethod
@@ -176,12 +178,14 @@ class Imu(_Sensors):
     """The inertial sensors as they really are."""
 
     rate_hz: Annotated[float, Field(ge=10.0, le=2000.0)] = 100.0
+    """samples of the inertial sensors a second"""
 
 
 class AltimeterSection(Section):
     """An altimeter beside the receiver: the height of the IMU above the ellipsoid."""
 
     rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 10.0
+    """heights a second"""
     sigma_m: Sigma = 1.0
     """1 sigma of its white noise"""
     offset_m: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
@@ -201,15 +205,21 @@ class Vectors(Section):
     """One value for each of north, east, down."""
 
     attitude_deg: Triple = (0.0, 0.0, 0.0)
+    """attitude error, a rotation vector"""
     position_m: Triple = (0.0, 0.0, 0.0)
+    """position error"""
     velocity_m_s: Triple = (0.0, 0.0, 0.0)
+    """velocity error"""
 
 
 class InitialErrorsSection(Section):
     """Errors (truth - estimate) the navigation starts with: 1 sigma per axis, drawn per run."""
 
     attitude_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 5.0
+    """1 sigma of the attitude error about each axis"""
     position_m: NonNegative = 10.0
+    """1 sigma of the position error along each axis"""
     velocity_m_s: NonNegative = 1.0
+    """1 sigma of the velocity error along each axis"""
     fixed: Vectors | None = None
     """the errors themselves, instead of drawing them; the filter still starts from the sigmas"""

@@ -40,14 +40,17 @@ class Site(Section):
     """One pseudolite, by s_m and l1_m or by coordinates."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
+    """name of the pseudolite; left out: PL and its number"""
     s_m: Signed | None = None
     """distance from the runway axis, positive to the right in the runway frame"""
     l1_m: Signed | None = None
     """distance before the threshold"""
     lat_deg: Latitude | None = None
+    """geodetic latitude"""
     lon_deg: Longitude | None = None
+    """longitude, east positive"""
     height_m: Signed | None = None
-    """above the runway; default pseudolites.height_m"""
+    """height of the antenna above the runway; default pseudolites.height_m"""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -64,6 +67,7 @@ class IonosphereSection(Section):
     alpha: Four = (1.1176e-8, 1.4901e-8, -5.9605e-8, -5.9605e-8)
     """coefficients of the message, s, s/semicircle, ...; default: a day of moderate activity"""
     beta: Four = (9.0112e4, 1.6384e4, -1.9661e5, -6.5536e4)
+    """coefficients of the period in the message, s, s/semicircle, ..."""
     truth_scale: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.5
     """the real delay is this many times the model's: the model takes off half to two thirds"""
     corrected: bool = True
@@ -97,8 +101,9 @@ class Ephemeris(Section):
     """Errors of the satellites' messages: drawn per run and satellite, constant over a run."""
 
     orbit_sigma_m: Triple = (0.3, 1.0, 0.7)
-    """radial, along, across the track"""
+    """1 sigma of the orbit's error: radial, along, across the track"""
     clock_sigma_m: NonNegative = 1.0
+    """1 sigma of the error of the satellite's clock, as a range"""
 
     def model(self) -> effects.Space:
         """The errors of satellites."""
@@ -113,10 +118,11 @@ class CodeTrackingSection(Section):
     """The code loop; with `range_law: cn0` it makes the noise of satellite ranges, and of multipath the error."""
 
     spacing_chips: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.5
-    """early to late"""
+    """spacing of the early and the late correlator"""
     bandwidth_hz: Annotated[float, Field(ge=1e-4, le=1e4)] = 1.0
-    """one-sided"""
+    """one-sided noise bandwidth of the code loop"""
     integration_s: Annotated[float, Field(ge=1e-6, le=1.0)] = 0.02
+    """coherent integration time of the correlators"""
     gain_horizon_db: Annotated[float, Field(ge=-40.0, le=0.0)] = -10.0
     """gain of the receiving antenna at its horizon relative to the zenith, where cn0_dbhz is meant"""
 
@@ -131,9 +137,9 @@ class GroundMultipath(Section):
     """Reflection of the pseudolites' signals by flat ground: two rays, Fresnel's coefficients, antenna gain."""
 
     permittivity: Annotated[float, Field(ge=1.0, le=100.0)] = 15.0
-    """of the ground, relative; ITU-R P.527: 3 dry sand, 15 medium soil, 30 wet soil, 80 water"""
+    """relative permittivity of the ground; ITU-R P.527: 3 dry sand, 15 medium soil, 30 wet soil, 80 water"""
     conductivity_s_m: NonNegative = 0.035
-    """1e-3 dry, 0.035 medium, 0.1 wet"""
+    """conductivity of the ground: 1e-3 dry, 0.035 medium, 0.1 wet"""
 
     def model(self, height: float, horizon_db: float) -> GroundReflection:
         """The reflection by ground at a height, m, into an antenna of this gain at its horizon."""
@@ -166,29 +172,31 @@ class PseudolitesSection(Section):
     count: Annotated[Literal[0, 1, 2], whole] = 0
     """one stands at +s_m, two stand at +s_m and -s_m, l1_m before the threshold"""
     s_m: Signed | None = None
-    """distance from the runway axis"""
+    """distance from the runway axis, with `count`"""
     l1_m: Signed | None = None
-    """distance from the threshold"""
+    """distance before the threshold, with `count`"""
     sites: list_of(Site) = ()  # type: ignore[valid-type]
     """instead of count, s_m and l1_m: each pseudolite by itself"""
     frame: Literal["table1", "runway"] = "runway"
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
     height_m: Signed = 0.0
-    """above the runway"""
+    """height of the antennas above the runway"""
     clock: Clock = GLONASS.name
     """time scale the pseudolites keep; own: one unknown more"""
     clock_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
-    """of the transmitters against that scale, unknown to the receiver"""
+    """offset of the transmitters' clocks from that scale, unknown to the receiver"""
     survey_error_m: Triple = (0.0, 0.0, 0.0)
-    """north, east, down: true minus surveyed position"""
+    """true minus surveyed position: north, east, down"""
     range_sigma_m: Sigma = 2.23606797749979
+    """1 sigma of the white noise of their pseudoranges"""
     range_rate_sigma_m_s: Sigma = 0.1
+    """1 sigma of the white noise of their range rates"""
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
     """carrier to noise density ratio, reported with the measurements"""
     cn0_reference_m: Size | None = None
     """distance at which cn0_dbhz is meant; it then falls with distance. Left out: the same everywhere"""
     carrier_mhz: Annotated[float, Field(ge=1000.0, le=2000.0)] = 1575.42
-    """of their signals, which have the chips of GPS"""
+    """carrier of their signals, which have the chips of GPS"""
     multipath: GroundMultipath | None = None
     """reflection by the ground; left out: none"""
     differential: Differential | None = None
@@ -259,19 +267,21 @@ class SignalsSection(Section):
     """Errors of the ranging signals of satellites."""
 
     range_sigma_m: Sigma = 2.23606797749979
-    """1 sigma at the zenith (the paper's variance of 5 m2)"""
+    """1 sigma of the white noise of pseudoranges at the zenith (the paper's variance of 5 m2)"""
     range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"
     """growth towards the horizon; cn0: thermal noise of the code loop, from cn0_dbhz and the antenna's gain"""
     range_scale_deg: Annotated[float, Field(ge=0.1, le=1000.0)] = 10.0
     """scale of the exponential law"""
     range_rate_sigma_m_s: Sigma = 0.1
+    """1 sigma of the white noise of range rates of satellites"""
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
     """carrier to noise density ratio, reported with the measurements; with `range_law: cn0` at the zenith"""
     tracking: CodeTrackingSection = CodeTrackingSection()
+    """the code loop of the receiver"""
     ionosphere: IonosphereSection | None = None
-    """left out: none"""
+    """delay of the ionosphere; left out: none"""
     troposphere: TroposphereSection | None = None
-    """left out: none"""
+    """delay of the troposphere; left out: none"""
     ephemeris: Ephemeris | None = None
     """errors of orbits and clocks; left out: none"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
@@ -296,9 +306,9 @@ class ClockNoise(Section):
     """Noise of a receiver's oscillator by its Allan variance coefficients; left out: a TCXO (Brown & Hwang)."""
 
     h0: Annotated[float, Field(ge=0.0, le=1e-12)] = 2e-19
-    """white frequency noise, s"""
+    """white frequency noise, Allan variance coefficient, s"""
     h_minus2: Annotated[float, Field(ge=0.0, le=1e-12)] = 2e-20
-    """random walk of the frequency, 1/s"""
+    """random walk of the frequency, Allan variance coefficient, 1/s"""
 
     def densities(self) -> tuple[float, float]:
         """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
@@ -313,11 +323,13 @@ class ReceiverSection(Section):
     rate_hz: Annotated[float, Field(ge=1e-3, le=100.0)] = 10.0
     """fixes a second"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
-    """from the time a fix is valid to the time the filter gets it"""
+    """delay from the time a fix is valid to the time the filter gets it"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
-    """IMU to antenna: forward, right, down"""
+    """lever arm from the IMU to the antenna: forward, right, down"""
     clock_offset_us: Signed = 100.0
+    """offset of the receiver's clock at time 0"""
     clock_drift_ppb: Signed = 50.0
+    """constant frequency offset of the receiver's clock"""
     clock: ClockNoise | None = None
     """noise of the clock; left out: that of `{}` where the filter is tightly coupled, else none, since every fix solves
     for the clock anew"""

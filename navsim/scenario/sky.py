@@ -46,17 +46,20 @@ class Direction(Section):
     """A source in a fixed direction."""
 
     azimuth_deg: Azimuth
+    """azimuth of the source, clockwise from true north"""
     elevation_deg: Elevation
+    """elevation of the source above the horizon"""
     clock: Clock = GLONASS.name
+    """time scale the source keeps, and with it the clock unknown it is solved with"""
 
 
 class Interference(Section):
     """A jammed part of the sky: sources inside are lost."""
 
     azimuth_deg: pair_of(Azimuth) = (0.0, 360.0)  # type: ignore[valid-type]
-    """from, to, clockwise; 350 to 10 goes through north"""
+    """azimuths of the sector, from, to, clockwise; 350 to 10 goes through north"""
     elevation_deg: pair_of(Elevation) = (-90.0, 90.0)  # type: ignore[valid-type]
-    """from, to"""
+    """elevations of the sector, from, to"""
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:
@@ -84,11 +87,11 @@ class Sky(Section):
     navigation: Files | None = None
     """for `source: navigation`: RINEX 2, 3 or 4 broadcast messages, one file or a list; .gz, .bz2, .zip, .Z too"""
     navigation_sha256: Checksums | None = None
-    """as almanac_sha256"""
+    """checksum of the file, or a list in their order; when given, another file is refused"""
     orbits: Files | None = None
     """for `source: orbits`: SP3 precise orbits, one file or a list; packed as messages may be"""
     orbits_sha256: Checksums | None = None
-    """as almanac_sha256"""
+    """checksum of the file, or a list in their order; when given, another file is refused"""
     lenient: bool = False
     """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
     systems: list_of(Name) = ()  # type: ignore[valid-type]
@@ -103,6 +106,7 @@ class Sky(Section):
     mask_upper_deg: Elevation = 90.0
     """highest usable elevation"""
     interference: list_of(Interference) = ()  # type: ignore[valid-type]
+    """sectors of the sky in which nothing is received"""
     exclude: list_of(str) = ()  # type: ignore[valid-type]
     """names of satellites not to use, such as R05"""
     use_unhealthy: bool = False

@@ -9,9 +9,10 @@ count with all that they repeat), the length of texts, the digits and the size o
 from __future__ import annotations
 
 import copy
+import datetime
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from typing import Any
 import yaml
 
 from navsim.io import files
+from navsim.words import seen, setting
 
 KeyPath = tuple[str | int, ...]
 MOST_BYTES = 1_000_000
@@ -52,6 +54,10 @@ class Place:
         return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
 
 
+NOWHERE = Place("")
+"""Where what is wrong stands in no file."""
+
+
 @dataclass(frozen=True)
 class Problem:
     """One thing wrong with the input: where, which key, what, and what would be right."""
@@ -61,7 +67,18 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.key + ': ' if self.key else ''}{self.message}"
+        place = "" if self.place == NOWHERE else f"{self.place}: "
+        return f"{place}{self.key + ': ' if self.key else ''}{self.message}"
+
+    @property
+    def file(self) -> str:
+        """The file, or the option, it stands in; empty where there is none."""
+        return self.place.file
+
+    @property
+    def line(self) -> int:
+        """The line it stands on, from 1; 0 where there is none."""
+        return self.place.line
 
 
 class InputError(Exception):
@@ -82,6 +99,9 @@ class Document:
     keys: dict[KeyPath, Place] = field(default_factory=dict)
     values: dict[KeyPath, Place] = field(default_factory=dict)
     folders: dict[KeyPath, Path] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return self.file
 
     def copy(self) -> Document:
         """Another document with the same contents, free to be changed."""
@@ -161,11 +181,16 @@ def _number(text: str) -> int | float:
         value: int | float = int(plain, 0) if plain.startswith(("0x", "0o")) else int(plain)
     except ValueError:
         value = float(plain.replace(".inf", "inf").replace(".nan", "nan"))
-    if math.isnan(value):
-        raise ValueError("a finite number is needed, not nan")
     if plain.endswith("inf"):
         raise ValueError(f"a finite number is needed, not {text}")
     vanished = value == 0 and any(digit in plain.partition("e")[0] for digit in "123456789")
+    return _bounded(value, text, vanished)
+
+
+def _bounded(value: int | float, text: str, vanished: bool = False) -> int | float:
+    """A number as it is; text: how it was written. Raises ValueError for one too large, too small, or not finite."""
+    if math.isnan(value):
+        raise ValueError("a finite number is needed, not nan")
     if vanished or abs(value) > LARGEST or 0 < abs(value) < SMALLEST:
         raise ValueError(f"a finite number is needed, 0 or of a size from {SMALLEST:g} to {LARGEST:g}, not {text}")
     return value + 0  # no negative zero
@@ -244,6 +269,12 @@ class _Builder:
         return out
 
 
+def compose(text: str) -> yaml.Node | None:
+    """The nodes of a YAML text with their places; None for a text that holds nothing. Raises yaml.YAMLError."""
+    node: yaml.Node | None = yaml.compose(text, Loader=_Loader)
+    return node
+
+
 def dotted(path: KeyPath) -> str:
     """`("a", 0, "b")` as people write it: `a.0.b`."""
     return ".".join(str(part) for part in path)
@@ -261,7 +292,7 @@ def load(path: Path) -> Document:
     except OSError as error:
         raise InputError([Problem(Place(name), "", f"cannot be read: {error.strerror or error}")]) from None
     if raw.startswith(_HDF5):
-        message = f"is a result, not a scenario: use navsim show {path} or navsim plot {path}"
+        message = "is a result, not a scenario: " + seen(path)
         raise InputError([Problem(Place(name), "", message)])
     if len(raw) > MOST_BYTES:
         raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is no scenario")])
@@ -299,7 +330,7 @@ def _built(text: str, document: Document, place: Callable[[int, int], Place]) ->
 
     builder = _Builder(document, of)
     try:
-        node = yaml.compose(text, Loader=_Loader)
+        node = compose(text)
         if node is not None:
             document.data = builder.build(node, ())
     except _Refused as error:
@@ -317,11 +348,96 @@ def _built(text: str, document: Document, place: Callable[[int, int], Place]) ->
     return node is not None
 
 
+class _Taker:
+    """Takes data of Python as if they had stood in a file, finding what could not."""
+
+    def __init__(self) -> None:
+        self.problems: list[tuple[KeyPath, str]] = []
+        self._count = 0
+
+    def take(self, value: Any, path: KeyPath = ()) -> Any:
+        """The plain data of a value. Raises ValueError where there are too many of them."""
+        self._count += 1
+        if self._count > MOST_NODES:
+            raise ValueError(_TOO_MANY)
+        if len(path) > MOST_DEPTH:
+            raise ValueError(_TOO_DEEP)
+        if isinstance(value, Mapping):
+            return {key: self.take(value[key], (*path, key)) for key in value if self._is_key(key, path)}
+        if isinstance(value, list | tuple):
+            return [self.take(one, (*path, i)) for i, one in enumerate(value)]
+        if hasattr(value, "tolist"):  # numpy's arrays and numbers
+            return self.take(value.tolist(), path)
+        try:
+            return _plain(value)
+        except ValueError as error:
+            self.problems.append((path, str(error)))
+            return None
+
+    def _is_key(self, key: object, path: KeyPath) -> bool:
+        try:
+            if isinstance(key, str):
+                _text(key)
+                return True
+            wrong = f"a key must be a text, not {key!r:.60}"
+        except ValueError as error:
+            wrong = f"a key is wrong: {error}"
+        self.problems.append((path, wrong))
+        return False
+
+
+def _plain(value: object) -> Any:
+    """A single value as it would stand in a file. Raises ValueError for what has no place there."""
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, int | float):
+        return _bounded(value, "a larger one" if abs(value) > LARGEST else repr(value))
+    if isinstance(value, str | Path):
+        return _text(str(value))
+    if isinstance(value, datetime.datetime):
+        if value.tzinfo is None:
+            raise ValueError("a time needs its zone: datetime(..., tzinfo=timezone.utc)")
+        return value.astimezone(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S.%f").rstrip("0").rstrip(".") + "Z"
+    raise ValueError(f"{type(value).__name__} is no value for a key: numbers, texts, booleans, lists and mappings are")
+
+
+def of_data(data: Mapping[str, Any], name: str) -> Document:
+    """A document of Python's data; `name` stands for it in messages, files named in it are relative to the working
+    folder. Raises InputError."""
+    document = Document(name, Path.cwd(), _taken(data, Place(name)))
+    document.values[()] = Place(name)
+    return document
+
+
+def _taken(value: Any, place: Place, path: KeyPath = ()) -> Any:
+    """A value of Python's that stands at `path` as plain data. Raises InputError."""
+    taker = _Taker()
+    try:
+        taken = taker.take(value)
+    except ValueError as error:
+        raise InputError([Problem(place, dotted(path), str(error))]) from None
+    if taker.problems:
+        raise InputError([Problem(place, dotted((*path, *below)), text) for below, text in taker.problems])
+    return taken
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The assignment of a value to a dotted key, as it is and not as text."""
+
+    key: str
+    value: Any
+
+
 _LONGEST_LABEL = 100
 
 
-def assign(document: Document, assignment: str) -> None:
-    """Set one value from the command line, `a.b.0.c=value`, the value read as YAML. Raises InputError."""
+def assign(document: Document, assignment: str | Setting) -> None:
+    """Set one value: `a.b.0.c=value`, the value read as YAML, or as it is. Raises InputError."""
+    if isinstance(assignment, Setting):
+        label = Place(setting(assignment.key, assignment.value))
+        set_value(document, assignment.key, _taken(assignment.value, label), label, Path.cwd())
+        return
     shown = assignment if len(assignment) <= _LONGEST_LABEL else assignment[:_LONGEST_LABEL] + "..."
     label = Place(f"--set {shown}")
     key, equals, text = assignment.partition("=")

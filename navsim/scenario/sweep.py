@@ -37,8 +37,11 @@ class Grid(Section):
     """Evenly spaced values, both ends included."""
 
     first: Value
+    """first value, in the unit of the key"""
     last: Value
+    """last value, in the unit of the key"""
     count: Annotated[int, Field(ge=2, le=MOST_VALUES)]
+    """number of values, both ends included"""
 
     def numbers(self) -> tuple[float, ...]:
         """The values."""
@@ -50,8 +53,11 @@ class Range(Section):
     """Values by a step, up to the last."""
 
     first: Value
+    """first value, in the unit of the key"""
     last: Value
+    """no value exceeds this, in the unit of the key"""
     step: Annotated[float, Field(ge=1e-12, le=1e12)]
+    """difference of neighbouring values, in the unit of the key"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -79,7 +85,9 @@ class Interval(Section):
     """What a Latin hypercube spreads its samples over."""
 
     first: Value
+    """lower end, in the unit of the key"""
     last: Value
+    """upper end, in the unit of the key"""
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
@@ -96,8 +104,11 @@ class Vary(Section):
     keys: list_of(Dotted) | None = None  # type: ignore[valid-type]
     """keys that change together; `values` is then a list of lists"""
     values: list_of(Any) | None = None  # type: ignore[valid-type]
+    """the values one by one; with `keys`, a list of lists"""
     grid: Grid | None = None
+    """evenly spaced values by their number"""
     range: Range | None = None
+    """evenly spaced values by their step"""
     lhs: Interval | None = None
     """a dimension of the study's Latin hypercube of `samples` points"""
 
@@ -129,13 +140,17 @@ class Sweep(Section):
     """Every combination of the listed settings of a base scenario."""
 
     kind: Literal["sweep"]
+    """kind of the file"""
     version: Version
+    """version of the format"""
     title: str = ""
+    """title of results, reports and exports; empty: they show the name of the file"""
     base: str
     """scenario file, relative to this one"""
     set: dict[Dotted, Any] = Field(default_factory=dict)
     """settings of the base that stay the same: dotted keys and values"""
     vary: Annotated[list_of(Vary), Field(min_length=1)]  # type: ignore[valid-type]
+    """axes of the study; every combination is computed"""
     method: Literal["dop", "covariance", "monte-carlo"] = "dop"
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
     outputs: list_of(Literal[(*OUTPUTS, REQUIREMENTS)]) = ()  # type: ignore[valid-type]

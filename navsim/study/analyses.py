@@ -32,7 +32,7 @@ from navsim.study.landing import (
 from navsim.study.landing.case import touchdown_time, world_of
 from navsim.study.landing.integrity import spread_over
 from navsim.study.landing.requirements import Fulfilment, single
-from navsim.study.placement import Rules
+from navsim.study.placement import Rules, RunwayPlane
 from navsim.study.sweep import filter_outputs
 
 Judge = Callable[[np.ndarray], np.ndarray]
@@ -53,7 +53,7 @@ class Prepared:
 
     heard: (s,) bool, the sources of which anything is heard. share: of the information of one of the receiver's fixes
     in one of these, as a factor of its sigmas. watched: numbers of the fix epochs that are left (m,), where all that
-    counts are levels, of more; else None.
+    counts are levels, of more; else None. names: of the pseudolites; None for PL1, PL2, ...
     """
 
     case: Case
@@ -61,6 +61,7 @@ class Prepared:
     heard: np.ndarray
     share: float
     watched: np.ndarray | None = None
+    names: tuple[str, ...] | None = None
 
     @property
     def axes(self) -> np.ndarray:
@@ -70,7 +71,7 @@ class Prepared:
 
     def with_pseudolites(self, llh: np.ndarray) -> Case:
         """The case with pseudolites at (k, 3) rad, rad, m; of its world only the signals know of them."""
-        names = tuple(f"PL{i}" for i in range(1, len(llh) + 1))
+        names = self.names or tuple(f"PL{i}" for i in range(1, len(llh) + 1))
         sources = replace(self.case.environment, pseudolites=replace(self.case.pseudolites, names=names, llh=llh))
         signals = build_signals(self.motion, self.case.scenario.epoch.timestamp(), sources)
         signals = signals.select(np.concatenate([self.heard, np.full(len(llh), True)]))
@@ -136,8 +137,8 @@ class LevelScreen:
     decided: which requirements of the scenario count (q,) bool, None for none.
     """
 
-    def __init__(self, kept: Rules, flight: Prepared, name: str, decided: np.ndarray | None) -> None:
-        self._kept, self._flight, self._name = kept, flight, name
+    def __init__(self, plane: RunwayPlane, flight: Prepared, name: str, decided: np.ndarray | None) -> None:
+        self._plane, self._flight, self._name = plane, flight, name
         asked = single(flight.case.scenario)
         self._asked = [] if decided is None else [one for (_, one), use in zip(asked, decided, strict=True) if use]
 
@@ -150,11 +151,11 @@ class LevelScreen:
 
     def _of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         n, k = places.shape[:2]
-        case = self._flight.with_pseudolites(self._kept.plane.llh(places[0]))
+        case = self._flight.with_pseudolites(self._plane.llh(places[0]))
         signals, watching = case.world.signals, case.flight.watching
         assert watching is not None
         e, s = signals.used.shape
-        away = self._kept.plane.ecef(places)[:, None] - signals.antenna[:, None]
+        away = self._plane.ecef(places)[:, None] - signals.antenna[:, None]
         towards = away / np.linalg.norm(away, axis=-1, keepdims=True)
         los = np.repeat(signals.los[None], n, axis=0)
         los[:, :, s - k :] = np.einsum("eij,nekj->neki", self._flight.axes, towards)

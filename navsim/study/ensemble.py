@@ -2,21 +2,25 @@
 
 A batch is a fixed number of runs. What it leaves is small (per-run statistics, sums over its runs) but for the
 histories the user asked to keep; both go to one piece of the study's partial work (`study.partial`). A study that was
-killed resumes from the batches found whole there. Every run has its own random streams and batches are added up in
-order, so no number depends on workers, order or interruptions.
+killed resumes from the batches found whole there. Every run has its own random streams and sums are those of
+`study.sums`, so no number depends on workers, batches, order or interruptions.
 """
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from concurrent import futures
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from navsim.study.executor import Executor
+from navsim.study.executor import Away, Executor
 from navsim.study.partial import Arrays, Kept, Store
+from navsim.study.sums import Sums
 
 BATCH = 32
 """Runs a batch: some tenths of a second of work, a few megabytes of histories."""
@@ -26,8 +30,8 @@ class Study(Protocol):
     """What the engine needs of a study."""
 
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
-        """Fly runs first ... first + count - 1: per-run statistics (count, ...), sums over the runs, histories
-        to keep (count, ...)."""
+        """Fly runs first ... first + count - 1: per-run statistics (count, ...), sums over the runs as
+        `sums.Sums.arrays` has them, histories to keep (count, ...)."""
 
 
 @dataclass(frozen=True)
@@ -47,19 +51,18 @@ class Ensemble:
         """most: runs that will come; room for them is taken at once, and is no memory before they do."""
         self.first_run, self.runs, self._most = first_run, 0, most
         self._columns: dict[str, np.ndarray] = {}
-        self._sums: dict[str, np.ndarray] = {}
+        self._sums = Sums()
         self._kept: list[Mapping[str, np.ndarray | Kept]] = []
 
     def add(self, batch: Batch) -> None:
         """The next batch, in the order of runs. Of the batch itself only its histories stay: there may be thousands."""
-        count = self.runs
+        before = count = self.runs
         for name, values in batch.per_run.items():
-            count = self.runs + values.shape[0]
+            count = before + values.shape[0]
             if name not in self._columns:
                 self._columns[name] = np.empty((self._most, *values.shape[1:]), values.dtype)
-            self._columns[name][self.runs : count] = values
-        for name, values in batch.sums.items():
-            self._sums[name] = self._sums[name] + values if name in self._sums else values
+            self._columns[name][before:count] = values
+        self._sums.extend(self.first_run + before, count - before, batch.sums)
         if batch.kept:
             self._kept.append(batch.kept)
         self.runs = count
@@ -70,7 +73,15 @@ class Ensemble:
 
     def mean(self, name: str) -> np.ndarray:
         """A sum over runs, divided by their number."""
-        return self._sums[name] / self.runs
+        return self._sums.total(name) / self.runs
+
+    def columns(self) -> Arrays:
+        """All per-run statistics by name, not to be changed."""
+        return {name: self.per_run(name) for name in self._columns}
+
+    def sums(self) -> Arrays:
+        """All sums over runs, see `sums.Sums.arrays`."""
+        return self._sums.arrays()
 
     def blocks(self, name: str) -> Iterator[np.ndarray]:
         """A kept history, batch by batch. Raises PartialError where its file is no longer whole."""
@@ -97,7 +108,7 @@ def _load(store: Store, first: int) -> Batch | None:
     return Batch(per_run, sums, _group(found, "k"))
 
 
-def _save(store: Store, first: int, **groups: Arrays) -> dict[str, Kept]:
+def save(store: Store, first: int, **groups: Arrays) -> dict[str, Kept]:
     """Keep a finished batch; its histories are on disk from then on. Raises PartialError."""
     arrays = {f"{group}:{name}": array for group, members in groups.items() for name, array in members.items()}
     return _group(store.write(_piece(first), arrays), "k")
@@ -108,10 +119,88 @@ def _group(found: dict[str, Kept], group: str) -> dict[str, Kept]:
     return {name[2:]: kept for name, kept in found.items() if name.startswith(f"{group}:")}
 
 
+Stretch = tuple[int, int]
+"""The first run of a batch, and how many it has."""
+
+
 def _fly(study: Study, store: Store | None, first: int, count: int) -> tuple[int, Batch]:
-    """What a worker does."""
+    """What a worker does that reaches the store."""
     per_run, sums, kept = study.batch(first, count)
-    return first, Batch(per_run, sums, _save(store, first, r=per_run, s=sums, k=kept) if store else kept)
+    return first, Batch(per_run, sums, save(store, first, r=per_run, s=sums, k=kept) if store else kept)
+
+
+class _Here:
+    """A pool whose workers reach the store: a batch is a task, and they keep it."""
+
+    def __init__(self, pool: futures.Executor, workers: int, study: Study, store: Store | None) -> None:
+        self._pool, self._study, self._store = pool, study, store
+        self.room = 2 * workers
+        """Tasks at a time: no more than a batch in waiting per worker, so that memory does not grow with the runs."""
+
+    def submit(self, todo: deque[Stretch]) -> Future[Any] | None:
+        """The next task; None where nothing is left to do."""
+        return self._pool.submit(_fly, self._study, self._store, *todo.popleft()) if todo else None
+
+    def done(self, future: Future[Any]) -> list[tuple[int, Batch]]:
+        """The batches of a finished task. Raises what it raised."""
+        return [future.result()]
+
+
+TASK_S = 2.0
+"""How long a task of workers elsewhere is to last, s: handing one out takes some milliseconds."""
+TASK_BYTES = 64e6
+"""The most that one of them is to bring back, bytes."""
+AHEAD = 2
+"""Tasks in waiting per worker elsewhere, beside the one in work."""
+
+
+def _fly_away(study: Study, stretches: list[Stretch]) -> tuple[float, list[tuple[Arrays, Arrays, Arrays]]]:
+    """What a worker elsewhere does: the batches, and the seconds of the quickest of them."""
+    found, seconds = [], []
+    for first, count in stretches:
+        began = time.perf_counter()
+        found.append(study.batch(first, count))
+        seconds.append(time.perf_counter() - began)
+    return min(seconds), found
+
+
+class _Elsewhere:
+    """A pool whose workers do not reach the store: a task is as many batches as make it worth its way, and what comes
+    back is kept here."""
+
+    def __init__(self, pool: Away, study: Study, store: Store | None) -> None:
+        self._pool, self._store = pool, store
+        self._study = pool.share(study)
+        self._stretches: dict[Future[Any], list[Stretch]] = {}
+        self._most = 1
+
+    @property
+    def room(self) -> int:
+        """Tasks at a time; workers come and go."""
+        return (1 + AHEAD) * max(1, self._pool.workers)
+
+    def submit(self, todo: deque[Stretch]) -> Future[Any] | None:
+        """The next task; None where nothing is left to do."""
+        if not todo:
+            return None
+        number = min(self._most, max(1, len(todo) // self.room))  # towards the end so few that all workers have some
+        stretches = [todo.popleft() for _ in range(number)]
+        future = self._pool.submit(_fly_away, self._study, stretches)
+        self._stretches[future] = stretches
+        return future
+
+    def done(self, future: Future[Any]) -> list[tuple[int, Batch]]:
+        """The batches of a finished task, kept by now. Raises what it raised, PartialError where the store is full."""
+        seconds, found = future.result()
+        out = []
+        for (first, _), (per_run, sums, kept) in zip(self._stretches.pop(future), found, strict=True):
+            histories = save(self._store, first, r=per_run, s=sums, k=kept) if self._store else kept
+            out.append((first, Batch(per_run, sums, histories)))
+        size = sum(array.nbytes for group in found[0] for array in group.values())
+        worth = TASK_S / max(seconds, 1e-6)
+        # the first batch of a worker loads its kernels: later ones tell better how long one takes
+        self._most = max(self._most, int(min(worth, TASK_BYTES / max(size, 1))))
+        return out
 
 
 def fly_all(
@@ -158,21 +247,22 @@ def fly_all(
             if (known := _load(store, first)) is not None:
                 finish(first, known)
     done(flown)
-    todo = iter([first for first in starts if first not in finished])
+    todo = deque((first, count(first)) for first in starts if first not in finished)
     if settled():
         return ensemble
     with executor.pool(executor.workers) as pool:
-        flying: set[Future[tuple[int, Batch]]] = set()
+        crew = _Elsewhere(pool, study, store) if isinstance(pool, Away) else _Here(pool, executor.workers, study, store)
+        flying: set[Future[Any]] = set()
         try:
             while True:
-                # no more than a batch in waiting per worker, so that memory does not grow with the number of runs
-                while len(flying) < 2 * executor.workers and (start := next(todo, None)) is not None:
-                    flying.add(pool.submit(_fly, study, store, start, count(start)))
+                while len(flying) < crew.room and (task := crew.submit(todo)) is not None:
+                    flying.add(task)
                 if not flying:
                     break
                 ready, flying = wait(flying, return_when=FIRST_COMPLETED)
                 for future in ready:
-                    finish(*future.result())
+                    for first, batch in crew.done(future):
+                        finish(first, batch)
                 done(flown)
                 if settled():
                     for future in flying:

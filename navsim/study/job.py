@@ -15,6 +15,7 @@ from navsim.io.results import Result, Sort
 from navsim.study.budget.estimate import Budget
 from navsim.study.executor import Executor
 from navsim.study.partial import Store
+from navsim.words import option
 
 
 class JobError(Exception):
@@ -36,15 +37,16 @@ class Options:
     keep: str | None = None
     method: str | None = None
     workers: int | None = None
+    scheduler: str | None = None
     time_limit: float | None = None
     fresh: bool = False
     require_fix: bool = False
     require_consistent: bool = False
 
     def foreign(self, *taken: str) -> list[str]:
-        """Those given that are not among the ones taken, as the command line has them."""
+        """Those given that are not among the ones taken, as messages spell them."""
         given = [field.name for field in fields(self)[1:] if getattr(self, field.name) not in (None, False)]
-        return [f"--{name.replace('_', '-')}" for name in given if name not in taken]
+        return [option(name) for name in given if name not in taken]
 
 
 class Allow(Protocol):

@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.study.partial import JOURNAL, Arrays, PartialError, Store
+from navsim.words import again
 
 
 class Journal:
@@ -68,16 +69,27 @@ class Journal:
 
         return remembered
 
-    def _value(self, fidelity: str, judge: Callable[[np.ndarray], np.ndarray], place: np.ndarray) -> np.ndarray:
-        key = fidelity, np.ascontiguousarray(place, np.float64).tobytes()
-        known = self._known.get(key)
-        if known is None:
-            value = np.asarray(judge(place), np.float64)
-            known = self._known[key] = value.tobytes()
+    @property
+    def keeps(self) -> bool:
+        """Whether what it is told is there when it is asked."""
+        return self._store is not None
+
+    def knows(self, fidelity: str, place: np.ndarray) -> bool:
+        """Whether the value of a placement (1, k, 2) is known."""
+        return _key(fidelity, place) in self._known
+
+    def learn(self, fidelity: str, place: np.ndarray, value: np.ndarray) -> None:
+        """Keep the value (1,) of a placement (1, k, 2). Raises PartialError where the disk is full."""
+        key, known = _key(fidelity, place), np.asarray(value, np.float64).tobytes()
+        if self._known.setdefault(key, known) is known:
             # the empty placement is a dot: a line has four words
             words = fidelity, key[1].hex() or ".", known.hex()
             self._append(f"{' '.join(words)} {self._check(*words)}\n")
-        return np.frombuffer(known)
+
+    def _value(self, fidelity: str, judge: Callable[[np.ndarray], np.ndarray], place: np.ndarray) -> np.ndarray:
+        if not self.knows(fidelity, place):
+            self.learn(fidelity, place, judge(place))
+        return np.frombuffer(self._known[_key(fidelity, place)])
 
     def _append(self, line: str) -> None:
         assert self._store is not None
@@ -91,7 +103,7 @@ class Journal:
         except OSError as error:
             raise PartialError(
                 f"{self._store.folder / JOURNAL}: cannot be written: {error.strerror or error}; the analyses before it "
-                "are kept and the same command goes on from there"
+                f"are kept and {again()} goes on from there"
             ) from None
 
     def step(self, name: str, work: Callable[[], Arrays]) -> Arrays:
@@ -103,3 +115,7 @@ class Journal:
         if self._store is not None:
             self._store.write(name, arrays)
         return arrays
+
+
+def _key(fidelity: str, place: np.ndarray) -> tuple[str, bytes]:
+    return fidelity, np.ascontiguousarray(place, np.float64).tobytes()

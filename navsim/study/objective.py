@@ -126,7 +126,8 @@ class PlacementProblem:
     screens and features, what the geometry says of it (features: (n, f) of placements (n, k, 2), finite); found, the
     findings of a placement (k, 2); quick: levels are all that is analysed. None and none for objectives of geometry.
     load, coarse_load: of the requirements. level_screen: of placements of which levels are all that is analysed, where
-    there can be one.
+    there can be one. ahead: has placements (n, k, 2) analysed by a fidelity (`search.COARSE`, `FULL`) before they are
+    judged one by one, where others can do it at the same time.
     """
 
     study: Optimize
@@ -144,6 +145,7 @@ class PlacementProblem:
     load: Judge | None = None
     coarse_load: Judge | None = None
     level_screen: LevelScreen | None = None
+    ahead: Callable[[np.ndarray, str], None] | None = None
 
     @property
     def analysed(self) -> bool:
@@ -289,7 +291,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         here = _with_requirements(here, full, coarse, document)
     if here.quick and epochs.size and not (sources.placed or sources.singled_out):
         decided = None if here.requirements is None else here.requirements.decided
-        here = replace(here, level_screen=LevelScreen(kept, screened(case), study.objective, decided))
+        here = replace(here, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
     return here
 
 
@@ -363,7 +365,11 @@ def _check_known(sources: Environment, starts: np.ndarray, document: Document) -
 
 
 def _of_geometry(name: str, geometry: Geometry, kept: Rules, places: np.ndarray) -> np.ndarray:
-    sites = kept.plane.ecef(places)
+    return of_geometry(name, geometry, kept.plane.ecef(places))
+
+
+def of_geometry(name: str, geometry: Geometry, sites: np.ndarray) -> np.ndarray:
+    """An objective of the geometry (n,) of placements (n, k, 3), ECEF, m; inf where an epoch has no solution."""
     which = 2 if name.endswith("_max") else 0
     if name.startswith("fix_"):
         values, lost = geometry.fix_sigmas(sites)

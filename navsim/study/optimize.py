@@ -18,7 +18,9 @@ from navsim.io.results import Result
 from navsim.io.schema import OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
+from navsim.study.ahead import Ahead, Judges
 from navsim.study.analyses import Judge
+from navsim.study.executor import Away
 from navsim.study.journal import Journal
 from navsim.study.landing.requirements import MET, Fulfilment
 from navsim.study.objective import BROKEN, UNMET, UNSOLVED, PlacementProblem, merit
@@ -104,16 +106,23 @@ def partial_key(here: PlacementProblem, seed: int) -> dict[str, object]:
 
 
 def solve(
-    here: PlacementProblem, seed: int, watch: Watch | None = None, journal: Journal | None = None
+    here: PlacementProblem,
+    seed: int,
+    watch: Watch | None = None,
+    journal: Journal | None = None,
+    pool: Away | None = None,
 ) -> SearchOutcome:
     """Placements, then their neighbourhoods, then maps. The time limit of the watch or an interrupt ends the work; what
     was found until then is kept, the best of a search in progress with it.
 
-    journal: of an earlier attempt, which this one goes on from, to the same outcome. Raises NoPlacement where there is
-    none; KeyboardInterrupt where there is none yet; PartialError where the journal cannot be kept.
+    journal: of an earlier attempt, which this one goes on from, to the same outcome. pool: of workers elsewhere, who
+    analyse placements where there are several at a time, if the journal keeps them. Raises NoPlacement where there is
+    none; KeyboardInterrupt where there is none yet; PartialError where the journal cannot be kept; executor.Lost.
     """
     watch = watch or Watch()
     journal = journal or Journal()
+    if pool is not None and journal.keeps and here.coarse is not None:
+        here = replace(here, ahead=Ahead(_judges(here), here.rules, journal, pool, watch.look))
     if here.coarse is not None:
         full, coarse = journal.remembering(FULL, here.objective), journal.remembering(COARSE, here.coarse)
         here = replace(here, objective=full, coarse=coarse)
@@ -161,6 +170,15 @@ def solve(
                 raise
             raise NoPlacement("the time limit passed before any placement that keeps the rules was found") from None
     return outcome
+
+
+def _judges(here: PlacementProblem) -> Judges:
+    """The judges of a problem that is analysed, as `solve` names them in the journal."""
+    out: Judges = {}
+    for fidelity, judge, load in ((FULL, here.objective, here.load), (COARSE, here.coarse, here.coarse_load)):
+        assert judge is not None
+        out[fidelity] = {fidelity: judge} | ({} if load is None else {f"{fidelity}-load": load})
+    return out
 
 
 def _keep_unfinished(here: PlacementProblem, outcome: SearchOutcome, counts: tuple[int, ...], watch: Watch) -> None:

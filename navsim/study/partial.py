@@ -28,6 +28,7 @@ import numpy as np
 import navsim
 from navsim.core.jit import digest
 from navsim.io.whole import discard, replacing, write_whole
+from navsim.words import again, option, switch
 
 _HASHED = {
     "scenario_sha256": "settings of the scenario",
@@ -88,7 +89,7 @@ class Kept:
                 return self.read_from(file)
         except (OSError, ValueError) as error:
             what = f"was damaged or removed while the study ran ({error})"
-            raise PartialError(f"{self.piece}: {what}; the same command computes it again") from None
+            raise PartialError(f"{self.piece}: {what}; {again()} computes it again") from None
 
     def read_from(self, file: io.BufferedReader) -> np.ndarray:
         """The array, of the piece that was opened. Raises OSError, ValueError where it is damaged."""
@@ -118,7 +119,7 @@ class Store:
             if others := _others(folder):
                 raise PartialError(
                     f"{folder}: partial work is to lie there, but it holds {others[0]!r}, which is not navsim's; move "
-                    "that away, or choose another -o/--output"
+                    f"that away, or choose another {option('output')}"
                 )
             if fresh:
                 discard(folder)
@@ -170,15 +171,15 @@ class Store:
                 archive.comment = self._checksum(name, archive)
         except OSError as error:
             raise PartialError(
-                f"{path}: cannot be written: {error.strerror or error}; what was finished before is kept and the same "
-                "command goes on from there"
+                f"{path}: cannot be written: {error.strerror or error}; what was finished before is kept and "
+                f"{again()} goes on from there"
             ) from None
         try:
             with open(path, "rb") as written:
                 return self._found(name, written)
         except _DAMAGED as error:
             raise PartialError(
-                f"{path}: was damaged or removed while the study ran ({error}); the same command computes it again"
+                f"{path}: was damaged or removed while the study ran ({error}); {again()} computes it again"
             ) from None
 
     def remove(self) -> None:
@@ -239,4 +240,4 @@ def _compare(folder: Path, mine: str, key: dict[str, Any]) -> None:
         whose = f"partial work of another study lies there ({'; '.join(parts)})"
     except (OSError, ValueError, AttributeError, TypeError):
         whose = f"partial work lies there whose {_KEY_FILE} is missing or damaged"
-    raise PartialError(f"{folder}: {whose}; --fresh discards it")
+    raise PartialError(f"{folder}: {whose}; {switch('fresh')} discards it")

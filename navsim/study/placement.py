@@ -6,14 +6,13 @@ Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach an
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
-from navsim.io import files
+from navsim.io import files, geojson
 from navsim.models.pseudolite import Track, runway_positions
 from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
@@ -23,15 +22,17 @@ from navsim.scenario.source import Document, InputError, Place, Problem
 
 @dataclass(frozen=True)
 class RunwayPlane:
-    """The runway's plane: where places (s, l1) lie on the Earth."""
+    """The runway's plane: where places (s, l1) lie on the Earth, all at one height above it, or k each at its own."""
 
     threshold: np.ndarray
     heading: float
-    height: float
+    height: float | np.ndarray
 
     def llh(self, places: np.ndarray) -> np.ndarray:
         """Antennas at places (..., 2), geodetic (..., 3), rad, rad, m."""
-        return runway_positions(self.threshold, self.heading, places, self.height)
+        out = runway_positions(self.threshold, self.heading, places, 0.0)
+        out[..., 2] += self.height
+        return out
 
     def ecef(self, places: np.ndarray) -> np.ndarray:
         """The same, ECEF (..., 3), m."""
@@ -148,20 +149,8 @@ def _polygons(content: bytes, plane: RunwayPlane, height: float) -> Any:
     """The polygons of a GeoJSON file's content, in (s, l1), as one geometry. Raises ValueError for all else in it."""
     import shapely
 
-    try:
-        data = json.loads(content.decode("utf-8"))
-    except RecursionError:
-        raise ValueError("not a GeoJSON file: nested too deeply") from None
-    except ValueError as error:
-        raise ValueError(f"not a GeoJSON file: {error}") from None
-    if not isinstance(data, dict):
-        raise ValueError("not a GeoJSON file: its top is no object")
-    features = data.get("features") if data.get("type") == "FeatureCollection" else [data]
-    if not isinstance(features, list):
-        raise ValueError("not a GeoJSON file: its features are no list")
     found, pieces = [], 0.0
-    for i, feature in enumerate(features):
-        geometry = feature.get("geometry", feature) if isinstance(feature, dict) else None
+    for i, (geometry, _) in enumerate(geojson.features(content)):
         kind = geometry.get("type") if isinstance(geometry, dict) else None
         if not isinstance(geometry, dict) or kind not in ("Polygon", "MultiPolygon"):
             raise ValueError(f"feature {i}: {kind!r:.40} is not a Polygon or MultiPolygon")
@@ -198,23 +187,12 @@ def _geometry(kind: str, coordinates: Any) -> Any:
     """The shapely geometry of a GeoJSON geometry's coordinates. Raises ValueError, or shapely's own."""
     import shapely
 
-    def parts(value: Any, what: str) -> list[Any]:
-        if not isinstance(value, list) or not value:
-            raise ValueError(f"{what} are due in a list that is not empty")
-        return value
-
-    def point(value: Any) -> tuple[float, float]:
-        numbers = isinstance(value, list) and all(type(x) in (int, float) for x in value)  # false is no number
-        if not numbers or len(value) not in (2, 3):
-            raise ValueError("a point is a list of numbers: longitude, latitude, and height where it is given")
-        if not (abs(value[0]) <= 360.0 and abs(value[1]) <= 90.0):
-            raise ValueError("coordinates are longitude, latitude in degrees")
-        return value[0], value[1]
-
     def polygon(value: Any) -> Any:
-        shell, *holes = ([point(p) for p in parts(ring, "points")] for ring in parts(value, "rings"))
+        shell, *holes = (
+            [geojson.point(p) for p in geojson.parts(ring, "points")] for ring in geojson.parts(value, "rings")
+        )
         return shapely.Polygon(shell, holes)
 
     if kind == "Polygon":
         return polygon(coordinates)
-    return shapely.MultiPolygon([polygon(value) for value in parts(coordinates, "polygons")])
+    return shapely.MultiPolygon([polygon(value) for value in geojson.parts(coordinates, "polygons")])

@@ -241,11 +241,16 @@ class Trials:
         return self._one_by_one(places, FULL)
 
     def _one_by_one(self, places: np.ndarray, fidelity: str) -> Judged:
-        out = []
-        for i in range(len(places)):
-            with self._watch.trying(fidelity, 1):
-                out.append(self._here.judged(places[i : i + 1], coarse=fidelity == COARSE))
-                self._offer(places[i : i + 1], out[-1].value)
+        ahead, out = self._here.ahead, []
+        together = 1 if ahead is None else len(places)
+        for first in range(0, len(places), together):
+            some = places[first : first + together]
+            with self._watch.trying(fidelity, len(some)):
+                if ahead is not None:
+                    ahead(some, fidelity)
+                for i in range(len(some)):
+                    out.append(self._here.judged(some[i : i + 1], coarse=fidelity == COARSE))
+                    self._offer(some[i : i + 1], out[-1].value)
         return Judged(*map(np.concatenate, zip(*out, strict=True)))
 
     def _offer(self, places: np.ndarray, values: np.ndarray) -> None:
@@ -494,9 +499,10 @@ class _Learner:
 
     def analyse(self, places: Iterable[np.ndarray]) -> None:
         """Coarse analyses of placements (k, 2)."""
-        for one in places:
-            self.places.append(one)
-            self._found.append(self._trials.coarse(one[None]))
+        if some := list(places):
+            found = self._trials.coarse(np.array(some))
+            self.places += some
+            self._found += [Judged(*(column[i : i + 1] for column in found)) for i in range(len(some))]
 
     def _column(self, name: str) -> np.ndarray:
         return np.array([getattr(one, name)[0] for one in self._found])

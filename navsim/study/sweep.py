@@ -275,14 +275,21 @@ class Plan:
                 document = self._changed(_settings(varied, points))
             except InputError:
                 continue  # no scenario, so it names no files
-            sky = document.data.get("sky")
-            source = sky.get("source") if isinstance(sky, dict) else None
-            if source in SOURCES_FROM_FILES:
-                names = sky.get(source)
-                for name in names if isinstance(names, list) else [names]:
-                    if isinstance(name, str) and name not in found:
-                        found[name] = _checksum(document, ("sky", str(source)), name)
+            for key, name in _files_in(document):
+                if name not in found:
+                    found[name] = _checksum(document, key, name)
         return found
+
+    def check_files(self, index: int) -> None:
+        """Raise PartialError where a file that a combination names is not what it was when the study began: removed,
+        or not to be reached by who computes it."""
+        try:
+            document = self._changed(self.settings(index))
+        except InputError:
+            return  # no scenario, so it names no files
+        for key, name in _files_in(document):
+            if _checksum(document, key, name) != self.files[name]:
+                raise PartialError(f"{document.resolve(key, name)} was changed while the study ran, or is not there")
 
 
 def _settings(axes: Sequence[Axis], points: Sequence[tuple[Any, ...]]) -> dict[str, Any]:
@@ -299,6 +306,16 @@ def _names_files(key: str) -> bool:
     return section == "sky" and (not rest or rest.split(".")[0] in NAME_FILES)
 
 
+def _files_in(document: Document) -> list[tuple[KeyPath, str]]:
+    """The satellite files that a scenario names, with their keys."""
+    sky = document.data.get("sky")
+    source = sky.get("source") if isinstance(sky, dict) else None
+    if source not in SOURCES_FROM_FILES:
+        return []
+    names = sky.get(source)
+    return [(("sky", str(source)), n) for n in (names if isinstance(names, list) else [names]) if isinstance(n, str)]
+
+
 def _checksum(document: Document, key: KeyPath, name: str) -> str:
     try:
         return files.checksum(document.resolve(key, name))
@@ -312,7 +329,7 @@ def plan(study: Sweep, document: Document, base: Document, seed: int) -> Plan:
         base = base.copy()
         set_value(base, "method", study.method, document.place(("method",)), document.folder)
     out = Plan(study, document, base, seed, axes(study, seed))
-    _ = out.pinned
+    _ = out.pinned, out.files
     _check_watched(study, *out.first)
     if REQUIREMENTS in study.wanted():
         for i, vary in enumerate(study.vary):
@@ -345,6 +362,7 @@ class SweepStudy:
             try:
                 found, site, what, rows["warned"][i] = self._one(first + i)
             except InputError:
+                self.plan.check_files(first + i)
                 continue  # not a valid scenario: nan
             rows["site"][i] = self.plan.in_plan(site)
             rows["findings"][i] = marks(f.name for f in what)

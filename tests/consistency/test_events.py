@@ -18,6 +18,7 @@ from navsim.simulation import landing as simulation
 from navsim.simulation.monitoring import ALARM, QUIET
 from navsim.study import landing
 from navsim.study.landing import Case, covariance_analysis
+from tests.consistency.test_tight_landings import flown
 from tests.helpers import SCENARIOS, case
 
 BRIEF = ("duration_s=30", "receiver.rate_hz=2", "filter.kind=eskf")
@@ -52,7 +53,7 @@ def test_a_spoofer_of_everything_puts_the_fix_where_he_wants() -> None:
     np.testing.assert_allclose(off[on], expected, atol=1e-4)
     np.testing.assert_allclose((moved - clock)[on], 40.0, atol=1e-4)
     np.testing.assert_allclose((v_off - v_true)[on], np.broadcast_to([0.0, 1.5, -2.0], (on.sum(), 3)), atol=2e-3)
-    quiet, told = (simulation.fly(c.flight, 3, range(8)) for c in (plain, spoofed))
+    quiet, told = (flown(c, 8, 3) for c in (plain, spoofed))
     np.testing.assert_allclose(told.monitor_statistic, quiet.monitor_statistic, rtol=2e-2, atol=0.05)
 
 
@@ -62,7 +63,7 @@ def test_clean_pseudolites_see_what_they_measure() -> None:
     alarms = {}
     for name, offset in (("across", [0.0, 80.0, 0.0]), ("up", [0.0, 0.0, -80.0])):
         c = after({"what": "spoof", "sources": ["glonass"], "offset_ned_m": offset}, settings=watched)
-        run = simulation.fly(c.flight, 3, range(8))
+        run = flown(c, 8, 3)
         alarms[name] = float((run.monitor_status == ALARM).mean())
         assert set(np.unique(run.monitor_status)) <= {QUIET, ALARM}
     assert alarms["across"] > 0.95

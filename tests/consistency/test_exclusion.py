@@ -23,6 +23,7 @@ from navsim.simulation.monitoring import ALARM, EXCLUDED, QUIET
 from navsim.study.landing import Case, integrity
 from navsim.study.landing.ensemble import UNWEIGHED, LandingStudy
 from navsim.study.statistics import share_interval
+from tests.consistency.test_tight_landings import flown
 from tests.consistency.test_watched_fixes import anew, brief, reference
 from tests.helpers import SCENARIOS
 from tests.layout import as_declared
@@ -154,7 +155,7 @@ def test_the_filter_gets_the_fix_without_the_faulty_source() -> None:
     """A step of 80 m on one satellite for 6 s: with exclusion the filter's error is what it is without the step."""
 
     def worst(integrity_section: str, events: list[dict[str, Any]]) -> float:
-        run = simulation.fly(faulty(integrity_section, events).flight, 5, range(8))
+        run = flown(faulty(integrity_section, events), 8, 5)
         return float(np.sqrt(np.mean(run.error[:, -12:, :3] ** 2)))
 
     clean, faulted = worst("method: chi2", []), worst("method: chi2", STEP)

@@ -81,7 +81,7 @@ def test_differences_are_those_of_filters_that_are_given_less(
     bank, bare = bank_of(c), replace(c.flight, watching=None)
     monitored = np.flatnonzero(bank.found.monitored.any(axis=1) & [not f.of for f in c.flight.expected])
     off, same = [], []
-    for first in (0, WIDTH, 2 * WIDTH):
+    for first in range(0, 24, WIDTH):
         runs = range(first, first + WIDTH)
         given, inputs = weighed(c, 78, runs, monkeypatch), draw(bare, 78, runs)
         whole = fly_inputs(bare, inputs, WIDTH)
@@ -108,7 +108,7 @@ def test_differences_are_as_large_as_their_sigma_says(
     scale = c.beliefs.sigma_scale
     epochs = np.arange(9, c.world.signals.time.size, 10)
     monitored = np.flatnonzero(bank.found.monitored.all(axis=1))
-    runs = 20 * WIDTH
+    runs = 160
     squares = np.zeros((monitored.size, 3, epochs.size))
     spread = bank.found.spread
     counted = (spread.apart > 1.01 * LEAST * spread.separate_sigma)[monitored][:, epochs][..., AXES].swapaxes(1, 2)
@@ -162,9 +162,9 @@ def test_nobody_is_touched_by_being_watched() -> None:
 @pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
 def test_a_run_does_not_depend_on_its_neighbours(settings: tuple[str, ...]) -> None:
     c = case(*SHORT, FILTER, *settings)
-    together = simulation.fly(c.flight, 5, range(5))
-    alone = simulation.fly(c.flight, 5, [3]).one(0)
-    np.testing.assert_array_equal(together.one(3).monitor_statistic, alone.monitor_statistic)
+    together = simulation.fly(c.flight, 5, range(WIDTH - 1))
+    alone = simulation.fly(c.flight, 5, [2]).one(0)
+    np.testing.assert_array_equal(together.one(2).monitor_statistic, alone.monitor_statistic)
 
 
 def test_a_step_on_a_source_is_seen_sooner_than_by_fixes() -> None:

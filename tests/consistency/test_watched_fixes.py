@@ -12,6 +12,7 @@ import pytest
 from scipy import optimize, stats
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.core.lanes import WIDTH
 from navsim.estimation.estimate import in_all_lanes
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.separation import Allocation, Fault, SeparationMonitor, along, coincidences, levels
@@ -163,10 +164,9 @@ def test_separation_alarms_no_more_often_than_allotted() -> None:
     monitor = SeparationMonitor(found)
     rng = np.random.default_rng(12)
     count, epochs = 0, 0
-    for _ in range(500):
-        repeated = rng.standard_normal((1, 8, 8)) * sigma[..., None]
-        count += int((monitor.statistic(np.ascontiguousarray(repeated)) > monitor.threshold[:, None]).sum())
-        epochs += 8
+    for drawn in np.split(rng.standard_normal((1, 8, 4000)) * sigma[..., None], 4000 // WIDTH, axis=2):
+        count += int((monitor.statistic(np.ascontiguousarray(drawn)) > monitor.threshold[:, None]).sum())
+        epochs += WIDTH
     assert 0.2 * 0.02 * epochs < count < 0.02 * epochs + 3.0 * np.sqrt(0.02 * epochs)
 
 

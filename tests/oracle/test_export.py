@@ -345,7 +345,7 @@ def test_nmea_and_csv_say_what_the_fixes_are(noisy: Result, tmp_path: Path) -> N
         np.testing.assert_allclose(ecef_from_llh(fixes.llh), ecef_from_llh(ours), atol=tolerance)
         np.testing.assert_allclose(fixes.velocity[:, :2], noisy["/receiver/velocity_ned"][0][:, :2], atol=0.02)
     filter_rows = list(csv.DictReader((tmp_path / "r_filter.csv").open()))
-    assert float(filter_rows[-1]["error_position_down"]) == pytest.approx(noisy["/filter/error"][0, -1, 2], rel=1e-6)
+    assert float(filter_rows[-1]["error_position_down_m"]) == pytest.approx(noisy["/filter/error"][0, -1, 2], rel=1e-6)
     assert len(list(csv.DictReader((tmp_path / "r_truth.csv").open()))) == noisy["/truth/time"].size
 
 
@@ -410,7 +410,7 @@ def test_a_replay_as_map_and_table(tmp_path: Path) -> None:
     export(result, tmp_path / "f.h5", ["csv", "kml", "geojson"])
     rows = list(csv.DictReader((tmp_path / "f_flight.csv").open()))
     assert float(rows[-1]["lat_rad"]) == pytest.approx(result["/filter/position_llh"][-1, 0], rel=1e-11)
-    assert float(rows[-1]["sigma_attitude_down"]) == pytest.approx(result["/filter/sigma"][-1, 8], rel=1e-9)
+    assert float(rows[-1]["sigma_attitude_down_rad"]) == pytest.approx(result["/filter/sigma"][-1, 8], rel=1e-9)
     assert len(json.loads((tmp_path / "f.geojson").read_text())["features"]) == 2
     ElementTree.parse(tmp_path / "f.kml")
     with pytest.raises(ResultError, match="nothing for --rinex"):

@@ -15,6 +15,7 @@ from navsim.core import states
 from navsim.core.arrays.clock import densities, step_covariance
 from navsim.core.arrays.earth import RATE, ecef_from_llh, ned_matrix
 from navsim.core.covariance import gain, joseph
+from navsim.core.lanes import WIDTH
 from navsim.estimation.clock import ReceiverClock, carry_clock_covariance
 from navsim.estimation.estimate import estimate
 from navsim.estimation.observations import FIX, RANGE, Measurements, RangeTable
@@ -380,7 +381,7 @@ def test_a_filter_without_a_source_differs_by_the_difference_of_covariances() ->
     )  # fmt: skip
     event = json.dumps([{"what": "silence", "sources": ["R07", "PL1"], "at_s": 0, "until_s": 30}])
     runs, pair = 160, (case(*settings), case(*settings, f"events={event}"))
-    drawn = [draw(one.flight, 3, range(8)) for one in pair]
+    drawn = [draw(one.flight, 3, range(WIDTH)) for one in pair]
     heard = np.isfinite(drawn[1].ranges)
     np.testing.assert_array_equal(drawn[0].ranges[heard], drawn[1].ranges[heard])
     errors = [np.concatenate([run.error for run in one.fly_runs(3, 0, runs, False)]) for one in pair]

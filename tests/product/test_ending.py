@@ -258,3 +258,17 @@ def test_words_for_a_terminal_that_went_away_are_lost(monkeypatch: pytest.Monkey
     with progress(0, "placements", True):
         pass
     ending.say("nobody hears")
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_only_what_standard_output_refuses_is_said_of_it(full: bool) -> None:
+    """An error without a file's name may be of a socket, too."""
+    code = (
+        "import errno, os\nfrom navsim.cli.ending import ends\n"
+        f"with ends():\n    print('words' * {full})\n    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))"
+    )
+    with open("/dev/full" if full else os.devnull, "w") as out:
+        done = subprocess.run([sys.executable, "-c", code], stdout=out, stderr=subprocess.PIPE, cwd=ROOT)
+    assert done.returncode == 3
+    said = b"standard output cannot be written: " if full else b""
+    assert done.stderr == b"error: " + said + b"No space left on device\n"

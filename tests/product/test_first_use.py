@@ -26,7 +26,7 @@ from navsim.io.almanac import read_almanac
 from navsim.io.results import ONE_RUN, SEVERAL_RUNS, Sort, read, read_sort
 from navsim.kinds import KINDS, OF_FILES, named
 from navsim.models import glonass, gps, timescales
-from navsim.report import figures as drawing
+from navsim.report import printing as drawing
 from navsim.scenario import shipped
 from navsim.scenario.landing import Landing
 from navsim.scenario.sweep import Sweep
@@ -160,7 +160,7 @@ def figures(folder: Path) -> set[str]:
 
 def test_figures_go_with_their_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures of a result that is replaced are removed, also when the new one has none; other files never."""
-    monkeypatch.setitem(drawing._STYLE, "savefig.dpi", 30.0)
+    monkeypatch.setitem(drawing.STYLE, "savefig.dpi", 30.0)
     run = ("run", LANDING, *BRIEF, "-o", "r.h5")
     navsim(*run, cwd=tmp_path)
     own = figures(tmp_path)
@@ -257,7 +257,7 @@ def test_files_are_sent_to_their_command(command: str, template: str, files: Pat
 
 COMMAND_NAMES = (
     "run", "table2", "integrity-table", "sweep", "optimize", "replay", "live", "show", "plot", "export", "validate",
-    "schema", "init", "report", "cite",
+    "schema", "init", "report", "cite", "keys", "completion",
 )  # fmt: skip
 
 
@@ -324,26 +324,6 @@ def test_a_wrong_choice_lists_the_right_ones(tmp_path: Path) -> None:
 def test_version(tmp_path: Path) -> None:
     for option in ("-V", "--version"):
         assert re.fullmatch(r"navsim \d+\.\d+\.\d+\n", navsim(option, cwd=tmp_path).stdout)
-
-
-@pytest.mark.parametrize(
-    ("typed", "offered"),
-    [
-        ("navsim sw", {"sweep"}),
-        ("navsim run --method c", {"covariance"}),
-        ("navsim run --keep ", {"errors", "all", "none"}),
-        ("navsim init placement_", {"placement_lpv200", "placement_optimum", "placement_sweep"}),
-        ("navsim schema mls", {"mls-elevation"}),
-    ],
-)
-def test_completion_in_the_shell(typed: str, offered: set[str], tmp_path: Path) -> None:
-    words = typed.split(" ")
-    asked = {"_NAVSIM_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
-    code = "import sys; sys.argv = ['navsim']; from navsim.__main__ import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, **asked}, capture_output=True, text=True
-    )
-    assert set(done.stdout.split()) == offered, done.stderr
 
 
 # --- templates

@@ -24,7 +24,7 @@ from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
-from navsim.report import figures, limits, live, quantities, sweep, tables
+from navsim.report import figures, limits, live, printing, quantities, sweep, tables
 from navsim.report.landing import VIEW
 from navsim.report.table import console
 from navsim.report.tracking import atc, azimuth, elevation
@@ -161,7 +161,7 @@ def test_the_sigma_beside_an_error_is_that_of_its_axes(one: Result, many: Result
 
 
 def drawn(result: Result) -> Iterator[tuple[str, Figure]]:
-    with mpl.rc_context(figures._STYLE):
+    with mpl.rc_context(printing.STYLE):
         for name, figure in figures.landing(result).items():
             figure.draw_without_rendering()
             yield name, figure
@@ -174,7 +174,7 @@ def words_of(figure: Figure) -> str:
 def check_page(name: str, figure: Figure) -> None:
     """Nothing is cut, no letter is under 7 points, no legend of the figure lies on data."""
     page = figure.bbox
-    assert figure.get_figwidth() <= 2 * figures.COLUMN
+    assert figure.get_figwidth() <= 2 * printing.COLUMN
     renderer = FigureCanvasAgg(figure).get_renderer()
     for text in figure.findobj(Text):
         if text.get_text().strip():
@@ -249,7 +249,7 @@ def test_panels_of_the_track_share_their_distances(many: Result) -> None:
 def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
     names = [str(name) for name in linear["/budget/source"]]
     alike = replace(linear.variables["/budget/rms"], data=np.ones_like(linear["/budget/rms"]))  # so all are shown
-    (legend,) = figures.budget(Result(linear.attributes, linear.variables | {"/budget/rms": alike})).legends
+    legend = figures.budget(Result(linear.attributes, linear.variables | {"/budget/rms": alike})).legends[-1]
     texts, patches = legend.get_texts(), legend.get_patches()
     styles = {t.get_text(): (p.get_facecolor(), p.get_hatch()) for t, p in zip(texts, patches, strict=True)}
     assert list(styles) == [name.replace("_", " ") for name in names]
@@ -268,7 +268,7 @@ ASKED = (
 
 
 def drawn_with_limits(result: Result) -> dict[str, Figure]:
-    with mpl.rc_context(figures._STYLE):
+    with mpl.rc_context(printing.STYLE):
         out = VIEW.figures(result)
         for figure in out.values():
             figure.draw_without_rendering()
@@ -300,7 +300,8 @@ def test_figures_draw_the_limits_where_they_hold() -> None:
     np.testing.assert_allclose(line, [[when(0) - 20, 0.4], [when(0), 0.4]], atol=1e-3)
     np.testing.assert_allclose(required_lines(lateral), [[[0.58, y], [1.42, y]] for y in (-0.5, 0.5)])
     assert {"90 %", "95 %"} <= set(words_of(drawings["requirements"]).splitlines())
-    np.testing.assert_allclose([line[0, 1] for line in required_lines(vertical)], [-1.5, 1.5, -90, 90])
+    np.testing.assert_allclose([line[0, 1] for line in required_lines(vertical)], [-1.5, 1.5])
+    assert "↑ ±90 m" in words_of(drawings["requirements"]).splitlines()  # wider than what is found by far
     points = next(line for line in lateral.lines if line.get_marker() == ".")  # touchdown comes first
     np.testing.assert_array_equal(points.get_ydata(), result["/summary/at/lateral_run"][:, 0])
 
@@ -404,7 +405,8 @@ def test_one_run_is_exported_as_ever(one: Result, tmp_path: Path) -> None:
         np.testing.assert_array_equal(chosen[path], one[path])
     export(one, tmp_path / "one.h5", ["csv"])
     head, _ = table(tmp_path / "one_filter.csv")
-    assert head == ["t_s", *(f"error_{n}" for n in states.NAMES), *(f"sigma_{n}" for n in states.NAMES)]
+    named = [f"{n}_{unit.replace('/', '_')}" for n, unit in zip(states.NAMES, states.UNITS, strict=True)]
+    assert head == ["t_s", *(f"error_{n}" for n in named), *(f"sigma_{n}" for n in named)]
     with pytest.raises(ResultError, match="holds run 0"):
         choose_run(one, 3)
 
@@ -417,7 +419,7 @@ def test_atc_figures_follow_the_scenario() -> None:
                 "circuit.straight_s=[[50, 90]]"]  # fmt: skip
     scenario = read_for("run", SCENARIOS / "atc_tracking.yaml", settings)[0]
     result = atc_study.compute(scenario, 1, 3)
-    with mpl.rc_context(figures._STYLE):
+    with mpl.rc_context(printing.STYLE):
         drawings = atc.figures(result)
     spans = [(p.get_x(), p.get_x() + p.get_width()) for p in drawings["errors"].axes[0].patches
              if isinstance(p, Rectangle)]  # fmt: skip
@@ -438,7 +440,7 @@ def test_elevation_figures_follow_the_scenario() -> None:
     settings = ["montecarlo.band=0.3", "montecarlo.experiments=2", "montecarlo.confidence=0.9"]
     scenario = read_for("run", SCENARIOS / "mls_elevation.yaml", settings)[0]
     result = elevation_study.compute(scenario, 1, None)
-    with mpl.rc_context(figures._STYLE):
+    with mpl.rc_context(printing.STYLE):
         drawings = elevation.figures(result)
     assert "±30 %" in words_of(drawings["proof"])
     band = drawings["proof"].axes[0].collections[0].get_paths()[0].vertices
@@ -471,7 +473,7 @@ def test_the_figure_of_a_live_run_fits_its_page() -> None:
         "/filter/error": Variable(("time", "state"), history, "m", "error"),
         "/filter/sigma": Variable(("time", "state"), history + 1.0, "m", "sigma"),
     }
-    with mpl.rc_context(figures._STYLE):
+    with mpl.rc_context(printing.STYLE):
         figure = live.figures(Result({}, variables))["errors"]
     figure.draw_without_rendering()
     check_page("live", figure)
@@ -504,7 +506,7 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     best = sweep.best(values, large=False)
     assert best is not None
     assert best[1] == 20
-    with mpl.rc_context(figures._STYLE):
+    with mpl.rc_context(printing.STYLE):
         figure = sweep.figures(result)["pdop"]
     figure.draw_without_rendering()
     check_page("map", figure)

@@ -303,7 +303,7 @@ def test_wrong_kinds_are_sent_where_they_belong(place: Path) -> None:
     file.write_text(file.read_text().replace(str(BASE), "nowhere.yaml"))
     assert "nowhere.yaml" in navsim("sweep", file, cwd=place, code=2).stderr
     assert "study of kind sweep" in navsim("validate", SCENARIOS / "placement_sweep.yaml", cwd=place).stdout
-    assert json.loads(navsim("schema", "sweep", cwd=place).stdout)["title"] == "Sweep"
+    assert json.loads(navsim("schema", "sweep", cwd=place).stdout)["title"] == "navsim: study of kind sweep"
 
 
 def test_runs_are_refused_where_none_are_flown(tmp_path: Path) -> None:

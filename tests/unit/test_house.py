@@ -18,11 +18,16 @@ ALLOWED = {
     "simulation": {"models", "estimation", "integrity", "core"},
     "tracking": {"core"},
     "integrity": {"core"},
-    "scenario": {"models", "estimation", "tracking", "core", "io", "kinds"},
+    "scenario": {"models", "estimation", "tracking", "core", "io", "kinds", "words"},
     "io": {"core", "models"},
-    "study": {"simulation", "tracking", "integrity", "scenario", "io", "models", "estimation", "core"},
+    "study": {"simulation", "tracking", "integrity", "scenario", "io", "models", "estimation", "core", "words"},
     "report": {"core", "io", "kinds"},
-    "cli": {"core", "models", "estimation", "simulation", "scenario", "io", "study", "report", "kinds"},
+    "work": {"core", "scenario", "io", "study", "report", "kinds", "words"},
+    "api": {"core", "scenario", "io", "study", "report", "work", "words"},
+    "planner": {"core", "models", "simulation", "scenario", "io", "study", "report"},
+    "cli": {
+        "core", "models", "estimation", "simulation", "scenario", "io", "study", "report", "work", "planner", "kinds",
+    },
 }
 
 

@@ -8,7 +8,23 @@ import math
 import pytest
 from rich.console import Console
 
-from navsim.report.table import Cell, Table, cell, console, csv_text, interval, markdown, number, numbers
+from navsim.report.compare import _widened
+from navsim.report.table import (
+    TIDY,
+    Cell,
+    Row,
+    Table,
+    cell,
+    chosen,
+    console,
+    csv_text,
+    interval,
+    markdown,
+    number,
+    numbers,
+    tex,
+    tidy,
+)
 
 
 @pytest.mark.parametrize(
@@ -62,3 +78,35 @@ def test_as_markdown() -> None:
 def test_as_csv() -> None:
     rows = [[1, 0.1, math.nan], ["a,b", 1e-12, -2.0]]
     assert csv_text(("n", "x", "y"), rows) == 'n,x,y\n1,0.1,\n"a,b",1e-12,-2\n'
+
+
+def test_as_tex() -> None:
+    lines = tex(Table("50 % of a_b", ("x & y", "σ, °"), [Row((number(1.0), "{#}"))]))
+    assert r"\caption{50 \% of a\_b}" in lines
+    assert r"x \& y & $\sigma$, $^\circ$ \\" in lines
+    assert r"1.000 & \{\#\} \\" in lines
+    assert [line for line in lines if "rule" in line] == [r"\toprule", r"\midrule", r"\bottomrule"]
+
+
+def test_tidy_and_chosen_rows() -> None:
+    (row,) = tidy(chosen(made(), "s1"))
+    assert dict(zip(TIDY, row, strict=True)) == {
+        "table": "Errors [m]", "section": "[b]flown[/b]", "row": "S1", "column": "RMS [95 %], m", "part": "",
+        "unit": "m", "value": 1.0, "low": 0.5, "high": 2.0, "text": "1.0  [0.5, 2.0]",
+    }  # fmt: skip
+    assert not chosen(made(), "nothing like it").rows
+    assert [str(r.cells[0]) for r in chosen(made(), "FLOWN").rows] == ["[b]flown[/b]", "S1", "short"]
+
+
+def test_difference_and_ratio_with_intervals() -> None:
+    """Of independent results, by Zou and Donner; without intervals where random numbers are shared."""
+    both = Table("", ("", "a", "b"), [Row(("x, m", interval([1.0, 0.8, 1.4], 2), interval([2.0, 1.7, 2.5], 2)))])
+    wide = _widened(both, ["a", "b"], [False, True]).rows[0].cells
+    difference, ratio = wide[3], wide[4]
+    assert isinstance(difference, Cell)
+    assert isinstance(ratio, Cell)
+    assert difference.values == pytest.approx((1.0, 1.0 - math.hypot(0.3, 0.4), 1.0 + math.hypot(0.5, 0.2)))
+    down, up = math.hypot(math.log(2 / 1.7), math.log(1.4)), math.hypot(math.log(1.25), math.log(1 / 0.8))
+    assert ratio.values == pytest.approx((2.0, 2.0 * math.exp(-down), 2.0 * math.exp(up)))
+    alike = [str(cell) for cell in _widened(both, ["a", "b"], [False, False]).rows[0].cells[3:]]
+    assert alike == ["+1.00", "2.000"]

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files as packaged
 from pathlib import Path
 from typing import Any
 
 import bokeh
-import yaml
 from bokeh.document import Document
 from bokeh.embed.util import standalone_docs_json_and_render_items
 from bokeh.resources import Resources
@@ -27,6 +26,7 @@ from navsim.io import files, findings
 from navsim.io.results import Result, ResultError
 from navsim.kinds import named
 from navsim.report import citations
+from navsim.report.compare import TEXTS, differences, settings_of
 from navsim.report.page.marks import Drawing, Named, colour
 from navsim.report.table import ABSENT, Table
 from navsim.report.view import View, view
@@ -40,7 +40,6 @@ _HEADS = {
     "navsim_version": "navsim", "schema_version": "version of the layout", "scenario_sha256": "SHA-256 of the scenario",
 }  # fmt: skip
 """Root attributes of provenance, and what they are called."""
-_TEXTS = ("scenario", "study")
 """Root attributes with settings as YAML: what a result was computed from."""
 
 
@@ -66,7 +65,7 @@ def page(read: Sequence[Read]) -> str:
     methods = citations.methods_of(result for _, result in results)
     sources = citations.sources_of(methods)
     number = {source.key: i for i, source in enumerate(sources, 1)}
-    settings = [_settings(result) for _, result in results]
+    settings = [settings_of(result) for _, result in results]
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     folder = packaged(__package__)
     return environment.from_string(folder.joinpath("page.html").read_text(encoding="utf-8")).render(
@@ -80,8 +79,8 @@ def page(read: Sequence[Read]) -> str:
         glance=_glance(here, results),
         warned=[(name, found.text) for name, result in results for found in findings.of(result)],
         verdicts=_parts(here.verdicts(results)),
-        differences=_differences([name for name, _ in results], settings),
-        settings=[(name, [(part, str(result.attributes[part])) for part in _TEXTS if part in result.attributes])
+        differences=differences([name for name, _ in results], settings),
+        settings=[(name, [(part, str(result.attributes[part])) for part in TEXTS if part in result.attributes])
                   for name, result in results],
         tables=_parts(here.tables(results)),
         drawings=drawings,
@@ -128,38 +127,6 @@ def _glance(here: View, results: Sequence[Named]) -> list[dict[str, Any]]:
             shown.append({"label": label, "number": number, "more": more})
         out.append({"name": name, "colour": colour(i), "shown": shown})
     return out if any(each["shown"] for each in out) else []
-
-
-def _settings(result: Result) -> dict[str, str]:
-    """Everything a result was computed from, by dotted keys."""
-    found: dict[str, str] = {}
-    for part in _TEXTS:
-        if part in result.attributes:
-            _flatten(found, "" if part == "scenario" else f"{part}.", yaml.safe_load(str(result.attributes[part])))
-    return found
-
-
-def _flatten(found: dict[str, str], key: str, node: Any) -> None:
-    if isinstance(node, Mapping):
-        for name, value in node.items():
-            _flatten(found, f"{key}{name}.", value)
-    elif isinstance(node, list) and any(isinstance(each, Mapping) for each in node):
-        for i, value in enumerate(node):
-            _flatten(found, f"{key}{i}.", value)
-    else:
-        found[key.removesuffix(".")] = "none" if node in ([], {}, None) else str(node)
-
-
-def _differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> Table | None:
-    """The settings in which results differ; None for one result. What a study sets in its scenario stands in that."""
-    if len(names) < 2:
-        return None
-    out = Table("", ("setting", *names), labelled=True)
-    for key in dict.fromkeys(key for each in settings for key in each):
-        values = [each.get(key, ABSENT) for each in settings]
-        if len(set(values)) > 1 and not key.startswith("study.set."):
-            out.add(key, *values)
-    return out
 
 
 def _provenance(read: Sequence[Read]) -> Table:

@@ -39,6 +39,7 @@ from navsim.report.page.marks import (
     upright,
     width,
 )
+from navsim.report.page.sky import Sector, sky_paper
 from navsim.report.quantities import (
     RunwayErrors,
     descent,
@@ -146,24 +147,11 @@ def sky(results: Sequence[Named]) -> Drawing:
 
 
 def _sky(title: str, result: Result) -> figure:
-    on = plot(title, "", "", 380)
-    on.update(sizing_mode="scale_width", aspect_ratio=1.0, max_width=460, height=None)
     azimuth, elevation, used = _directions(result)
     ground = set(map(str, result["/pseudolites/name"]))
     away = 90.0 - elevation
     edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(np.where(used, away, 0.0), initial=0.0)) / 10.0))
-    on.x_range = on.y_range = Range1d(-1.14 * edge, 1.14 * edge)
-    for axis in (*on.axis, *on.grid):
-        axis.visible = False
-    _mask(on, result, edge)
-    for ring in (30.0, 60.0, 90.0):
-        on.circle(0.0, 0.0, radius=ring, fill_color=None, line_color=GREY, line_alpha=0.5)
-        names(on, 0.0, ring, [f"{90.0 - ring:g}°"], x_offset=2, y_offset=2, text_font_size="10px")
-    for bearing, said in zip(range(0, 360, 45), ("N", "45°", "E", "135°", "S", "225°", "W", "315°"), strict=True):
-        s, c = math.sin(math.radians(bearing)), math.cos(math.radians(bearing))
-        on.segment(0.0, 0.0, edge * s, edge * c, line_color=GREY, line_alpha=0.3)
-        names(on, 1.07 * edge * s, 1.07 * edge * c, [said], text_align="center", text_baseline="middle", x_offset=0,
-              y_offset=0)  # fmt: skip
+    on = sky_paper(title, edge, _masked(result, edge))
     x, y = away * np.sin(azimuth), away * np.cos(azimuth)
     marks = []
     for i, name in enumerate(map(str, result["/geometry/source"])):
@@ -205,7 +193,7 @@ def _directions(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.arctan2(los[:, :, 0], los[:, :, 1]), np.degrees(np.arcsin(los[:, :, 2])), used
 
 
-def _mask(on: figure, result: Result, edge: float) -> None:
+def _masked(result: Result, edge: float) -> list[Sector]:
     """What the mask takes out of the sky."""
     sectors = [(0.0, 360.0, low, high) for low, high in (
         (90.0 - edge, float(setting(result, "sky", "mask_deg"))),
@@ -214,14 +202,7 @@ def _mask(on: figure, result: Result, edge: float) -> None:
     for part in setting(result, "sky", "interference"):
         (west, east), (low, high) = part["azimuth_deg"], part["elevation_deg"]
         sectors.append((float(west), float(east), float(low), float(high)))
-    for west, east, low, high in sectors:
-        if high <= low:
-            continue
-        on.annular_wedge(
-            0.0, 0.0, inner_radius=90.0 - high, outer_radius=90.0 - low, start_angle=90.0 - west,
-            end_angle=90.0 - (east if east > west else east + 360.0), start_angle_units="deg", end_angle_units="deg",
-            direction="clock", fill_color=GREY, fill_alpha=0.25, line_color=None,
-        )  # fmt: skip
+    return sectors
 
 
 def dops(results: Sequence[Named]) -> Drawing:

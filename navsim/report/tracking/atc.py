@@ -78,7 +78,8 @@ def in_words(case: object) -> str:
 
 
 def _errors(result: Result) -> Figure:
-    from navsim.report.figures import COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLUMN, new_figure
     from navsim.report.quantities import settled
     from navsim.report.tables import setting
 
@@ -110,7 +111,8 @@ def _errors(result: Result) -> Figure:
 
 
 def _ratios(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, narrow, new_figure
 
     fig = new_figure(2 * COLUMN, 3.1)
     ax = fig.subplots()
@@ -127,7 +129,7 @@ def _ratios(result: Result) -> Figure:
             label=in_words(case),
         )  # fmt: skip
     ax.axhline(1.0, color="#777777", lw=0.6)
-    ax.set_xticks(at, names, rotation=35, ha="right")
+    ax.set_xticks(at, names, rotation=90 if narrow(fig) else 35, ha="center" if narrow(fig) else "right")
     ax.set_ylabel("RMSE, adapt / full, manoeuvre")
     legend_above(fig, ax, min(4, cases.size))
     return fig
@@ -138,4 +140,5 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": _errors(result), "ratios": _ratios(result)}
 
 
-VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits"), drawings="navsim.report.page.systems:atcs")
+VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits"), drawings="navsim.report.page.systems:atcs",
+            of_runs=("errors",))  # fmt: skip

@@ -74,7 +74,8 @@ def words(result: Result) -> dict[str, str]:
 
 
 def _errors(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(2 * COLUMN, 3.6)
     ax = fig.subplots()
@@ -105,7 +106,8 @@ def shown_acceleration(result: Result) -> float:
 
 
 def _accelerations(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, SMALL, legend_over, new_figure
+    from navsim.report.figures import legend_over
+    from navsim.report.printing import COLOURS, COLUMN, SMALL, new_figure
 
     fig = new_figure(COLUMN, 4.6)
     upper, lower = fig.subplots(2, 1, height_ratios=[3, 2])
@@ -129,10 +131,10 @@ def _accelerations(result: Result) -> Figure:
 
 
 def _map(result: Result) -> Figure:
-    from navsim.report.figures import COLUMN, SMALL, new_figure
+    from navsim.report.printing import COLUMN, SMALL, abreast, new_figure
 
     fig = new_figure(2 * COLUMN, 3.0)
-    axes = fig.subplots(1, 2, sharey=True)
+    axes = abreast(fig, 2, sharey=True)
     period = result["/map/scan_period"]
     low, high = (f([f(result[n]) for n in ("/map/ratio", "/map/ratio_by_latency")]) for f in (np.min, np.max))
     image = None
@@ -157,10 +159,11 @@ def _map(result: Result) -> Figure:
         ax.set_xticks(range(across.size), [f"{x:g}" for x in across])
         ax.set_xlabel(label)
         ax.grid(visible=False)
-    axes[0].set_yticks(range(period.size), [f"{x:g}" for x in period])
+    for ax in axes:
+        ax.set_yticks(range(period.size), [f"{x:g}" for x in period])
     axes[0].set_ylabel("scan period, s")
     if image is not None:
-        fig.colorbar(image, ax=list(axes), label=f"Singer / L4, each at its best; framed: {CLAIM[0]:g}-{CLAIM[1]:g}")
+        fig.colorbar(image, ax=axes, label=f"Singer / L4, each at its best; framed: {CLAIM[0]:g}-{CLAIM[1]:g}")
     return fig
 
 
@@ -178,4 +181,5 @@ def figures(result: Result) -> dict[str, Figure]:
     return out
 
 
-VIEW = View(one_by_one(tables), 130, figures, ("/summary", "/map"), drawings="navsim.report.page.systems:azimuths")
+VIEW = View(one_by_one(tables), 130, figures, ("/summary", "/map"), drawings="navsim.report.page.systems:azimuths",
+            of_runs=("errors",))  # fmt: skip

@@ -76,7 +76,7 @@ def tables(result: Result) -> list[Table | str]:
 
 
 def _approach(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, new_figure
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(COLUMN, 4.0)
     axes = fig.subplots(3, 1, sharex=True)
@@ -96,7 +96,8 @@ def _approach(result: Result) -> Figure:
 
 
 def _proof(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(COLUMN, 3.6)
     axes = fig.subplots(2, 1, sharex=True)
@@ -127,7 +128,8 @@ def judged(result: Result) -> np.ndarray:
 
 
 def _nominal(result: Result) -> Figure:
-    from navsim.report.figures import COLOURS, COLUMN, legend_above, new_figure
+    from navsim.report.figures import legend_above
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(COLUMN, 4.0)
     upper, lower = fig.subplots(2, 1, sharex=True)

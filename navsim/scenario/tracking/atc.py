@@ -15,22 +15,30 @@ class Sigmas(Section):
     """1 sigma of what is measured each scan."""
 
     range_m: Sigma = 30.0
+    """1 sigma of the slant range"""
     speed_m_s: Sigma = 1.0
+    """1 sigma of the reported speed"""
     path_angle_deg: Sigma = 0.1
+    """1 sigma of the reported path angle"""
     track_deg: Sigma = 0.25
+    """1 sigma of the reported track"""
     elevation_deg: Sigma = 0.08
+    """1 sigma of the elevation"""
     azimuth_deg: Sigma = 0.08
+    """1 sigma of the azimuth"""
     speed_rate_m_s2: Sigma = 0.1
-    """this and the next two where onboard rates are measured"""
+    """1 sigma of the reported rate of the speed, where onboard rates are measured"""
     path_angle_rate_deg_s: Sigma = 0.1
+    """1 sigma of the reported rate of the path angle"""
     track_rate_deg_s: Sigma = 0.1
+    """1 sigma of the reported rate of the track"""
 
 
 class Group(Section):
     """How a rate varies: exponentially correlated."""
 
     alpha_1_s: Decay
-    """decay"""
+    """decay of the rate, the reciprocal of its correlation time"""
     rate_sigma: Sigma
     """1 sigma of the rate: m/s2 for speed, else deg/s"""
 
@@ -39,36 +47,50 @@ class Groups(Section):
     """The five pairs beside the range."""
 
     speed: Group = Group(alpha_1_s=0.05, rate_sigma=0.5)
+    """speed and its rate"""
     path_angle: Group = Group(alpha_1_s=0.1, rate_sigma=0.3)
+    """path angle and its rate"""
     track: Group = Group(alpha_1_s=0.05, rate_sigma=2.0)
+    """track and its rate"""
     elevation: Group = Group(alpha_1_s=1.0 / 60.0, rate_sigma=0.1)
+    """elevation and its rate"""
     azimuth: Group = Group(alpha_1_s=1.0 / 60.0, rate_sigma=0.5)
+    """azimuth and its rate"""
 
 
 class SingerSection(Section):
     """A Singer acceleration."""
 
     alpha_1_s: Decay = 0.05
+    """decay of the acceleration, the reciprocal of its correlation time"""
     sigma_m_s2: Sigma = 1.074264684
+    """1 sigma of the acceleration"""
 
 
 class AtcCase(Section):
     """A case computed beside the main one."""
 
     period_s: ScanPeriod
+    """time between scans"""
     onboard_rates: bool = False
+    """whether the rates of speed, path angle and track are measured as well"""
 
 
 class Atc(Section):
     """Range and angles of an aircraft in the circuit."""
 
     kind: Literal["atc-tracking"]
+    """kind of the file"""
     version: Version
+    """version of the format"""
     title: str = ""
+    """title of results, reports and exports; empty: they show the name of the file"""
     epoch: Utc = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
     """UTC of time 0; nothing depends on it"""
     circuit: CircuitSection = CircuitSection()
+    """the flight"""
     period_s: ScanPeriod = 1.0
+    """time between scans"""
     onboard_rates: bool = False
     """whether V' and the rates of path angle and track are measured as well"""
     further_cases: list_of(AtcCase) = (  # type: ignore[valid-type]
@@ -76,17 +98,25 @@ class Atc(Section):
         AtcCase(period_s=4.0),
         AtcCase(period_s=4.0, onboard_rates=True),
     )
+    """cases computed beside the main one"""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
+    """Monte Carlo runs of each case"""
     noise: Literal["as-given", "none"] = "as-given"
-    """none: the deterministic run"""
+    """as-given: as `sigmas` says; none: no noise, the deterministic run"""
     sigmas: Sigmas = Sigmas()
+    """1 sigma of what is measured each scan"""
     groups: Groups = Groups()
+    """how the rates of the five pairs beside the range vary"""
     residual_m_s2: Sigma = 0.3
     """1 sigma of the range acceleration beyond the formula"""
     start_range_rate_m_s: Sigma = 5.0
+    """1 sigma of the range rate at the start of the filter"""
     start_range_acceleration_m_s2: Sigma = 2.0
+    """1 sigma of the range acceleration at the start of the filter"""
     singer: SingerSection = SingerSection()
+    """the acceleration of the filter of range alone"""
     cartesian: SingerSection = SingerSection(sigma_m_s2=2.5)
+    """the acceleration of the Cartesian filter, along each axis"""
 
     @model_validator(mode="after")
     def _decaying(self) -> Self:

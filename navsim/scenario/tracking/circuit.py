@@ -19,27 +19,36 @@ class CircuitSection(Section):
     """A right-hand circuit about the radar, base and final turns; angles start from level flight without roll."""
 
     north_m: Signed = 4000.0
+    """place at the start, north of the radar"""
     east_m: Signed = 7600.0
+    """place at the start, east of the radar"""
     height_m: Annotated[float, Field(ge=0.0, le=1e5)] = 450.0
+    """height at the start, above the radar"""
     track_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 180.0
+    """track at the start, clockwise from north"""
     speed_m_s: Annotated[float, Field(ge=1.0, le=2000.0)] = 100.0
+    """speed at the start"""
     roll_deg: list_of(Command) = (  # type: ignore[valid-type]
         (160.0, 6.0, 25.0),
         (189.346, 6.0, -25.0),
         (241.652, 6.0, 25.0),
         (267.907, 6.0, -25.0),
     )
-    """raised-cosine ramps: start s, duration s, increment"""
+    """raised-cosine ramps of the roll: start s, duration s, increment"""
     speed_change_m_s: list_of(Command) = (  # type: ignore[valid-type]
         (40.0, 40.0, -15.0),
         (195.346, 30.0, -9.0),
         (277.907, 20.0, -6.0),
     )
+    """raised-cosine ramps of the speed: start s, duration s, increment"""
     path_angle_deg: list_of(Command) = ((283.795, 8.0, -3.0),)  # type: ignore[valid-type]
+    """raised-cosine ramps of the path angle: start s, duration s, increment"""
     duration_s: Annotated[float, Field(gt=10.0, le=3600.0)] = 406.0
+    """length of the flight"""
     manoeuvre_s: list_of(Pair) = ((160.0, 195.346), (241.652, 273.907))  # type: ignore[valid-type]
     """stretches in which errors are counted as those of the manoeuvre"""
     straight_s: list_of(Pair) = ((60.0, 160.0),)  # type: ignore[valid-type]
+    """stretches in which errors are counted as those of straight flight"""
 
     def scans(self, period: float) -> int:
         """Number of scans of this period, s, within the circuit."""

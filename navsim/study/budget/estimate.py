@@ -55,12 +55,12 @@ def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
     return out
 
 
-def said(estimate: Budget, here: Machine) -> str:
-    """The estimate in words."""
+def said(estimate: Budget, here: Machine, where: str = "") -> str:
+    """The estimate in words. where: the work is done, if not here."""
     parts = f", {size(estimate.partial_bytes)} of it until the result is complete" if estimate.partial_bytes else ""
-    cores = f"{here.cores} core{'' if here.cores == 1 else 's'}"
+    cores = f"on this machine's {here.cores} core{'' if here.cores == 1 else 's'}"
     return (
-        f"{duration(estimate.time_s)} on this machine's {cores} (within a factor of {SPREAD}), about "
+        f"{duration(estimate.time_s)} {where or cores} (within a factor of {SPREAD}), about "
         f"{size(estimate.memory_bytes)} of memory, {size(estimate.disk_bytes)} on disk{parts}"
     )
 

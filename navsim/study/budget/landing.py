@@ -24,7 +24,7 @@ from navsim.study.budget.estimate import (
     WRITING,
     Budget,
 )  # fmt: skip
-from navsim.study.ensemble import BATCH
+from navsim.study.ensemble import BATCH, TASK_BYTES
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
 
 SAMPLE_MEMORY = 3200
@@ -35,12 +35,14 @@ ANALYSED_MEMORY = 12_000
 """An epoch of a covariance analysis, bytes."""
 STATISTICS = 288
 """What is kept of every run for its statistics, bytes; three times while they are computed."""
+COLUMNS = 52
+"""Numbers of a run that its result keeps for merging."""
 PUSHED = 8
 """Numbers that a result keeps of a pushed run."""
 _PUSHED_TIME = 1.5
 """Times as long as another a run takes that is pushed."""
 SUMS = 8 * NUMBER
-"""Sums over the runs of a batch at every output of the filter, bytes."""
+"""Sums over a block of runs at every output of the filter, bytes."""
 
 SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
 """Seconds a sample, and a fix, of a run of a filter among as many as fly at once."""
@@ -120,22 +122,28 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     )  # fmt: skip
 
 
-def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1) -> Budget:
-    """A landing by its own method; runs, keep, workers: of Monte Carlo alone."""
+def landing(
+    scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1, away: bool = False
+) -> Budget:
+    """A landing by its own method; runs, keep, workers: of Monte Carlo alone. away: whether the workers have memory of
+    their own."""
     here = extent(scenario, sources)
     if scenario.method == "covariance":
         return _analysed(scenario, here)
     if scenario.method == "rare":
-        return _pushed(scenario, here, runs, workers)
+        return _pushed(scenario, here, runs, workers, away)
     workers = max(1, min(workers, -(-runs // BATCH)))
     of_run = sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
     stored = _stored(here, keep)
     batches = -(-runs // BATCH)
-    sums = batches * SUMS * (here.epochs + 1)
+    sums = (runs // BATCH + _blocks(runs % BATCH)) * SUMS * (here.epochs + 1)
     held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, here)
+    if away:  # what a task brings back, twice
+        held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
-    result = _common_bytes(scenario, here) + streamed + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
-    variables = {"none": 99, "errors": 108, "all": 117}[keep] + (27 if runs > 1 else 0)
+    part = runs * COLUMNS * NUMBER + _blocks(runs) * SUMS * (here.epochs + 1)
+    result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
+    variables = {"none": 104, "errors": 113, "all": 122}[keep] + (27 if runs > 1 else 0)
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
@@ -149,6 +157,11 @@ def landing(scenario: Landing, sources: Environment, runs: int = 1, keep: str = 
         result,
         runs * (of_run + STATISTICS) + sums + batches * BATCH_FILE if runs > BATCH else 0.0,
     )
+
+
+def _blocks(runs: int) -> int:
+    """Of the tree of sums (`study.sums`) what runs from 0 leave: blocks of powers of two."""
+    return runs.bit_count()
 
 
 def _waiting(scenario: Landing) -> float:
@@ -255,20 +268,21 @@ def _analysed(scenario: Landing, here: Extent) -> Budget:
     )
 
 
-def _pushed(scenario: Landing, here: Extent, runs: int, workers: int) -> Budget:
+def _pushed(scenario: Landing, here: Extent, runs: int, workers: int, away: bool) -> Budget:
     """Runs that are pushed to the edge of a box."""
     workers = max(1, min(workers, -(-runs // BATCH)))
     inputs = NUMBER * (6 * here.samples + 3 * here.epochs * here.sources + here.aided)
     # each worker's inputs are there before and after the push, slopes and shifts of three errors once
     pushes = inputs * (3 * WIDTH * workers + 6)
-    numbers = NUMBER * PUSHED * runs
+    flying = 2 * TASK_BYTES if away else workers * flying_memory(scenario, here) + pushes
+    numbers = (NUMBER * PUSHED + STATISTICS) * runs
     batches = -(-runs // BATCH)
     time = -(-runs // WIDTH) * WIDTH * run_time(scenario, here) * _PUSHED_TIME / workers
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + time,
-        shared_memory(here) + ANALYSED_MEMORY * here.epochs + workers * flying_memory(scenario, here) + pushes
-        + (3 * STATISTICS + WRITING * NUMBER * PUSHED) * runs,
-        numbers + 20 * VARIABLE,
+        shared_memory(here) + ANALYSED_MEMORY * here.epochs + flying
+        + 3 * STATISTICS * runs + WRITING * numbers,
+        numbers + 22 * VARIABLE,
         runs * STATISTICS + batches * BATCH_FILE if runs > BATCH else 0.0,
     )  # fmt: skip
 

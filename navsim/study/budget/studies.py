@@ -76,8 +76,9 @@ _REPLAYED_MEMORY = 3000
 """An output or fix of a replayed flight, bytes."""
 
 
-def sweep(planned: Plan, workers: int) -> Budget:
-    """All combinations of a study. Sizes are those of combinations spread over it that are valid."""
+def sweep(planned: Plan, workers: int, away: bool = False) -> Budget:
+    """All combinations of a study. Sizes are those of combinations spread over it that are valid. away: whether the
+    workers have memory of their own."""
     names = columns(planned)
     keys = sum(len(axis.keys) for axis in planned.axes)
     of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
@@ -98,7 +99,7 @@ def sweep(planned: Plan, workers: int) -> Budget:
         scenarios = planned.spread(_SAMPLED)
         costs = [_combination(planned, scenario) for scenario in scenarios]
         time = planned.size / workers * sum(cost.time_s for cost in costs) / len(costs)
-        memory = workers * max(cost.memory_bytes for cost in costs)
+        memory = 0.0 if away else workers * max(cost.memory_bytes for cost in costs)
     batches = -(-planned.size // planned.batch)
     return Budget(
         BASE_TIME + time,

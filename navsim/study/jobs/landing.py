@@ -13,6 +13,7 @@ from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.landing import rare
 from navsim.study.partial import Store
+from navsim.words import option
 
 MOST_RUNS = 1_000_000
 """Where `--until` gives up, unless --runs says otherwise."""
@@ -37,7 +38,8 @@ class _Prepared:
 
     def _prepare(self, runs: int, keep: str, executor: Executor, allow: Allow, at_most: bool) -> None:
         def ask(scenario: Landing, sources: Environment) -> None:
-            allow(estimated(scenario, sources, runs, keep, executor.workers), at_most=at_most)
+            budget = estimated(scenario, sources, runs, keep, executor.workers, executor.away)
+            allow(budget, at_most=at_most)
 
         self.case = landing.prepare(self.section, self.document, ask)
 
@@ -57,7 +59,7 @@ def _check_numbers(first: int, runs: int) -> None:
     """Raise OptionError for runs whose numbers a result cannot hold."""
     if first > MOST_WHOLE - runs:
         text = f"the last of {runs} run(s) would have a number beyond {MOST_WHOLE}"
-        raise OptionError(f"--first-run {first}: {text}")
+        raise OptionError(f"{option('first_run', first)}: {text}")
 
 
 class MonteCarloJob(_Prepared):
@@ -73,7 +75,7 @@ class MonteCarloJob(_Prepared):
         try:
             self.enough = landing.stopping_rule(self.until) if self.until is not None else None
         except ValueError as error:
-            raise OptionError(f"--until {error}") from None
+            raise OptionError(f"{option('until')} {error}") from None
         self.keep = options.keep or ("all" if self.runs == 1 else "errors")
         several = self.runs > 1
         self.sort = Sort("landing", section.method, SEVERAL_RUNS if several else ONE_RUN)
@@ -96,7 +98,7 @@ class MonteCarloJob(_Prepared):
             keep=self.keep, store=store, done=tell, enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
-        warnings = () if reached else (f"--until {self.until}: not reached within {self.runs} runs",)
+        warnings = () if reached else (f"{option('until', self.until)}: not reached within {self.runs} runs",)
         return Outcome(landing.result(self.case, flown, self.seed, keep=self.keep), warnings)
 
 
@@ -135,10 +137,11 @@ class RareJob(_Prepared):
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)
         if options.keep is not None:
-            raise OptionError("--keep: only for method monte-carlo; of pushed runs only the errors at the box are kept")
+            text = "only for method monte-carlo; of pushed runs only the errors at the box are kept"
+            raise OptionError(f"{option('keep')}: {text}")
         if options.require_consistent:
             text = "only for method monte-carlo; errors and innovations of pushed runs are off on purpose"
-            raise OptionError(f"--require-consistent: {text}")
+            raise OptionError(f"{option('require_consistent')}: {text}")
         self.seed, self.first = options.seed, options.first_run or 0
         # a number of runs alone is flown whole
         usual = f"probability within {100.0 * rare.USUAL:g}%" if options.runs is None else None
@@ -148,7 +151,7 @@ class RareJob(_Prepared):
         try:
             self.enough = None if self.until is None else rare.stopping_rule(lambda: self.edge, self.until)
         except ValueError as error:
-            raise OptionError(f"--until {error}") from None
+            raise OptionError(f"{option('until')} {error}") from None
         self.sort = Sort("landing", section.method)
         self.extent = self.runs
         self.pieces = -(-self.runs // BATCH)

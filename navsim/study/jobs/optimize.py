@@ -14,7 +14,7 @@ from navsim.scenario.source import Document
 from navsim.study import optimize
 from navsim.study.budget import studies as estimates
 from navsim.study.budget.estimate import Budget
-from navsim.study.executor import Executor
+from navsim.study.executor import Away, Executor
 from navsim.study.job import Allow, Options, Outcome, Tell
 from navsim.study.journal import Journal
 from navsim.study.objective import UNMET, PlacementProblem, load_of, problem
@@ -62,7 +62,9 @@ class OptimizeJob:
         self._watch.tell = lambda progress: tell(
             0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
         )
-        found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store))
+        with executor.pool(executor.workers) as pool:
+            away = pool if isinstance(pool, Away) else None
+            found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store), away)
         result = optimize.optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
         why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""

@@ -11,6 +11,7 @@ from navsim.study.budget.studies import sweep as estimated
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
+from navsim.words import option
 
 
 class SweepJob:
@@ -21,7 +22,7 @@ class SweepJob:
 
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:
         if options.runs and section.method != "monte-carlo":
-            raise OptionError(f"--runs: only for method monte-carlo; this sweep is by {section.method}")
+            raise OptionError(f"{option('runs')}: only for method monte-carlo; this sweep is by {section.method}")
         self.section, self.document, self.seed = section, document, options.seed
         self.base = base_of(section, document)
         self.sort = Sort("sweep", section.method)
@@ -41,7 +42,7 @@ class SweepJob:
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
         self.plan = sweep.plan(self.section, self.document, self.base, self.seed)
-        allow(estimated(self.plan, executor.workers))
+        allow(estimated(self.plan, executor.workers, executor.away))
 
     def described(self) -> str:
         extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in self.plan.axes)

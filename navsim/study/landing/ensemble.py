@@ -33,6 +33,8 @@ from navsim.study.landing import integrity
 from navsim.study.landing.case import Case, box_time, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
+from navsim.study.sums import Sums
+from navsim.words import option
 
 LEVELS = np.array([1.0, 2.0, 3.0])
 """Sigma levels of the position ellipsoids whose coverage is counted."""
@@ -118,13 +120,8 @@ class LandingStudy:
         window, crossings = self.window, self.crossings
         rpy, to_rpy = self.attitude
         rows: list[Arrays] = []
-        sums = {name: np.zeros(self.case.world.filter_time.size) for name in ("nees", "nees_position_velocity", "nis")}
-        sums["nis"][0] = np.nan
+        sums = Sums()
         n = len(self.case.states)
-        sums["nees_group"] = np.zeros((self.case.world.filter_time.size, len(self.case.groups)))
-        sums["mean_square"], sums["variance"] = np.zeros(n), np.zeros(n)
-        sums["rpy_square"], sums["rpy_variance"] = np.zeros(3), np.zeros(3)
-        sums["at_variance"] = np.zeros((len(crossings), 3))
         kept: Arrays = {}
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
@@ -159,14 +156,19 @@ class LandingStudy:
                 "rpy_variance": _mean(turned_variances(to_rpy, covariances(runs, "attitude", window))),
                 "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
             }
-            # one run after the other, so that the sums do not depend on how many fly at once
             for i in range(runs.nees.shape[0]):
-                for name, values in added.items():
-                    sums[name] += values[i]
-                sums["nees"] += runs.nees[i] / n
-                sums["nees_position_velocity"] += runs.nees_position_velocity[i] / 6
-                sums["nees_group"] += runs.nees_group[i] / 3
-                sums["nis"][1:] += runs.innovation_squared[i] / np.maximum(runs.degrees[i], 1)
+                nis = runs.innovation_squared[i] / np.maximum(runs.degrees[i], 1)
+                sums.add(
+                    first + flown + i,
+                    1,
+                    {
+                        **{name: values[i] for name, values in added.items()},
+                        "nees": runs.nees[i] / n,
+                        "nees_position_velocity": runs.nees_position_velocity[i] / 6,
+                        "nees_group": runs.nees_group[i] / 3,
+                        "nis": np.concatenate([[np.nan], nis]),
+                    },
+                )
             for name in HISTORIES[self.keep]:
                 history = getattr(runs, name)
                 if name not in kept:
@@ -174,7 +176,7 @@ class LandingStudy:
                 kept[name][flown : flown + history.shape[0]] = history
             flown += runs.nees.shape[0]
         per_run = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
-        return per_run, sums, kept
+        return per_run, sums.arrays(), kept
 
 
 def fly_all(
@@ -203,7 +205,7 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
     """
     match = _UNTIL.fullmatch(expression)
     if match is None:
-        rare = "; a probability goes with --method rare" if "probability" in expression else ""
+        rare = f"; a probability goes with {option('method', 'rare')}" if "probability" in expression else ""
         form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
         raise ValueError(f"{expression!r}: expected {form}{rare}")
     share = percent(match.group(2), expression, 0.001, 1000.0)

@@ -46,6 +46,7 @@ from navsim.study.landing.ensemble import (
 )
 from navsim.study.landing.tree import attributes
 from navsim.study.partial import Arrays, Store
+from navsim.study.parts import pack
 from navsim.study.statistics import weighted_share
 
 USUAL = 0.2
@@ -264,6 +265,7 @@ def result(case: Case, edge: Edge, flown: Ensemble, seed: int) -> Result:
         draft[f"/summary/rare/{name}"] = data
     draft["/summary/count/runs"] = np.int64(flown.runs)
     requirements.judged(draft, case, flown.runs)
+    pack(draft, flown)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(findings(case, edge, flown)))
     return out

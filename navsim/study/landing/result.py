@@ -18,6 +18,7 @@ from navsim.study.landing.box import box_of, counted
 from navsim.study.landing.case import PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, attributes, base, belief
+from navsim.study.parts import pack
 from navsim.study.statistics import (
     SIGMA_TOLERANCE,
     consistency_band,
@@ -52,6 +53,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     tails.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
     requirements.judged(draft, case, ensemble.runs)
+    pack(draft, ensemble)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(findings(case, ensemble)))
     return out

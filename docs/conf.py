@@ -1,0 +1,81 @@
+"""How Sphinx makes the site of these pages: `make site`. It loads nothing from outside and warns of orphans."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+import navsim
+from navsim.report import citations
+
+HERE = Path(__file__).resolve().parent
+CONTENTS = "contents/"
+"""Where the contents pages are, whose lists of links are the tree of the site."""
+
+project = "navsim"
+author = "The navsim developers"
+project_copyright = author
+version = release = navsim.__version__
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinxcontrib.bibtex"]
+exclude_patterns = ["_build"]
+highlight_language = "none"  # a block without a language is a formula, a table or a command
+myst_enable_extensions: list[str] = []
+myst_heading_anchors = 4
+nb_execution_mode = "force"  # pages with code cells alone are executed: those in notebooks/
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
+autodoc_typehints = "description"
+
+bibtex_bibfiles = ["_build/navsim.bib"]
+bibtex_default_style = "unsrt"
+suppress_warnings = ["bibtex.missing_field"]  # of some sources no more is known, and none is invented
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"navsim {release}"
+html_static_path = ["_static"]
+html_css_files = ["navsim.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_context = {"default_mode": "auto"}  # without it the theme complains in the console
+html_theme_options = {
+    "show_prev_next": True,
+    "navigation_with_keys": False,
+    "show_version_warning_banner": False,
+    "header_links_before_dropdown": 7,
+    "navbar_end": ["theme-switcher"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}
+
+
+def write_bibliography() -> None:
+    """The sources of `navsim cite`, the one list there is."""
+    target = HERE / bibtex_bibfiles[0]
+    text = citations.bibtex(citations.METHODS)
+    if not target.exists() or target.read_text(encoding="utf-8") != text:
+        target.parent.mkdir(exist_ok=True)
+        beside = target.with_suffix(f".{os.getpid()}")
+        beside.write_text(text, encoding="utf-8")
+        beside.replace(target)
+
+
+def add_tree(_: Sphinx, name: str, source: list[str]) -> None:
+    """Give a contents page the tree that its list of links is: a page is listed once, readable on a forge."""
+    if name.startswith(CONTENTS):
+        pages = re.findall(r"^- \[[^\]]+\]\(([^)#]+)\.md\)", source[0], re.MULTILINE)
+        source[0] += "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(pages) + "\n```\n"
+
+
+def setup(app: Sphinx) -> None:
+    """What Sphinx calls first."""
+    app.connect("source-read", add_tree)
+
+
+write_bibliography()

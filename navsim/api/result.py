@@ -1,0 +1,179 @@
+"""A result file as an object of Python."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import shutil
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from navsim.words import of_python
+from navsim.work.errors import BadInput, RunFailed, said
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+
+    from navsim.io.findings import Finding
+    from navsim.io.results import Result
+    from navsim.report.table import Table
+
+INSTALL = "pip install 'navsim-landing[xarray]'"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was required of landings, and whether it is so: met, not met, undecided. value: of what is required, with
+    its 95 % interval from low to high; limit: what it is held against, in the same unit."""
+
+    statement: str
+    verdict: str
+    value: float
+    low: float
+    high: float
+    limit: float
+
+
+def load(path: str | os.PathLike[str]) -> xarray.DataTree:
+    """A result file as a tree of xarray, numbers read when they are asked for.
+
+    Raises BadInput for what is no result, ModuleNotFoundError where xarray and h5netcdf (the extra `xarray`) are not
+    installed.
+    """
+    file = Path(path).expanduser()
+    _read(file)
+    try:
+        import h5netcdf  # type: ignore[import-untyped]  # noqa: F401  # the engine
+        import xarray
+    except ModuleNotFoundError as error:
+        if error.name not in ("xarray", "h5netcdf", "pandas"):
+            raise
+        text = f"results are opened as a tree by xarray with h5netcdf, which are not installed here: {INSTALL}"
+        raise ModuleNotFoundError(text, name=error.name) from None
+    return xarray.open_datatree(file, engine="h5netcdf")
+
+
+def _read(path: Path) -> Result:
+    from navsim.io.results import ResultError, read
+
+    with of_python():
+        try:
+            return read(path)
+        except ResultError as error:
+            raise BadInput(said(error)) from None
+
+
+class ResultFile:
+    """A result: its file, what its study found, its tables.
+
+    path: the file, whose numbers `tree` and `load` read. files: texts and figures that were written beside it. stopped:
+    why the work ended before all was done, "" where it did not.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Open a result file. Raises BadInput for what is none."""
+        self.path = Path(path).expanduser()
+        self.files: list[Path] = []
+        self.stopped = ""
+        self._result = _read(self.path)
+        self._here()
+
+    @classmethod
+    def _of(cls, path: Path, files: list[Path], stopped: str, temporary: Path | None) -> ResultFile:
+        """The result that was just made; temporary: the folder that goes when the object does."""
+        made = cls(path)
+        made.files, made.stopped = files, stopped
+        if temporary is not None:
+            weakref.finalize(made, shutil.rmtree, temporary, True)
+        return made
+
+    def _here(self) -> Any:
+        from navsim.io.results import ResultError
+        from navsim.report.view import view
+
+        try:
+            return view(self._result.attributes["kind"])
+        except ResultError as error:
+            raise BadInput(said(f"{self.path}: {error}")) from None
+
+    @property
+    def kind(self) -> str:
+        """What it is a result of: landing, sweep, optimize, replay, ..."""
+        return str(self._result.attributes["kind"])
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The root attributes: seed, versions, the whole resolved scenario."""
+        return dict(self._result.attributes)
+
+    @property
+    def tree(self) -> xarray.DataTree:
+        """The file as a tree of xarray, opened anew; see `load`."""
+        return load(self.path)
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What its study warned of."""
+        from navsim.io.findings import of
+
+        return of(self._result)
+
+    @cached_property
+    def verdicts(self) -> list[Verdict]:
+        """What became of the scenario's requirements; none where it has none, or the result is not of landings."""
+        branch = "/summary/requirements"
+        if f"{branch}/verdict" not in self._result:
+            return []
+        names = ("statement", "verdict", "value", "limit")
+        statement, verdict, interval, limit = (self._result[f"{branch}/{name}"] for name in names)
+        return [
+            Verdict(str(what), str(how), float(value), float(low), float(high), float(most))
+            for what, how, (value, low, high), most in zip(statement, verdict, interval, limit, strict=True)
+        ]
+
+    def __getitem__(self, path: str) -> np.ndarray[Any, Any]:
+        """The numbers of a variable by its path in the file, as `summary/rms/horizontal`, read from there. Raises
+        KeyError for one that is not there; RunFailed where the file was damaged meanwhile."""
+        from navsim.io.results import ResultError
+
+        whole = "/" + path.strip("/")
+        if whole not in self._result:
+            near = difflib.get_close_matches(whole, self._result.variables, n=1)
+            raise KeyError(f"{path}{f'; did you mean {near[0][1:]!r}?' if near else ''}")
+        try:
+            return self._result[whole]
+        except ResultError as error:
+            raise RunFailed(said(error)) from None
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The summary as plain data with the names of the file, as `navsim show --json` prints it; unknown: None."""
+        from navsim.report.view import plain
+
+        return plain(self._result)
+
+    def tables(self) -> list[Table | str]:
+        """The tables that `navsim show` prints, and words between them."""
+        return list(self._here().tables([(self.path.stem, self._result)]))
+
+    def show(self) -> str:
+        """The tables as text."""
+        from navsim.report.table import text
+
+        return text(self.tables(), self._here().width)
+
+    def __repr__(self) -> str:
+        return f"<navsim.ResultFile {str(self.path)!r}, kind {self.kind}, {len(self.findings)} finding(s)>"
+
+    def __str__(self) -> str:
+        return self.show()
+
+    def _repr_html_(self) -> str:
+        from navsim.report.table import html
+
+        warned = [f"warning: {found.text}" for found in self.findings]
+        return html([*self.tables(), *warned])

@@ -1,0 +1,62 @@
+"""`navsim merge`: results of parts of one ensemble put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from navsim.cli.carry_out import Wanted, carry_out
+from navsim.cli.common import leave, leaving, read_result
+from navsim.cli.ending import BAD_INPUT
+from navsim.cli.options import Care, JsonOption, Required, dry_run_option, figures_option
+from navsim.work.errors import failures
+from navsim.work.opening import target_of
+
+
+@dataclass(frozen=True)
+class MergeOptions:
+    """Where the whole goes."""
+
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE.h5", help="The result file.", show_default=False)
+    ]
+    folder: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER", help="Where the files lie that the scenario names, such as those of satellites."
+        ),
+    ] = Path()
+    figures: Annotated[str | None, figures_option("unless given")] = None
+    dry_run: Annotated[bool, dry_run_option("Check that the parts fit, write nothing.")] = False
+    json_: JsonOption = False
+
+
+def merge(
+    parts: Annotated[
+        list[Path],
+        typer.Argument(metavar="PART.h5", help="Results of `navsim run --first-run K --runs N`.", show_default=False),
+    ],
+    given: MergeOptions,
+    required: Required,
+    care: Care,
+) -> None:
+    """Put results of parts of one ensemble together: the same result as of all runs at once.
+
+    The parts are of one scenario, seed and --keep, and have every run once; their order does not matter.
+    """
+    from navsim.study.job import Options
+    from navsim.study.jobs.merge import MergeJob
+
+    results = [(file, read_result(file)) for file in parts]
+    with leaving():
+        target = target_of(given.output, given.output.stem)
+    for file in parts:
+        if target.exists() and target.samefile(file):
+            leave(BAD_INPUT, f"{file}: is a part, and cannot be the whole as well; choose another -o/--output")
+    with leaving(), failures(target):
+        job = MergeJob(results, given.folder.absolute())
+    wanted = Wanted(care, required, Options(), given.figures, given.dry_run, given.json_)
+    carry_out(target, job, target, wanted)

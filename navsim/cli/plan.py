@@ -1,0 +1,97 @@
+"""`navsim plan`: the aerodrome in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from navsim.cli.common import leave
+from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.options import number_option
+from navsim.cli.reports import INSTALL
+
+_TEMPLATE = "landing"
+
+
+def plan(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENARIO.yaml]", help="The landing to plan. Default: the shipped landing.yaml.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE.yaml", show_default=False,
+            help="What Save writes, and nothing else. Default: <stem>_planned.yaml beside the scenario; of the shipped "
+            "one in the working folder.",
+        ),
+    ] = None,
+    overlay: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.geojson", help="Outlines to draw over the map, by longitude and latitude.",
+                     show_default=False),
+    ] = None,
+    port: Annotated[
+        int, number_option(int, 0, "Port at 127.0.0.1, 0 for a free one.", most=65535, show_default=True)
+    ] = 5006,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open nothing.")] = False,
+) -> None:
+    """Plan pseudolites in the browser: drag them, see what places are worth, save the scenario.
+
+    The page is served at this machine's own address until Ctrl-C.
+    """  # fmt: skip
+    from navsim.scenario.source import MOST_BYTES, InputError, load
+
+    try:
+        from navsim.planner.server import ADDRESS, Planner, outlines
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] not in ("bokeh", "jinja2", "markupsafe", "tornado"):
+            raise
+        leave(BAD_INPUT, f"navsim plan draws with Bokeh, which is not installed here: {INSTALL}")
+    from navsim.io import files, geojson
+    from navsim.io.results import ResultError, check_writable
+    from navsim.planner.outlook import Outlook
+    from navsim.planner.proposal import PlannedScenario
+    from navsim.scenario import shipped
+    from navsim.scenario.load import read
+
+    path = scenario or shipped.path(_TEMPLATE)
+    target = output or (path.with_name(f"{path.stem}_planned.yaml") if scenario else Path(f"{_TEMPLATE}_planned.yaml"))
+    if not target.parent.is_dir():
+        leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
+    try:
+        read(path)
+        document, text = load(path), files.content(path, MOST_BYTES).decode("utf-8")
+        proposal = PlannedScenario(document, text)
+        Outlook(proposal)
+        drawn = []
+        if overlay is not None:
+            try:
+                drawn = outlines(proposal, geojson.lines(files.content(overlay, geojson.MOST_BYTES)))
+            except (ValueError, OSError) as error:
+                why = error.strerror if isinstance(error, OSError) else error
+                leave(BAD_INPUT, f"--overlay {overlay}: {why}")
+        check_writable(target)
+    except InputError as error:
+        leave(BAD_INPUT, *error.problems)
+    except ResultError as error:
+        leave(BAD_INPUT, error)
+    named = [name for name in proposal.file_names() if not Path(name).expanduser().is_absolute()]
+    if named and target.resolve().parent != document.folder:
+        text = f"{path} names files beside it ({', '.join(named)}), which a file elsewhere would not find"
+        leave(BAD_INPUT, f"{text}; choose an -o/--output in {document.folder}")
+
+    def serving(address: str) -> None:
+        print(f"{address}  Ctrl-C ends it; Save writes {target}", flush=True)
+
+    try:
+        Planner(document, text, target, drawn).serve(
+            port, not no_browser, serving, lambda words: say(f"warning: {words}")
+        )
+    except OSError as error:
+        leave(BAD_INPUT, f"--port {port}: cannot be had at {ADDRESS}: {error.strerror or error}")

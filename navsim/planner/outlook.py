@@ -1,0 +1,237 @@
+"""What a proposal is worth: at the places where pseudolites stand, at places where one might, satellite by satellite.
+
+What stands at the point is what `navsim run` finds. Maps are made by what sweeps and searches are made by: by the
+geometry kernel at all fix epochs of the glide, or by protection levels at some of them; and where what satellites are
+worth depends on where pseudolites stand, by the signals themselves, at the same epochs.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navsim.core.arrays.earth import llh_from_ecef
+from navsim.core.dop import dops, geometry_covariance
+from navsim.models.signals import build_signals
+from navsim.planner.proposal import PlannedScenario
+from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.study.analyses import LevelScreen, Prepared, screened
+from navsim.study.landing import integrity, prepare
+from navsim.study.landing.case import Case, environment, glide_epochs
+from navsim.study.landing.tree import geometry_summary
+from navsim.study.objective import of_geometry
+from navsim.study.placement import RunwayPlane
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a map may show. name: as sweeps have it. unit: "" for none."""
+
+    name: str
+    said: str
+    unit: str
+    level: bool = False
+
+
+QUANTITIES = {each.name: each for each in (
+    Quantity("pdop", "PDOP, mean of the glide", ""),
+    Quantity("hdop", "HDOP, mean of the glide", ""),
+    Quantity("vdop", "VDOP, mean of the glide", ""),
+    Quantity("pdop_max", "PDOP, worst of the glide", ""),
+    Quantity("fix_horizontal", "accuracy of fixes, horizontal, 1σ", "m"),
+    Quantity("fix_vertical", "accuracy of fixes, vertical, 1σ", "m"),
+    Quantity("hpl_p95", "protection level HPL, 95 % of the glide", "m", level=True),
+    Quantity("vpl_p95", "protection level VPL, 95 % of the glide", "m", level=True),
+)}  # fmt: skip
+Places = Callable[[np.ndarray], np.ndarray]
+"""Values (n,) of placements (n, k, 3), along, right and up, m; not finite where there is no solution."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A source at the middle of the glide. without: mean PDOP of the glide without it, nan where it is not used, inf
+    where there is no fix then at some epoch. azimuth, elevation: deg."""
+
+    name: str
+    azimuth: float
+    elevation: float
+    used: bool
+    ground: bool
+    without: float
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What the pseudolites where they are are worth: figures by the paths that a result has them under, shares of
+    sources, warnings."""
+
+    figures: dict[str, float]
+    shares: list[Share]
+    warnings: list[str]
+
+
+class Outlook:
+    """The world of a proposal at its epoch with its jammers, for any places of pseudolites."""
+
+    def __init__(self, proposal: PlannedScenario, epoch: datetime.datetime | None = None) -> None:
+        """epoch: another one than the proposal's. Raises InputError for files of satellites that cannot be used."""
+        self._proposal, self._document = proposal, proposal.document
+        self._trajectory = proposal.trajectory
+        self.scenario = proposal.scenario if epoch is None else proposal.scenario.model_copy(update={"epoch": epoch})
+        self._sources, _, _ = environment(self.scenario, self._document, self._trajectory)
+        self._geometry: Geometry | None = None
+        self._watched: Prepared | None = None
+        self._case: Case | None = None
+
+    @property
+    def placed(self) -> bool:
+        """Whether what satellites, or single pseudolites, are worth depends on where pseudolites stand."""
+        return self._sources.placed or self._sources.singled_out
+
+    def lacks(self, name: str) -> str:
+        """Why there is no map of a quantity; nothing where there is."""
+        section = self.scenario.integrity
+        if not QUANTITIES[name].level:
+            return ""
+        if section is None:
+            return "the scenario has no section `integrity`"
+        return "levels of filters take seconds a place" if section.method == "filter" else ""
+
+    def jammed_from(self, places: np.ndarray) -> Outlook:
+        """The same with its jammers at places (j, 3)."""
+        out = Outlook.__new__(Outlook)
+        out.__dict__ |= self.__dict__ | {"_geometry": None, "_watched": None, "_case": None}
+        jamming = self._sources.jamming
+        assert jamming is not None
+        sites = self._proposal.sites(places)
+        jammers = tuple(replace(one, place=site) for one, site in zip(jamming.jammers, sites, strict=True))
+        out._sources = replace(self._sources, jamming=replace(jamming, jammers=jammers))
+        return out
+
+    @property
+    def geometry(self) -> Geometry:
+        """The glide as placements see it."""
+        if self._geometry is None:
+            utc = np.array([self.scenario.epoch.timestamp()])
+            epochs = glide_epochs(self.scenario, self._trajectory)
+            self._geometry = glide_geometry(self._trajectory, self._sources, utc, *epochs)
+        return self._geometry
+
+    def judge(self, name: str, names: tuple[str, ...], every: int = 1) -> Places:
+        """What tells a quantity of placements of pseudolites of these names; by the geometry at every so many-th
+        epoch."""
+        if self.placed:
+            return lambda places: np.array([self._by_signals(name, each, names) for each in places])
+        if not QUANTITIES[name].level:
+            geometry = self.geometry.at(np.arange(0, len(self.geometry.receiver), every))
+            return lambda places: of_geometry(name, geometry, self._proposal.sites(places))
+        watched = replace(self._bare, names=names)
+
+        def levels(places: np.ndarray) -> np.ndarray:
+            plane = RunwayPlane(self._proposal.threshold, self._proposal.heading, places[0, :, 2])
+            screen = LevelScreen(plane, watched, name, None)
+            return screen(np.stack([places[..., 1], -places[..., 0]], axis=-1))[0]
+
+        return levels
+
+    def quick(self, name: str) -> bool:
+        """Whether a quantity is told of ten thousand placements at once."""
+        return not self.placed and not QUANTITIES[name].level
+
+    @property
+    def _bare(self) -> Prepared:
+        """The flight whose fixes are watched, without pseudolites, at some epochs of the glide."""
+        if self._watched is None:
+            case = self._ready
+            none = replace(self._sources.pseudolites, names=(), llh=np.empty((0, 3)))
+            self._watched = screened(replace(case, environment=replace(self._sources, pseudolites=none)))
+        return self._watched
+
+    @property
+    def _ready(self) -> Case:
+        if self._case is None:
+            self._case = prepare(self.scenario, self._document)
+        return self._case
+
+    def _by_signals(self, name: str, places: np.ndarray, names: tuple[str, ...]) -> float:
+        """A quantity of one placement (k, 3), with all that depends on it."""
+        llh = llh_from_ecef(self._proposal.sites(places))
+        pseudolites = replace(self._sources.pseudolites, names=names, llh=llh)
+        sources = replace(self._sources, pseudolites=pseudolites)
+        if set(self._sources.pseudolites.names) <= set(names):
+            sources = replace(sources, effects=self.scenario.effects(pseudolites))
+        watched = self._bare
+        signals = build_signals(watched.motion, self.scenario.epoch.timestamp(), sources)
+        if watched.watched is not None:
+            signals = signals.at(watched.watched)
+        if QUANTITIES[name].level:
+            watching = self._ready.flight.watching
+            assert watching is not None
+            case = replace(watched.case, environment=sources).over(replace(watched.case.world, signals=signals))
+            levels = case.flight.monitor.levels if case.flight.monitor is not None else np.empty((0, 2))
+            of = levels[:, 0 if name.startswith("hpl") else 1]
+            return float(np.max(of, initial=0.0)) if np.isfinite(of).all() else np.inf
+        if name.startswith("fix_"):
+            cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.fix_sigma**2)
+            variance = np.diagonal(cofactor, axis1=1, axis2=2)
+            columns = [0, 1] if name == "fix_horizontal" else [2]
+            values = np.sqrt(variance[:, columns].sum(axis=1))
+        else:
+            values = dops(signals.los, signals.clock)[:, 1 + "phv".index(name[0])]
+        if not np.isfinite(values).all():
+            return np.inf
+        return float(values.max() if name.endswith("_max") else values.mean())
+
+    def at(self, places: np.ndarray) -> dict[str, float]:
+        """DOPs and accuracy of fixes by the geometry kernel, of one placement (k, 3); nothing where it cannot tell."""
+        if self.placed:
+            return {}
+        sites = self._proposal.sites(places)[None]
+        values, _ = self.geometry.dops(sites)
+        sigmas, _ = self.geometry.fix_sigmas(sites)
+        of_dops = {f"dop/{name}": float(values[i, 0, 0]) for i, name in enumerate(("pdop", "hdop", "vdop"))}
+        of_dops["dop/pdop_max"] = float(values[0, 2, 0])
+        return of_dops | {
+            f"fix/rms_{name}": float(sigmas[i, 0, 0])
+            for i, name in ((1, "horizontal"), (2, "vertical"), (0, "3d"))
+        }  # fmt: skip
+
+    def found(self) -> Worth:
+        """What `navsim run` finds of the scenario as it stands. Raises InputError."""
+        case = self._ready
+        summary = geometry_summary(case)
+        figures = {f"dop/{name}": float(summary[f"/summary/dop/{name}"][0]) for name in ("pdop", "hdop", "vdop")}
+        figures["dop/pdop_max"] = float(summary["/summary/dop/pdop"][2])
+        for name in ("horizontal", "vertical", "3d"):
+            figures[f"fix/rms_{name}"] = float(summary[f"/summary/fix/rms_{name}"][0])
+        if self.scenario.integrity is not None and self.scenario.integrity.method != "filter":
+            figures |= {f"integrity/{name}": value for name, value in integrity.level_outputs(case).items()}
+        glide = integrity.glide_of(case)
+        figures["lost"] = float(np.isnan(case.world.dop[glide, 1]).sum())
+        return Worth(figures, self._shares(case, glide), case.warnings)
+
+    def _shares(self, case: Case, glide: np.ndarray) -> list[Share]:
+        """All sources above the horizon, or used."""
+        signals = case.world.signals
+        los, out = signals.los[glide], []
+        if not len(los):
+            return []
+        middle = np.flatnonzero(glide)[len(los) // 2]
+        ground = case.pseudolites.names
+        for i, name in enumerate(signals.names):
+            used = bool(signals.used[glide][:, i].any())
+            elevation = float(np.degrees(signals.elevation[middle, i]))
+            if not used and not elevation > 0.0:
+                continue
+            without = np.nan
+            if used:
+                rest = los.copy()
+                rest[:, i] = np.nan
+                without = float(dops(rest, signals.clock)[:, 1].mean())
+                without = without if np.isfinite(without) else np.inf
+            azimuth = float(np.degrees(signals.azimuth[middle, i]) % 360.0)
+            out.append(Share(name, azimuth, elevation, used, name in ground, without))
+        return out

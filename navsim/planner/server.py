@@ -1,0 +1,112 @@
+"""The planner's server: at this machine's own address alone, for a page that comes from it, with one file to write."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import webbrowser
+from collections.abc import Callable
+from importlib.resources import files as packaged
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.document import Document as Page
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from bokeh.server.util import bind_sockets
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+
+import navsim
+from navsim.planner.drawing import Outline
+from navsim.planner.proposal import PlannedScenario
+from navsim.planner.session import PlannerSession
+from navsim.planner.target import Target
+from navsim.scenario.base import DEG
+from navsim.scenario.source import Document
+
+ADDRESS = "127.0.0.1"
+LOST = "a page of the planner was closed with changes that were not saved"
+KEPT = "changes in the planner were not saved"
+
+
+class Planner:
+    """The pages of one scenario file."""
+
+    def __init__(self, document: Document, text: str, target: Path, overlay: list[Outline]) -> None:
+        self._document, self._text, self._target, self._overlay = document, text, target, overlay
+        self._open: list[PlannerSession] = []
+
+    def serve(self, port: int, browser: bool, said: Callable[[str], None], warned: Callable[[str], None]) -> None:
+        """Serve until something ends it. said: is told the address; warned: of changes that are lost. Raises OSError
+        for a port that cannot be had."""
+        for name in ("bokeh", "tornado"):
+            logging.getLogger(name).setLevel(logging.ERROR)
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        sockets, port = bind_sockets(ADDRESS, port)
+        application = Application(FunctionHandler(lambda page: self._opened(page, warned)))
+        tornado = BokehTornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
+        http = HTTPServer(tornado)
+        http.add_sockets(sockets)
+        server = BaseServer(IOLoop.current(), tornado, http)
+        server.start()
+        address = f"http://{ADDRESS}:{port}/"
+        said(address)
+        if browser:
+            webbrowser.open(address)
+        try:
+            server.io_loop.start()
+        finally:
+            if any(each.unsaved for each in self._open):
+                warned(KEPT)
+            for each in self._open:
+                each.close()
+
+    def _opened(self, page: Page, warned: Callable[[str], None]) -> None:
+        proposal = PlannedScenario(self._document, self._text)
+        session = PlannerSession(page, proposal, Target(self._target), self._overlay)
+        self._open.append(session)
+
+        def closed(_: Any) -> None:
+            if session in self._open:
+                self._open.remove(session)
+                if session.unsaved:
+                    warned(LOST)
+            session.close()
+
+        page.on_session_destroyed(closed)
+        folder = packaged(__package__)
+        read = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _PARTS}
+        shared = packaged("navsim.report.page").joinpath("page.css").read_text(encoding="utf-8")
+        environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+        scenario = proposal.scenario
+        page.title = scenario.title or self._document.file
+        page.template = environment.from_string(read["planner.html"])
+        page.template_variables.update({
+            "heading": scenario.title or Path(self._document.file).name, "file": self._document.file,
+            "target": str(self._target), "version": navsim.__version__,
+            "style": Markup(shared.partition("* {")[0] + read["planner.css"]),  # ours
+            "script": Markup(read["planner.js"]),  # the same
+        })  # fmt: skip
+
+
+_PARTS = ("planner.html", "planner.css", "planner.js")
+
+
+def outlines(proposal: PlannedScenario, found: list[tuple[str, list[list[tuple[float, float]]], str]]) -> list[Outline]:
+    """Features of `io.geojson.lines` in axes of the runway, from longitude and latitude."""
+    height = proposal.threshold[2]
+    out: list[Outline] = []
+    for what, parts, name in found:
+        seen = []
+        for part in parts:
+            lon_lat = np.array(part) * DEG
+            s_l1 = proposal.plane.places(np.column_stack([lon_lat[:, 1], lon_lat[:, 0], np.full(len(part), height)]))
+            seen.append(np.column_stack([-s_l1[:, 1], s_l1[:, 0]]))
+        out.append((what, seen, name))
+    return out

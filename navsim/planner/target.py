@@ -1,0 +1,51 @@
+"""The one file that the planner writes, and whether it may."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from navsim.io import files
+from navsim.io.results import ResultError, write_text
+from navsim.planner.proposal import PlannedScenario
+from navsim.scenario.base import validated
+from navsim.scenario.landing import Landing
+from navsim.scenario.source import MOST_BYTES, InputError, parse
+
+
+@dataclass
+class Target:
+    """The file. written: what this page wrote into it, None for nothing yet."""
+
+    path: Path
+    written: str | None = None
+
+    def asks(self) -> bool:
+        """Whether something stands there that this page did not write."""
+        try:
+            return files.content(self.path, MOST_BYTES) != (self.written or "").encode() or self.written is None
+        except FileNotFoundError:
+            return False
+        except OSError:
+            return True
+
+    def save(self, proposal: PlannedScenario, consent: bool) -> str:
+        """Write the scenario, and return what has to be said of it; nothing is written, and `Consent` raised, where
+        another file would be replaced without consent. Raises ResultError, InputError."""
+        if self.asks() and not consent:
+            raise Consent(f"{self.path} is there already. Replace it?")
+        found = proposal.text()
+        document = parse(found.text, str(self.path), self.path.resolve().parent)
+        validated(Landing, document)
+        write_text(self.path, found.text)
+        self.written = found.text
+        proposal.saved = proposal.document.data
+        lost = " Comments were lost in what was changed: it could not be changed line by line." if found.lost else ""
+        return f"Saved. Fly it: navsim run {self.path}{lost}"
+
+
+class Consent(Exception):
+    """Somebody has to be asked first."""
+
+
+__all__ = ["Consent", "InputError", "ResultError", "Target"]

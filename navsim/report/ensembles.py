@@ -1,0 +1,201 @@
+"""Figures of ensembles: how the position errors of all runs spread over time and over height, and at touchdown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.io.results import Result
+from navsim.report.figures import legend_above
+from navsim.report.limits import REQUIRED, asked
+from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
+from navsim.report.quantities import blocks, ellipse, heights, settled, touchdown
+from navsim.report.tables import runs_of, setting
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+AXES = ("lateral", "along", "vertical")
+PERCENTS = (2.5, 25.0, 50.0, 75.0, 97.5)
+"""Of the errors of all runs, with their signs."""
+_INSTANTS = 150
+"""At so many times of the filter, evenly spread, at most: all runs' errors there are held at once."""
+_MOST_NUMBERS = 60_000_000
+_MOST_POINTS = 2000
+_LEAST_RUNS = 10
+"""Percentiles of fewer runs say nothing."""
+
+
+@dataclass(frozen=True)
+class RunSpread:
+    """time: (w,), s. height: of the aircraft above the runway (w,), m. rms: over runs (w, 3), lateral, along, vertical,
+    m. sigma: 1 sigma of the filter, root mean square over runs (w, 3), None for a runway between the axes of the map:
+    the filter tells its sigmas along those. percentiles: `PERCENTS` of the errors (5, w, 3), m."""
+
+    time: np.ndarray
+    height: np.ndarray
+    rms: np.ndarray
+    sigma: np.ndarray | None
+    percentiles: np.ndarray
+
+
+def spread(result: Result) -> RunSpread:
+    """Of a landing's ensemble with its history, truth minus estimate in axes of the runway (right, forward, up)."""
+    time, runs = result["/filter/time"], result["/run"].size
+    count = min(_INSTANTS, time.size, max(20, _MOST_NUMBERS // (3 * runs)))
+    at = np.unique(np.linspace(0, time.size - 1, count).astype(int))
+    turn = turned(result)
+    errors = np.concatenate([block[:, at, :3] @ turn.T for block in blocks(result, "/filter/error")])
+    axes = np.abs(np.round(turn))
+    sigma = None
+    if np.allclose(np.abs(turn), axes, atol=1e-9):
+        total = sum(np.sum(block[:, at, :3] ** 2, axis=0) for block in blocks(result, "/filter/sigma"))
+        sigma = np.sqrt(total / result["/filter/sigma"].shape[0]) @ axes.T
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    return RunSpread(time[at], heights(result)[at], rms, sigma, np.percentile(errors, PERCENTS, axis=0))
+
+
+def turned(result: Result) -> np.ndarray:
+    """The matrix (3, 3) from north, east, down to right of, along and above the axis of the runway."""
+    heading = np.radians(setting(result, "runway", "heading_deg"))
+    s, c = np.sin(heading), np.cos(heading)
+    return np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """By name, those that an ensemble has data for."""
+    if result["/run"].size < _LEAST_RUNS or result.attributes["method"] != "monte-carlo":
+        return {}
+    out = {}
+    if "/filter/error" in result:
+        of = spread(result)
+        out["spread_time"] = _bands(result, of, of.time, "time, s")
+        down = _descent(result, of)
+        if down.size > 2:
+            out["spread_height"] = _bands(result, _at(of, down), of.height[down], "height above the runway, m")
+    if all(np.isfinite(at_touchdown(result, axis)).any() for axis in AXES):
+        out["touchdown"] = _scatter(result)
+        out["histogram"] = _histogram(result)
+    return out
+
+
+def _descent(result: Result, of: RunSpread) -> np.ndarray:
+    """Numbers of the instants at which the aircraft comes down, with every height once."""
+    landed = touchdown(result)
+    until = of.time <= landed if np.isfinite(landed) else np.full(of.time.size, True)
+    top = np.flatnonzero(until & (of.height >= of.height[until].max() - 0.5))[-1]
+    return np.flatnonzero(until & (np.arange(of.time.size) >= top))
+
+
+def _at(of: RunSpread, chosen: np.ndarray) -> RunSpread:
+    sigma = None if of.sigma is None else of.sigma[chosen]
+    return RunSpread(of.time[chosen], of.height[chosen], of.rms[chosen], sigma, of.percentiles[:, chosen])
+
+
+def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Figure:
+    """Percentiles, root mean square and the filter's sigma against time or height, a panel an axis."""
+    fig = new_figure(COLUMN, 4.8)
+    axes = fig.subplots(3, 1, sharex=True)
+    late = settled(of.time)
+    for i, (ax, name) in enumerate(zip(axes, AXES, strict=True)):
+        low, lower, median, upper, high = of.percentiles[:, :, i]
+        ax.fill_between(across, low, high, color=COLOURS[5], alpha=0.3, lw=0, label="95 % of runs")
+        ax.fill_between(across, lower, upper, color=COLOURS[0], alpha=0.4, lw=0, label="50 % of runs")
+        ax.plot(across, median, color=COLOURS[0], label="median")
+        for side in (-1.0, 1.0):
+            ax.plot(across, side * of.rms[:, i], color="black", lw=0.9, label="±RMS" if side > 0 else None)
+            if of.sigma is not None:
+                ax.plot(across, side * of.sigma[:, i], color=COLOURS[1], ls="--", lw=0.9,
+                        label="±σ of the filter" if side > 0 else None)  # fmt: skip
+        reach = 1.25 * float(max(np.abs(low[late]).max(), np.abs(high[late]).max()))
+        if reach > 0.0:
+            ax.set_ylim(-reach, reach)
+        ax.set_ylabel(f"{name}, m")
+    axes[-1].set_xlabel(label)
+    if label.startswith("height"):
+        axes[-1].set_xlim(across.max(), across.min())
+    fig.align_ylabels(axes)
+    legend_above(fig, axes[0], 3, f"truth minus estimate, {runs_of(result)}")
+    return fig
+
+
+def at_touchdown(result: Result, axis: str) -> np.ndarray:
+    """The error of each run at touchdown (run,), m."""
+    return result[f"/summary/at/{axis}_run"][:, 0]
+
+
+def _scatter(result: Result) -> Figure:
+    """Errors of all runs at touchdown, from above and from behind, with the ellipses of their covariance, and what is
+    required."""
+    fig = new_figure(2 * COLUMN, 3.4)
+    names = {"lateral": "lateral (right)", "along": "along the track", "vertical": "vertical (up)"}
+    panels = abreast(fig, 2)
+    for ax, (x, y) in zip(panels, (("lateral", "along"), ("lateral", "vertical")), strict=True):
+        both = np.stack([at_touchdown(result, x), at_touchdown(result, y)], axis=1)
+        both = both[np.isfinite(both).all(axis=1)]
+        mean, covariance = both.mean(axis=0), np.cov(both.T)
+        step = max(1, len(both) // _MOST_POINTS)
+        ax.plot(*both[::step].T, ".", ms=2.5, color=COLOURS[0], alpha=0.6, label="runs")
+        wide = float(np.abs(both).max(initial=0.0))
+        if np.linalg.eigvalsh(covariance)[0] > 0.0:
+            whole = ellipse(covariance)
+            half = whole * np.sqrt(-2.0 * np.log(0.5) / 5.991)
+            ax.plot(*(mean[:, None] + half), color=COLOURS[1], ls="--", label="50 % of a Gaussian")
+            ax.plot(*(mean[:, None] + whole), color=COLOURS[1], label="95 % of a Gaussian")
+            wide = max(wide, float(np.abs(mean[:, None] + whole).max()))
+        limits = _limits(result, wide)
+        if x in limits and y in limits:
+            w, h = limits[x], limits[y]
+            ax.plot([-w, w, w, -w, -w], [-h, -h, h, h, -h], color=REQUIRED, lw=1.2, label="limit")
+        else:
+            for name, draw in ((x, ax.axvline), (y, ax.axhline)):
+                for side in (-1.0, 1.0):
+                    if name in limits:
+                        draw(side * limits[name], color=REQUIRED, lw=1.2, label="limit" if side > 0 else None)
+        wide = 1.15 * max([wide, *limits.values()])
+        ax.set_xlim(-wide, wide)
+        ax.set_ylim(-wide, wide)
+        ax.set_box_aspect(1.0)
+        ax.set_xlabel(f"{names[x]}, m")
+        ax.set_ylabel(f"{names[y]}, m")
+    legend_above(fig, panels[0], 4, f"error at touchdown, {runs_of(result)}", panels[1])
+    return fig
+
+
+def _limits(result: Result, reach: float) -> dict[str, float]:
+    """What errors at touchdown are limited to by the scenario's box or requirements, m, where that is in sight."""
+    out: dict[str, float] = {}
+    if "/summary/box/limit" in result and float(result["/summary/box/height"]) == 0.0:
+        out = dict(zip(AXES, map(float, result["/summary/box/limit"]), strict=True))
+    for one in asked(result, "error"):
+        if one.at == "touchdown":
+            out[one.of] = min(one.size, out.get(one.of, np.inf))
+    return {name: size for name, size in out.items() if size <= 4.0 * reach}
+
+
+def _histogram(result: Result) -> Figure:
+    """How the errors at touchdown are distributed, beside Gaussians of the filter's sigma."""
+    fig = new_figure(2 * COLUMN, 2.6)
+    panels = abreast(fig, 3)
+    for ax, name in zip(panels, AXES, strict=True):
+        _bars(ax, at_touchdown(result, name), float(result[f"/summary/at/{name}_sigma"][0]))
+        ax.set_xlabel(f"{name} error at touchdown, m")
+    panels[0].set_ylabel("density, 1/m")
+    legend_above(fig, panels[0], 4, f"truth minus estimate, {runs_of(result)}")
+    return fig
+
+
+def _bars(ax: Axes, errors: np.ndarray, sigma: float) -> None:
+    known = errors[np.isfinite(errors)]
+    bins = int(np.clip(2.0 * np.cbrt(known.size), 7, 60))  # Rice's rule
+    ax.hist(known, bins=bins, density=True, color=COLOURS[5], alpha=0.7, label="runs")
+    reach = max(float(np.abs(known).max(initial=0.0)), 3.0 * sigma)
+    x = np.linspace(-reach, reach, 121)
+    if sigma > 0.0:
+        density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+        ax.plot(x, density, color=COLOURS[1], ls="--", label="Gaussian of the filter's σ")
+    for percent in np.percentile(known, (2.5, 97.5)):
+        ax.axvline(float(percent), color="black", lw=0.9, ls=":", label="2.5 % and 97.5 %" if percent > 0.0 else None)

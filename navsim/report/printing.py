@@ -1,0 +1,221 @@
+"""How figures are printed: their width, format and resolution; styles that the colour-blind tell apart; legends, titles
+and labels that fit the width; files whose bytes are the same each time."""
+
+from __future__ import annotations
+
+import io
+import os
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from navsim.report.figure_files import MARK, mark_of_text
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.text import Text
+
+COLUMN = 3.5
+"""Width of a journal column, inches; two-column figures are twice that, and are printed as wide unless told else."""
+SMALL = 7.0
+"""The smallest letters, points."""
+STYLE: Any = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "figure.titlesize": 8.0,
+    "legend.fontsize": SMALL,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.4,
+    "lines.linewidth": 0.9,
+    "hatch.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+    # text stays text, in files that are the same each time
+    "svg.fonttype": "none",
+    "svg.hashsalt": "navsim",
+    "pdf.fonttype": 42,
+}
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Told apart by the colour-blind (Okabe and Ito)."""
+LINES = ("-", "--", "-.", ":")
+MARKS = "osD^v<>Pp"
+
+
+@dataclass(frozen=True)
+class Print:
+    """format: one of `FORMATS`. width: of every figure, inches, None for its own. dpi: of pictures, None for that of
+    the style."""
+
+    format: str = "png"
+    width: float | None = None
+    dpi: float | None = None
+
+
+FORMATS = ("png", "svg", "pdf")
+_WIDTH: ContextVar[float | None] = ContextVar("width", default=None)
+
+
+@contextmanager
+def printed(how: Print) -> Iterator[None]:
+    """Figures made here are of this width, in the common style."""
+    token = _WIDTH.set(how.width)
+    try:
+        with mpl.rc_context(STYLE):
+            yield
+    finally:
+        _WIDTH.reset(token)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches; as wide as it is to be printed where that is said."""
+    return Figure(figsize=(_WIDTH.get() or width, height), layout="constrained")
+
+
+def narrow(figure: Figure) -> bool:
+    """Whether a figure has the width of a column, so that panels of some width stand below each other."""
+    return figure.get_figwidth() < 1.4 * COLUMN
+
+
+def abreast(figure: Figure, count: int, **how: Any) -> list[Axes]:
+    """Panels side by side; below each other, on so much more height, where the figure is narrow."""
+    if not narrow(figure):
+        return list(figure.subplots(1, count, squeeze=False, **how)[0])
+    figure.set_figheight(figure.get_figheight() * (1.0 + 0.85 * (count - 1)))
+    how = {name: value for name, value in how.items() if name not in ("width_ratios", "sharey")}
+    return list(figure.subplots(count, 1, squeeze=False, **how)[:, 0])
+
+
+def style(i: int) -> dict[str, Any]:
+    """Colour and dashes of the i-th of many lines: what the palette does not tell apart, dashes do."""
+    return {"color": COLOURS[i % len(COLOURS)], "ls": LINES[i // len(COLOURS) % len(LINES)]}
+
+
+def marked(i: int) -> dict[str, Any]:
+    """Colour and mark of the i-th of many rows of points."""
+    return {"color": COLOURS[i % len(COLOURS)], "marker": MARKS[i % len(MARKS)]}
+
+
+def legend(
+    figure: Figure, handles: Sequence[Artist], labels: Sequence[str], columns: int, loc: Any, title: str | None = None
+) -> None:
+    """A legend of a figure, outside its panels, in as many columns as have room; the figure grows by the rows that are
+    more than one."""
+    room = 72.0 * figure.get_figwidth() - 8.0
+    if not handles:
+        return
+    columns = max(1, min(columns, len(handles)))
+    words = list(labels)
+    broken = None if title is None else _broken(title, room, 8.0)
+
+    def made(columns: int) -> Any:
+        return figure.legend(handles, words, loc=loc, ncols=columns, title=broken, title_fontsize=8.0)
+
+    while (out := made(columns)) and columns > 1 and _width(figure, out) > room:
+        out.remove()
+        columns -= 1
+    if _width(figure, out) > room:
+        out.remove()
+        words = [_broken(label, room - 30.0, SMALL) for label in labels]
+        out = made(1)
+    height = out.get_window_extent(_renderer(figure)).height * 72.0 / figure.dpi
+    figure.set_figheight(figure.get_figheight() + max(0.0, height - 20.0) / 72.0)
+
+
+def fit(figure: Figure) -> None:
+    """Break titles and labels that are longer than the room they have."""
+    whole = 72.0 * figure.get_figwidth() - 8.0
+    for text in figure.texts:
+        _fit(text, whole)
+    figure.draw_without_rendering()
+    renderer = _renderer(figure)
+    scale = 72.0 / figure.dpi
+    for ax in figure.axes:
+        box = ax.get_window_extent(renderer)
+        middle = 0.5 * (box.x0 + box.x1) * scale
+        # what is centred over a panel may reach to the nearer side of the page
+        reach = 2.0 * min(middle, 72.0 * figure.get_figwidth() - middle) - 6.0
+        alone = _alone_in_row(ax, figure)
+        across = max(box.width * scale, reach if alone else box.width * scale)
+        for text in (ax.title, ax.xaxis.label):
+            _fit(text, across)
+        _fit(ax._left_title, 72.0 * figure.get_figwidth() - box.x0 * scale - 4.0)  # type: ignore[attr-defined]
+        _fit(ax.yaxis.label, 1.15 * box.height * scale)
+
+
+def _alone_in_row(ax: Axes, figure: Figure) -> bool:
+    here = ax.get_position()
+    return not any(
+        other is not ax and other.get_position().y0 < here.y1 and other.get_position().y1 > here.y0
+        for other in figure.axes
+    )
+
+
+def _fit(text: Text, room: float) -> None:
+    said = text.get_text()
+    if said.strip():
+        text.set_text(_broken(said, room, float(text.get_fontsize())))
+
+
+def _broken(said: str, room: float, size: float) -> str:
+    """Words in lines that are no longer than the room, points; lines that are short enough stay."""
+    return "\n".join(part for line in said.split("\n") for part in _lines(line, room, size))
+
+
+def _lines(line: str, room: float, size: float) -> list[str]:
+    lines = [line]
+    most = len(line)
+    while most > 8 and max(_length(each, size) for each in lines) > room:
+        most -= 1
+        lines = textwrap.wrap(line, most, break_long_words=False) or [line]
+    return lines
+
+
+def _length(line: str, size: float) -> float:
+    """How long a line is, points."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    return float(TextPath((0, 0), line, size, prop=FontProperties()).get_extents().width) if line.strip() else 0.0
+
+
+def _renderer(figure: Figure) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    return FigureCanvasAgg(figure).get_renderer()
+
+
+def _width(figure: Figure, artist: Any) -> float:
+    return float(artist.get_window_extent(_renderer(figure)).width) * 72.0 / figure.dpi
+
+
+def content(figure: Figure, how: Print, stem: str) -> bytes:
+    """The bytes of a figure's file, the same each time, with the mark of the result it is of."""
+    out = io.BytesIO()
+    metadata: dict[str, Any] = {MARK: stem}
+    if how.format == "svg":
+        metadata = {"Date": None, "Description": mark_of_text(stem)}
+    elif how.format == "pdf":
+        metadata = {"CreationDate": None, "Subject": mark_of_text(stem)}
+    dpi: dict[str, Any] = {} if how.dpi is None else {"dpi": how.dpi}
+    figure.savefig(out, format=how.format, metadata=metadata, **dpi)
+    return out.getvalue()
+
+
+def named_handles(axes: Iterable[Axes]) -> dict[str, Any]:
+    """What legends of these panels show, each name once."""
+    return {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}

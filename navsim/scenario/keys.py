@@ -1,0 +1,246 @@
+"""The keys of scenario files as rows: read once from a JSON Schema, shown by `navsim keys`, by completion, and by the
+pages of the reference. Imports no model: whoever has a schema, from `published` or from a file, may ask."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+Schema = Mapping[str, Any]
+
+ITEM, NAME = "N", "NAME"
+"""What stands in a dotted key for the number of an item of a list (from 0), and for a name that the user gives."""
+
+_UNITS = {
+    "m_s_sqrt_h": "m/s/√h", "deg_sqrt_h": "°/√h", "conductivity_s_m": "S/m", "deg2_s2": "°²/s²", "deg2": "°²",
+    "m_s2": "m/s²", "rad_s": "rad/s", "m_s": "m/s", "1_s": "1/s", "deg_s": "°/s", "deg_h": "°/h", "deg": "°",
+    "mg": "mg", "g": "g", "kmh": "km/h", "mhz": "MHz", "db_hz": "dB-Hz", "dbhz": "dB-Hz", "hz": "Hz", "dbw": "dBW",
+    "db": "dB", "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
+    "percent": "%", "chips": "chips",
+}  # fmt: skip
+"""The end of a key's name and the unit it stands for, longer ends before shorter ones."""
+
+
+@dataclass(frozen=True)
+class KeyRow:
+    """A key. key: dotted, as `--set` takes it with `ITEM` and `NAME` replaced. section: it has keys of its own, which
+    follow. kind: what its value is, in words. unit: "" for none. range: the numbers or lengths that are allowed, "" for
+    any. choices: the values that are allowed, () for any. required: it has no default. default: where there is one.
+    meaning: in the words of the schema, one line. when: what must be written elsewhere for the key to be there, () for
+    always."""
+
+    key: str
+    section: bool
+    kind: str
+    unit: str
+    range: str
+    choices: tuple[Any, ...]
+    required: bool
+    default: Any
+    meaning: str
+    when: tuple[str, ...] = ()
+
+    def facts(self) -> str:
+        """All but the key and its meaning, in a line."""
+        parts = [self.kind if not self.choices else f"one of {', '.join(map(_plain, self.choices))}"]
+        parts += [part for part in (self.unit, self.range) if part]
+        if self.required:
+            parts.append("required")
+        elif not self.section:
+            parts.append(f"default {_plain(self.default)}")
+        parts += [f"with {condition}" for condition in self.when]
+        return "; ".join(parts)
+
+
+def _plain(value: Any) -> str:
+    """A value as YAML has it, in a line."""
+    return value if isinstance(value, str) and value else json.dumps(value, ensure_ascii=False)
+
+
+def rows(schema: Schema) -> list[KeyRow]:
+    """All keys of a kind of file, each section before its keys, in the order of the schema."""
+    return list(_properties(schema, schema, ""))
+
+
+def unit_of(key: str) -> str:
+    """The unit that the last name in a dotted key ends with, "" for none."""
+    names = [part for part in key.split(".") if part not in (ITEM, NAME)]
+    for end, unit in _UNITS.items():
+        if names and re.search(rf"(^|_){end}$", names[-1]):
+            return unit
+    return ""
+
+
+def matching(all_rows: Sequence[KeyRow], word: str) -> list[KeyRow]:
+    """Those whose key or meaning has the word, in any case."""
+    low = word.lower()
+    return [row for row in all_rows if low in row.key.lower() or low in row.meaning.lower()]
+
+
+def nearest(all_rows: Sequence[KeyRow], word: str, most: int = 5) -> list[str]:
+    """The keys that are most like a word, whole or in their last name."""
+    by_name: dict[str, list[str]] = {}
+    for row in all_rows:
+        for name in {row.key, row.key.rpartition(".")[2]}:
+            by_name.setdefault(name, []).append(row.key)
+    found = difflib.get_close_matches(word, by_name, n=most, cutoff=0.6)
+    return list(dict.fromkeys(key for name in found for key in by_name[name]))[:most]
+
+
+def _properties(schema: Schema, node: Schema, prefix: str) -> Iterator[KeyRow]:
+    """The keys of a section. schema: the whole, for references. node: of the section."""
+    required = node.get("required", ())
+    for name, written in node.get("properties", {}).items():
+        yield from _key(schema, written, prefix + name, name in required)
+    further = node.get("additionalProperties")
+    if isinstance(further, Mapping):
+        yield from _key(schema, further, prefix + NAME, False)
+
+
+def _key(schema: Schema, written: Schema, key: str, required: bool) -> Iterator[KeyRow]:
+    forms = [_resolved(schema, form) for form in _forms(schema, written)]
+    plain = [form for form in forms if form.get("type") != "null"]
+    below = list(_below(schema, written, plain, key))
+    choices = tuple(choice for form in forms for choice in _choices(form))
+    kinds = list(dict.fromkeys(_kind(schema, form) for form in forms))
+    yield KeyRow(
+        key=key,
+        section=bool(below),
+        kind=" or ".join(kinds),
+        unit=unit_of(key),
+        range=next((text for form in plain if (text := _range(schema, form))), ""),
+        choices=choices,
+        required=required and "default" not in written,
+        default=None if below else written.get("default"),
+        meaning=" ".join(str(_meaning(schema, written, plain)).split()),
+    )
+    yield from below
+
+
+def _meaning(schema: Schema, written: Schema, forms: Sequence[Schema]) -> str:
+    """What the key says of itself, else what its one section does."""
+    if "description" in written or len(forms) != 1:
+        return str(written.get("description", ""))
+    (form,) = forms
+    item = _resolved(schema, form.get("items", {})) if form.get("type") == "array" else form
+    return str(item.get("description", ""))
+
+
+def _below(schema: Schema, written: Schema, forms: Sequence[Schema], key: str) -> Iterator[KeyRow]:
+    """The keys within a key: of a section, of the items of a list, of sections to choose from."""
+    sections: list[tuple[str, Schema]] = []
+    for form in forms:
+        prefix = f"{key}."
+        inner: Schema = form
+        if form.get("type") == "array" and "items" in form:
+            prefix, inner = f"{key}.{ITEM}.", form["items"]
+        for one in _forms(schema, inner):
+            found = _resolved(schema, one)
+            if found.get("type") == "object":
+                sections.append((prefix, found))
+    tag = _tag(written) or next((t for form in forms if (t := _tag(form.get("items", {})))), "")
+    variants = [(prefix, section, list(_properties(schema, section, prefix))) for prefix, section in sections]
+    if len(variants) < 2 or not tag:
+        for _, _, found_rows in variants:
+            yield from found_rows
+        return
+    prefix = variants[0][0]
+    tags = [_choices(section["properties"][tag]) for _, section, _ in variants]
+    merged: list[tuple[KeyRow, list[str]]] = []
+    for (_, _, found_rows), values in zip(variants, tags, strict=True):
+        for row in found_rows:
+            if row.key == prefix + tag:
+                continue
+            same = next((known for one, known in merged if one == row), None)
+            if same is None:
+                merged.append((row, same := []))
+            same.extend(map(str, values))
+    first = next(row for row in variants[0][2] if row.key == prefix + tag)
+    chosen = tuple(value for values in tags for value in values)
+    said = {str(value): row.meaning for (_, _, found_rows), values in zip(variants, tags, strict=True)
+            for row in found_rows if row.key == first.key for value in values}  # fmt: skip
+    meaning = first.meaning if len(set(said.values())) == 1 else "; ".join(f"{v}: {text}" for v, text in said.items())
+    yield replace(first, choices=chosen, kind="choice", meaning=meaning)
+    for row, named in merged:
+        always = len(named) == len(chosen)
+        yield row if always else replace(row, when=(f"{prefix}{tag}: {', '.join(named)}", *row.when))
+
+
+def _tag(node: Schema) -> str:
+    """The key that chooses among sections, "" for none."""
+    return str(node.get("discriminator", {}).get("propertyName", ""))
+
+
+def _forms(schema: Schema, node: Schema) -> list[Schema]:
+    """The forms a value may have, unions within unions flattened."""
+    found = _resolved(schema, node)
+    for union in ("anyOf", "oneOf"):
+        if union in found:
+            return [form for one in found[union] for form in _forms(schema, one)]
+    return [found]
+
+
+def _resolved(schema: Schema, node: Schema) -> Schema:
+    """The node, or the definition that it refers to."""
+    while "$ref" in node:
+        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+    return node
+
+
+def _choices(form: Schema) -> list[Any]:
+    return [form["const"]] if "const" in form else list(form.get("enum", ()))
+
+
+def _kind(schema: Schema, form: Schema) -> str:
+    """What a value is, in words."""
+    if "const" in form or "enum" in form:
+        return "choice"
+    given = form.get("type")
+    if given == "array":
+        if "prefixItems" in form:
+            return f"list of {len(form['prefixItems'])}"
+        items = {_kind(schema, one) for one in _forms(schema, form.get("items", {}))}
+        return f"list of {_PLURAL[items.pop()]}" if len(items) == 1 and items <= _PLURAL.keys() else "list"
+    if given == "string":
+        return "time, UTC" if form.get("format") == "date-time" else "text"
+    return _WORDS.get(str(given), "any")
+
+
+_WORDS = {
+    "number": "number", "integer": "whole number", "boolean": "true or false", "null": "null", "object": "section",
+}  # fmt: skip
+_PLURAL = {
+    "number": "numbers", "whole number": "whole numbers", "text": "texts", "section": "sections", "choice": "choices",
+}  # fmt: skip
+
+
+def _range(schema: Schema, form: Schema) -> str:
+    """The numbers that are allowed, those of the items of a list; and how many there may be."""
+    if form.get("type") == "array":
+        items = form.get("prefixItems") or [form["items"]] if {"items", "prefixItems"} & form.keys() else []
+        found = [_range(schema, one) for item in items[:1] for one in _forms(schema, item)]
+        count = _ends(form.get("minItems"), form.get("maxItems"), str) if "prefixItems" not in form else ""
+        return "; ".join(text for text in (next(filter(None, found), ""), f"{count} of them" if count else "") if text)
+    low, high = form.get("minimum"), form.get("maximum")
+    above, below = form.get("exclusiveMinimum"), form.get("exclusiveMaximum")
+    if above is not None or below is not None:
+        parts = [(above, "above "), (low, "from "), (high, "to "), (below, "below ")]
+        return " ".join(f"{word}{number(value)}" for value, word in parts if value is not None)
+    return _ends(low, high, number)
+
+
+def number(value: float) -> str:
+    """A number as people write it."""
+    return f"{value:g}"
+
+
+def _ends(low: float | None, high: float | None, text: Callable[[float], str]) -> str:
+    if low is not None and high is not None:
+        return f"{text(low)} to {text(high)}"
+    if low is None and high is None:
+        return ""
+    return f"{text(low)} or more" if low is not None else f"at most {text(high or 0)}"

@@ -1,0 +1,59 @@
+"""Parts of an ensemble put together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from navsim.io.results import ONE_RUN, SEVERAL_RUNS, ResultError, Sort
+from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, BUILT_IN_MEMORY, VARIABLE, WRITING, Budget
+from navsim.study.executor import Executor
+from navsim.study.job import Allow, OptionError, Outcome, Tell
+from navsim.study.landing import Case, merge
+from navsim.study.partial import Store
+
+_BYTE_TIME = 1.5e-8
+"""Seconds a byte of the parts, read twice, added up and written."""
+
+
+class MergeJob:
+    """The whole of some parts; quick, and none of it is kept."""
+
+    suffix, work, pieces, unit, extent = "", "", 0, "parts", 1
+    case: Case
+
+    def __init__(self, parts: merge.Parts, folder: Path) -> None:
+        """parts: in any order. folder: where the files lie that the scenario names. Raises OptionError."""
+        self.parts = merge.ordered(parts)
+        self._folder = folder
+        method = str(self.parts[0][1].attributes["method"])
+        several = sum(one["/run"].size for _, one in self.parts) > 1
+        self.sort = Sort("landing", method, "" if method == "rare" else SEVERAL_RUNS if several else ONE_RUN)
+        self.kernels = f"merge-{method}"
+
+    @property
+    def warnings(self) -> list[str]:
+        return self.case.warnings
+
+    def prepare(self, executor: Executor, allow: Allow) -> None:
+        size = sum(file.stat().st_size for file, _ in self.parts)
+        numbers = sum(v.data.nbytes for _, one in self.parts for path, v in one.variables.items() if "/part/" in path)
+        image = min(size, BUILT_IN_MEMORY) * WRITING
+        variables = len(self.parts[0][1].variables) * VARIABLE
+        allow(Budget(BASE_TIME + _BYTE_TIME * size, BASE_MEMORY + 3.0 * numbers + image, float(size + variables)))
+        for file, one in self.parts:
+            try:
+                merge.read_through(one)
+            except ResultError as error:
+                raise OptionError(error) from None
+            except ValueError as error:
+                raise OptionError(f"{file}: {error}") from None
+        self.case = merge.case_of(self.parts, self._folder)
+
+    def described(self) -> str:
+        return merge.described(self.parts)
+
+    def key(self) -> dict[str, object]:
+        return {}
+
+    def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
+        return Outcome(merge.merged(self.parts, self.case))

@@ -1,0 +1,77 @@
+"""From a file, or its contents, to its job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from navsim.words import option
+from navsim.work.errors import BadInput, failures, misread, said
+
+if TYPE_CHECKING:
+    from navsim.scenario.base import Section
+    from navsim.scenario.load import Assignment, Source
+    from navsim.scenario.source import Document
+    from navsim.study.job import Job, Options
+
+
+Keep = Literal["errors", "all", "none"]
+"""What is stored of each run."""
+Method = Literal["monte-carlo", "covariance", "rare"]
+"""How a landing is flown."""
+SweepMethod = Literal["dop", "covariance", "monte-carlo"]
+"""How a sweep judges each combination."""
+
+
+def opened(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
+    """The job of what `command` computes, and the suffix of its result's name where that is not by the file's own
+    method. Raises BadInput."""
+    from navsim.kinds import KINDS, named
+    from navsim.scenario.load import own_method, read_for
+    from navsim.scenario.source import Setting
+
+    given, suffix = [*assignments], ""
+    with failures(source):
+        if options.method is not None and (own := own_method(source, assignments)) is not None:
+            given.append(Setting("method", options.method))
+            suffix = "" if own == options.method else f"_{options.method}"
+        if command == "sweep" and options.runs is not None:
+            given.append(Setting("runs", options.runs))
+        section, document = read_for(command, source, given)
+        job: Job = named(KINDS[document.data["kind"]].job)(section, document, options)
+    return job, job.suffix or suffix
+
+
+def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document]:
+    """A scenario, study or log that is right as far as can be told without computing it. Raises BadInput."""
+    from navsim.scenario.load import base_of, read_any
+
+    with misread():
+        section, document = read_any(source, assignments)
+        if document.data["kind"] == "sweep":
+            from navsim.scenario.sweep import Sweep
+            from navsim.study.sweep import plan
+
+            assert isinstance(section, Sweep)
+            plan(section, document, base_of(section, document), seed=1)
+    return section, document
+
+
+def target_of(output: Path | None, default: str) -> Path:
+    """The result's path: as given, else results/<default>.h5. Raises BadInput where its folder is not there."""
+    if output is not None and not output.parent.is_dir():
+        create = f"no such folder; create it first or choose another {option('output')}"
+        raise BadInput(said(f"{output.parent}: {create}"))
+    return output or Path("results") / f"{default}.h5"
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """The JSON Schema of files of a kind, or of `any`. Raises BadInput."""
+    from navsim.kinds import OF_FILES
+    from navsim.scenario.base import hint
+    from navsim.scenario.published import ANY, published
+
+    if kind not in (*OF_FILES, ANY):
+        raise BadInput(said(f"{kind!r} is no kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))
+    return published(kind)

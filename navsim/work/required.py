@@ -1,0 +1,53 @@
+"""What is asked of a result, and is not so."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from navsim.words import switch
+
+if TYPE_CHECKING:
+    from navsim.io.results import Result
+
+
+@dataclass(frozen=True)
+class Demands:
+    """What a result must be worth: a fix at all epochs, a filter that is consistent, requirements that are met."""
+
+    fix: bool = False
+    consistent: bool = False
+    requirements: bool = False
+
+
+def wanting(result: Result, demands: Demands) -> list[str]:
+    """What speaks against what was asked for, in words."""
+    from navsim.io.findings import CONSISTENT, FIX, of
+
+    kinds = [kind for kind, asked in ((FIX, demands.fix), (CONSISTENT, demands.consistent)) if asked]
+    wrong = [
+        f"{switch(f'require_{kind}')}: {found.text}" for kind in kinds for found in of(result) if kind in found.against
+    ]
+    if demands.requirements:
+        wrong += [f"{switch('require')}: {text}" for text in _unmet(result)]
+    return wrong
+
+
+def _unmet(result: Result) -> list[str]:
+    """What is asked of a landing, or of combinations, and is not met, or nothing can be said of, in words."""
+    from navsim.io.schema import VERDICTS
+
+    branch = "/summary/requirements"
+    swept = [path for path in result.variables if re.fullmatch(r"/sweep/requirement_\d+_verdict", path)]
+    if swept:
+        out = []
+        for path in swept:
+            name, verdict = path.split("/")[-1].removesuffix("_verdict"), result[path]
+            if some := int((verdict != VERDICTS.index("met")).sum()):
+                out.append(f"{name}: not met, or undecided, in {some} of {verdict.size} combinations")
+        return out
+    if f"{branch}/verdict" not in result:
+        return ["the scenario has no requirements"]
+    pairs = zip(result[f"{branch}/statement"], result[f"{branch}/verdict"], strict=True)
+    return [f"{statement}: {verdict}" for statement, verdict in pairs if verdict != "met"]

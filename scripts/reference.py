@@ -1,0 +1,224 @@
+"""Write docs/reference/*.md, every key of every kind of file, from the schemas. Run by `make docs`."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from navsim.kinds import OF_FILES
+from navsim.scenario import shipped
+from navsim.scenario.keys import ITEM, NAME, KeyRow, rows
+from navsim.scenario.load import section
+from navsim.scenario.source import load
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
+
+_SUM = "3f" * 32
+EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
+    "landing": (
+        ("landing", (
+            "imu.gyro={arw_deg_sqrt_h: 0.05, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "
+            "drift_fixed_deg_h: [700, -300, 100]}",
+            "imu.accelerometer={vrw_m_s_sqrt_h: 0.06, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300, "
+            "bias_fixed_mg: [1, -1, 0.5]}",
+            "altimeter={sigma_m: 0.5, believed_sigma_m: 1}",
+            f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
+            "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
+            "{what: ramp, sources: [glonass], rate_m_s: 0.5}, {what: survey, sources: [PL1], ned_m: [1, 0, 0]}, "
+            "{what: meacon, sources: [all], place: {lat_deg: 56.03, lon_deg: 37.05}}]",
+            "filter={scale_factors: true, latency_s: 0.1, lever_arm_m: [0.5, 0, -0.3], "
+            "initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
+            "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300}, "
+            "accelerometer: {bias_mg: 1, noise_mg: 10, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300}}}",
+            "box={lateral_m: 0.8, along_m: 5, vertical_m: 1.2}",
+            "integrity={limits: {operation: LPV-200, tta_s: 6}, tails: {at_s: [30, 55]}, decision_height_m: 30, "
+            "comparison: {gbas: {receivers: 4, ground_sigma_m: 0.2, b_m: 0.1, glide_path_deg: 5}}, "
+            "p_constellations: {glonass: 1e-4}, ground_groups: [{members: [PL1, PL2]}]}",
+            "requirements=[{what: error, of: lateral, at: 100ft, below_m: 0.5, share: 0.95}, "
+            "{what: rms, of: horizontal, below_m: 0.4}, {what: box, at_most: 1e-6}, "
+            "{what: level, of: hpl, below_m: 40}, {what: time_to_alert, within_s: 6}]",
+        )),
+        ("landing", (
+            f"sky={{source: navigation, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}]}}",
+            "pseudolites={sites: [{name: west, s_m: -300, l1_m: 1500, height_m: 5}, {lat_deg: 56.03, lon_deg: 37.02}], "
+            "cn0_reference_m: 1000, differential: {site: west}}",
+            "interference={pseudolites: {lines: true}, jammers: [{name: van, place: {lat_deg: 56.01, lon_deg: 37.0}, "
+            "eirp_dbw: -10, waveform: sweep, bandwidth_mhz: 20, sweep_s: 1e-4}], horizon: [{ends: [{lat_deg: 56.02, "
+            "lon_deg: 36.98}, {lat_deg: 56.02, lon_deg: 37.02}], height_m: 60}, {azimuth_deg: [350, 10], "
+            "elevation_deg: 3, distance_m: 2000}]}",
+            "filter.imu={gyro: {drift_fixed_deg_h: [0, 0, 0], arw_deg_sqrt_h: 0.05}, "
+            "accelerometer: {bias_fixed_mg: [0, 0, 0], vrw_m_s_sqrt_h: 0.06}}",
+        )),
+        ("landing", (
+            f"sky={{source: orbits, orbits: [COD0OPSFIN.SP3], orbits_sha256: [{_SUM}]}}",
+            f"approach={{profile: recorded, file: flight.h5, file_sha256: {_SUM}, start_s: 540, touchdown_s: 580}}",
+            "runway.threshold={lat_deg: 56.02, lon_deg: 37.0}",
+            "pseudolites={frame: runway, count: 0}",
+        )),
+    ),
+    "sweep": (
+        ("placement_sweep", (
+            "set={pseudolites.frame: runway}", "samples=200",
+            "vary=[{key: receiver.rate_hz, range: {first: 1, last: 10, step: 1}}, "
+            "{keys: [pseudolites.count, filter.velocity], values: [[1, true], [2, false]]}, "
+            "{key: pseudolites.s_m, lhs: {first: 100, last: 2000}}]",
+        )),
+    ),
+    "optimize": (
+        ("placement_optimum", (
+            "set={sky.exclude: [R05]}", "period={hours: 191.5, count: 200}", "objective=pdop",
+            f"constraints={{keep_out: fields.geojson, keep_out_sha256: {_SUM}}}",
+        )),
+        ("placement_optimum", (
+            "area=null", "pseudolites=[1]",
+            "sites=[{name: mast, s_m: 300, l1_m: 1500}, {name: hangar, s_m: -400, l1_m: 200}]",
+        )),
+    ),
+    "replay": (
+        ("recorded_flight", (
+            f"imu.file_sha256={_SUM}", "imu.columns={gx_rad_s: GyrX}", "imu.gyro_axes=FRD",
+            "imu.accelerometer_axes=BLU", "imu.longest_gap_s=0.5", "start_s=10", "end_s=100",
+            "alignment.heading_deg=90",
+            "imu.gyro={drift_deg_h: 100, drift_fixed_deg_h: [10, 0, 0], arw_deg_sqrt_h: 0.3, markov_deg_h: 10, "
+            "markov_time_s: 300}",
+            "imu.accelerometer={bias_mg: 5, bias_fixed_mg: [1, 0, 0], vrw_m_s_sqrt_h: 0.15, markov_mg: 0.3, "
+            "markov_time_s: 300}",
+            f"gnss.file_sha256={_SUM}", "gnss.columns={h_m: Alt}", "gnss.latency_s=0.1",
+            "gnss.velocity_sigma_m_s=[0.3, 0.5]", "gnss.position_sigma_m=[1.5, 2.5]",
+        )),
+        ("recorded_flight", (
+            f"gnss={{file: flight.obs, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}], range_sigma_m: 1, "
+            "range_rate_sigma_m_s: 0.1}",
+            "filter.coupling=tight",
+        )),
+    ),
+}  # fmt: skip
+"""Of each kind shipped files and what is set in them, for keys that no shipped file has: every set is a valid file."""
+NO_EXAMPLE = {
+    "replay": (
+        "imu.gyro.noise_deg_h", "imu.gyro.scale_ppm", "imu.accelerometer.noise_mg", "imu.accelerometer.scale_ppm",
+    ),
+}  # fmt: skip
+"""Keys that a section has from another one, and that its kind refuses, whatever they say."""
+
+
+def _values(node: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """Keys of a file, dotted, with the mark of an item for its number, and their values."""
+    if isinstance(node, dict):
+        for name, value in node.items():
+            yield from _values(value, f"{key}.{name}" if key else str(name))
+    else:
+        yield key, node
+        for value in node if isinstance(node, list) else ():
+            if isinstance(value, dict):
+                yield from _values(value, f"{key}.{ITEM}")
+
+
+@functools.cache
+def _examples(kind: str) -> dict[str, Any]:
+    """Values that keys have in files of this kind, as written there: the shipped ones first."""
+    out: dict[str, Any] = {}
+    for name in shipped.names():
+        data = load(shipped.path(name)).data
+        if data["kind"] == kind:
+            out = dict(_values(data, "")) | out
+        elif kind == "landing":
+            for key, value in data.get("set", {}).items():
+                out = dict(_values(value, key)) | out
+    for _, assignments in EXAMPLES.get(kind, ()):
+        for assignment in assignments:
+            key, _, value = assignment.partition("=")
+            given = yaml.safe_load(value)
+            out = dict(_values(given, key)) | out
+            out.setdefault(key, given)
+    return out
+
+
+def _text(value: Any) -> str:
+    """A value as YAML has it, on one line and not long."""
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if isinstance(value, (list, tuple, dict)):
+        shown = yaml.safe_dump(json.loads(json.dumps(value, default=str)), default_flow_style=True, width=1000).strip()
+        return shown if len(shown) <= 60 else f"{shown[:55]} ..."
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def example(kind: str, row: KeyRow) -> Any:
+    """A value that the key may have; None where there is none to show."""
+    known = _examples(kind)
+    for key in (row.key, row.key.replace(f".{NAME}", "")):
+        found = known.get(key)
+        if isinstance(found, dict) and key != row.key:
+            found = next(iter(found.values()))
+        if found is not None and (not row.choices or found in row.choices or isinstance(found, list)):
+            return found
+    named = next((v for k, v in known.items() if NAME in row.key and k.startswith(row.key.partition(NAME)[0])), None)
+    if named is not None:
+        return named
+    return row.default if row.default is not None else next(iter(row.choices), None)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _code(text: str) -> str:
+    return f"`{_cell(text)}`" if text else ""
+
+
+def row_of(kind: str, row: KeyRow) -> str:
+    """The row of a key."""
+    value = row.kind
+    if row.choices:
+        value = ", ".join(_code(_text(choice)) for choice in row.choices)
+    elif row.range:
+        value += f", {row.range}"
+    meaning = row.meaning
+    if row.when:
+        meaning += f" (where {' and '.join(_code(w) for w in row.when)})"
+    default = "required" if row.required else "" if row.section else _code(_text(row.default))
+    shown = "" if row.section else _code(_text(found) if (found := example(kind, row)) is not None else "")
+    return f"| `{row.key}` | {_cell(meaning)} | {_cell(value)} | {row.unit} | {default} | {shown} |"
+
+
+HEAD = """# Keys of `kind: {kind}`
+
+Made by `make docs` from the schema (`navsim schema {kind}`, `navsim keys {kind}`). {doc}
+
+A dotted key is what `--set` takes: `--set key=value`. `{item}` stands for the number of an item of a list, from 0,
+`{name}` for a name of your own. `null`: left out unless it is wanted. A number without a unit is a pure
+one, or its meaning says its unit.
+"""
+TABLE = "| key | meaning | value | unit | default | example |\n|---|---|---|---|---|---|"
+
+
+def page(kind: str) -> str:
+    """The page of a kind."""
+    model = section(kind)
+    doc = " ".join((model.__doc__ or "").split())
+    lines = [HEAD.format(kind=kind, doc=doc, item=ITEM, name=NAME)]
+    every = rows(model.model_json_schema())
+    at_top = [row for row in every if "." not in row.key and not row.section]
+    lines += ["## At the top", "", TABLE, *(row_of(kind, row) for row in at_top), ""]
+    for top in (row for row in every if "." not in row.key and row.section):
+        within = [row for row in every if row.key.startswith(f"{top.key}.")]
+        lines += [f"## `{top.key}`", "", f"{top.meaning[:1].upper()}{top.meaning[1:]}.".replace("..", "."), ""]
+        lines += [TABLE, *(row_of(kind, row) for row in within), ""]
+    return "\n".join(lines)
+
+
+def path_of(kind: str) -> Path:
+    """Where the page of a kind is."""
+    return FOLDER / f"{kind}.md"
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for each in OF_FILES:
+        path_of(each).write_text(page(each), encoding="utf-8")

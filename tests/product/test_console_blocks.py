@@ -1,0 +1,147 @@
+"""Console blocks of docs/: every command is run in the order of its page, and what it says is what the page shows.
+
+A block fenced as `console` has commands behind `$ `, each followed by what it says; a line `...` stands for any lines,
+`[exit code N]` for an end other than 0. A block fenced as `yaml` whose first line is `# NAME.yaml` is a file that the
+reader writes. Each page starts in an empty folder.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+DOCS = ROOT / "docs"
+_FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+ANY = "..."
+
+
+@dataclass(frozen=True)
+class Step:
+    """A file to write (name, text), or a command to run with what it says and its exit code."""
+
+    command: str = ""
+    says: tuple[str, ...] = ()
+    code: int = 0
+    file: str = ""
+    text: str = ""
+
+
+def steps(page: str) -> list[Step]:
+    """What a page has its reader do."""
+    found = []
+    for language, body in _FENCE.findall(page):
+        if language == "yaml" and (name := re.match(r"# ([\w.-]+\.yaml)\n", body)):
+            found.append(Step(file=name[1], text=body))
+        if language == "console":
+            for one in re.split(r"^\$ ", body, flags=re.MULTILINE)[1:]:
+                command, *said = one.rstrip("\n").replace("\\\n", "").split("\n")
+                ended = re.fullmatch(r"\[exit code (\d+)\]", said[-1]) if said else None
+                found.append(Step(command, tuple(said[:-1] if ended else said), int(ended[1]) if ended else 0))
+    return found
+
+
+def lines(text: str, folder: Path) -> list[str]:
+    """What was said, by its words: columns are as wide as their tables need; no empty lines, no path of the folder."""
+    return [" ".join(line.split()) for line in text.replace(f"{folder}/", "").splitlines() if line.strip()]
+
+
+def fits(said: list[str], shown: list[str]) -> bool:
+    """Whether what was said is what is shown, `...` standing for any lines."""
+    pattern = "".join(r"(?:.*\n)*" if line == ANY else re.escape(line) + r"\n" for line in shown)
+    return re.fullmatch(pattern, "".join(f"{line}\n" for line in said)) is not None
+
+
+_ALL = {str(path.relative_to(DOCS)): steps(path.read_text(encoding="utf-8")) for path in sorted(DOCS.rglob("*.md"))}
+PAGES = {page: found for page, found in _ALL.items() if any(step.command for step in found)}
+"""What pages with commands have their readers do."""
+
+
+def followed(page: list[Step], folder: Path) -> None:
+    """Do what a page says."""
+    (folder / "bin").mkdir()
+    shim = folder / "bin" / "navsim"
+    shim.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m navsim "$@"\n')
+    shim.chmod(0o755)
+    path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "COLUMNS": "130"}
+    work = folder / "work"
+    work.mkdir()
+    for step in page:
+        if step.file:
+            (work / step.file).write_text(step.text, encoding="utf-8")
+            continue
+        done = subprocess.run(
+            ["bash", "-o", "pipefail", "-c", step.command], cwd=work, env=environment, stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+        )  # fmt: skip
+        said, shown = lines(done.stdout, work), lines("\n".join(step.says), work)
+        assert done.returncode == step.code, f"$ {step.command}\n{done.stdout}"
+        assert fits(said, shown), "\n".join([f"$ {step.command}", *said, "--- but the page shows", *shown])
+
+
+MOST_S = 600.0
+"""What the tutorial promises: ten minutes; kernels that have to be compiled are in it."""
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_say_what_pages_show(page: str, tmp_path: Path) -> None:
+    start = time.monotonic()
+    followed(PAGES[page], tmp_path)
+    assert page != "tutorial.md" or time.monotonic() - start < MOST_S
+
+
+def test_the_blocks_are_found() -> None:
+    """A parser that finds nothing would pass everything."""
+    count = {page: sum(bool(step.command) for step in found) for page, found in PAGES.items()}
+    assert count == COUNT
+    written = sum(
+        len(re.findall(r"^\$ ", path.read_text(encoding="utf-8"), re.MULTILINE)) for path in DOCS.rglob("*.md")
+    )
+    assert written == sum(count.values())
+
+
+COUNT = {
+    "how-to/figure.md": 4,
+    "how-to/jammer.md": 2,
+    "how-to/log.md": 3,
+    "how-to/requirement.md": 3,
+    "how-to/runway.md": 2,
+    "how-to/sensor.md": 2,
+    "tutorial.md": 10,
+}
+"""Commands of each page."""
+
+
+@pytest.mark.parametrize(
+    ("said", "shown", "whole"),
+    [
+        (["a", "b"], ["a", "b"], True),
+        (["a", "b", "c"], ["a", ANY, "c"], True),
+        (["a", "c"], ["a", ANY, "c"], True),
+        (["a", "b"], ["a"], False),
+        (["a", "b"], [ANY, "a"], False),
+        (["1.0"], ["1x0"], False),
+        ([], ["a"], False),
+    ],
+)
+def test_what_does_not_fit_is_seen(said: list[str], shown: list[str], whole: bool) -> None:
+    assert fits(said, shown) == whole
+
+
+def test_a_wrong_page_fails(tmp_path: Path) -> None:
+    """Another output, another exit code: each is found by the same way that pages take."""
+    for number, body in enumerate(("$ navsim --version\nnavsim 9.9", "$ navsim --no-such-option")):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        with pytest.raises(AssertionError, match="navsim"):
+            followed(steps(f"```console\n{body}\n```\n"), folder)

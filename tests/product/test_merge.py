@@ -1,0 +1,158 @@
+"""Parts of an ensemble, flown one by one and put together, are the whole to the bit; what is no part is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+
+from navsim.io.results import read
+from tests.conftest import SCENARIOS
+from tests.forks import navsim
+from tests.layout import as_declared
+from tests.product.test_run import SHORT, stored
+
+PARTS = ((0, 7), (7, 26), (33, 1), (34, 6))
+"""First runs and numbers of runs: a batch's size divides none of them, and one is alone."""
+SLOW = ("--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=50")
+ALL = sum(runs for _, runs in PARTS)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("merge")
+
+
+def fly(place: Path, name: str, *options: object) -> Path:
+    file = place / f"{name}.h5"
+    if not file.exists():
+        navsim("run", SCENARIOS / "landing.yaml", *SHORT, *options, "-q", "-o", file, cwd=place)
+    return file
+
+
+def flown(place: Path, name: str, *options: object) -> tuple[Path, list[Path]]:
+    """The whole, and its parts."""
+    whole = fly(place, f"{name}-whole", "--runs", ALL, *options)
+    parts = [fly(place, f"{name}-{first}", "--first-run", first, "--runs", runs, *options) for first, runs in PARTS]
+    return whole, parts
+
+
+@pytest.mark.parametrize("keep", ["errors", "none", "all"])
+def test_four_parts_are_the_whole(keep: str, place: Path) -> None:
+    whole, parts = flown(place, keep, *SLOW, "--keep", keep)
+    file = place / f"{keep}-merged.h5"
+    done = navsim("merge", parts[2], parts[0], parts[3], parts[1], "-o", file, cwd=place)
+    assert stored(file) == stored(whole)
+    as_declared(read(file))
+    assert str(file) in done.stdout.replace("\n", "")
+    if keep != "errors":
+        return
+    # what was put together is a part like any other
+    half = place / f"{keep}-half.h5"
+    navsim("merge", *parts[:2], "-o", half, "-q", cwd=place)
+    again = place / f"{keep}-again.h5"
+    navsim("merge", half, *parts[2:], "-o", again, "-q", cwd=place)
+    assert stored(again) == stored(whole)
+
+
+WATCHED = (
+    "--set", "receiver.rate_hz=1",
+    "--set", "integrity={limits: {hal_m: 40, val_m: 15, tta_s: 6}, exclusion: residual}",
+    "--set", "altimeter={}",
+)  # fmt: skip
+
+
+def test_watched_fixes_and_aiding_are_put_together_too(place: Path) -> None:
+    whole, parts = flown(place, "watched", *WATCHED, "--keep", "errors")
+    file = place / "watched-merged.h5"
+    navsim("merge", *parts, "-o", file, "-q", cwd=place)
+    assert "/summary/integrity/alert" in read(file) or "/integrity/status" in read(file)
+    assert stored(file) == stored(whole)
+
+
+def test_pushed_runs_are_put_together_too(place: Path) -> None:
+    options = ("--method", "rare", "--set", "box={height_m: 30, lateral_m: 12}", "--set", "receiver.rate_hz=1")
+    whole, parts = flown(place, "rare", *options)
+    file = place / "rare-merged.h5"
+    navsim("merge", *parts, "-o", file, "-q", cwd=place)
+    assert stored(file) == stored(whole)
+
+
+def test_files_of_satellites_are_found_by_folder(place: Path) -> None:
+    (place / "sky").mkdir()
+    shutil.copy(SCENARIOS / "data" / "nominal.agl", place / "sky")
+    sky = ("--set", "sky.source=almanac", "--set", "sky.almanac=sky/nominal.agl")
+    whole, parts = flown(place, "almanac", *sky, "--keep", "none", "--set", "receiver.rate_hz=1")
+    file = place / "almanac-merged.h5"
+    refused = navsim("merge", *parts, "-o", file, cwd=place / "sky", code=2)
+    assert "--folder" in refused.stderr
+    navsim("merge", *parts, "-o", file, "--folder", place, "-q", cwd=place / "sky")
+    assert stored(file) == stored(whole)
+
+
+def test_summary_as_json_and_dry_run(place: Path) -> None:
+    _, parts = flown(place, "none", *SLOW, "--keep", "none")
+    told = navsim("merge", *parts, "-o", place / "told.h5", "--dry-run", cwd=place)
+    assert "4 parts, runs 0 to 39" in told.stderr
+    assert not (place / "told.h5").exists()
+    done = navsim("merge", *parts, "-o", place / "told.h5", "--json", cwd=place)
+    assert json.loads(done.stdout)["summary"]["count"]["runs"] == ALL
+
+
+def test_gaps_overlaps_and_strangers_are_refused(place: Path) -> None:
+    whole, parts = flown(place, "none", *SLOW, "--keep", "none")
+    none = ("--keep", "none")
+    other_seed = fly(place, "seed", "--first-run", 7, *SLOW, "--seed", 2, *none)
+    kept = fly(place, "kept", "--first-run", 7, *SLOW, "--keep", "errors")
+    other = fly(place, "other", "--first-run", 7, *none, "--set", "receiver.rate_hz=2")
+    covariance = fly(place, "covariance", *SLOW, "--method", "covariance")
+    refused = {
+        "runs 7 to 33 are missing between none-0.h5 and none-34.h5": (parts[3], parts[0]),
+        "run 33 is missing between none-7.h5 and none-34.h5": (parts[0], parts[1], parts[3]),
+        "runs 7 to 32 are in both": (parts[1], whole),
+        "run 33 is in both none-33.h5 and none-33.h5": (parts[2], parts[2]),
+        "seed 1 in none-0.h5, 2 here": (parts[0], other_seed),
+        "--keep none in none-0.h5, errors here": (parts[0], kept),
+        "scenario of SHA-256": (parts[0], other),
+        "method covariance": (parts[0], covariance),
+        "nowhere.h5: no such file": (parts[0], place / "nowhere.h5"),
+    }
+    for words, files in refused.items():
+        names = [file.name for file in files]
+        done = navsim("merge", *names, "-o", "refused.h5", cwd=place, code=2)
+        assert words in done.stderr, done.stderr
+        assert not (place / "refused.h5").exists()
+    same = navsim("merge", parts[0].name, parts[1].name, "-o", parts[1].name, cwd=place, code=2)
+    assert "none-7.h5: is a part" in same.stderr
+
+
+def test_damaged_and_altered_parts_are_refused(place: Path) -> None:
+    _, parts = flown(place, "errors", *SLOW, "--keep", "errors")
+    damaged = place / "damaged.h5"
+    content = bytearray(parts[1].read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged.write_bytes(content)
+    done = navsim("merge", parts[0], damaged, "-o", place / "refused.h5", cwd=place, code=2)
+    assert "damaged.h5" in done.stderr
+    damaged.write_bytes(parts[1].read_bytes()[: len(content) // 2])
+    done = navsim("merge", parts[0], damaged, "-o", place / "refused.h5", cwd=place, code=2)
+    assert "damaged.h5" in done.stderr
+    altered = place / "altered.h5"
+    for path, words in (
+        ("/geometry/pdop", "which all runs share"),
+        ("/part", "an earlier version"),
+    ):
+        shutil.copy(parts[1], altered)
+        with h5py.File(altered, "r+") as file:
+            del file.attrs["checksums"]
+            if path == "/part":
+                del file[path]
+            else:
+                file[path][3] += 1e-12
+        done = navsim("merge", parts[0], altered, "-o", place / "refused.h5", cwd=place, code=2)
+        assert words in done.stderr, done.stderr
+        assert "altered.h5" in done.stderr
+    assert not (place / "refused.h5").exists()

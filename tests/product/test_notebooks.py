@@ -1,0 +1,87 @@
+"""The notebooks of docs/notebooks, executed cell by cell: none fails, and what they print is so."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import ROOT
+
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
+
+
+def executed(file: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, str, int]:
+    """A notebook after its cells were run in its folder, all it has printed, and the number of its figures."""
+    client = pytest.importorskip("nbclient", reason="nbclient belongs to the group docs")
+    read = pytest.importorskip("myst_nb.core.read", reason="myst-nb belongs to the group docs")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
+    monkeypatch.setenv("PYTHONSAFEPATH", "1")
+    from myst_parser.config.main import MdParserConfig
+
+    notebook = read.read_myst_markdown_notebook(file.read_text(encoding="utf-8"), MdParserConfig())
+    folder = {"metadata": {"path": str(file.parent)}}
+    before = {path.name for path in file.parent.iterdir()}
+    client.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=folder).execute()  # raises
+    assert {path.name for path in file.parent.iterdir()} == before
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert len(cells) == file.read_text().count("```{code-cell}")
+    outputs = [output for cell in cells for output in cell.outputs]
+    printed = "".join(output.text for output in outputs if output.output_type == "stream")
+    return notebook, printed, sum("image/png" in output.get("data", {}) for output in outputs)
+
+
+def numbers(pattern: str, printed: str) -> list[float]:
+    """The groups of the one place that a pattern fits."""
+    found = re.search(pattern, printed)
+    assert found is not None, printed
+    return [float(group) for group in found.groups()]
+
+
+def test_there_are_two() -> None:
+    assert [file.stem for file in NOTEBOOKS] == ["first_landing", "placement_study"]
+
+
+def test_a_first_landing(monkeypatch: pytest.MonkeyPatch) -> None:
+    notebook, printed, figures = executed(NOTEBOOKS[0], monkeypatch)
+    assert figures == 3
+    pages = [
+        o.data["text/html"] for c in notebook.cells for o in c.get("outputs", ()) if "text/html" in o.get("data", {})
+    ]
+    assert "<table>" in pages[0]
+    (inside,) = numbers(r"within 3 sigma: ([\d.]+) %", printed)
+    assert inside > 95.0
+    assert "100 of 100 flown" in printed
+    rms, low, high = numbers(r"horizontal RMS ([\d.]+) m, 95 % interval ([\d.]+) to ([\d.]+) m", printed)
+    assert 0.05 < low < rms < high < 1.0
+    mean, share = numbers(r"mean ([\d.]+), within the 95 % band at (\d+) %", printed)
+    assert 0.9 < mean < 1.1
+    assert share > 60
+    near, far = (numbers(rf"\b{name}: horizontal ([\d.]+) m", printed)[0] for name in ("200 m", "1000 m"))
+    assert near != far
+    assert "pseudolites.s_mm - unknown key; did you mean 's_m'?" in printed
+    assert "imu.rate_hz - " in printed
+
+
+def test_a_placement_study(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, printed, figures = executed(NOTEBOOKS[1], monkeypatch)
+    assert figures == 1
+    pdop, s, l1 = numbers(r"least PDOP ([\d.]+) at S (\d+) m, L1 (-?\d+) m", printed)
+    assert 0.5 < pdop < 2.0
+    assert 25 <= s <= 2000
+    assert -1000 <= l1 <= 4000
+    vertical = [
+        numbers(rf"{name}: horizontal [\d.]+ m, vertical ([\d.]+) m", printed)[0] for name in ("none", "least PDOP")
+    ]
+    assert vertical[1] < 0.8 * vertical[0]
+
+
+def test_a_cell_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "broken.md"
+    head = NOTEBOOKS[0].read_text().split("# A landing")[0]
+    file.write_text(f"{head}# Broken\n\n```{{code-cell}} ipython3\nimport navsim\nnavsim.run('absent.yaml')\n```\n")
+    with pytest.raises(Exception, match="BadInput"):
+        executed(file, monkeypatch)

@@ -1,0 +1,367 @@
+"""At the prompt: completion by the shells themselves, the reference of keys, schemas as editors read them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import pty
+import re
+import select
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from navsim.cli.completion import SHELLS, UNTIL
+from navsim.kinds import OF_FILES
+from navsim.scenario import names, shipped
+from navsim.scenario.load import section
+from navsim.scenario.published import ANY, DIALECT, identity, published
+from navsim.scenario.source import load
+from navsim.study.landing.ensemble import stopping_rule
+from navsim.study.landing.rare import stopping_rule as rare_rule
+from tests.conftest import ROOT
+from tests.forks import navsim
+
+MOST_WAIT_S = 60.0
+
+
+def need(program: str) -> str:
+    found = shutil.which(program)
+    if found is None:
+        pytest.skip(f"{program} is not installed")
+    return found
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[dict[str, str]]:
+    """An environment whose `navsim` is the one under test, in a folder with two scenarios and a result."""
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / "navsim"
+    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m navsim "$@"\n')
+    program.chmod(0o755)
+    for name in ("glide.yaml", "glass.yaml", "glued.h5"):
+        (tmp_path / name).write_text("kind: landing\nversion: 1\n")
+    path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    own = {"HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path), "TERM": "dumb"}
+    return {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), **own}
+
+
+TYPED = [
+    ("navsim sw", {"sweep"}),
+    ("navsim run --method c", {"covariance"}),
+    ("navsim run --keep ", {"errors", "all", "none"}),
+    ("navsim init placement_", {"placement_lpv200", "placement_optimum", "placement_sweep"}),
+    ("navsim schema mls", {"mls-elevation"}),
+    ("navsim keys op", {"optimize"}),
+    ("navsim completion z", {"zsh"}),
+    ("navsim run --set filter.gate.max", {"filter.gate.max_rejected="}),
+    ("navsim replay --set tuni", {"tuning="}),
+    ("navsim validate glide.yaml --set sky.directions.3.az", {"sky.directions.3.azimuth_deg="}),
+    ("navsim run gl", {"glide.yaml", "glass.yaml"}),
+    ("navsim show gl", {"glued.h5"}),
+    ("navsim run glide.yaml --require-f", {"--require-fix"}),
+]
+
+
+@pytest.mark.parametrize(("typed", "offered"), TYPED, ids=[typed for typed, _ in TYPED])
+def test_bash_offers(typed: str, offered: set[str], place: dict[str, str], tmp_path: Path) -> None:
+    words = " ".join(map(shlex.quote, typed.split(" ")))
+    asked = f"""
+        source <(navsim completion bash); complete -p navsim >/dev/null || exit 7
+        COMP_WORDBREAKS=$' \\t\\n"\\'><=;|&(:'
+        COMP_WORDS=({words}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); COMP_LINE={shlex.quote(typed)}
+        COMP_POINT=${{#COMP_LINE}}; _navsim; printf '%s\\n' "${{COMPREPLY[@]}}" """
+    done = subprocess.run([need("bash"), "-c", asked], cwd=tmp_path, env=place, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert set(done.stdout.split()) == offered, done.stderr
+
+
+def test_bash_completes_behind_an_equals_sign(place: dict[str, str], tmp_path: Path) -> None:
+    """bash breaks words there: what it is given is only what follows."""
+    asked = """source <(navsim completion bash); COMP_WORDBREAKS='=:'; COMP_LINE='navsim run --set filter.kind=gau'
+        COMP_POINT=${#COMP_LINE}; COMP_WORDS=(navsim run --set filter.kind = gau); COMP_CWORD=5
+        _navsim; printf '%s\\n' "${COMPREPLY[@]}" """
+    done = subprocess.run([need("bash"), "-c", asked], cwd=tmp_path, env=place, capture_output=True, text=True)
+    assert done.stdout.split() == ["gaussian-sum"], done.stderr
+
+
+@pytest.mark.parametrize(("typed", "offered"), TYPED, ids=[typed for typed, _ in TYPED])
+def test_fish_offers(typed: str, offered: set[str], place: dict[str, str], tmp_path: Path) -> None:
+    asked = f"navsim completion fish | source; complete -C {shlex.quote(typed)}"
+    done = subprocess.run([need("fish"), "-c", asked], cwd=tmp_path, env=place, capture_output=True, text=True)
+    assert {line.split("\t")[0] for line in done.stdout.splitlines()} == offered, done.stderr
+
+
+ONE = [(typed, offered) for typed, offered in TYPED if len(offered) == 1]
+
+
+def typed_in_zsh(typed: str, environment: dict[str, str], folder: Path) -> str:
+    """The line that zsh has after a tab."""
+    child, terminal = pty.fork()
+    if child == 0:
+        os.chdir(folder)
+        os.execve(need("zsh"), ["zsh", "-f", "-i"], environment)
+    said = b""
+
+    def read(until: bytes) -> None:
+        nonlocal said
+        end = time.monotonic() + MOST_WAIT_S
+        while until not in said:
+            assert time.monotonic() < end, said
+            if select.select([terminal], [], [], 0.2)[0]:
+                said += os.read(terminal, 65536)
+
+    try:
+        # the line goes to a file as it stands when the key after the tab is pressed
+        os.write(
+            terminal,
+            b"PS1=; autoload -U compinit; compinit -u -d dump; source <(navsim completion zsh); "
+            b"keep() { print -r -- \"$BUFFER\" > line; print -r kept-'it'; }; zle -N keep; bindkey '^X' keep; "
+            b"echo rea'dy'\n",
+        )
+        read(b"ready")
+        os.write(terminal, typed.encode() + b"\t\x18")
+        read(b"kept-it")
+        return (folder / "line").read_text()
+    finally:
+        os.close(terminal)
+        os.waitpid(child, 0)
+
+
+@pytest.mark.parametrize(("typed", "offered"), ONE, ids=[typed for typed, _ in ONE])
+def test_zsh_completes(typed: str, offered: set[str], place: dict[str, str], tmp_path: Path) -> None:
+    need("zsh")
+    (whole,) = offered
+    line = typed_in_zsh(typed, place, tmp_path).rstrip("\n")
+    assert line.rstrip(" ") == f"{typed.rpartition(' ')[0]} {whole}"
+    assert line.endswith("=") == whole.endswith("=")  # behind `key=` the value follows at once
+
+
+def test_an_answer_loads_no_models_and_no_kernels() -> None:
+    """A completion comes while somebody types. What it loads is said by the interpreter itself."""
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "navsim"],
+        env={**os.environ, "_NAVSIM_COMPLETE": "bash", "COMP_LINE": "navsim run glide.yaml --set filt"},
+        capture_output=True, text=True, cwd=ROOT,
+    )  # fmt: skip
+    assert "filter.kind=" in done.stdout
+    loaded = {line.rpartition("|")[2].strip().split(".")[0] for line in done.stderr.splitlines()}
+    assert {"numba", "pydantic", "numpy", "scipy", "yaml", "rich", "bokeh"} & loaded == set()
+
+
+def test_the_list_of_names_is_that_of_the_models() -> None:
+    assert names.FILE.read_text(encoding="utf-8") == names.text(names.collected()), "run: make docs"
+
+
+def test_what_until_is_offered_is_taken() -> None:
+    for expression in UNTIL:
+        rare = expression.startswith("probability")
+        (rare_rule(lambda: None, expression) if rare else stopping_rule(expression))  # type: ignore[arg-type, return-value]
+
+
+def test_unknown_shell_is_refused(tmp_path: Path) -> None:
+    said = navsim("completion", "tcsh", cwd=tmp_path, code=2).stderr
+    assert all(shell in said for shell in SHELLS)
+
+
+# --- navsim keys
+
+
+def test_keys_are_printed_with_what_they_mean(tmp_path: Path) -> None:
+    said = navsim("keys", "landing", "flare_height", cwd=tmp_path).stdout
+    assert said.splitlines()[0] == "approach.flare_height_m"
+    assert "number; m; 0.01 to 1000; default 6.0; with approach.profile: smooth" in said
+    every = json.loads(navsim("keys", "landing", "--json", cwd=tmp_path).stdout)
+    assert len(every) > 200
+    assert {"key", "unit", "range", "default", "meaning", "choices", "required", "when"} <= every[0].keys()
+
+
+def test_keys_that_are_not_there_get_their_nearest(tmp_path: Path) -> None:
+    assert "did you mean 'landing'?" in navsim("keys", "landig", cwd=tmp_path, code=2).stderr
+    said = navsim("keys", "landing", "glide_slop_deg", cwd=tmp_path, code=2).stderr
+    assert "nearest: approach.glide_slope_deg" in said
+    assert "lists all" in navsim("keys", "landing", "qqqqqq", cwd=tmp_path, code=2).stderr
+
+
+# --- schemas
+
+
+@pytest.mark.parametrize("kind", [*OF_FILES, ANY])
+def test_schemas_say_what_they_are(kind: str) -> None:
+    schema = published(kind)
+    assert (schema["$schema"], schema["$id"]) == (DIALECT, identity(kind))
+    assert schema["title"]
+    jsonschema.Draft202012Validator.check_schema(schema)
+    for example in schema["examples"]:
+        jsonschema.Draft202012Validator(schema).validate(example)
+
+
+def arrays(node: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(node, dict):
+        if node.get("type") == "array":
+            yield node
+        for child in node.values():
+            yield from arrays(child)
+    elif isinstance(node, list):
+        for child in node:
+            yield from arrays(child)
+
+
+@pytest.mark.parametrize("kind", OF_FILES)
+def test_lists_are_bounded_as_lists(kind: str) -> None:
+    assert not [node for node in arrays(section(kind).model_json_schema()) if {"minLength", "maxLength"} & node.keys()]
+
+
+def test_an_empty_list_is_refused_by_the_schema_as_by_navsim(tmp_path: Path) -> None:
+    data = dict(load(shipped.path("placement_sweep")).data)
+    validator = jsonschema.Draft202012Validator(published("sweep"))
+    assert validator.is_valid(data)
+    assert not validator.is_valid(data | {"vary": []})
+
+
+@pytest.mark.parametrize("name", shipped.names())
+def test_the_schema_of_any_kind_takes_every_template_and_no_misspelt_key(name: str) -> None:
+    validator = jsonschema.Draft202012Validator(published(ANY))
+    data = load(shipped.path(name)).data
+    validator.validate(data)
+    assert not validator.is_valid(data | {"titel": "x"})
+
+
+@pytest.fixture
+def data_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A data folder whose name needs care in a URI. Forks take their environment from a shell: see `install`."""
+    return tmp_path / "data home"
+
+
+def install(tmp_path: Path, data_home: Path, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "navsim", *arguments],
+        cwd=tmp_path, env={**os.environ, "XDG_DATA_HOME": str(data_home), "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_templates_name_their_schema_where_it_is_installed(tmp_path: Path, data_home: Path) -> None:
+    install(tmp_path, data_home, "init", "landing")
+    assert (tmp_path / "landing.yaml").read_text() == shipped.text("landing")
+    install(tmp_path, data_home, "schema", "--install")
+    lying = {path.stem for path in (data_home / "navsim" / "schema").glob("*.json")}
+    assert lying == {*OF_FILES, ANY}
+    install(tmp_path, data_home, "init", "landing", "-o", "mine.yaml")
+    first, _, rest = (tmp_path / "mine.yaml").read_text().partition("\n")
+    assert rest == shipped.text("landing")
+    named = re.fullmatch(r"# yaml-language-server: \$schema=file://(\S+)", first)
+    assert named is not None
+    copy = Path(named[1].replace("%20", " "))
+    assert json.loads(copy.read_text()) == published("landing")
+    install(tmp_path, data_home, "validate", "mine.yaml")
+
+
+# --- an editor
+
+
+class Server:
+    """yaml-language-server as an editor has it: messages with a length before each, over its standard streams."""
+
+    def __init__(self, program: str, folder: Path) -> None:
+        self._process = subprocess.Popen(
+            [program, "--stdio"], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        self._ids = itertools.count(1)
+        self.notes: list[dict[str, Any]] = []
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def tell(self, method: str, parameters: Any, **more: Any) -> None:
+        self._send({"jsonrpc": "2.0", "method": method, "params": parameters, **more})
+
+    def _send(self, message: dict[str, Any]) -> None:
+        assert self._process.stdin is not None
+        text = json.dumps(message).encode()
+        self._process.stdin.write(b"Content-Length: %d\r\n\r\n" % len(text) + text)
+        self._process.stdin.flush()
+
+    def ask(self, method: str, parameters: Any) -> Any:
+        number = next(self._ids)
+        self.tell(method, parameters, id=number)
+        while True:
+            message = self.read()
+            if message.get("id") == number and "method" not in message:
+                return message["result"]
+
+    def read(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        length = 0
+        while (line := self._process.stdout.readline().strip()) or not length:
+            assert line or self._process.poll() is None, "it is gone"
+            if line.lower().startswith(b"content-length:"):
+                length = int(line.partition(b":")[2])
+        message: dict[str, Any] = json.loads(self._process.stdout.read(length))
+        if "method" in message and "id" in message:  # it asks for settings: there are none
+            items = message.get("params", {}).get("items", []) if message["method"] == "workspace/configuration" else []
+            self._send({"jsonrpc": "2.0", "id": message["id"], "result": [{} for _ in items] or None})
+        elif "method" in message:
+            self.notes.append(message)
+        return message
+
+    def marked(self, uri: str) -> list[str]:
+        """What is marked in a file, once it is known."""
+        while True:
+            for note in self.notes:
+                if note["method"] == "textDocument/publishDiagnostics" and note["params"]["uri"] == uri:
+                    self.notes.remove(note)
+                    return [found["message"] for found in note["params"]["diagnostics"]]
+            self.read()
+
+
+@pytest.mark.parametrize("schema", ["landing", ANY])
+def test_an_editor_marks_explains_and_completes_keys(schema: str, tmp_path: Path, data_home: Path) -> None:
+    """By the line that `navsim init` writes, and by the schema that takes every kind."""
+    program = need("yaml-language-server")
+    install(tmp_path, data_home, "schema", "--install")
+    install(tmp_path, data_home, "init", "landing_smooth")
+    text = (tmp_path / "landing_smooth.yaml").read_text().replace("/landing.json", f"/{schema}.json")
+    assert f"/{schema}.json" in text.splitlines()[0]
+    server = Server(program, tmp_path)
+    try:
+        server.ask("initialize", {"processId": None, "rootUri": tmp_path.as_uri(), "capabilities": {}})
+        server.tell("initialized", {})
+
+        def opened(name: str, text: str) -> str:
+            uri = (tmp_path / name).as_uri()
+            document = {"uri": uri, "languageId": "yaml", "version": 1, "text": text}
+            server.tell("textDocument/didOpen", {"textDocument": document})
+            return uri
+
+        assert server.marked(opened("right.yaml", text)) == []
+        wrong = server.marked(opened("wrong.yaml", text.replace("glide_slope_deg:", "glide_slope_degg:")))
+        if schema == ANY:
+            assert wrong
+        else:
+            assert any("glide_slope_degg" in message for message in wrong)
+        lines = text.splitlines()
+        at = next(number for number, line in enumerate(lines) if line.startswith("epoch:"))
+        right = {"textDocument": {"uri": (tmp_path / "right.yaml").as_uri()}}
+        shown = server.ask("textDocument/hover", right | {"position": {"line": at, "character": 2}})
+        assert "UTC of time 0" in json.dumps(shown)
+        uri = opened("new.yaml", f"{lines[0]}\nkind: landing\nrunw\n")
+        found = server.ask(
+            "textDocument/completion", {"textDocument": {"uri": uri}, "position": {"line": 2, "character": 4}}
+        )
+        items = found["items"] if isinstance(found, dict) else found
+        assert "runway" in {item["label"] for item in items}
+    finally:
+        server.close()

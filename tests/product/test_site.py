@@ -1,0 +1,114 @@
+"""The site of docs/: it builds without a warning, lists every page, and a browser finds no fault with it, offline."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import ROOT
+
+DOCS = ROOT / "docs"
+PAGES = sorted(path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md") if "_build" not in path.parts)
+
+
+def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
+    """What `make site` does."""
+    return subprocess.run(
+        [sys.executable, "-m", "sphinx", "-b", "html", "-W", "--keep-going", "-q", str(source), str(target)],
+        capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=600,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built without a warning."""
+    target = tmp_path_factory.mktemp("site")
+    done = build(DOCS, target)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return target
+
+
+def test_every_page_is_there(site: Path) -> None:
+    """Orphans are warnings, and so errors; what is built is what there is."""
+    assert len(PAGES) > 40
+    for page in PAGES:
+        assert (site / page.with_suffix(".html")).is_file(), page
+
+
+def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+    """Links lead out, but no script, style, font or image comes from another place."""
+    seen = 0
+    for page in PAGES:
+        text = (site / page.with_suffix(".html")).read_text(encoding="utf-8")
+        loaded = re.findall(r"<(?:script|img|iframe|source)\b[^>]*?\bsrc=\"([^\"]+)\"", text)
+        loaded += [
+            link for rel, link in re.findall(r"<link\b[^>]*?\brel=\"([^\"]+)\"[^>]*?\bhref=\"([^\"]+)\"", text)
+            if rel in ("stylesheet", "preload", "icon", "shortcut icon")
+        ]  # fmt: skip
+        assert [one for one in loaded if re.match(r"(https?:)?//", one)] == [], page
+        seen += len(loaded)
+    assert seen > len(PAGES)
+
+
+def test_a_page_that_nobody_lists_is_an_error(tmp_path: Path) -> None:
+    """And so is a link that leads nowhere: the build can fail."""
+    shutil.copy(DOCS / "conf.py", tmp_path)
+    shutil.copytree(DOCS / "_static", tmp_path / "_static")
+    (tmp_path / "index.md").write_text("# Front\n\n[gone](nowhere.md)\n")
+    (tmp_path / "lonely.md").write_text("# Lonely\n")
+    done = build(tmp_path, tmp_path / "out")
+    assert done.returncode != 0
+    assert "lonely.md" in done.stderr
+    assert "nowhere.md" in done.stderr
+    (tmp_path / "index.md").write_text("# Front\n\n```{toctree}\nlonely\n```\n")
+    assert build(tmp_path, tmp_path / "out2").returncode == 0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, headless."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("needs chromium, which is not installed")
+    api = pytest.importorskip("playwright.sync_api", reason="needs playwright, which is not installed")
+    with api.sync_playwright() as tools:
+        here = tools.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield here
+        here.close()
+
+
+LOOKED_AT = ("index", "tutorial", "reference/landing", "gallery", "contents/how-to")
+"""Pages that a browser opens: the front page, console blocks, wide tables, figures, a list of contents."""
+
+
+THEME_SAYS = "console: [PST]: Changed to auto mode"
+"""What the theme writes whenever a page opens."""
+
+
+@pytest.mark.parametrize("name", LOOKED_AT)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_browser_finds_no_fault(name: str, scheme: str, browser: Any, site: Path) -> None:
+    """Offline: no console line, no request outside; the paper follows the scheme; nothing is wider than a phone."""
+    context = browser.new_context(offline=True, color_scheme=scheme, viewport={"width": 1280, "height": 900})
+    page = context.new_page()
+    said: list[str] = []
+    page.on("console", lambda message: said.append(f"console: {message.text}"))
+    page.on("pageerror", lambda error: said.append(f"error: {error}"))
+    page.on("request", lambda request: said.append(request.url))
+    page.goto((site / f"{name}.html").as_uri())
+    page.wait_for_load_state("networkidle")
+    assert [line for line in said if not line.startswith((site.as_uri(), THEME_SAYS))] == []
+    assert page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+    paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, re.findall(r"\d+", paper)[:3])) > 600) == (scheme == "light")
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()

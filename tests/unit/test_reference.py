@@ -1,0 +1,100 @@
+"""The reference of keys: every key of every kind is described, has a unit or is known to have none, and an example."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from navsim.kinds import OF_FILES
+from navsim.scenario import shipped
+from navsim.scenario.keys import KeyRow, rows
+from navsim.scenario.load import read_any, section
+from tests.conftest import ROOT
+
+
+def script(name: str) -> ModuleType:
+    """A script of the tree as a module."""
+    spec = importlib.util.spec_from_file_location(f"script_{name}", ROOT / "scripts" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+reference = script("reference")
+
+
+def properties(kind: str) -> dict[str, dict[str, Any]]:
+    """Every property of the schema of a kind, by its section."""
+    schema = section(kind).model_json_schema()
+    sections = {**schema.get("$defs", {}), kind: schema}
+    return {f"{name}.{key}": p for name, s in sections.items() for key, p in s.get("properties", {}).items()}
+
+
+@pytest.mark.parametrize("kind", OF_FILES)
+def test_every_key_is_described(kind: str) -> None:
+    every = properties(kind)
+    assert len(every) >= 20
+    assert [key for key, value in every.items() if len(value.get("description", "")) < 4] == []
+
+
+def test_there_are_as_many_keys_as_were_counted() -> None:
+    """A schema that lost its keys would have them all described."""
+    assert sum(len(properties(kind)) for kind in OF_FILES) >= 600
+
+
+@pytest.mark.parametrize("kind", OF_FILES)
+def test_the_pages_are_those_of_the_schemas(kind: str) -> None:
+    assert reference.path_of(kind).read_text(encoding="utf-8") == reference.page(kind), "run `make docs`"
+
+
+def test_there_is_a_page_for_every_kind_and_no_other() -> None:
+    assert {path.stem for path in reference.FOLDER.glob("*.md")} == {*OF_FILES}
+
+
+@pytest.mark.parametrize("kind", OF_FILES)
+def test_every_key_has_an_example(kind: str) -> None:
+    refused = reference.NO_EXAMPLE.get(kind, ())
+    every: list[KeyRow] = [row for row in rows(section(kind).model_json_schema()) if not row.section]
+    assert [row.key for row in every if row.key not in refused and reference.example(kind, row) is None] == []
+
+
+SETS = [(kind, *one) for kind, sets in reference.EXAMPLES.items() for one in sets]
+
+
+@pytest.mark.parametrize(("kind", "name", "assignments"), SETS)
+def test_examples_are_valid(kind: str, name: str, assignments: tuple[str, ...]) -> None:
+    scenario, _ = read_any(shipped.path(name), assignments)
+    assert scenario.kind == kind  # type: ignore[attr-defined]
+
+
+WITHOUT_UNIT = {
+    "p_fa", "p_md", "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max",
+    "p_satellite", "p_constellation", "p_constellations",
+    "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
+    "band", "duty",  # of one
+    "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail",  # ratios
+    "max_rejected", "components", "samples", "receivers", "effective_samples",
+    "runs", "steps", "experiments",  # counts
+    "count", "pseudolites", "effort", "min_satellites",
+    "h0", "h_minus2", "rate_sigma", "alpha", "beta", "initial_variance",  # what it means says the unit
+    "first", "last", "step",  # in the unit of the key that is varied
+}  # fmt: skip
+"""Last names of keys that are numbers and have no unit at their end."""
+
+
+@pytest.mark.parametrize("kind", OF_FILES)
+def test_numbers_have_a_unit_or_are_known_to_have_none(kind: str) -> None:
+    lost = []
+    for row in rows(section(kind).model_json_schema()):
+        name = [part for part in row.key.split(".") if not re.fullmatch("[A-Z]+", part)][-1]
+        if re.search("number", row.kind) and not row.unit and name not in WITHOUT_UNIT:
+            lost.append(row.key)
+    assert lost == []
