@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,10 @@ from hypothesis import settings
 # the first example of a kernel may have to compile it
 settings.register_profile("navsim", deadline=None)
 settings.load_profile("navsim")
+
+# in the background of a script Ctrl-C is ignored, and by all that is started from there; tests send it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # what the developer has installed for editors is none of the tests'
 os.environ["XDG_DATA_HOME"] = "/dev/null/data"

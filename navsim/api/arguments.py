@@ -51,7 +51,7 @@ class Requiring(Common, total=False):
 class RunArguments(Requiring, total=False):
     """Of `run`. seed: root of all random numbers. runs: their number; first_run: the number of the first. until: stop
     once an interval is narrow. keep: what is stored of each run. method: instead of the scenario's. workers: threads;
-    None: all cores."""
+    None: all cores. scheduler: of a Dask cluster that does the work, its address or its file; None: this machine."""
 
     seed: int
     runs: int | None
@@ -60,6 +60,7 @@ class RunArguments(Requiring, total=False):
     keep: Keep | None
     method: Method | None
     workers: int | None
+    scheduler: PathLike | None
 
 
 class SweepArguments(Requiring, total=False):
@@ -69,12 +70,14 @@ class SweepArguments(Requiring, total=False):
     runs: int | None
     method: SweepMethod | None
     workers: int | None
+    scheduler: PathLike | None
 
 
 class OptimizeArguments(Common, total=False):
     """Of `optimize`. time_limit: stop then with the best found so far, s."""
 
     seed: int
+    scheduler: PathLike | None
     time_limit: float | None
 
 
@@ -162,6 +165,8 @@ def _right(command: str, name: str, value: Any) -> Any:
         if value not in get_args(choices):
             raise ValueError(f"allowed: {', '.join(get_args(choices))}")
         return value
+    if name == "scheduler":
+        return os.fspath(value)
     if name in ("output", "figures"):
         return Path(value).expanduser()
     if name == "set":

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
 import typer
 
-from navsim.cli import ending
+from navsim.cli import ending, log
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED, say
 from navsim.work.speech import Speech
 
@@ -46,65 +46,77 @@ def leave(code: int, *messages: object) -> NoReturn:
 
 
 SAY_EVERY_S = 10.0
-"""How often work whose extent is not known says where it stands when nobody looks at a terminal."""
+"""How often work says where it stands when nobody looks at a terminal, and in a log."""
 
 
 @contextmanager
 def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = time.monotonic) -> Iterator[Tell]:
-    """Progress on standard error: a bar over an extent, counted in `unit`; for an extent of 0 words, in a live line, or
-    a line now and then where it is no terminal; nothing where it is not to be shown."""
-    live = shown and sys.stderr.isatty()
-    if extent == 0 and shown:
-        with _status() if live else _lines(clock) as tell:
-            yield tell
-    elif extent > 1 and live:
-        with _bar(extent, unit) as tell:
-            yield tell
-    else:
-        yield lambda finished, words="": ending.check()
+    """Progress on standard error: a bar over an extent, counted in `unit`, with words behind it; for an extent of 0 the
+    words alone; where it is no terminal a line now and then; nothing where it is not to be shown. In a log a line now
+    and then, too."""
+    live = shown and extent != 1 and sys.stderr.isatty()
+    here = _Standing(extent, unit, shown and not live, clock)
+    with (_bar(extent, unit) if extent else _status()) if live else nullcontext() as show:
+
+        def tell(finished: int, words: str = "", left: float | None = None) -> None:
+            ending.check()
+            here(finished, words, left)
+            if show is not None:
+                show(finished, words)
+
+        yield tell
+
+
+class _Standing:
+    """Where work stands, now and then: said, where it is to be, and logged."""
+
+    def __init__(self, extent: int, unit: str, spoken: bool, clock: Callable[[], float]) -> None:
+        self._extent, self._unit, self._spoken, self._clock = extent, unit, spoken, clock
+        self._begun = self._said = clock()
+        self._before: int | None = None
+
+    def __call__(self, finished: int, words: str, left: float | None) -> None:
+        now = self._clock()
+        if self._before is None:  # what an earlier attempt has finished took no time of this one
+            self._before = finished
+        if now - self._said < SAY_EVERY_S:
+            return
+        self._said = now
+        used, done = now - self._begun, finished - self._before
+        if left is None and done > 0:
+            left = used * (self._extent - finished) / done
+        if self._spoken:
+            say(self._line(finished, words, used, left) if self._extent else words, logged=False)
+        if log.is_open():
+            log.note("progress", text=words, finished=finished, extent=self._extent, unit=self._unit,
+                     used_s=round(used, 1), left_s=None if left is None else round(left, 1))  # fmt: skip
+
+    def _line(self, finished: int, words: str, used: float, left: float | None) -> str:
+        from navsim.study.budget.estimate import duration
+
+        remaining = "" if left is None else f", {duration(left)} left"
+        return f"{finished} of {self._extent} {self._unit}, {used:.0f} s used{remaining}{words and f'; {words}'}"
 
 
 @contextmanager
-def _bar(extent: int, unit: str) -> Iterator[Tell]:
+def _bar(extent: int, unit: str) -> Iterator[Callable[[int, str], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(unit), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[words]}"),
+    )  # fmt: skip
     with Progress(*columns, console=Console(file=cast("IO[str]", ending.Words())), transient=True) as bar:
-        task = bar.add_task(unit, total=extent)
-
-        def tell(finished: int, words: str = "") -> None:
-            ending.check()
-            bar.update(task, completed=finished)
-
-        yield tell
+        task = bar.add_task(unit, total=extent, words="")
+        yield lambda finished, words: bar.update(task, completed=finished, words=words)
 
 
 @contextmanager
-def _status() -> Iterator[Tell]:
+def _status() -> Iterator[Callable[[int, str], None]]:
     from rich.console import Console
 
     with Console(file=cast("IO[str]", ending.Words())).status("") as line:
-
-        def tell(finished: int, words: str = "") -> None:
-            ending.check()
-            line.update(words)
-
-        yield tell
-
-
-@contextmanager
-def _lines(clock: Callable[[], float]) -> Iterator[Tell]:
-    said = clock()
-
-    def tell(finished: int, words: str = "") -> None:
-        nonlocal said
-        ending.check()
-        if clock() - said >= SAY_EVERY_S:
-            said = clock()
-            say(words)
-
-    yield tell
+        yield lambda finished, words: line.update(words)
 
 
 def read_result(path: Path) -> Result:

@@ -19,6 +19,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from types import FrameType
 from typing import Any, NoReturn, TextIO, TypeVar, cast
 
+from navsim.cli import log
+
 OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED = 0, 1, 2, 3
 
 WORDS: dict[int, str] = {
@@ -42,10 +44,13 @@ _came: list[int] = []
 _held: list[ExitStack] = []
 
 
-def say(message: str) -> None:
-    """Tell the person at the terminal something; standard output is for results alone."""
+def say(message: str, logged: bool = True) -> None:
+    """Tell the person at the terminal something, and the log, if it is not logged otherwise; standard output is for
+    results alone."""
     with suppress(OSError):  # where nobody can be told, the work goes on
         print(message, file=sys.stderr)
+    if logged and log.is_open():
+        log.note_said(message)
 
 
 class Words:
@@ -270,7 +275,12 @@ class _Told(SystemExit):
     """The end after a signal, of which the person at the terminal was told."""
 
 
+def signal_that_came() -> int:
+    """The number of the signal that ends the command."""
+    return _came[-1] if _came else signal.SIGINT
+
+
 def _leave_for_signal() -> NoReturn:
-    number = _came[-1] if _came else signal.SIGINT
+    number = signal_that_came()
     say(WORDS[number])
     raise _Told(128 + number) from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -13,6 +13,10 @@ from typer.core import TyperGroup
 from navsim.cli.ending import OK, ending
 from navsim.cli.options import grouped
 from navsim.kinds import named
+
+if TYPE_CHECKING:
+    from typer._click.core import Context
+    from typer._click.formatting import HelpFormatter
 
 PLACES = {
     "run": "navsim.cli.run:run",
@@ -59,6 +63,12 @@ class _Commands(Mapping[str, Any]):
         return len(PLACES)
 
 
+def _first_line(place: str) -> str:
+    said = named(place).__doc__
+    assert said is not None
+    return str(said).partition("\n")[0]
+
+
 class _Group(TyperGroup):
     """What chooses among them; `PLACES` is the only way in."""
 
@@ -67,12 +77,22 @@ class _Group(TyperGroup):
             raise ValueError(f"commands belong in PLACES: {', '.join(settings['commands'])}")
         super().__init__(**settings | {"commands": _Commands()})
 
+    def list_commands(self, ctx: Context) -> list[str]:
+        """Their names: the usual way makes them all."""
+        return list(PLACES)
+
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
+        """What each is for, by the first line that its function says of itself; the usual way makes them all."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, _first_line(place)) for name, place in PLACES.items()])
+
 
 app = typer.Typer(
     name="navsim",
     cls=_Group,
     help="Plan and prove a landing navigation system: INS corrected by GNSS and ground pseudolites.",
     no_args_is_help=True,
+    add_completion=False,  # `navsim completion` knows keys and files, too
     rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},

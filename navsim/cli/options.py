@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
@@ -96,6 +97,15 @@ class Care:
         bool,
         typer.Option("--quiet", "-q", help="Print no result and no progress: warnings, errors, and what takes long."),
     ] = False
+    log_: Annotated[
+        Path | None,
+        typer.Option(
+            "--log",
+            metavar="FILE",
+            help="Add to this file what is done and said, an object of JSON a line: start, progress, warnings, end.",
+            show_default=False,
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -120,6 +130,17 @@ class Required:
         bool,
         typer.Option("--require", help="Exit 3 where a requirement of the scenario is not met, or undecided."),
     ] = False
+
+
+def _log_in(path: Path) -> None:
+    """Keep a log to the end of the command."""
+    from navsim.cli.ending import keep
+    from navsim.cli.log import NoLog, logged
+
+    try:
+        keep(logged(path, sys.argv[1:]))
+    except NoLog as error:
+        raise typer.BadParameter(f"--log {error}") from None
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -148,6 +169,9 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def spread(**given: Any) -> None:
         made = {name: group(**{f.name: given.pop(f.name) for f in fields(group)}) for name, group in groups.items()}
+        for group in made.values():
+            if isinstance(group, Care) and group.log_ is not None:
+                _log_in(group.log_)
         command(**given, **made)
 
     spread.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # typer reads it

@@ -175,7 +175,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
     from navsim.study.live import Session
 
     def ask(section: Any, sources: Any) -> None:
-        afford(Request(scenario, target, care.over_budget), estimated(section, sources), _KERNELS, AT_TERMINAL)
+        afford(Request(scenario, target, care.over_budget), estimated(section, sources), AT_TERMINAL)
 
     try:
         section, document = read(scenario, given.set_ or [])
@@ -188,6 +188,9 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
             )
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
+        for name in ("integrity", "requirements", "box"):
+            if getattr(section, name):
+                AT_TERMINAL.warn(f"{scenario}: {name} is not used: one live flight is not judged by it")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
         keep(begun(target, _KERNELS, AT_TERMINAL))
         case = landing.prepare(section, document, ask)

@@ -19,7 +19,7 @@ import llvmlite
 import numba
 from numba.extending import overload, register_jitable
 
-from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, remember
+from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, loaded, remember
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -80,6 +80,16 @@ def is_warm(name: str) -> bool:
     return _CACHE is not None and (_CACHE / f"{_WARM_MARK}-{name}").exists()
 
 
+_of_others = 0
+"""Kernels that were loaded before the work in hand."""
+
+
+def work_begins() -> None:
+    """What is loaded from now on, up to `mark_warm`, is for one work."""
+    global _of_others
+    _of_others = loaded()
+
+
 def load_ahead(name: str) -> None:
     """Load the kernels that the last work of this name has loaded, so that they are there when they are called."""
     if _CACHE is not None:
@@ -88,11 +98,12 @@ def load_ahead(name: str) -> None:
 
 def mark_warm(name: str) -> None:
     """Remember that the kernels of this name are in the cache, and which they are, and drop folders unused for a
-    month."""
+    month. See `work_begins`."""
     if _CACHE is None:
         return
     try:
-        remember(_CACHE / f"{_WARM_MARK}-{name}")
+        # of work that found some loaded it is not known which it takes
+        remember(_CACHE / f"{_WARM_MARK}-{name}", all_of_it=_of_others == 0)
         for folder in _CACHE.parent.glob("kernels-*"):
             used = [mark.stat().st_mtime for mark in folder.glob(f"{_WARM_MARK}*")]
             if used and max(used) < time.time() - 30 * 86400.0:

@@ -178,9 +178,18 @@ class CacheAtFirstCall:
         return getattr(self._opened, name)
 
 
-def remember(path: Path) -> None:
-    """Write down what this process has loaded. Raises OSError."""
-    _write(str(path), pickle.dumps(_loaded))
+def loaded() -> int:
+    """How many kernels this process has loaded."""
+    return len(_loaded)
+
+
+def remember(path: Path, all_of_it: bool) -> None:
+    """Write down what this process has loaded; where that is not all of it for what is remembered, nothing but that it
+    was done, unless more is known already. Raises OSError."""
+    if all_of_it or not path.exists():
+        _write(str(path), pickle.dumps(_loaded if all_of_it else []))
+    else:
+        path.touch()
 
 
 def load_remembered(path: Path) -> None:

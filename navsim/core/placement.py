@@ -55,6 +55,8 @@ _N = 21
 _TILE = 32
 """Epochs worked on at once: their C of a register of placements stay in the first cache. One loop over them finds C,
 the next the roots: in one loop the steps of an epoch wait for each other, and the processor looks no farther."""
+
+
 @kernel
 def _common(receiver, up, spare, satellites, weight, count, out):
     """Rows of what `count` pseudolites at any places have in common, (e, _N); returns how many epochs have one, the

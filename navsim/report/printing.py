@@ -4,15 +4,12 @@ and labels that fit the width; files whose bytes are the same each time."""
 from __future__ import annotations
 
 import io
-import os
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-os.environ.setdefault("MPLBACKEND", "Agg")
 
 import matplotlib as mpl
 from matplotlib.figure import Figure

@@ -225,11 +225,15 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             return Problem(place, key, "this key is required")
         given = _value_at(document.data, path)
         choices = [c.strip(" '") for c in expected.replace(" or ", ",").split(",")]
+        if error["loc"][-1] == "[key]":  # so pydantic marks the key of a mapping
+            return Problem(place, key, "unknown key; " + hint(str(path[-1]), choices))
         if isinstance(given, str) and given in choices:  # a number in quotation marks
             return Problem(place, key, f"a number is needed, not the text {given!r}; allowed: {', '.join(choices)}")
         return Problem(place, key, f"{given!r} is not allowed; " + hint(str(given), choices))
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "expected a section, a mapping of keys to values"
+        if error.get("input") is None:
+            return Problem(place, key, f"{message}, not null; without the key it has its defaults")
     elif kind == "tuple_type":
         message = "expected a list"
     elif kind == "too_short":

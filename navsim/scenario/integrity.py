@@ -5,7 +5,7 @@ Source of structure and defaults: `docs/theory/integrity.md`, section 7.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -238,6 +238,24 @@ class IntegritySection(Section):
     def false_alarm(self) -> float:
         """The largest probability of an alarm at an epoch without a fault."""
         return self.p_fa if self.method == "chi2" else (self.p_fa_v + self.p_fa_h) / self.effective_samples
+
+    def unused(self, systems: Collection[str]) -> list[str]:
+        """What is given and changes nothing, in words. systems: of the satellites there are."""
+        of_residuals = ("p_fa", "p_md")
+        of_separation = (
+            "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",
+            "p_constellations", "p_pseudolite",
+        )  # fmt: skip
+        usual = IntegritySection()
+        out = [
+            f"integrity.{name} is not used: integrity.method is {self.method}"
+            for name in (of_separation if self.method == "chi2" else of_residuals)
+            if getattr(self, name) != getattr(usual, name)
+        ]
+        if self.method != "chi2":
+            absent = [name for name in self.p_constellations if name not in systems]
+            out += [f"integrity.p_constellations.{name} is not used: the sky has none of them" for name in absent]
+        return out
 
     def check_names(self, pseudolites: Sequence[str]) -> None:
         """Raise for members of groups that are none of these pseudolites."""

@@ -203,6 +203,18 @@ class _Elsewhere:
         return out
 
 
+@dataclass
+class Until:
+    """Whether an ensemble will do. judge: gives that, and where the ensemble stands, which `words` keeps."""
+
+    judge: Callable[[Ensemble], tuple[bool, str]]
+    words: str = ""
+
+    def __call__(self, ensemble: Ensemble) -> bool:
+        enough, self.words = self.judge(ensemble)
+        return enough
+
+
 def fly_all(
     study: Study,
     first_run: int,

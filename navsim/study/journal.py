@@ -15,7 +15,6 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.study.partial import JOURNAL, Arrays, PartialError, Store
-from navsim.words import again
 
 
 class Journal:
@@ -101,10 +100,8 @@ class Journal:
                 self._file.truncate(self._file.tell() - (written or 0))
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
-            raise PartialError(
-                f"{self._store.folder / JOURNAL}: cannot be written: {error.strerror or error}; the analyses before it "
-                f"are kept and {again()} goes on from there"
-            ) from None
+            path = self._store.folder / JOURNAL
+            raise PartialError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     def step(self, name: str, work: Callable[[], Arrays]) -> Arrays:
         """The arrays of a finished step: as kept, or worked out and kept. Raises PartialError."""

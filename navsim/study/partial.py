@@ -170,10 +170,7 @@ class Store:
                         _write_array(file, np.asarray(array, order="C"))
                 archive.comment = self._checksum(name, archive)
         except OSError as error:
-            raise PartialError(
-                f"{path}: cannot be written: {error.strerror or error}; what was finished before is kept and "
-                f"{again()} goes on from there"
-            ) from None
+            raise PartialError(f"{path}: cannot be written: {error.strerror or error}") from None
         try:
             with open(path, "rb") as written:
                 return self._found(name, written)

@@ -155,12 +155,18 @@ def sigma_error(mean: float, band: tuple[float, float]) -> np.ndarray:
     return 1.0 / np.sqrt(mean / np.array([1.0, band[0], band[1]])) - 1.0
 
 
+_NOTHING = 999.0
+"""Share by which a sigma is larger than the right one where an error is believed in that is not there."""
+
+
 def verdict(error: np.ndarray, tolerance: float = SIGMA_TOLERANCE) -> str:
     """A `sigma_error` (3,) in words: whether it is significant and whether it is large, which are two questions."""
     value, low, high = (float(x) for x in error)
     if not np.isfinite(value):
         return "undefined"
     if low > 0.0 or high < 0.0:
+        if value >= _NOTHING:
+            return "next to no such error: sigma over 1000 times the right one"
         if value >= 1.0:
             return f"sigma {1.0 + value:.1f} times the right one"
         found = f"sigma {_percent(abs(value))} {'small' if value < 0.0 else 'large'}"

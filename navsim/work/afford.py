@@ -17,40 +17,43 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Request:
     """What is asked of an estimate. name: of the scenario or study. target: the result's path. over_budget: what is
-    lacking is warned of. shown: the estimate is told. at_most: the work may end earlier by itself, so the estimate
-    alone refuses nothing. away: workers of another place that do the work, in words, "" for this machine's."""
+    lacking is warned of. at_most: the work may end earlier by itself, so the estimate alone refuses nothing. away:
+    workers of another place that do the work, in words, "" for this machine's."""
 
     name: object
     target: Path
     over_budget: bool
-    shown: bool = False
     at_most: bool = False
     away: str = ""
 
 
-def afford(asked: Request, estimate: Budget, kernels: str, speech: Speech) -> None:
-    """Tell the estimate where it is to be shown; raise BadInput where the machine lacks memory or disk, unless they are
-    to be warned of. kernels: see `study.job.Job`."""
-    from navsim.core import jit
-    from navsim.study.budget.estimate import lacking
+def tell(asked: Request, estimate: Budget, speech: Speech, timed: bool = False) -> None:
+    """Say what work will take. timed: its time is by a block of it that was."""
     from navsim.study.budget.estimate import said as estimated
     from navsim.study.budget.machine import machine
 
-    name, target, at_most = asked.name, asked.target, asked.at_most
-    here = machine(target.parent)
-    if asked.shown:
-        speech.say(f"{name}: {'at most ' if at_most else ''}{estimated(estimate, here, asked.away)}")
-        if not jit.is_warm(kernels):
-            speech.say("compiling the kernels, once, takes up to a minute more")
-    lack = lacking(estimate, here, _kept(target) if estimate.partial_bytes else 0.0)
-    wanting = f"{name}: needs {', and '.join(lack)}"
-    if not lack or (at_most and not asked.shown):
+    words = estimated(estimate, machine(asked.target.parent), asked.away, timed)
+    speech.say(f"{asked.name}: {'at most ' if asked.at_most else ''}{words}")
+
+
+def afford(asked: Request, estimate: Budget, speech: Speech, shown: bool = False) -> None:
+    """Raise BadInput where the machine lacks memory or disk for it, unless that is to be warned of. shown: the estimate
+    is told then, and of work that may end earlier by itself what is lacking, too."""
+    from navsim.study.budget.estimate import lacking
+    from navsim.study.budget.machine import machine
+
+    here = machine(asked.target.parent)
+    lack = lacking(estimate, here, _kept(asked.target) if estimate.partial_bytes else 0.0)
+    if not lack or (asked.at_most and not shown):
         return
-    if at_most:
+    wanting = f"{asked.name}: needs {', and '.join(lack)}"
+    if asked.at_most:
         speech.warn(f"{wanting}, where it does not end early")
     elif asked.over_budget:
-        speech.warn(f"{wanting}")
+        speech.warn(wanting)
     else:
+        if shown:
+            tell(asked, estimate, speech)
         raise BadInput(said(f"{wanting}; {switch('over_budget')} computes it nevertheless"))
 
 

@@ -57,6 +57,7 @@ def misread() -> Iterator[None]:
 def failures(name: object) -> Iterator[None]:
     """What stopped the work on a file of this name, as users are told: raises BadInput, RunFailed."""
     from navsim.io.results import ResultError
+    from navsim.study.executor import Lost
     from navsim.study.job import JobError, OptionError
     from navsim.study.partial import PartialError
 
@@ -65,7 +66,7 @@ def failures(name: object) -> Iterator[None]:
             yield
     except OptionError as error:
         raise BadInput(said(error)) from None
-    except JobError as error:
+    except (JobError, Lost) as error:
         raise RunFailed(said(f"{name}: {error}")) from None
     except (ResultError, PartialError) as error:
         raise RunFailed(said(error)) from None

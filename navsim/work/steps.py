@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from navsim.words import again
-from navsim.work.afford import Request, afford
+from navsim.work.afford import Request, afford, tell
 from navsim.work.errors import BadInput, RunFailed, failures, said
 from navsim.work.required import Demands, wanting
 from navsim.work.speech import Listener
@@ -19,6 +20,7 @@ from navsim.work.workplace import workplace
 
 if TYPE_CHECKING:
     from navsim.io.results import Result
+    from navsim.study.budget.estimate import Budget
     from navsim.study.executor import Executor
     from navsim.study.job import Job, Options
     from navsim.study.partial import Store
@@ -61,12 +63,12 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
     name: of the file, for messages. target: the result's path. Raises BadInput, RunFailed.
     """
     from navsim.io.results import SEVERAL_RUNS
+
     check_target(target, job.sort, order.force)
     drawing = figure_folder(order.figures, target, order.plain or job.sort.runs == SEVERAL_RUNS)
     with workplace(order.options, listener.speech) as executor:
         if order.dry_run:
-            _prepare(name, job, target, order, listener, executor)
-            listener.speech.say(f"{name}: {job.described()}; would write {target}")
+            _told(name, job, target, order, listener, executor)
             return None
         with begun(target, job.kernels, listener.speech):
             _load_ahead(job.kernels, listener.ahead)
@@ -74,39 +76,69 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
             return _computed(name, job, target, order, listener, executor, drawing)
 
 
-def _prepare(name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor) -> None:
+def _prepare(
+    name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor
+) -> tuple[Request, Budget]:
+    """Prepare a job; returns what it was found to take."""
     from navsim.io.findings import several
 
-    def allow(budget: Any, final: bool = True, at_most: bool = False) -> None:
-        away = f"on {several(executor.workers, 'worker')} of {executor.name}" if executor.name else ""
-        asked = Request(name, target, order.over_budget, order.dry_run and final, at_most, away)
-        afford(asked, budget, job.kernels, listener.speech)
+    away = f"on {several(executor.workers, 'worker')} of {executor.name}" if executor.name else ""
+    final_ones: list[tuple[Request, Budget]] = []
+
+    def allow(budget: Budget, final: bool = True, at_most: bool = False) -> None:
+        asked = Request(name, target, order.over_budget, at_most, away)
+        afford(asked, budget, listener.speech, order.dry_run and final)
+        if final:
+            final_ones.append((asked, budget))
 
     with failures(name):
         job.prepare(executor, allow)
     for warning in job.warnings:
         listener.speech.warn(warning)
+    return final_ones[-1]
+
+
+def _told(name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor) -> None:
+    """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
+    from navsim.core import jit
+    from navsim.study.budget.estimate import BASE_TIME
+    from navsim.work.timed import seconds_of
+
+    begun = time.monotonic()
+    asked, budget = _prepare(name, job, target, order, listener, executor)
+    seconds = None
+    if jit.is_warm(job.kernels):
+        prepared = time.monotonic() - begun
+        with failures(name):
+            seconds = seconds_of(job, executor)
+    if seconds is not None:
+        budget = replace(budget, time_s=BASE_TIME + prepared + seconds)
+    tell(asked, budget, listener.speech, timed=seconds is not None)
+    if not jit.is_warm(job.kernels):
+        listener.speech.say("compiling the kernels, once, takes up to a minute more")
+    listener.speech.say(f"{name}: {job.described()}; would write {target}")
 
 
 def _computed(
     name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor, drawing: Path | None
 ) -> Finished:
     from navsim.core import jit
-    from navsim.study.executor import Lost
 
     store = _store(job, target, order.options.fresh)
-    kept = "" if store is None else f"finished {job.work} are kept in {store.folder}; {again()} goes on from there"
+    kept = f"nothing of it is kept; {again()} begins anew"
+    if store is not None:
+        kept = f"finished {job.work} are kept in {store.folder}; {again()} goes on from there"
     try:
         with failures(name):
             with listener.progress(job.extent, job.unit) as tell:
                 outcome = job.run(executor, store, tell)
             written = save(outcome.result, target, None if outcome.interrupted else drawing)
-    except Lost as error:
-        raise RunFailed(said(f"{name}: {error}; {kept or f'{again()} goes on from there'}")) from None
-    except KeyboardInterrupt as interrupt:
-        if kept:
-            listener.speech.say(kept)
-            interrupt.add_note(kept)
+    except RunFailed as error:
+        last = error.problems[-1]
+        raise RunFailed([*error.problems[:-1], replace(last, message=f"{last.message}; {kept}")]) from None
+    except BaseException as ended:  # whatever it is, what comes next is the same
+        listener.speech.say(kept)
+        ended.add_note(kept)
         raise
     if store is not None:
         if store.redone:
@@ -142,6 +174,8 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
     """Load what comes later beside what comes first: these kernels (`study.job.Job`), and what writes files and tables.
     Making machine code ready, and numpy's work, leave the interpreter to others."""
     from navsim.core import jit
+
+    jit.work_begins()
 
     def load() -> None:
         jit.load_ahead(kernels)

@@ -23,6 +23,8 @@ from tests.conftest import ROOT
 DOCS = ROOT / "docs"
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 ANY = "..."
+PROGRESS = re.compile(r"\d+ of \d+ \w+, \d+ s used")
+"""How the lines begin that a slow machine says in between."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,10 @@ def steps(page: str) -> list[Step]:
 
 
 def lines(text: str, folder: Path) -> list[str]:
-    """What was said, by its words: columns are as wide as their tables need; no empty lines, no path of the folder."""
-    return [" ".join(line.split()) for line in text.replace(f"{folder}/", "").splitlines() if line.strip()]
+    """What was said, by its words: columns are as wide as their tables need; no empty lines, no path of the folder, no
+    progress."""
+    every = [" ".join(line.split()) for line in text.replace(f"{folder}/", "").splitlines()]
+    return [line for line in every if line and not PROGRESS.match(line)]
 
 
 def fits(said: list[str], shown: list[str]) -> bool:

@@ -135,7 +135,10 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     """Without being called; of a list that is damaged or not there, nothing."""
     memo = tmp_path / "complete-work"
     result(cache)
-    writing = CODE + f"; from pathlib import Path; kernel_cache.remember(Path({str(memo)!r}))"
+
+    def writing(all_of_it: bool) -> str:
+        return CODE + f"; from pathlib import Path; kernel_cache.remember(Path({str(memo)!r}), {all_of_it})"
+
     loading = (
         "from pathlib import Path; from navsim.core import attitude, kernel_cache;"
         f"kernel_cache.load_remembered(Path({str(memo)!r})); print(len(attitude.dcm.overloads))"
@@ -148,7 +151,12 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
         ).stdout.strip()
 
     assert said(loading) == "0"
-    said(writing)
+    said(writing(all_of_it=False))  # other work was done before: whose kernels they are is not known
+    assert memo.exists()
+    assert said(loading) == "0"
+    said(writing(all_of_it=True))
+    assert said(loading) == "1"
+    said(writing(all_of_it=False))
     assert said(loading) == "1"
     flip(memo)
     assert said(loading) == "0"

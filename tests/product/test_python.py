@@ -133,7 +133,7 @@ def test_a_replay_is_the_one_of_the_command_line(tmp_path: Path) -> None:
 def test_every_option_of_the_command_line_is_a_keyword(arguments: Any, groups: tuple[Any, ...]) -> None:
     """But those about what is printed, and of how long it would take."""
     options = {field.name.rstrip("_") for group in groups for field in fields(group)}
-    about_printing = {"json", "quiet", "dry_run"}
+    about_printing = {"json", "quiet", "dry_run", "log"}
     keywords = set(arguments.__annotations__) - {"progress"}
     if arguments is Requiring:
         keywords -= {"fresh"}  # no work of a replay is kept

@@ -387,4 +387,4 @@ def test_statistics_of_a_run_are_those_it_has_alone() -> None:
 def test_sums_are_those_of_the_runs() -> None:
     """Squares of position errors are kept twice: of each run, for intervals, and summed with the other states'."""
     per_run, sums, _ = LandingStudy(case("duration_s=20", "filter.kind=eskf"), 3, "none").batch(0, 11)
-    np.testing.assert_allclose(sums["mean_square"][:3], per_run["position_square"].sum(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(sums["mean_square"].sum(axis=0)[:3], per_run["position_square"].sum(axis=0), rtol=1e-13)

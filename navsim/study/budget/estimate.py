@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from navsim.study.budget.machine import Machine
 
-SPREAD = 3
-"""The factor within which the time is told: machines, caches and what else runs on them differ by that."""
+SPREAD, TIMED_SPREAD = 3, 1.5
+"""The factor within which the time is told: machines, caches and what else runs on them differ by that, and by the
+second where a block of the work itself was timed (`scripts/dry_runs.py`)."""
 
 NUMBER = 8
 BASE_MEMORY = 200e6
@@ -29,9 +30,9 @@ BATCH_FILE = 12_000
 class Budget:
     """What a study will take.
 
-    time_s: from start to end, s, within a factor of SPREAD. memory_bytes: the most the process holds at once, within a
-    factor of two. result_bytes: the files that stay, without figures. partial_bytes: what finished work takes beside
-    the result until it is complete.
+    time_s: from start to end, s, within a factor of SPREAD, or of TIMED_SPREAD. memory_bytes: the most the process
+    holds at once, within a factor of two. result_bytes: the files that stay, without figures. partial_bytes: what
+    finished work takes beside the result until it is complete.
     """
 
     time_s: float
@@ -55,12 +56,13 @@ def lacking(estimate: Budget, here: Machine, kept: float = 0.0) -> list[str]:
     return out
 
 
-def said(estimate: Budget, here: Machine, where: str = "") -> str:
-    """The estimate in words. where: the work is done, if not here."""
+def said(estimate: Budget, here: Machine, where: str = "", timed: bool = False) -> str:
+    """The estimate in words. where: the work is done, if not here. timed: its time is by a block of the work."""
     parts = f", {size(estimate.partial_bytes)} of it until the result is complete" if estimate.partial_bytes else ""
     cores = f"on this machine's {here.cores} core{'' if here.cores == 1 else 's'}"
+    how = f"within a factor of {TIMED_SPREAD}, by a block that was timed" if timed else f"within a factor of {SPREAD}"
     return (
-        f"{duration(estimate.time_s)} {where or cores} (within a factor of {SPREAD}), about "
+        f"{duration(estimate.time_s, 2 if timed else 1)} {where or cores} ({how}), about "
         f"{size(estimate.memory_bytes)} of memory, {size(estimate.disk_bytes)} on disk{parts}"
     )
 
@@ -72,12 +74,12 @@ def size(count: float) -> str:
     return f"{_significant(count / 1000.0**which, 2):.12g} {units[which]}"
 
 
-def duration(seconds: float) -> str:
+def duration(seconds: float, digits: int = 1) -> str:
     """Seconds as people say them."""
     for unit, length, most in (("s", 1.0, 90.0), ("min", 60.0, 90.0), ("h", 3600.0, 48.0), ("days", 86400.0, 700.0)):
         if seconds < most * length:
-            return f"about {max(_significant(seconds / length, 1), 1.0):g} {unit}"
-    return f"about {_significant(seconds / 3.156e7, 1):g} years"
+            return f"about {max(_significant(seconds / length, digits), 1.0):g} {unit}"
+    return f"about {_significant(seconds / 3.156e7, digits):g} years"
 
 
 def _significant(value: float, digits: int) -> float:

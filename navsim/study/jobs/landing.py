@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from navsim.io.results import MOST_WHOLE, ONE_RUN, SEVERAL_RUNS, Sort
 from navsim.models.signals import Environment
 from navsim.scenario.landing import Landing
 from navsim.scenario.source import Document, InputError, Problem
 from navsim.study import landing
 from navsim.study.budget.landing import landing as estimated
-from navsim.study.ensemble import BATCH
+from navsim.study.ensemble import BATCH, Until
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.landing import rare
@@ -62,6 +64,11 @@ def _check_numbers(first: int, runs: int) -> None:
         raise OptionError(f"{option('first_run', first)}: {text}")
 
 
+def _told(tell: Tell, until: Until | None) -> Callable[[int], None]:
+    """What is told of runs that are finished: their number, and how narrow the interval is that is waited for."""
+    return lambda flown: tell(flown, "" if until is None else until.words)
+
+
 class MonteCarloJob(_Prepared):
     """Monte Carlo."""
 
@@ -95,7 +102,7 @@ class MonteCarloJob(_Prepared):
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         flown = landing.fly_all(
             self.case, self.seed, self.first, self.runs, executor,
-            keep=self.keep, store=store, done=tell, enough=self.enough,
+            keep=self.keep, store=store, done=_told(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
         warnings = () if reached else (f"{option('until', self.until)}: not reached within {self.runs} runs",)
@@ -173,7 +180,7 @@ class RareJob(_Prepared):
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         flown = rare.fly_all(
             self.case, self.edge, self.seed, self.first, self.runs, executor,
-            store=store, done=tell, enough=self.enough,
+            store=store, done=_told(tell, self.enough), enough=self.enough,
         )  # fmt: skip
         reached = self.enough is None or self.enough(flown)
         warnings = () if reached else (f"{self.until}: not reached within {self.runs} runs",)

@@ -60,7 +60,7 @@ class OptimizeJob:
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
         self._watch.tell = lambda progress: tell(
-            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
+            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick), progress.remaining
         )
         with executor.pool(executor.workers) as pool:
             away = pool if isinstance(pool, Away) else None

@@ -77,6 +77,8 @@ class Case:
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
                 "the first fix: the errors there are those that the filter begins with"
             )
+        if self.scenario.integrity is not None:
+            out += self.scenario.integrity.unused(self.environment.systems)
         out += [
             f"events[{i}]: {event.what} of {', '.join(event.sources)}: none of them is received then"
             for i, event in enumerate(self.scenario.events)

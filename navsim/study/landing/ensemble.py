@@ -25,7 +25,7 @@ from navsim.scenario.load import resolved_yaml
 from navsim.simulation.landing import Run
 from navsim.simulation.monitoring import ALARM
 from navsim.study import findings as judging
-from navsim.study.ensemble import Ensemble
+from navsim.study.ensemble import Ensemble, Until
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
@@ -198,7 +198,7 @@ def fly_all(
 _UNTIL = re.compile(r"\s*(rms_horizontal|rms_vertical)\s+within\s+([0-9.]+)\s*%\s*")
 
 
-def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
+def stopping_rule(expression: str) -> Until:
     """`rms_horizontal within 2%`: true once the 95 % interval reaches no further than that from its value.
 
     Raises ValueError for anything else.
@@ -209,13 +209,15 @@ def stopping_rule(expression: str) -> Callable[[Ensemble], bool]:
         form = "`rms_horizontal within 2%` or `rms_vertical within 2%`"
         raise ValueError(f"{expression!r}: expected {form}{rare}")
     share = percent(match.group(2), expression, 0.001, 1000.0)
-    columns = [0, 1] if match.group(1) == "rms_horizontal" else [2]
+    name = match.group(1)
+    columns = [0, 1] if name == "rms_horizontal" else [2]
 
-    def enough(ensemble: Ensemble) -> bool:
+    def judge(ensemble: Ensemble) -> tuple[bool, str]:
         value, low, high = rms_interval(ensemble.per_run("position_square")[:, columns])
-        return bool(0.5 * (high - low) <= share * value)
+        within = 0.0 if value == 0.0 else 0.5 * (high - low) / value  # errors of 0 are known exactly
+        return bool(within <= share), f"{name} {value:.3g} m within {100.0 * within:.2g}%"
 
-    return enough
+    return Until(judge)
 
 
 def percent(text: str, expression: str, least: float, most: float) -> float:

@@ -23,7 +23,7 @@ from navsim.simulation.landing_covariance import along_truth, analyse
 from navsim.simulation.rare import Tilt, pushed, tilt
 from navsim.simulation.sensitivity import sensitivity
 from navsim.study import findings as judging
-from navsim.study.ensemble import Ensemble
+from navsim.study.ensemble import Ensemble, Until
 from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
@@ -161,7 +161,7 @@ def narrow(value: np.ndarray, effective: float, share: float) -> bool:
 _UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
 
 
-def stopping_rule(edge: Callable[[], Edge], expression: str) -> Callable[[Ensemble], bool]:
+def stopping_rule(edge: Callable[[], Edge], expression: str) -> Until:
     """`probability within 20%`: true once the 95 % interval is `narrow` by that share. edge: known once runs are.
     Raises ValueError for anything else."""
     match = _UNTIL.fullmatch(expression)
@@ -169,11 +169,12 @@ def stopping_rule(edge: Callable[[], Edge], expression: str) -> Callable[[Ensemb
         raise ValueError(f"{expression!r}: with method rare expected `probability within 20%`")
     share = percent(match.group(1), expression, 0.1, 50.0)
 
-    def enough(flown: Ensemble) -> bool:
+    def judge(flown: Ensemble) -> tuple[bool, str]:
         value, _, effective = probability(edge(), flown)
-        return narrow(value, effective, share)
+        words = f"probability {value[0]:.2g} ({value[1]:.2g} to {value[2]:.2g})"
+        return narrow(value, effective, share), words
 
-    return enough
+    return Until(judge)
 
 
 def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
@@ -182,7 +183,8 @@ def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
         Flaws(*(flown.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
     outputs.count[:, FAR_OFF] = 0  # pushed runs are far off on purpose
-    out = judging.notes(case.warnings) + of_fixes(case, fixes) + _rejections(case, fixes, flown)
+    told = [*case.warnings, *requirements.untold_by_pushed_runs(case.scenario)]
+    out = judging.notes(told) + of_fixes(case, fixes) + _rejections(case, fixes, flown)
     out += of_outputs(case, outputs)
     (value, low, high), relative, effective = probability(edge, flown)
     if effective == 0.0:

@@ -95,6 +95,14 @@ def single(scenario: Landing) -> list[tuple[str, AnySingle]]:
     return out
 
 
+def untold_by_pushed_runs(scenario: Landing) -> list[str]:
+    """What the user must hear of requirements that no pushed run tells anything of."""
+    untold = [said + _statement(one)[0] for said, one in single(scenario) if not isinstance(one, BoxRequirement)]
+    if not untold:
+        return []
+    return [f"requirements: method rare tells of the box alone; method monte-carlo tells of: {'; '.join(untold)}"]
+
+
 @dataclass(frozen=True)
 class Statement:
     """A requirement in words. unit: of its figure. limit: what is asked for; least: whether that is a lower limit."""

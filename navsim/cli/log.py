@@ -1,0 +1,98 @@
+"""`--log FILE`: what a command does and says, an object of JSON a line, added to what stands there.
+
+Every line has `time` (UTC) and `event`: `start` (command, version, process, folder), `said`, `warning` and `error`
+(text), `progress` (text, finished, extent, unit, used_s, left_s), `end` (code, seconds, text).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Lock
+from typing import IO, Any
+
+_files: list[IO[str]] = []
+_lock = Lock()
+_KINDS = ("warning", "error")
+
+
+class NoLog(Exception):
+    """A file that cannot be a log."""
+
+
+def is_open() -> bool:
+    """Whether a log is kept."""
+    return bool(_files)
+
+
+def note(event: str, **members: Any) -> None:
+    """A line of the log. One that the disk does not take ends the log, and not the work."""
+    import json
+    from datetime import UTC, datetime
+
+    at = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    line = json.dumps({"time": at, "event": event, **members}, ensure_ascii=False)
+    with _lock:
+        for file in _files:
+            try:
+                file.write(f"{line}\n")
+            except OSError as error:
+                _files.clear()
+                print(f"warning: {file.name}: {error.strerror}; the log ends here", file=sys.stderr)
+
+
+def note_said(message: str) -> None:
+    """A message, whose beginning says whether it is a warning or an error."""
+    kind, _, text = message.partition(": ")
+    if kind in _KINDS:
+        note(kind, text=text)
+    else:
+        note("said", text=message)
+
+
+@contextmanager
+def logged(path: Path, command: list[str]) -> Iterator[None]:
+    """While it lasts, a log is kept in a file. Raises NoLog where that is no log, or cannot be written."""
+    import navsim
+
+    try:
+        file = open(path, "a+", encoding="utf-8", buffering=1)  # noqa: SIM115 - closed below
+    except OSError as error:
+        raise NoLog(f"{path}: {error.strerror}") from None
+    with file:
+        file.seek(0)
+        try:
+            other = file.read(1) not in ("", "{")
+        except UnicodeDecodeError:
+            other = True
+        if other:
+            raise NoLog(f"{path}: is there already and no log; choose another file")
+        begun = time.monotonic()
+        _files.append(file)
+        note("start", command=command, version=navsim.__version__, process=os.getpid(), folder=os.getcwd())
+        code, text = 0, ""
+        try:
+            yield
+        except BaseException as error:
+            code, text = _end_of(error)
+            raise
+        finally:
+            note("end", code=code, seconds=round(time.monotonic() - begun, 3), text=text)
+            _files.clear()
+
+
+def _end_of(error: BaseException) -> tuple[int, str]:
+    """The exit code of a command that ends by this, and why it does, where no error was said."""
+    from navsim.cli.ending import RUN_FAILED, WORDS, signal_that_came
+
+    for name in ("exit_code", "code"):  # of typer, of the interpreter
+        if isinstance(known := getattr(error, name, None), int):
+            return known, ""
+    if isinstance(error, KeyboardInterrupt):
+        number = signal_that_came()
+        return 128 + number, WORDS[number]
+    return RUN_FAILED, f"{type(error).__name__}: {error}"
