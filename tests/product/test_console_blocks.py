@@ -23,8 +23,8 @@ from tests.conftest import ROOT
 DOCS = ROOT / "docs"
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 ANY = "..."
-PROGRESS = re.compile(r"\d+ of \d+ \w+, \d+ s used")
-"""How the lines begin that a slow machine says in between."""
+BETWEEN = re.compile(r"\d+ of \d+ \w+, \d+ s used|compiling the kernels")
+"""How the lines begin that a slow machine, or one at its first start, says in between."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ def steps(page: str) -> list[Step]:
 
 def lines(text: str, folder: Path) -> list[str]:
     """What was said, by its words: columns are as wide as their tables need; no empty lines, no path of the folder, no
-    progress."""
+    progress, nor that kernels are compiled."""
     every = [" ".join(line.split()) for line in text.replace(f"{folder}/", "").splitlines()]
-    return [line for line in every if line and not PROGRESS.match(line)]
+    return [line for line in every if line and not BETWEEN.match(line)]
 
 
 def fits(said: list[str], shown: list[str]) -> bool:

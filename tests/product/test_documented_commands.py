@@ -142,6 +142,8 @@ def run(command: str, tree: Path, place: Path) -> subprocess.CompletedProcess[st
     environment = {**os.environ, "PATH": f"{place / 'bin'}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
     if command.startswith("navsim plan"):
         return look(command, tree, environment)
+    if "--scheduler" in command:
+        return with_cluster(command, tree, environment)
     stop = threading.Event()
     receiver = None
     udp = re.search(r"udp://0\.0\.0\.0:(\d+)", command)
@@ -160,6 +162,21 @@ def run(command: str, tree: Path, place: Path) -> subprocess.CompletedProcess[st
         stop.set()
         if receiver is not None:
             receiver.join()
+
+
+def with_cluster(command: str, tree: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    """A command that names a scheduler, by its file or an address, with one that is there."""
+    pytest.importorskip("distributed")
+    from tests.product.test_cluster import Cluster
+
+    cluster = Cluster(tree)
+    try:
+        return subprocess.run(
+            ["bash", "-c", re.sub(r"tcp://\S+", cluster.address, command)],
+            cwd=tree, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    finally:
+        cluster.close()
 
 
 def look(command: str, tree: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:

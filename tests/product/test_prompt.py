@@ -365,3 +365,16 @@ def test_an_editor_marks_explains_and_completes_keys(schema: str, tmp_path: Path
         assert "runway" in {item["label"] for item in items}
     finally:
         server.close()
+
+
+def test_help_says_what_each_command_is_for() -> None:
+    """In the words with which its own help begins."""
+    from typer.testing import CliRunner
+
+    from navsim.cli.main import PLACES, app
+
+    said = " ".join(CliRunner().invoke(app, ["--help"]).output.split())
+    for name in PLACES:
+        own = CliRunner().invoke(app, [name, "--help"]).output.split("\n\n")[1]
+        (first, *_) = own.strip().split(".\n")[0].split(". ")
+        assert f" {name} {' '.join(first.split())}" in said

@@ -385,6 +385,7 @@ def test_full_disk_is_a_clear_error(place: Path) -> None:
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     assert "full.h5" in done.stderr
+    assert done.stderr.endswith("; nothing of it is kept; the same command begins anew\n")
     assert file.read_bytes() == before
 
 

@@ -1,0 +1,66 @@
+"""What is said of input that is wrong, and of what changes nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.scenario.load import read
+from navsim.scenario.source import InputError
+from navsim.study.landing import prepare
+from navsim.study.landing.requirements import untold_by_pushed_runs
+from navsim.study.statistics import verdict
+from tests.conftest import SCENARIOS
+
+LANDING = SCENARIOS / "landing.yaml"
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("filter.gate=null",
+         "filter.gate: expected a section, a mapping of keys to values, not null; without the key it has its defaults"),
+        ("filter.gate=3", "filter.gate: expected a section, a mapping of keys to values, not 3"),
+        ("integrity={p_constellations: {galileo: 1e-4}}",
+         "integrity.p_constellations.galileo: unknown key; allowed: glonass, gps"),
+        ("integrity={p_constellations: {glonas: 1e-4}}",
+         "integrity.p_constellations.glonas: unknown key; did you mean 'glonass'? allowed: glonass, gps"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong(setting: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read(LANDING, [setting])
+    assert [f"{problem.key}: {problem.message}" for problem in caught.value.problems] == [said]
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ("method: chi2, p_hmi_v: 1e-6", ["p_hmi_v is not used: integrity.method is chi2"]),
+        ("method: chi2, p_fa: 1e-4, p_md: 0.01", []),
+        ("method: mhss, p_fa: 1e-4", ["p_fa is not used: integrity.method is mhss"]),
+        ("method: filter, p_md: 1e-2", ["p_md is not used: integrity.method is filter"]),
+        ("method: mhss, p_constellations: {gps: 1e-5, glonass: 1e-5}",
+         ["p_constellations.gps is not used: the sky has none of them"]),
+        ("method: mhss", []),
+    ],
+)  # fmt: skip
+def test_what_changes_nothing(section: str, said: list[str]) -> None:
+    case = prepare(*read(LANDING, ["duration_s=2", f"integrity={{{section}}}"]))
+    assert [text for text in case.warnings if "not used" in text] == [f"integrity.{text}" for text in said]
+
+
+def test_pushed_runs_tell_of_the_box_alone() -> None:
+    box = "box={lateral_m: 1, vertical_m: 1}"
+    asked = (
+        "requirements=[{of: lateral, what: error, at: touchdown, below_m: 8, share: 0.95}, {what: box, at_most: 0.1}]"
+    )
+    scenario, _ = read(LANDING, [box, asked])
+    (said,) = untold_by_pushed_runs(scenario)
+    assert said.endswith("; method monte-carlo tells of: lateral error at touchdown below 8 m in 95 % of runs")
+    assert untold_by_pushed_runs(read(LANDING, [box, "requirements=[{what: box, at_most: 0.1}]"])[0]) == []
+
+
+def test_an_error_that_is_not_there_has_no_number() -> None:
+    assert verdict(np.array([1907851.0, 1.8e6, 2e6])) == "next to no such error: sigma over 1000 times the right one"
+    assert verdict(np.array([1.5, 1.2, 1.9])) == "sigma 2.5 times the right one"
