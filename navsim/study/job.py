@@ -81,7 +81,8 @@ class Job(Protocol):
 
     sort: of its result. kernels: a name for those that the work takes, the same for work that takes the same, as far
     as is known before. suffix: of the result's name where it is not the usual work of the file. extent, unit: of
-    progress, what it counts; an extent of 0 is told in words. pieces: of the work that a store keeps, named `work` in
+    progress, what it counts; an extent of 0 is told in words. even: whether all that it counts takes about the same
+    time. pieces: of the work that a store keeps, named `work` in
     words; 0 where nothing is kept, more than one where their number is not known before. warnings: of the input. The
     last three count once the job is prepared.
     """
@@ -90,6 +91,7 @@ class Job(Protocol):
     kernels: str
     suffix: str
     unit: str
+    even: bool
     work: str
 
     @property

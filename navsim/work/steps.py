@@ -101,7 +101,7 @@ def _prepare(
 def _told(name: object, job: Job, target: Path, order: Order, listener: Listener, executor: Executor) -> None:
     """Say what a job would take: its time by a block of it that is done, where that needs nothing to be compiled."""
     from navsim.core import jit
-    from navsim.study.budget.estimate import BASE_TIME
+    from navsim.study.budget.estimate import SHELL_TIME
     from navsim.work.timed import seconds_of
 
     begun = time.monotonic()
@@ -112,7 +112,7 @@ def _told(name: object, job: Job, target: Path, order: Order, listener: Listener
         with failures(name):
             seconds = seconds_of(job, executor)
     if seconds is not None:
-        budget = replace(budget, time_s=BASE_TIME + prepared + seconds)
+        budget = replace(budget, time_s=SHELL_TIME + prepared + seconds)
     tell(asked, budget, listener.speech, timed=seconds is not None)
     if not jit.is_warm(job.kernels):
         listener.speech.say("compiling the kernels, once, takes up to a minute more")

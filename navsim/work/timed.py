@@ -20,7 +20,7 @@ class _Enough(Exception):
 
 class _Stopwatch:
     """What a job tells, timed: by what is finished between the first telling and one `BLOCK_S` later, or by what the
-    work itself knows to be left. clock: seconds, monotonic."""
+    work itself knows then to be left. clock: seconds, monotonic."""
 
     def __init__(self, extent: int, clock: Callable[[], float]) -> None:
         self._extent, self._clock = extent, clock
@@ -34,22 +34,25 @@ class _Stopwatch:
 
     def __call__(self, finished: int, words: str = "", left: float | None = None) -> None:
         used = self.used
+        if self._first is None:
+            if finished or left is not None:  # up to here kernels were loaded as well
+                self._first = finished, used
+            return
+        before, at = self._first
+        if used - at < BLOCK_S:
+            return
         if left is not None:
             self.seconds = used + left
-        elif finished and self._first is None:  # up to here kernels were loaded as well
-            self._first = finished, used
-        elif self._first is not None:
-            before, at = self._first
-            if finished > before and used - at >= BLOCK_S:
-                self.seconds = at + (used - at) * (self._extent - before) / (finished - before)
+        elif finished > before:
+            self.seconds = at + (used - at) * (self._extent - before) / (finished - before)
         if self.seconds is not None:
             raise _Enough
 
 
 def seconds_of(job: Job, executor: Executor, clock: Callable[[], float] = time.monotonic) -> float | None:
     """Seconds that a prepared job will take, by a block of it that is done now and of which nothing is kept; None for
-    work in one piece. Raises what the work raises."""
-    if job.extent == 1:
+    work in one piece, or in uneven ones. Raises what the work raises."""
+    if job.extent == 1 or not job.even:
         return None
     watch = _Stopwatch(job.extent, clock)
     try:

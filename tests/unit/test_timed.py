@@ -30,6 +30,7 @@ class Working:
     size: int = 1
     left: float | None = None
     done: int = 0
+    even: bool = True
 
     def run(self, executor: Executor, store: object, tell: Tell) -> None:
         assert store is None
@@ -64,8 +65,8 @@ def test_work_shorter_than_a_block_is_done_to_its_end() -> None:
 
 def test_work_that_knows_what_is_left_is_believed() -> None:
     job = Working(Clock(), 50, lambda done: 2.0, left=40.0)
-    assert told(job) == pytest.approx(42.0)
-    assert job.done == 1
+    assert told(job) == pytest.approx(44.0)
+    assert job.done == 2
 
 
 def test_what_an_earlier_telling_had_is_not_counted() -> None:
@@ -75,8 +76,9 @@ def test_what_an_earlier_telling_had_is_not_counted() -> None:
     assert told(job) == pytest.approx(1.0 + 288 / 64 * 1.0)
 
 
-def test_work_in_one_piece_is_not_begun() -> None:
-    job = Working(Clock(), 1, lambda done: 1.0)
+@pytest.mark.parametrize(("extent", "even"), [(1, True), (20, False)])
+def test_work_in_one_piece_or_in_uneven_ones_is_not_begun(extent: int, even: bool) -> None:
+    job = Working(Clock(), extent, lambda done: 1.0, even=even)
     assert told(job) is None
     assert job.done == 0
 

@@ -19,6 +19,7 @@ class IntegrityTableJob:
     sort = Sort("integrity-table")
     kernels, suffix, unit, work, pieces = "integrity-table", "", "cells", "", 0
     extent = integrity_table.CELLS
+    even = False  # there are more subsets of some numbers of satellites than of others
     case: landing.Case
     watched: integrity_table.WatchedGlide
 

@@ -32,6 +32,7 @@ class _Prepared:
     """What both methods do before the work."""
 
     work = "runs"
+    even = True
     case: landing.Case
 
     def __init__(self, section: Landing, document: Document) -> None:

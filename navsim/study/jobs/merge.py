@@ -18,7 +18,7 @@ _BYTE_TIME = 1.5e-8
 class MergeJob:
     """The whole of some parts; quick, and none of it is kept."""
 
-    suffix, work, pieces, unit, extent = "", "", 0, "parts", 1
+    suffix, work, pieces, unit, extent, even = "", "", 0, "parts", 1, True
     case: Case
 
     def __init__(self, parts: merge.Parts, folder: Path) -> None:

@@ -28,7 +28,7 @@ class OptimizeJob:
     with what was found."""
 
     kernels, suffix, unit, extent, work = "optimize", "", "placements", 0, "analyses"
-    pieces = 2
+    pieces, even = 2, True
     posed: PlacementProblem
 
     def __init__(self, section: Optimize, document: Document, options: Options) -> None:

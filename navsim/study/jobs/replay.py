@@ -15,7 +15,7 @@ from navsim.study.partial import Store
 class ReplayJob:
     """Read, aligned, tuned, flown through the filter; none of the work is kept."""
 
-    suffix, unit, work, pieces = "", "tuning flights", "", 0
+    suffix, unit, work, pieces, even = "", "tuning flights", "", 0, True
     recording: replay.Recording
 
     def __init__(self, section: Replay, document: Document, options: Options) -> None:

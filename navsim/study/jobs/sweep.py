@@ -17,7 +17,7 @@ from navsim.words import option
 class SweepJob:
     """Every combination of the settings."""
 
-    suffix, unit, work = "", "combinations", "combinations"
+    suffix, unit, work, even = "", "combinations", "combinations", True
     plan: sweep.Plan
 
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:

@@ -15,6 +15,7 @@ class Table2Job:
 
     sort = Sort("table2")
     kernels, suffix, unit, work, pieces = "table2", "", "rows", "", 0
+    even = True
     extent = len(table2.CALIBRATIONS) * len(table2.ROWS)
 
     def __init__(self, seed: int, runs: int) -> None:

@@ -31,14 +31,14 @@ class CompanionJob:
 
     def __init__(
         self, section: Any, document: Document, options: Options, unit: str, extent: int, compute: Compute,
-        budget: Callable[[Any, int | None], Budget],
+        budget: Callable[[Any, int | None], Budget], even: bool = False,
     ) -> None:  # fmt: skip
         if foreign := options.foreign("runs"):
             text = f"only for `kind: landing`; {document.file} is of kind {section.kind}"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.section, self.options = section, options
         self.sort, self.kernels = Sort(section.kind), section.kind
-        self.unit, self.extent = unit, extent
+        self.unit, self.extent, self.even = unit, extent, even
         self._compute, self._budget = compute, budget
 
     @property
@@ -61,7 +61,9 @@ class CompanionJob:
 def mls_elevation(section: Elevation, document: Document, options: Options) -> CompanionJob:
     """The elevation filter and its proof."""
     count = section.montecarlo.experiments
-    return CompanionJob(section, document, options, "experiments", count, elevation.compute, budgets.mls_elevation)
+    return CompanionJob(
+        section, document, options, "experiments", count, elevation.compute, budgets.mls_elevation, even=True
+    )
 
 
 def atc_tracking(section: Atc, document: Document, options: Options) -> CompanionJob:
