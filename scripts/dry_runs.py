@@ -85,7 +85,7 @@ def main() -> None:
     PAGE.write_text(
         "# Dry runs against what studies took\n\n"
         f"By `scripts/dry_runs.py`, on {platform.machine()} with {threads().workers} cores. "
-        "Seconds are of whole processes. A search ends earlier than at most.\n\n"
+        "Seconds are of whole processes. A search ends as soon as it has converged.\n\n"
         "| command | time by | told | took, s | told by took | the dry run itself, s |\n|---|---|---|---|---|---|\n"
         + "\n".join(line for line, _ in rows)
         + f"\n\nBy a block, without `at most`: {min(ratios):.2f} to {max(ratios):.2f} times what they took.\n",

@@ -150,7 +150,7 @@ def _notes() -> list[str]:
 
 @contextmanager
 def _telling(progress: Told | None, extent: int) -> Iterator[Tell]:
-    def tell(finished: int, words: str = "", left: float | None = None) -> None:
+    def tell(finished: int, words: str = "") -> None:
         if progress is not None:
             progress(finished, extent, words)
 

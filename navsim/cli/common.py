@@ -58,9 +58,9 @@ def progress(extent: int, unit: str, shown: bool, clock: Callable[[], float] = t
     here = _Standing(extent, unit, shown and not live, clock)
     with (_bar(extent, unit) if extent else _status()) if live else nullcontext() as show:
 
-        def tell(finished: int, words: str = "", left: float | None = None) -> None:
+        def tell(finished: int, words: str = "") -> None:
             ending.check()
-            here(finished, words, left)
+            here(finished, words)
             if show is not None:
                 show(finished, words)
 
@@ -75,7 +75,7 @@ class _Standing:
         self._begun = self._said = clock()
         self._before: int | None = None
 
-    def __call__(self, finished: int, words: str, left: float | None) -> None:
+    def __call__(self, finished: int, words: str) -> None:
         now = self._clock()
         if self._before is None:  # what an earlier attempt has finished took no time of this one
             self._before = finished
@@ -83,8 +83,7 @@ class _Standing:
             return
         self._said = now
         used, done = now - self._begun, finished - self._before
-        if left is None and done > 0:
-            left = used * (self._extent - finished) / done
+        left = used * (self._extent - finished) / done if done > 0 else None
         if self._spoken:
             say(self._line(finished, words, used, left) if self._extent else words, logged=False)
         if log.is_open():

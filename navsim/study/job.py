@@ -57,10 +57,9 @@ class Allow(Protocol):
 
 
 class Tell(Protocol):
-    """Told how much of a job's extent is finished, and where the work stands in words; left: seconds it takes at most
-    from now on, where the work itself knows. Raises where it is to stop."""
+    """Told how much of a job's extent is finished, and where the work stands in words; raises where it is to stop."""
 
-    def __call__(self, finished: int, words: str = "", left: float | None = None) -> None: ...
+    def __call__(self, finished: int, words: str = "") -> None: ...
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ class _Enough(Exception):
 
 
 class _Stopwatch:
-    """What a job tells, timed: by what is finished between the first telling and one `BLOCK_S` later, or by what the
-    work itself knows then to be left. clock: seconds, monotonic."""
+    """What a job tells, timed: by what is finished between the first telling and one `BLOCK_S` later. clock: seconds,
+    monotonic."""
 
     def __init__(self, extent: int, clock: Callable[[], float]) -> None:
         self._extent, self._clock = extent, clock
@@ -32,20 +32,15 @@ class _Stopwatch:
     def used(self) -> float:
         return self._clock() - self._begun
 
-    def __call__(self, finished: int, words: str = "", left: float | None = None) -> None:
+    def __call__(self, finished: int, words: str = "") -> None:
         used = self.used
         if self._first is None:
-            if finished or left is not None:  # up to here kernels were loaded as well
+            if finished:  # up to here kernels were loaded as well
                 self._first = finished, used
             return
         before, at = self._first
-        if used - at < BLOCK_S:
-            return
-        if left is not None:
-            self.seconds = used + left
-        elif finished > before:
+        if used - at >= BLOCK_S and finished > before:
             self.seconds = at + (used - at) * (self._extent - before) / (finished - before)
-        if self.seconds is not None:
             raise _Enough
 
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.io.export import export
 from navsim.io.results import Result, read
 from navsim.kinds import KINDS
 from navsim.report import citations, tables
@@ -26,56 +25,22 @@ from navsim.report.page.marks import MOST_POINTS, some
 from navsim.report.table import Table
 from navsim.report.view import view
 from tests import steps
-from tests.conftest import ROOT, SCENARIOS
+from tests.conftest import ROOT
 from tests.forks import _shared, navsim
+from tests.made import EVERY, EVIL, make
 
 MOST_BYTES = 5_000_000
 """Of a page with three results."""
-EVIL = "<script>alert('title')</script>"
-_GLIDE = ("--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1")
-_QUIET = ("-q", "--figures", "none")
-_LIMITS = "integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"
-_MADE: dict[str, tuple[object, ...]] = {
-    "one": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET),
-    "cut": ("run", SCENARIOS / "landing.yaml", "--set", "duration_s=6", *_QUIET),
-    "runs": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--keep", "all", "--set", _LIMITS,
-             "--set", "box={lateral_m: 1.5, vertical_m: 1.5}", "--set",
-             "requirements=[{what: rms, of: horizontal, below_m: 0.2}]"),
-    "evil": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--set", f"title={EVIL}", "--set",
-             "runway.heading_deg=33", "--set", "interference={jammers: [{name: \"<b>van</b>\", place: {lat_deg: 56.01, "
-             "lon_deg: 37.0}, height_m: 10, eirp_dbw: -10, waveform: tone}]}"),
-    "none": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 5, "--keep", "none"),
-    "covariance": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "covariance", "--set",
-                   "filter.coupling=tight"),
-    "rare": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "rare", "--runs", 30, "--set",
-             "box={lateral_m: 0.8, vertical_m: 1.2}"),
-    "sweep": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary.1.grid.count=6", "--set",
-              "vary.2.grid.count=6", *_QUIET),
-    "optimize": ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "--set", "effort=1",
-                 *_QUIET),
-    "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", *_QUIET),
-    "mls-elevation": ("run", SCENARIOS / "mls_elevation.yaml", "--set", "montecarlo.experiments=5", *_QUIET),
-    "atc-tracking": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, *_QUIET),
-    "azimuth-tracking": ("run", SCENARIOS / "azimuth_tracking.yaml", "--runs", 5, "--set", "map.runs=3", *_QUIET),
-    "integrity-table": ("integrity-table", "--set", _LIMITS, "-q"),
-}  # fmt: skip
-"""Commands that make a small result each."""
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a result of every kind, by the names of `_MADE`, and `live` and `table2`."""
+    """A folder with a result of every kind, by the names of `EVERY`."""
     folder = tmp_path_factory.mktemp("page")
-    for name, command in _MADE.items():
-        navsim(*command, "-o", f"{name}.h5", cwd=folder)
-    navsim("table2", "--runs", 2, "-q", "-o", "t2", cwd=folder)
-    (folder / "t2" / "table2.h5").rename(folder / "table2.h5")
-    (sentences,) = export(read(folder / "one.h5"), folder / "sent.h5", ["nmea"])
-    navsim("live", SCENARIOS / "landing.yaml", *_GLIDE, "--receiver", sentences, "-o", "live.h5", cwd=folder)
+    make(folder)
     return folder
 
 
-ALONE = (*_MADE, "live", "table2")
 TOGETHER = (
     ("runs", "evil", "covariance"), ("one", "none", "rare"), ("covariance", "one"),
     *((name, name) for name in KINDS if name != "landing"), ("rare", "rare"),
@@ -142,11 +107,11 @@ def cells(parts: list[Table | str]) -> Iterator[str]:
 
 
 def test_there_is_a_result_of_every_kind(place: Path) -> None:
-    kinds = {str(read(place / f"{name}.h5").attributes["kind"]) for name in ALONE}
+    kinds = {str(read(place / f"{name}.h5").attributes["kind"]) for name in EVERY}
     assert kinds == set(KINDS)
 
 
-@pytest.mark.parametrize("names", [*((name,) for name in ALONE), *TOGETHER], ids="+".join)
+@pytest.mark.parametrize("names", [*((name,) for name in EVERY), *TOGETHER], ids="+".join)
 def test_a_page_has_all_that_is_shown(names: tuple[str, ...], place: Path) -> None:
     """Every cell of the tables, verdicts, warnings, provenance and sources; figures with captions; nothing from
     elsewhere; links lead to what is there."""
@@ -417,7 +382,7 @@ def test_a_browser_finds_no_fault(scheme: str, browser: Any, place: Path, tmp_pa
     shown.context.close()
 
 
-@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.parametrize("name", EVERY)
 def test_every_kind_is_drawn(name: str, browser: Any, place: Path, tmp_path: Path) -> None:
     file = tmp_path / f"{name}.html"
     file.write_text(made(place, name))

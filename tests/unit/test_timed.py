@@ -28,7 +28,6 @@ class Working:
     extent: int
     lasts: Callable[[int], float]
     size: int = 1
-    left: float | None = None
     done: int = 0
     even: bool = True
 
@@ -38,7 +37,7 @@ class Working:
         while self.done < self.extent:
             self.clock.now += self.lasts(self.done)
             self.done = min(self.done + self.size, self.extent)
-            tell(self.done, left=self.left)
+            tell(self.done)
 
 
 def told(job: Any) -> float | None:
@@ -61,12 +60,6 @@ def test_work_shorter_than_a_block_is_done_to_its_end() -> None:
     job = Working(Clock(), 5, lambda done: 0.1)
     assert told(job) == pytest.approx(0.5)
     assert job.done == 5
-
-
-def test_work_that_knows_what_is_left_is_believed() -> None:
-    job = Working(Clock(), 50, lambda done: 2.0, left=40.0)
-    assert told(job) == pytest.approx(44.0)
-    assert job.done == 2
 
 
 def test_what_an_earlier_telling_had_is_not_counted() -> None:

@@ -28,7 +28,7 @@ class OptimizeJob:
     with what was found."""
 
     kernels, suffix, unit, extent, work = "optimize", "", "placements", 0, "analyses"
-    pieces, even = 2, True
+    pieces, even = 2, False  # it ends where it has converged
     posed: PlacementProblem
 
     def __init__(self, section: Optimize, document: Document, options: Options) -> None:
@@ -60,7 +60,7 @@ class OptimizeJob:
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
         unit = OBJECTIVE_QUANTITIES[self.section.objective][0]
         self._watch.tell = lambda progress: tell(
-            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick), progress.remaining
+            0, said(progress, unit, self.section.objective in LARGE, self.posed.quick)
         )
         with executor.pool(executor.workers) as pool:
             away = pool if isinstance(pool, Away) else None

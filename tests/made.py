@@ -1,0 +1,53 @@
+"""A small result of every kind, for tests of what people see of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from navsim.io.export import export
+from navsim.io.results import read
+from tests.conftest import SCENARIOS
+from tests.forks import navsim
+
+EVIL = "<script>alert('title')</script>"
+_GLIDE = ("--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1")
+_QUIET = ("-q", "--figures", "none")
+_LIMITS = "integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"
+COMMANDS: dict[str, tuple[object, ...]] = {
+    "one": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET),
+    "cut": ("run", SCENARIOS / "landing.yaml", "--set", "duration_s=6", *_QUIET),
+    "runs": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--keep", "all", "--set", _LIMITS,
+             "--set", "box={lateral_m: 1.5, vertical_m: 1.5}", "--set",
+             "requirements=[{what: rms, of: horizontal, below_m: 0.2}]"),
+    "evil": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--set", f"title={EVIL}", "--set",
+             "runway.heading_deg=33", "--set", "interference={jammers: [{name: \"<b>van</b>\", place: {lat_deg: 56.01, "
+             "lon_deg: 37.0}, height_m: 10, eirp_dbw: -10, waveform: tone}]}"),
+    "none": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 5, "--keep", "none"),
+    "covariance": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "covariance", "--set",
+                   "filter.coupling=tight"),
+    "rare": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--method", "rare", "--runs", 30, "--set",
+             "box={lateral_m: 0.8, vertical_m: 1.2}"),
+    "sweep": ("sweep", SCENARIOS / "placement_sweep.yaml", "--set", "vary.1.grid.count=6", "--set",
+              "vary.2.grid.count=6", *_QUIET),
+    "optimize": ("optimize", SCENARIOS / "placement_optimum.yaml", "--set", "pseudolites=[1, 2]", "--set", "effort=1",
+                 *_QUIET),
+    "replay": ("replay", SCENARIOS / "recorded_flight.yaml", "--set", "tuning=none", *_QUIET),
+    "mls-elevation": ("run", SCENARIOS / "mls_elevation.yaml", "--set", "montecarlo.experiments=5", *_QUIET),
+    "atc-tracking": ("run", SCENARIOS / "atc_tracking.yaml", "--runs", 5, *_QUIET),
+    "azimuth-tracking": ("run", SCENARIOS / "azimuth_tracking.yaml", "--runs", 5, "--set", "map.runs=3", *_QUIET),
+    "integrity-table": ("integrity-table", "--set", _LIMITS, "-q"),
+}  # fmt: skip
+"""Commands that make a small result each."""
+
+
+def make(folder: Path) -> None:
+    """Results by the names of `EVERY`."""
+    for name, command in COMMANDS.items():
+        navsim(*command, "-o", f"{name}.h5", cwd=folder)
+    navsim("table2", "--runs", 2, "-q", "-o", "t2", cwd=folder)
+    (folder / "t2" / "table2.h5").rename(folder / "table2.h5")
+    (sentences,) = export(read(folder / "one.h5"), folder / "sent.h5", ["nmea"])
+    navsim("live", SCENARIOS / "landing.yaml", *_GLIDE, "--receiver", sentences, "-o", "live.h5", cwd=folder)
+
+
+EVERY = (*COMMANDS, "live", "table2")
