@@ -181,7 +181,9 @@ def _inches(given: str) -> float:
 def export(
     file: Annotated[
         Path,
-        typer.Argument(metavar="RESULT.h5", help="The result of a landing, a replay or a search.", show_default=False),
+        typer.Argument(
+            metavar="RESULT.h5", help="The result of a landing, a replay, a sweep or a search.", show_default=False
+        ),
     ],
     rinex: Annotated[
         bool, typer.Option("--rinex", help="RINEX observations and messages; pseudolites as CSV.")

@@ -24,6 +24,7 @@ from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.io import rinex_write
 from navsim.io.results import Result, ResultError, part, write_text
 from navsim.io.schema import HEIGHTS
+from navsim.io.swept import heads, rows
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.conventions import KNOT
@@ -33,6 +34,8 @@ ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
 _ELLIPSES = 40
 """At most so many error ellipses are drawn along a track."""
+MOST_SITES = 20_000
+"""Places of pseudolites on a map."""
 LONGEST = 30 * 86400.0
 """No flight lasts longer, s."""
 TOE_SPACING = 7200.0
@@ -41,7 +44,7 @@ TOE_SPACING = 7200.0
 
 def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
     """Write a result (of an ensemble the one of `choose_run`) as `target` with the formats' endings: of a landing
-    "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson", of a search for placements
+    "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson", of a sweep or a search for placements
     "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
 
     Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
@@ -53,11 +56,11 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
         writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
     elif kind == "replay":
         writers = {"csv": _replay_csv, "kml": _kml, "geojson": _geojson}
-    elif kind == "optimize":
+    elif kind in ("optimize", "sweep"):
         writers = {"kml": _kml, "geojson": _geojson}
     else:
         raise ResultError(
-            f"only landings, replays and searches for placements are exported, this is a result of kind {kind}"
+            f"only landings, replays, sweeps and searches for placements are exported, this is a result of kind {kind}"
         )
     for name in formats:
         if name not in writers:
@@ -505,6 +508,8 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
         return [
             {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
         ]
+    if result.attributes["kind"] == "sweep":
+        return _combinations(result)
     if result.attributes["kind"] != "landing":
         return _placements(result)
     llh = result["/truth/position_llh"]
@@ -572,6 +577,29 @@ def _placements(result: Result) -> list[dict[str, Any]]:
         told = {"pseudolites": count, "objective": float(np.asarray(found.data)[i]), "unit": found.units,
                 "s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}  # fmt: skip
         out.append(_site(f"PL{k + 1} of {count}", np.array([*angles, height]), told))
+    return out
+
+
+def _combinations(result: Result) -> list[dict[str, Any]]:
+    """Of a sweep the places of the pseudolites of each combination, with its settings and outputs, and the runway."""
+    if "/plan/threshold_llh" not in result:
+        raise ResultError("the result is of an earlier version, which did not say where the runway is; sweep again")
+    along, right = result["/plan/site_along"], result["/plan/site_right"]
+    count = int(np.isfinite(right).sum())
+    if count > MOST_SITES:
+        text = f"{count:,} places are more than a map shows, {MOST_SITES:,}"
+        raise ResultError(f"{text}; the table beside the result has all")
+    threshold, runway = result["/plan/threshold_llh"], _scenario(result)["runway"]
+    axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
+    names, out = heads(result), [_runway(threshold, runway)]
+    for number, (i, row) in enumerate(rows(result)):
+        plain = (value.item() if isinstance(value, np.generic) else value for value in row)
+        told = dict(zip(names, plain, strict=True))
+        for k in np.flatnonzero(np.isfinite(right[i])):
+            level = np.array([along[i][k], right[i][k], 0.0])
+            # from the plane of the runway onto the Earth
+            llh = _offset(threshold, level @ axes.T) * [1.0, 1.0, 0.0] + [0.0, 0.0, threshold[2]]
+            out.append(_site(f"PL{k + 1}, combination {number + 1}", llh, told))
     return out
 
 

@@ -141,7 +141,7 @@ _AXES = Chapter(
     "Axes",
     "Coordinates with the same labels in every file.",
     (
-        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE), "latitude", "longitude", "height"),
+        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE, SWEEP), "latitude", "longitude", "height"),
         _labels("/ned", "axes of the local level frame", (*_FLOWN, REPLAY, LIVE), "north", "east", "down"),
         _labels("/enu", "axes of the local level frame, east first", _FLOWN, "east", "north", "up"),
         _labels("/enu_column", "columns of matrices in these axes", _FLOWN, "east", "north", "up"),
@@ -760,6 +760,7 @@ _SWEEP = Chapter(
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
         _a("/plan/point", "point", "1", "points of the track", SWEEP, WHOLE),
+        _a("/plan/threshold_llh", "llh", "rad, rad, m", "threshold of the runway", SWEEP),
         _a("/site", "site", "1", "number of the pseudolite", SWEEP, WHOLE),
         *(
             entry

@@ -10,6 +10,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import LARGE, VERDICTS
+from navsim.io.swept import VERDICT, dimensions, heads, keys, outputs, rows, setting
 from navsim.report import table
 from navsim.report.table import Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
@@ -20,54 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PANELS = 4
-_VERDICT = "_verdict"
-"""How the outputs end that are verdicts on requirements."""
-
-
-def outputs(result: Result) -> list[str]:
-    """The outputs of a sweep, in order."""
-    return [path.split("/")[2] for path in result.variables if path.startswith("/sweep/") and path.count("/") == 2]
-
-
-def dimensions(result: Result) -> tuple[str, ...]:
-    """Names of the axes, slowest first."""
-    return result.variables[f"/sweep/{outputs(result)[0]}"].dims
-
-
-def keys(result: Result) -> dict[str, str]:
-    """Names of the varied keys and the axis each belongs to, in order."""
-    found = {p.split("/")[3]: v.dims[0] for p, v in result.variables.items() if p.startswith("/sweep/axes/")}
-    order = dimensions(result)
-    return dict(sorted(found.items(), key=lambda item: order.index(item[1])))
-
-
-def setting(result: Result, key: str, index: tuple[int, ...]) -> object:
-    """The value of a varied key at one combination."""
-    dims = dimensions(result)
-    return result[f"/sweep/axes/{key}"][index[dims.index(keys(result)[key])]]
-
-
 def csv_text(result: Result) -> str:
     """One row a combination: the varied keys, then the outputs."""
-    names, columns = list(keys(result)), outputs(result)
-    cubes = [result[f"/sweep/{name}"] for name in columns]
-    indices = np.ndindex(*cubes[0].shape)
-
-    def said(name: str, value: object) -> object:
-        return VERDICTS[int(str(value))] if name.endswith(_VERDICT) else value
-
-    rows = (
-        [*(setting(result, name, i) for name in names), *map(said, columns, (cube[i] for cube in cubes))]
-        for i in indices
-    )
-    units = {name: result.variables[f"/sweep/{name}"].units for name in columns}
-    heads = (name if unit == "1" or name.endswith(f"_{unit}") else f"{name}_{unit}" for name, unit in units.items())
-    return table.csv_text([*names, *heads], rows)
+    return table.csv_text(heads(result), (row for _, row in rows(result)))
 
 
 def shown(result: Result) -> list[str]:
     """The outputs that are figures by themselves: neither ends of intervals nor verdicts."""
-    return [name for name in outputs(result) if not name.endswith(("_low", "_high", _VERDICT))]
+    return [name for name in outputs(result) if not name.endswith(("_low", "_high", VERDICT))]
 
 
 def large(result: Result, name: str) -> bool:
@@ -121,13 +82,13 @@ def tables(result: Result) -> list[Table | str]:
 
 def requirements(result: Result) -> Table | None:
     """In how many combinations each requirement is met; None where they are no output."""
-    numbered = [name.removesuffix(_VERDICT) for name in outputs(result) if name.endswith(_VERDICT)]
+    numbered = [name.removesuffix(VERDICT) for name in outputs(result) if name.endswith(VERDICT)]
     if not numbered:
         return None
     out = Table("Requirements, in how many combinations", ("output", "what is asked for", "limit", *VERDICTS[::-1]))
     every = np.full(result["/outcome/combination"].shape, True)
     for name in numbered:
-        variable, verdict = result.variables[f"/sweep/{name}"], result[f"/sweep/{name}{_VERDICT}"]
+        variable, verdict = result.variables[f"/sweep/{name}"], result[f"/sweep/{name}{VERDICT}"]
         every &= verdict == VERDICTS.index("met")
         statement = variable.long_name.removesuffix(": what was found")
         limit = cell("at least {:g}" if large(result, name) else "at most {:g}", float(variable.attributes["limit"]))
@@ -143,7 +104,7 @@ def best_plain(result: Result) -> dict[str, object]:
     out = {k: v if isinstance(v, str) else int(v) for k, v in out.items()}  # type: ignore[call-overload]
     for name in outputs(result):
         cube = result[f"/sweep/{name}"]
-        if name.endswith(_VERDICT):
+        if name.endswith(VERDICT):
             out[name] = {word: int(np.sum(cube == code)) for code, word in enumerate(VERDICTS)}
             continue
         index = best(cube, large(result, name))

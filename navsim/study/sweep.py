@@ -643,6 +643,7 @@ def _places(draft: Draft, planned: Plan, found: Ensemble) -> None:
     track = planned.plane(scenario.trajectory().motion(time).position_ecef)
     sites = found.per_run("site").reshape(*planned.shape, MOST_MAP_SITES, 2)
     draft["/plan/point"] = np.arange(time.size)
+    draft["/plan/threshold_llh"] = scenario.threshold(planned.frame)
     draft["/site"] = np.arange(1, MOST_MAP_SITES + 1)
     for i, name in enumerate(("along", "right")):
         draft[f"/plan/track_{name}"] = track[:, i]

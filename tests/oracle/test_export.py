@@ -15,13 +15,14 @@ import pytest
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.io.export import export
 from navsim.io.recording import read_fixes
-from navsim.io.results import Result, ResultError
+from navsim.io.results import Result, ResultError, read
 from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import read_obs
 from navsim.study import landing
 from navsim.study.executor import threads
 from navsim.study.single_point import PositioningOptions, solve
 from tests.conftest import Within
+from tests.forks import navsim
 from tests.helpers import SCENARIOS, case
 from tests.unit.test_two_line import GPS as GPS_BY_TWO_LINES
 
@@ -398,6 +399,33 @@ def test_what_cannot_be_exported_is_said(noisy: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="shorter than one fix interval"):
         export(short, tmp_path / "r.h5", ["rinex"])
     assert not list(tmp_path.iterdir())
+
+
+def test_places_of_a_sweep_are_those_of_landings(tmp_path: Path) -> None:
+    """Each combination, with its settings and outputs; where a landing with them has its pseudolites."""
+    (tmp_path / "s.yaml").write_text(
+        f"kind: sweep\nversion: 1\nbase: {SCENARIOS / 'landing.yaml'}\nset: {{runway.heading_deg: 33}}\nmethod: dop\n"
+        "vary: [{key: pseudolites.s_m, values: [300, 4000]}, {key: pseudolites.count, values: [1, 2]}]\n"
+    )
+    navsim("sweep", "s.yaml", "-q", "--figures", "none", "-o", "s.h5", cwd=tmp_path)
+    navsim("export", "s.h5", "--geojson", "--kml", cwd=tmp_path)
+    _, *places = json.loads((tmp_path / "s.geojson").read_text())["features"]
+    assert [p["properties"]["name"] for p in places] == [
+        "PL1, combination 1", "PL1, combination 2", "PL2, combination 2", "PL1, combination 3", "PL1, combination 4",
+        "PL2, combination 4",
+    ]  # fmt: skip
+    table = list(csv.DictReader((tmp_path / "s.csv").open()))
+    for place in places:
+        row = table[int(place["properties"]["name"].split()[-1]) - 1]
+        told = {name: value for name, value in place["properties"].items() if name not in ("kind", "name")}
+        assert told == {name: pytest.approx(float(text), rel=1e-8) for name, text in row.items()}
+    wide = ("--set", "runway.heading_deg=33", "--set", "pseudolites.s_m=4000", "--set", "duration_s=2")
+    navsim("run", SCENARIOS / "landing.yaml", *wide, "-q", "--figures", "none", "-o", "r.h5", cwd=tmp_path)
+    there = np.degrees(read(tmp_path / "r.h5")["/pseudolites/position_llh"][:, [1, 0]])
+    found = [place["geometry"]["coordinates"][:2] for place in places[-2:]]
+    np.testing.assert_allclose(found, there, atol=2e-7)  # a centimetre, four kilometres away
+    names = {"k": "http://www.opengis.net/kml/2.2"}
+    assert len(ElementTree.parse(tmp_path / "s.kml").getroot().findall(".//k:Placemark", names)) == 7
 
 
 def test_a_replay_as_map_and_table(tmp_path: Path) -> None:

@@ -1,0 +1,55 @@
+"""A sweep's result, combination by combination."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from navsim.io.results import Result
+from navsim.io.schema import VERDICTS
+
+VERDICT = "_verdict"
+"""How the outputs end that are verdicts on requirements."""
+
+
+def outputs(result: Result) -> list[str]:
+    """The outputs of a sweep, in order."""
+    return [path.split("/")[2] for path in result.variables if path.startswith("/sweep/") and path.count("/") == 2]
+
+
+def dimensions(result: Result) -> tuple[str, ...]:
+    """Names of the axes, slowest first."""
+    return result.variables[f"/sweep/{outputs(result)[0]}"].dims
+
+
+def keys(result: Result) -> dict[str, str]:
+    """Names of the varied keys and the axis each belongs to, in order."""
+    found = {p.split("/")[3]: v.dims[0] for p, v in result.variables.items() if p.startswith("/sweep/axes/")}
+    order = dimensions(result)
+    return dict(sorted(found.items(), key=lambda item: order.index(item[1])))
+
+
+def setting(result: Result, key: str, index: tuple[int, ...]) -> object:
+    """The value of a varied key at one combination."""
+    dims = dimensions(result)
+    return result[f"/sweep/axes/{key}"][index[dims.index(keys(result)[key])]]
+
+
+def heads(result: Result) -> list[str]:
+    """The heads of columns: varied keys, then outputs, which end with their units."""
+    units = {name: result.variables[f"/sweep/{name}"].units for name in outputs(result)}
+    own = (name if unit == "1" or name.endswith(f"_{unit}") else f"{name}_{unit}" for name, unit in units.items())
+    return [*keys(result), *own]
+
+
+def rows(result: Result) -> Iterator[tuple[tuple[int, ...], list[object]]]:
+    """Of each combination its place in the cubes and what stands in the columns of `heads`."""
+    names, columns = list(keys(result)), outputs(result)
+    cubes = [result[f"/sweep/{name}"] for name in columns]
+
+    def said(name: str, value: object) -> object:
+        return VERDICTS[int(str(value))] if name.endswith(VERDICT) else value
+
+    for i in np.ndindex(*cubes[0].shape):
+        yield i, [*(setting(result, name, i) for name in names), *map(said, columns, (cube[i] for cube in cubes))]
