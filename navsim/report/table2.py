@@ -48,12 +48,18 @@ def cells(result: Result, calibration: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(computed, axis=1), np.stack(published, axis=1)
 
 
+def _published(name: str) -> str:
+    """The head of what was published beside a column: units stand last."""
+    plain = name.removesuffix("_m")
+    return f"{plain}_published{name.removeprefix(plain)}"
+
+
 def csv_text(result: Result, calibration: int) -> str:
     """One calibration as CSV: a row a case, every quantity computed and published."""
     computed, published = cells(result, calibration)
     interval = result["/table/error_horizontal"][calibration]
-    quantities = [head for name in COLUMNS for head in (name, f"{name}_published")]
-    heads = ["pseudolites", "s_m", "l1_m", *quantities, "error_horizontal_m_low", "error_horizontal_m_high"]
+    quantities = [head for name in COLUMNS for head in (name, _published(name))]
+    heads = ["pseudolites", "s_m", "l1_m", *quantities, "error_horizontal_low_m", "error_horizontal_high_m"]
     rows = []
     for i in range(computed.shape[0]):
         place = [int(result["/table/pseudolites"][i]), result["/table/s"][i], result["/table/l1"][i]]
@@ -64,7 +70,7 @@ def csv_text(result: Result, calibration: int) -> str:
 def approach_csv(result: Result) -> str:
     """The numbers behind the figures: PDOP and horizontal error over the approach."""
     counts = [int(n) for n in result["/approach/pseudolites"]]
-    heads = ["time_s", *(f"pdop_{n}_pl" for n in counts), *(f"rms_horizontal_m_{n}_pl" for n in counts)]
+    heads = ["time_s", *(f"pdop_{n}_pl" for n in counts), *(f"rms_horizontal_{n}_pl_m" for n in counts)]
     curves = [*result["/approach/pdop"], *result["/approach/rms_horizontal"]]
     return table.csv_text(heads, np.column_stack([result["/approach/time"], *curves]))
 

@@ -409,3 +409,25 @@ def test_names_under_the_pointer_are_text(browser: Any, place: Path, tmp_path: P
     shown.wait_for_function(f"{told}.includes('onerror')")
     assert said == [f"request: {file.as_uri()}"]
     shown.context.close()
+
+
+UNITS = ("m", "s", "rad", "deg", "m_s", "rad_s", "m_s2", "dbhz")
+PLAIN = re.compile(r"run|gate|name|pseudolites|count|normalized_squared|[phv]dop(_max|_published|_\d_pl)?")
+"""Heads of columns without a unit."""
+
+
+def test_columns_of_csv_files_end_with_their_units(place: Path, tmp_path: Path) -> None:
+    """Of all files that are written beside results and by `navsim export`; the others have no unit."""
+    for name in ("one", "runs", "replay"):
+        navsim("export", place / f"{name}.h5", "--csv", "-o", tmp_path / name, cwd=place)
+    navsim("export", place / "one.h5", "--rinex", "-o", tmp_path / "one", cwd=place)
+    files = [*place.rglob("*.csv"), *tmp_path.glob("*.csv")]
+    heads = {file.name: file.read_text().splitlines()[0].split(",") for file in files}
+    assert len(files) > 9
+    wrong = {
+        (file, head)
+        for file, row in heads.items()
+        for head in row
+        if not PLAIN.fullmatch(head) and not head.endswith(tuple(f"_{unit}" for unit in UNITS))
+    }
+    assert not wrong

@@ -33,16 +33,17 @@ def test_files_and_columns(made: tuple[Path, str]) -> None:
     for name in NAMES:
         with open(folder / f"{name}.csv", newline="") as file:
             rows = list(csv.DictReader(file))
-        heads = ["pseudolites", "s_m", "l1_m", *(h for q in QUANTITIES for h in (q, f"{q}_published"))]
-        assert list(rows[0]) == [*heads, "error_horizontal_m_low", "error_horizontal_m_high"]
+        beside = [f"{q[:-2]}_published_m" if q.endswith("_m") else f"{q}_published" for q in QUANTITIES]
+        heads = ["pseudolites", "s_m", "l1_m", *(h for pair in zip(QUANTITIES, beside, strict=True) for h in pair)]
+        assert list(rows[0]) == [*heads, "error_horizontal_low_m", "error_horizontal_high_m"]
         assert [(r["pseudolites"], r["s_m"], r["l1_m"]) for r in rows] == [
             ("0", "", ""), ("1", "50", "4000"), ("1", "200", "5000"), ("1", "500", "5000"), ("1", "1000", "5000"),
             ("2", "50", "4000"), ("2", "200", "5000"), ("2", "1000", "5000"),
         ]  # fmt: skip
         assert rows[0]["pdop_published"] == "3.67"
         assert rows[3]["pdop_published"] == ""
-        assert rows[7]["error_horizontal_m_published"] == "0.8573"
-        assert all(float(r["error_horizontal_m_low"]) < float(r["error_horizontal_m"]) for r in rows)
+        assert rows[7]["error_horizontal_published_m"] == "0.8573"
+        assert all(float(r["error_horizontal_low_m"]) < float(r["error_horizontal_m"]) for r in rows)
     page = (folder / "table2.md").read_text()
     for text in (page, printed):
         assert "2.569" in text
