@@ -625,17 +625,47 @@ def _lonlat(llh: np.ndarray) -> list[list[float]]:
 def _geojson(result: Result, target: Path) -> dict[Path, str]:
     features = []
     for f in _map_features(result):
-        coordinates: Any = f["coordinates"]
-        if f["type"] == "Point":
-            coordinates = coordinates[0]
-        elif f["type"] == "Polygon":
-            coordinates = [_counterclockwise(coordinates)]
         features.append(
-            {"type": "Feature", "geometry": {"type": f["type"], "coordinates": coordinates},
+            {"type": "Feature", "geometry": _geometry(f["type"], f["coordinates"]),
              "properties": {"kind": f["kind"], "name": f["name"], **f.get("properties", {})}}
         )  # fmt: skip
     whole = {"type": "FeatureCollection", "features": features}
     return {target.with_suffix(".geojson"): json.dumps(whole, indent=1) + "\n"}
+
+
+def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
+    """A geometry of RFC 7946, which wants lines and areas cut at 180 degrees, and outer rings counterclockwise."""
+    west = round(coordinates[0][0] / 360.0)
+    parts = [coordinates]
+    if any(abs(lon - 360.0 * west) > 180.0 for lon, _, _ in coordinates):
+        parts = _cut(kind, coordinates)
+    elif west:
+        parts = [[[lon - 360.0 * west, *rest] for lon, *rest in coordinates]]
+    if kind == "Point":
+        return {"type": kind, "coordinates": parts[0][0]}
+    shapes: list[Any] = [[_counterclockwise(ring)] for ring in parts] if kind == "Polygon" else parts
+    if len(shapes) == 1:
+        return {"type": kind, "coordinates": shapes[0]}
+    return {"type": f"Multi{kind}", "coordinates": shapes}
+
+
+def _cut(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
+    """The parts of a line, or the outer rings of those of an area, on either side of 180 degrees."""
+    from shapely.geometry import LineString, Polygon, box
+    from shapely.ops import linemerge
+
+    whole = (Polygon if kind == "Polygon" else LineString)(coordinates)
+    out = []
+    for turns in range(round(whole.bounds[0] / 360.0), round(whole.bounds[2] / 360.0) + 1):
+        middle = 360.0 * turns
+        part = whole.intersection(box(middle - 180.0, -90.0, middle + 180.0, 90.0))
+        if kind != "Polygon" and part.geom_type == "MultiLineString":
+            part = linemerge(part)
+        for one in getattr(part, "geoms", [part]):
+            if one.geom_type == kind:
+                line = one.exterior if kind == "Polygon" else one
+                out.append([[round(lon - middle, 9), round(lat, 9), round(h, 3)] for lon, lat, h in line.coords])
+    return out
 
 
 def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:

@@ -174,9 +174,13 @@ _TEX = {
 }  # fmt: skip
 
 
+_MINUS = re.compile(r"(?<![\w.)-])-(?=\.?\d)")
+"""A hyphen that is the sign of a number."""
+
+
 def tex_text(text: str) -> str:
-    """Text that TeX sets as it stands."""
-    return "".join(_TEX.get(letter, letter) for letter in text.replace("\n", " "))
+    """Text that TeX sets as it stands, with minus signs for numbers."""
+    return "".join(_TEX.get(letter, letter) for letter in _MINUS.sub("−", text.replace("\n", " ")))
 
 
 def tex(table: Table) -> list[str]:

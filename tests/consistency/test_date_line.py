@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapely.geometry import shape
 
 from navsim.core import earth as point
 from navsim.core.arrays import earth
@@ -64,23 +65,43 @@ def test_a_landing_across_the_date_line(kind: str) -> None:
 
 
 def test_its_maps(tmp_path: Path) -> None:
-    """No line round the Earth: GeoJSON goes on beyond 180 degrees, KML has no such longitudes."""
-    (whole,) = export.export(flown(ACROSS), tmp_path / "r.h5", ["geojson"])
-    features = json.loads(whole.read_text())["features"]
-    assert {"Point", "LineString", "Polygon"} == {feature["geometry"]["type"] for feature in features}
-    for feature in features:
-        kind, found = feature["geometry"]["type"], feature["geometry"]["coordinates"]
-        if kind != "Point":
-            ring = np.array(found[0] if kind == "Polygon" else found)
-            assert np.ptp(ring[:, 0]) < 1.0
-        if kind == "Polygon":
-            x, y = (ring[:, :2] - ring[0, :2]).T
-            assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0
+    """No line round the Earth: what crosses 180 degrees is cut there in GeoJSON, KML draws the short way."""
+    (there,) = export.export(flown(ACROSS), tmp_path / "there.h5", ["geojson"])
+    (here,) = export.export(flown(37.0), tmp_path / "here.h5", ["geojson"])
+    features, others = (json.loads(file.read_text())["features"] for file in (there, here))
+    crossing = 0
+    for feature, other in zip(features, others, strict=True):
+        found, whole = shape(feature["geometry"]), shape(other["geometry"])
+        parts = list(getattr(found, "geoms", [found]))
+        assert feature["geometry"]["type"].removeprefix("Multi") == whole.geom_type
+        assert len(parts) <= 2
+        crossing += len(parts) == 2
+        for part in parts:
+            low, _, top, _ = part.bounds
+            assert -180.0 <= low <= top <= 180.0
+            assert top - low < 1.0
+            assert part.is_valid
+            assert whole.geom_type != "Polygon" or part.exterior.is_ccw
+        assert found.area == pytest.approx(whole.area, rel=1e-4)
+        assert found.length == pytest.approx(whole.length, rel=0.5 if len(parts) == 2 else 1e-4)
+        assert whole.geom_type == "Polygon" or found.length == pytest.approx(whole.length, rel=1e-4)
+    assert crossing
     (kml,) = export.export(flown(ACROSS), tmp_path / "r.h5", ["kml"])
     longitudes = [float(place.split(",")[0]) for text in re.findall("<coordinates>(.*?)<", kml.read_text())
                   for place in text.split()]  # fmt: skip
     assert np.abs(longitudes).max() <= 180.0
     assert np.ptp(longitudes) > 359.0
+
+
+def test_an_area_is_cut_as_well() -> None:
+    """And one that lies beyond the line is brought back whole."""
+    ring = [[179.0, 0.0, 5.0], [181.0, 0.0, 5.0], [181.0, 1.0, 5.0], [179.0, 1.0, 5.0], [179.0, 0.0, 5.0]]
+    for given in (ring, ring[::-1], [[lon - 360.0, *rest] for lon, *rest in ring]):
+        cut = shape(export._geometry("Polygon", given))
+        assert sorted(part.bounds for part in cut.geoms) == [(-180.0, 0.0, -179.0, 1.0), (179.0, 0.0, 180.0, 1.0)]
+        assert all(part.exterior.is_ccw for part in cut.geoms)
+    beyond = export._geometry("LineString", [[180.5, 0.0, 5.0], [181.0, 0.0, 5.0]])
+    assert beyond == {"type": "LineString", "coordinates": [[-179.5, 0.0, 5.0], [-179.0, 0.0, 5.0]]}
 
 
 def test_its_covariance_analysis() -> None:

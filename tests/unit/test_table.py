@@ -23,6 +23,7 @@ from navsim.report.table import (
     number,
     numbers,
     tex,
+    tex_text,
     tidy,
 )
 
@@ -110,3 +111,14 @@ def test_difference_and_ratio_with_intervals() -> None:
     assert ratio.values == pytest.approx((2.0, 2.0 * math.exp(-down), 2.0 * math.exp(up)))
     alike = [str(cell) for cell in _widened(both, ["a", "b"], [False, False]).rows[0].cells[3:]]
     assert alike == ["+1.00", "2.000"]
+
+
+@pytest.mark.parametrize(
+    ("text", "set_so"),
+    [
+        ("-0.054  [-.1, 0.2]", "$-$0.054  [$-$.1, 0.2]"), ("2018-09-13", "2018-09-13"), ("1e-06", "1e-06"),
+        ("R01 - PL1, 3-4", "R01 - PL1, 3-4"), ("(-3)", "($-$3)"), ("error-state", "error-state"),
+    ],
+)  # fmt: skip
+def test_numbers_have_minus_signs_in_tex(text: str, set_so: str) -> None:
+    assert tex_text(text) == set_so

@@ -66,6 +66,7 @@ def page(read: Sequence[Read]) -> str:
     sources = citations.sources_of(methods)
     number = {source.key: i for i, source in enumerate(sources, 1)}
     settings = [settings_of(result) for _, result in results]
+    colours = _colours(results)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     folder = packaged(__package__)
     return environment.from_string(folder.joinpath("page.html").read_text(encoding="utf-8")).render(
@@ -74,9 +75,9 @@ def page(read: Sequence[Read]) -> str:
         drawn_by=bokeh.__version__,
         title=_title(results),
         kind=kinds[0],
-        results=[{"name": name, "colour": colour(i), "title": str(r.attributes.get("title", "")), "about": _about(r)}
+        results=[{"name": name, "colour": colours[i], "title": str(r.attributes.get("title", "")), "about": _about(r)}
                  for i, (name, r) in enumerate(results)],
-        glance=_glance(here, results),
+        glance=_glance(here, results, colours),
         warned=[(name, found.text) for name, result in results for found in findings.of(result)],
         verdicts=_parts(here.verdicts(results)),
         differences=differences([name for name, _ in results], settings),
@@ -117,7 +118,14 @@ def _about(result: Result) -> str:
     return ", ".join(parts)
 
 
-def _glance(here: View, results: Sequence[Named]) -> list[dict[str, Any]]:
+def _colours(results: Sequence[Named]) -> list[str]:
+    """The colours of results: those that drawings show together, flights or pushed runs, count through."""
+    pushed = [result.attributes.get("method") == "rare" for _, result in results]
+    order = sorted(range(len(results)), key=pushed.__getitem__)
+    return [colour(order.index(i)) for i in range(len(results))]
+
+
+def _glance(here: View, results: Sequence[Named], colours: Sequence[str]) -> list[dict[str, Any]]:
     """The first figures of each result, split into the number and its interval."""
     out = []
     for i, (name, result) in enumerate(results):
@@ -125,7 +133,7 @@ def _glance(here: View, results: Sequence[Named]) -> list[dict[str, Any]]:
         for label, said in here.glance(result):
             number, _, more = str(said).partition("  ")
             shown.append({"label": label, "number": number, "more": more})
-        out.append({"name": name, "colour": colour(i), "shown": shown})
+        out.append({"name": name, "colour": colours[i], "shown": shown})
     return out if any(each["shown"] for each in out) else []
 
 

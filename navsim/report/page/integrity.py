@@ -97,7 +97,7 @@ def levels(results: Sequence[Named]) -> Drawing | None:
     keys = [Key("protection level", BLUE), Key("largest error", GREEN), Key("alert limit", ORANGE, "dash")]
     more = [Key("alarm", _ALARMED)]
     return Drawing("levels", "Protection levels", panels, caption, [*keys, *more] if len(results) == 1 else
-                   keys_of(results, *more), 1)  # fmt: skip
+                   keys_of(results, *more, of=kept), 1)  # fmt: skip
 
 
 def stanford(results: Sequence[Named]) -> Drawing | None:

@@ -76,7 +76,7 @@ def drawings(results: Sequence[Named]) -> list[Drawing]:
         )  # fmt: skip
         out = [drawing for make in made if (drawing := make(flights)) is not None]
     boxes = [(name, result) for name, result in results if result.attributes["method"] == "rare"]
-    return out + rare.drawings(boxes) if boxes else out
+    return out + rare.drawings(boxes, len(flights)) if boxes else out
 
 
 def having(results: Sequence[Named], path: str) -> list[tuple[int, str, Result]]:
@@ -299,7 +299,7 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += ", where the runway runs along a parallel or meridian" if turned else "."
     what += " (across other axes σ is known at the bars alone, the RMS of a covariance analysis not)." if turned else ""
     what += most_thinned(thinned).words("output")
-    keys = keys_of(results, Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band"))
+    keys = keys_of(results, Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band"), of=kept)
     return Drawing("heights", "Errors in runway axes against height", panels, what, keys, 3)
 
 
@@ -386,7 +386,7 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
         "Gaussian of their mean and covariance" + ("; dashed: the box." if boxed else ".")
     )  # fmt: skip
     keys = [Key("box", GREY, "dash")] if boxed else []
-    return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys))
+    return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
 
 
 def _box(on: figure, result: Result, across: str, up: str, own: str) -> None:
@@ -438,11 +438,13 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
         on.y_range.start = 0.0
         tell(on, marks, ("", "$name"), ("error", "@left{0.000} to @right{0.000} m"), ("runs", "@count{0}"))
         panels.append(on)
+    if not panels:
+        return None
     caption = (
         "How errors at touchdown are distributed over runs; dashed: the Gaussian of the filter's σ there. "
         + ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept) + "."
     )  # fmt: skip
-    return Drawing("histograms", "Histograms at touchdown", panels, caption, keys_of(results), 3) if panels else None
+    return Drawing("histograms", "Histograms at touchdown", panels, caption, keys_of(results, of=kept), 3)
 
 
 def percentiles(results: Sequence[Named]) -> Drawing | None:
@@ -473,7 +475,7 @@ def percentiles(results: Sequence[Named]) -> Drawing | None:
         f"What {', '.join(said[:-1])} and {said[-1]} % of runs stay below (from below) at the heights where errors are "
         "told; the table has the numbers. Of a covariance analysis: of a Gaussian."
     )  # fmt: skip
-    return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results), 3)
+    return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results, of=kept), 3)
 
 
 def states(results: Sequence[Named]) -> Drawing | None:
@@ -520,7 +522,7 @@ def states(results: Sequence[Named]) -> Drawing | None:
     what = what if len(set(lone)) == 1 else "3 RMS over all runs, of one run its error"
     caption = f"Line: {what}; shaded: 3σ of the filter. The axes fit what is left once the start has settled."
     caption += most_thinned(thinned).words("output")
-    keys = keys_of(results, Key("3σ of the filter", GREY, "band"))
+    keys = keys_of(results, Key("3σ of the filter", GREY, "band"), of=kept)
     return Drawing("states", "All states of the filter over time", panels, caption, keys, 3)
 
 
@@ -621,4 +623,4 @@ def budget(results: Sequence[Named]) -> Drawing | None:
         "squares of sources add up, sizes do not. Each bar begins where the one above it ends. Sources below 0.1 % "
         "are together."
     )
-    return Drawing("budget", "Error budget", panels, caption, keys_of(results))
+    return Drawing("budget", "Error budget", panels, caption, keys_of(results, of=kept))

@@ -75,10 +75,11 @@ def width(i: int, of: int) -> float:
     return 1.6 if of == 1 else max(1.2, 3.6 - 1.2 * i)
 
 
-def keys_of(results: Sequence[Named], *more: Key) -> list[Key]:
-    """A legend with the results by their colours, where they are several, and more."""
-    named = [Key(name, colour(i)) for i, (name, _) in enumerate(results)] if len(results) > 1 else []
-    return [*named, *more]
+def keys_of(results: Sequence[Named], *more: Key, of: Sequence[tuple[Any, ...]] | None = None) -> list[Key]:
+    """A legend with the results by their colours, where they are several, and more. of: those that are drawn, each with
+    its number before it; None for all."""
+    drawn = range(len(results)) if of is None else [each[0] for each in of]
+    return [*(Key(results[i][0], colour(i)) for i in drawn if len(results) > 1), *more]
 
 
 def small(values: Any) -> np.ndarray:

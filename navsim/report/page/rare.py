@@ -15,7 +15,6 @@ from navsim.report.page.marks import (
     Key,
     Named,
     colour,
-    keys_of,
     level,
     line,
     plot,
@@ -30,16 +29,22 @@ _MOST = 400
 """Most steps of a curve; of more every so many-th is drawn."""
 
 
-def drawings(results: Sequence[Named]) -> list[Drawing]:
-    """The drawings of these results."""
-    return [exceedance(results), _runs(results)]
+def drawings(results: Sequence[Named], first: int) -> list[Drawing]:
+    """The drawings of these results. first: the number, which gives the colour, of the first of them on the page."""
+    return [_exceedance(results, first), _runs(results, first)]
 
 
-def exceedance(results: Sequence[Named]) -> Drawing:
+def _keys(results: Sequence[Named], first: int, *more: Key) -> list[Key]:
+    """A legend with the results, where others are on the page, and more."""
+    several_here = first + len(results) > 1
+    return [*(Key(name, colour(i)) for i, (name, _) in enumerate(results, first) if several_here), *more]
+
+
+def _exceedance(results: Sequence[Named], first: int) -> Drawing:
     """How often each limited error exceeds a size, by pushed runs and to first order."""
     panels = []
     for k, axis in enumerate(map(str, results[0][1]["/axis"])):
-        curves = [(i, name, curve(result, k)) for i, (name, result) in enumerate(results)
+        curves = [(i, name, curve(result, k)) for i, (name, result) in enumerate(results, first)
                   if np.isfinite(result["/summary/box/limit"][k])]  # fmt: skip
         if not curves:
             continue
@@ -68,14 +73,14 @@ def exceedance(results: Sequence[Named]) -> Drawing:
         f"({counted}); dashed curve: a Gaussian by first order; upright line: the limit."
     )
     return Drawing("exceedance", "How often errors exceed a size", panels, caption,
-                   keys_of(results, Key("first order", GREY, "dash")))  # fmt: skip
+                   _keys(results, first, Key("first order", GREY, "dash")))  # fmt: skip
 
 
-def _runs(results: Sequence[Named]) -> Drawing:
+def _runs(results: Sequence[Named], first: int) -> Drawing:
     """Where pushed runs end, lateral and vertical."""
     on = plot("Vertical against lateral", "lateral error, m", "vertical error, m", 360, match_aspect=True)
     marks = []
-    for i, (name, result) in enumerate(results):
+    for i, (name, result) in enumerate(results, first):
         error = result["/rare/error"]
         which = some(len(error))
         weight = np.exp(result["/rare/log_weight"])
@@ -92,4 +97,4 @@ def _runs(results: Sequence[Named]) -> Drawing:
         "Errors of the pushed runs at the height of the box (dashed). They are pushed towards its faces: how dense "
         "they lie is no probability, their weights make one of it."
     )
-    return Drawing("pushed", "Pushed runs and the box", [on], caption, keys_of(results, Key("box", GREY, "dash")))
+    return Drawing("pushed", "Pushed runs and the box", [on], caption, _keys(results, first, Key("box", GREY, "dash")))
