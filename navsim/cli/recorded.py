@@ -65,7 +65,7 @@ def replay(
     """
     from navsim.study.job import Options
 
-    options = Options()
+    options = Options(require=required.require)
     with leaving():
         job, suffix = opened_job("replay", log, given.set_ or [], options)
         target = target_of(given.output, log.stem + suffix)

@@ -94,7 +94,7 @@ def run(scenario: ScenarioArgument, given: RunOptions, required: Required, care:
     options = Options(
         given.seed, given.runs, given.first_run, given.until, given.keep, given.method, given.workers,
         given.scheduler, fresh=given.fresh,
-        require_fix=required.require_fix, require_consistent=required.require_consistent,
+        require_fix=required.require_fix, require_consistent=required.require_consistent, require=required.require,
     )  # fmt: skip
     with leaving():
         job, suffix = opened("run", scenario, given.set_ or [], options)

@@ -64,7 +64,8 @@ def sweep(study: StudyArgument, given: SweepOptions, required: Required, care: C
     from navsim.study.job import Options
 
     options = Options(
-        given.seed, given.runs, method=given.method, workers=given.workers, scheduler=given.scheduler, fresh=given.fresh
+        given.seed, given.runs, method=given.method, workers=given.workers, scheduler=given.scheduler,
+        fresh=given.fresh, require=required.require,
     )  # fmt: skip
     with leaving():
         job, suffix = opened("sweep", study, given.set_ or [], options)

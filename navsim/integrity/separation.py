@@ -178,8 +178,8 @@ def allotted(
 ) -> Levels:
     """The levels of solutions that use ranges (e, s), by their spread; other arguments are those of `levels`.
 
-    idle: (k, e) bool, faults that are not monitored where what is tolerated has room for them, and half of the budget,
-    the least probable first.
+    idle: (k, e) bool, faults that are not monitored where what is tolerated has room for them, and half of the budget:
+    those first that would cost most, whose separate sigmas are larger by powers of two, of these the least probable.
     """
     priors = np.array([fault.prior for fault in faults])
     touched = np.array([used[:, list(fault.sources)].any(axis=1) for fault in faults], bool)
@@ -196,11 +196,13 @@ def allotted(
         unmonitored = np.full(used.shape[0], unlisted)
     unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
     p_hmi, total = allocation.p_hmi, allocation.total
-    spared = np.zeros_like(monitored) if idle is None else idle & monitored
-    for k in np.argsort(priors, kind="stable"):
-        left = spared[k] & (unmonitored + priors[k] <= min(allocation.p_unmonitored, 0.5 * total))
-        monitored[k] &= ~left
-        unmonitored = unmonitored + np.where(left, priors[k], 0.0)
+    if idle is not None:
+        every = np.arange(len(used))
+        for k in _dearest_first(spread, priors, idle & monitored):
+            left = (idle & monitored)[k, every]
+            left &= unmonitored + priors[k] <= min(allocation.p_unmonitored, 0.5 * total)
+            monitored[k, every] &= ~left
+            unmonitored = unmonitored + np.where(left, priors[k], 0.0)
 
     threshold = _factors(allocation, monitored.sum(axis=0)) * spread.apart
     threshold[~monitored] = np.nan
@@ -276,6 +278,12 @@ def _without(rows: np.ndarray, used: np.ndarray, noise: Noise, fault: Fault) -> 
     left = used.copy()
     left[:, list(fault.sources)] = False
     return solve(rows, left, noise)
+
+
+def _dearest_first(spread: SolutionSpread, priors: np.ndarray, idle: np.ndarray) -> np.ndarray:
+    """Of each epoch the faults (k, e) in the order in which they are left out; see `allotted`."""
+    sigma = np.where(idle, spread.separate_sigma.max(axis=2), 1.0)
+    return np.lexsort((np.broadcast_to(priors[:, None], sigma.shape), -np.round(np.log2(sigma))), axis=0)
 
 
 def _several_at_once(priors: np.ndarray, there: np.ndarray, but: Sequence[tuple[int, ...]]) -> np.ndarray:

@@ -141,7 +141,8 @@ _AXES = Chapter(
     "Axes",
     "Coordinates with the same labels in every file.",
     (
-        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE, SWEEP), "latitude", "longitude", "height"),
+        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE, SWEEP), "latitude", "longitude",
+                "height"),
         _labels("/ned", "axes of the local level frame", (*_FLOWN, REPLAY, LIVE), "north", "east", "down"),
         _labels("/enu", "axes of the local level frame, east first", _FLOWN, "east", "north", "up"),
         _labels("/enu_column", "columns of matrices in these axes", _FLOWN, "east", "north", "up"),

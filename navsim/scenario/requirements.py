@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import Section, reject
-from navsim.scenario.integrity import OPERATIONS, Operation
+from navsim.scenario.integrity import OPERATIONS, LimitsSection, Operation
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 """Of runs, or of epochs, that is asked for."""
@@ -131,6 +131,10 @@ class PresetRequirement(RequirementSection):
                 "operation",
             )
         return self
+
+    def counts_by(self, limits: LimitsSection | None) -> bool:
+        """Whether continuity and misleading information, which are counted by these limits, are so by its own."""
+        return limits is not None and limits.limits() == OPERATIONS[self.operation]
 
     def parts(self) -> tuple[AnySingle, ...]:
         """The single requirements."""

@@ -42,6 +42,7 @@ class Options:
     fresh: bool = False
     require_fix: bool = False
     require_consistent: bool = False
+    require: bool = False
 
     def foreign(self, *taken: str) -> list[str]:
         """Those given that are not among the ones taken, as messages spell them."""

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from navsim.io.results import Result, read
-from navsim.study.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment
+from navsim.scenario.requirements import RiskRequirement
+from navsim.study.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment, _of_shares
 from navsim.study.statistics import rms_interval_of_means, share_interval
 from tests.helpers import SCENARIOS, scenario
 from tests.layout import as_declared
@@ -110,6 +111,9 @@ def test_runs_are_judged(tmp_path: Path) -> None:
             "misleading information with a risk of at most 2e-07",
         )
     ]
+    assert np.isnan(values[11:]).all()  # counted by other limits than those of APV-I
+    assert verdicts[11:] == [UNDECIDED, UNDECIDED]
+    assert "requirements[9]: continuity and misleading information are counted by integrity.limits" in said
     assert float(result[f"{branch}/more_runs"][7]) == pytest.approx(-np.log(0.025) / 1e-6, rel=0.02)
     assert "lateral error at 100 ft below 0.6 m in 50 % of runs" in said
     assert "met: " in said
@@ -185,3 +189,41 @@ def test_requirements_of_what_is_not_there(requirement: dict[str, Any], says: st
     with pytest.raises(Exception, match="requirements") as error:
         scenario(f"requirements={json.dumps([requirement])}")
     assert says in str(error.value)
+
+
+def test_a_preset_is_counted_by_its_own_limits(tmp_path: Path) -> None:
+    """All satellites spoofed up: by the limits of APV-I every run misleads, by wider ones none does."""
+    own = "integrity={method: chi2, limits: {operation: APV-I, tta_s: 6}}"
+    drift = "events=[{what: spoof, sources: [glonass, gps], rate_ned_m_s: [0, 0, -2], at_s: 10}]"
+    alone = ("--set", "pseudolites={count: 0}", "--set", "sky={source: nominal}", "--set", drift)
+    asked = [{"what": "preset", "operation": "APV-I"}]
+    by_own, said = flown(tmp_path, asked, "--runs", 8, *alone, "--set", own)
+    assert "counted by" not in said
+    assert list(by_own["/summary/requirements/verdict"][2:]) == [UNDECIDED, NOT_MET]
+    other = "integrity={method: chi2, limits: {hal_m: 200, val_m: 200, tta_s: 6}}"
+    by_others, said = flown(tmp_path, asked, "--runs", 8, *alone, "--set", other, "--force")
+    assert "give limits: {operation: APV-I" in said
+    assert list(by_others["/summary/requirements/verdict"][2:]) == [UNDECIDED, UNDECIDED]
+
+
+def test_more_runs_are_told_where_an_interval_is_cut_off_at_nothing() -> None:
+    """Forty runs with 0.008 [0, 0.025]: nothing is decided before the lower end is above the limit."""
+    value = np.array([0.008315, 0.0, 0.0246])
+    one: Any = RiskRequirement(what="continuity", at_most=8e-6)
+    draft: Any = {"/summary/integrity/continuity_risk": value}
+    found = _of_shares(one, Fulfilment("", np.full(3, np.nan), 8e-6), draft, 40)
+    assert found.verdict() == UNDECIDED
+    assert found.more(40) == pytest.approx(40 * ((0.0246 - 0.008315) / (0.008315 - 8e-6)) ** 2 - 40, abs=2)
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (("run", SCENARIOS / "landing.yaml"), "--require: the scenario has no requirements"),
+        (("sweep", SCENARIOS / "placement_sweep.yaml"), "--require: requirements is none of the study's outputs"),
+        (("replay", SCENARIOS / "recorded_flight.yaml"), "--require: a recorded flight has no requirements"),
+    ],
+)
+def test_nothing_is_computed_to_judge_nothing(command: tuple[Any, ...], said: str, tmp_path: Path) -> None:
+    assert said in navsim(*command, "--require", cwd=tmp_path, code=2).stderr
+    assert not list(tmp_path.iterdir())

@@ -363,3 +363,17 @@ def test_levels_in_axes_of_the_runway(heading: float) -> None:
     bias = np.abs(np.einsum("i,eis->es", right, whole.reach[:, :2])).sum(axis=1)
     assert np.all(found[:, 0] > bias + 5.0 * sigma)
     assert np.all(found <= np.abs(bank.found.level[:, :1]) + np.abs(bank.found.level[:, 1:2]))
+
+
+def test_a_system_that_is_lost_makes_levels_grow_and_not_jump() -> None:
+    """The default prior of a system does not fit into what is tolerated: from 20 s on, when GPS is gone, the filter
+    without GLONASS goes on by its inertial sensors, and levels grow with it. That without both has done so from the
+    beginning, is off by hundreds of metres, and fits."""
+    quiet = json.dumps([{"what": "silence", "sources": ["gps"], "at_s": 20}])
+    c = case(*SHORT, "sky.source=nominal", "integrity={method: filter}", f"events={quiet}")
+    bank = bank_of(c)
+    levels = dict(zip(c.world.signals.time.tolist(), bank.levels[:, 0].tolist(), strict=True))
+    assert levels[20.0] < 1.1 * levels[19.5]
+    assert levels[22.0] < 2.0 * levels[19.5]
+    assert levels[24.5] > levels[22.0]
+    assert (bank.found.unmonitored <= c.flight.watching.test.p_unmonitored).all()  # type: ignore[union-attr]

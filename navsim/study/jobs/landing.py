@@ -23,6 +23,8 @@ MOST_RUNS = 1_000_000
 
 def job(section: Landing, document: Document, options: Options) -> MonteCarloJob | CovarianceJob | RareJob:
     """The job of a landing by its method."""
+    if options.require and not section.requirements:
+        raise OptionError(f"{option('require')}: the scenario has no requirements")
     if section.method == "rare":
         return RareJob(section, document, options)
     return (CovarianceJob if section.method == "covariance" else MonteCarloJob)(section, document, options)
@@ -117,7 +119,7 @@ class CovarianceJob(_Prepared):
 
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)
-        if foreign := options.foreign("method", "require_fix", "require_consistent"):
+        if foreign := options.foreign("method", "require_fix", "require_consistent", "require"):
             text = "only for method monte-carlo; a covariance analysis has no runs"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.seed = options.seed

@@ -8,8 +8,9 @@ from navsim.scenario.source import Document
 from navsim.study import replay
 from navsim.study.budget.studies import recorded
 from navsim.study.executor import Executor
-from navsim.study.job import Allow, Options, Outcome, Tell
+from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
+from navsim.words import option
 
 
 class ReplayJob:
@@ -19,6 +20,8 @@ class ReplayJob:
     recording: replay.Recording
 
     def __init__(self, section: Replay, document: Document, options: Options) -> None:
+        if options.require:
+            raise OptionError(f"{option('require')}: a recorded flight has no requirements")
         self.section, self.document = section, document
         self.sort = Sort("replay")
         self.kernels = f"replay-{section.filter.kind}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from navsim.io.results import Sort
 from navsim.scenario.load import base_of
 from navsim.scenario.source import Document
-from navsim.scenario.sweep import Sweep
+from navsim.scenario.sweep import REQUIREMENTS, Sweep
 from navsim.study import sweep
 from navsim.study.budget.studies import sweep as estimated
 from navsim.study.executor import Executor
@@ -23,6 +23,8 @@ class SweepJob:
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:
         if options.runs and section.method != "monte-carlo":
             raise OptionError(f"{option('runs')}: only for method monte-carlo; this sweep is by {section.method}")
+        if options.require and REQUIREMENTS not in section.wanted():
+            raise OptionError(f"{option('require')}: {REQUIREMENTS} is none of the study's outputs")
         self.section, self.document, self.seed = section, document, options.seed
         self.base = base_of(section, document)
         self.sort = Sort("sweep", section.method)

@@ -28,6 +28,7 @@ from navsim.scenario.approach import RecordedApproach
 from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.events import EventSection
 from navsim.scenario.landing import Landing
+from navsim.scenario.requirements import PresetRequirement
 from navsim.scenario.sensors import believed
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
@@ -77,8 +78,14 @@ class Case:
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
                 "the first fix: the errors there are those that the filter begins with"
             )
-        if self.scenario.integrity is not None:
-            out += self.scenario.integrity.unused(self.environment.systems)
+        if (section := self.scenario.integrity) is not None:
+            out += section.unused(self.environment.systems)
+            out += [
+                f"requirements[{i}]: continuity and misleading information are counted by integrity.limits, which are "
+                f"not those of {each.operation}: undecided; give limits: {{operation: {each.operation}, tta_s: ...}}"
+                for i, each in enumerate(self.scenario.requirements)
+                if isinstance(each, PresetRequirement) and not each.counts_by(section.limits)
+            ]
         out += [
             f"events[{i}]: {event.what} of {', '.join(event.sources)}: none of them is received then"
             for i, event in enumerate(self.scenario.events)

@@ -130,10 +130,26 @@ Moments = tuple[np.ndarray, np.ndarray]
 def fulfilments(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> list[Fulfilment]:
     """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
     what a monitor would: nothing is known then of what rests on it."""
-    return [
-        replace(_found(one, draft, case, runs, moments), text=said.text)
-        for said, (_, one) in zip(statements(case.scenario), single(case.scenario), strict=True)
-    ]
+    uncounted = _uncounted(case.scenario)
+    found = []
+    for i, (said, (_, one)) in enumerate(zip(statements(case.scenario), single(case.scenario), strict=True)):
+        nothing = Fulfilment(said.text, UNKNOWN, said.limit, said.least)
+        found.append(
+            nothing if i in uncounted else replace(_found(one, draft, case, runs, moments), text=said.text)
+        )
+    return found
+
+
+def _uncounted(scenario: Landing) -> set[int]:
+    """Which of the requirements, presets as their parts, speak of counts by other limits than the scenario's."""
+    out, i = set(), 0
+    limits = None if scenario.integrity is None else scenario.integrity.limits
+    for each in scenario.requirements:
+        parts = each.parts() if isinstance(each, PresetRequirement) else (each,)
+        other = isinstance(each, PresetRequirement) and not each.counts_by(limits)
+        out |= {i + k for k, part in enumerate(parts) if other and isinstance(part, RiskRequirement)}
+        i += len(parts)
+    return out
 
 
 def judged(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> None:
@@ -164,8 +180,8 @@ def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments
         return nothing
     if isinstance(one, LevelRequirement):
         return _of_levels(one, nothing, draft, case)
-    if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement) and one.what == "availability":
-        return _available_by_levels(one, nothing, case)
+    if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement):
+        return (_available_by_levels if one.what == "availability" else _approaches_by_levels)(one, nothing, case)
     if draft.layout == COVARIANCE and is_kept_from_faults(case):
         return nothing
     if isinstance(one, ErrorRequirement):
@@ -301,6 +317,15 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
     )
 
 
+def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
+    """None, where an epoch that is due has a level beyond its limit; how many have no alarm, runs alone tell."""
+    asked, monitor = asked_of(case), case.flight.monitor
+    if asked is None or monitor is None:
+        return nothing
+    relative = relative_levels(asked, tested_levels(monitor))[asked.due].max(axis=1, initial=0.0)
+    return replace(nothing, value=_exactly(0.0)) if (relative > 1.0).any() else nothing
+
+
 def _kept_by(values: np.ndarray, share: float) -> float:
     """The smallest size that this share of values (n,) is within, inf where so many are none."""
     ordered = np.sort(np.where(np.isnan(values), np.inf, values))
@@ -320,10 +345,12 @@ def _of_shares(
         return replace(nothing, value=np.array([value[0], np.nan, np.nan]))
     alike = np.array_equal(value, share_of_alike(float(value[0]), runs))
 
+    half = float(np.abs(value[1:] - value[0]).max())  # the other end may be cut off at 0 or 1
+
     def again(n: int) -> np.ndarray:
         if alike:
             return share_of_alike(float(value[0]), n)
-        reach = (value[1:] - value[0]) * math.sqrt(runs / n)
-        return np.array([value[0], *np.clip(value[0] + reach, 0.0, 1.0)])
+        reach = half * math.sqrt(runs / n)
+        return np.array([value[0], *np.clip([value[0] - reach, value[0] + reach], 0.0, 1.0)])
 
     return replace(nothing, value=value, again=again)
