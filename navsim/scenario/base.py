@@ -30,7 +30,18 @@ def as_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+_FORMS = {
+    r"^[0-9a-f]{64}$": "64 hexadecimal digits in small letters",
+    r"^[A-Za-z0-9_-]{1,16}$": "1 to 16 of the letters A to Z and a to z, digits, - and _",
+    r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$": "a key: names with dots between them",
+}
+"""Forms of texts, and what they are in words."""
+_SHA, _NAME, _DOTTED = _FORMS
+Checksum = Annotated[str, Field(pattern=_SHA)]
+SourceName = Annotated[str, Field(pattern=_NAME)]
+"""Name of a source of signals on the ground."""
+Dotted = Annotated[str, Field(pattern=_DOTTED)]
+"""Key of a scenario."""
 """SHA-256 of a file."""
 
 
@@ -238,6 +249,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         message = "expected a list"
     elif kind == "too_short":
         return Problem(place, key, f"expected a list of at least {error['ctx']['min_length']}, not an empty one")
+    elif kind == "string_pattern_mismatch":
+        message = f"expected {_FORMS[error['ctx']['pattern']]}"
     given = error.get("input")
     if kind == "value_error" and isinstance(given, (dict, list, tuple)):
         return Problem(place, key, message)  # what a validator of a whole section found says itself what was given

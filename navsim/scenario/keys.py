@@ -82,10 +82,11 @@ def matching(all_rows: Sequence[KeyRow], word: str) -> list[KeyRow]:
 
 
 def nearest(all_rows: Sequence[KeyRow], word: str, most: int = 5) -> list[str]:
-    """The keys that are most like a word, whole or in their last name."""
+    """The keys that are most like a word: whole, or in their last name or a part of it."""
     by_name: dict[str, list[str]] = {}
     for row in all_rows:
-        for name in {row.key, row.key.rpartition(".")[2]}:
+        last = row.key.rpartition(".")[2]
+        for name in dict.fromkeys((row.key, last, *last.split("_"))):
             by_name.setdefault(name, []).append(row.key)
     found = difflib.get_close_matches(word, by_name, n=most, cutoff=0.6)
     return list(dict.fromkeys(key for name in found for key in by_name[name]))[:most]

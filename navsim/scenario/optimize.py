@@ -6,8 +6,20 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from navsim.scenario.base import Checksum, NonNegative, Pair, Section, Signed, Size, Version, list_of, reject
-from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS, Dotted
+from navsim.scenario.base import (
+    Checksum,
+    Dotted,
+    NonNegative,
+    Pair,
+    Section,
+    Signed,
+    Size,
+    SourceName,
+    Version,
+    list_of,
+    reject,
+)
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS
 
 DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_fix")
 """Objectives from the geometry alone."""
@@ -81,7 +93,7 @@ class Surfaces(Section):
 class SiteChoice(Section):
     """A place where a pseudolite could be put up."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
+    name: SourceName | None = None
     """name of the place; left out: its number in the list"""
     s_m: Signed
     """distance from the runway axis, positive to the right of landing"""

@@ -16,6 +16,7 @@ from navsim.scenario.base import (
     Sigma,
     Signed,
     Size,
+    SourceName,
     Triple,
     as_tuple,
     list_of,
@@ -39,7 +40,7 @@ Four = Annotated[tuple[Klobuchar, Klobuchar, Klobuchar, Klobuchar], BeforeValida
 class Site(Section):
     """One pseudolite, by s_m and l1_m or by coordinates."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,16}$")] | None = None
+    name: SourceName | None = None
     """name of the pseudolite; left out: PL and its number"""
     s_m: Signed | None = None
     """distance from the runway axis, positive to the right in the runway frame"""

@@ -14,7 +14,7 @@ from navsim.io.schema import (
     SWEEP_QUANTITIES,
     WATCHED_QUANTITIES,
 )
-from navsim.scenario.base import Section, Version, list_of, reject
+from navsim.scenario.base import Dotted, Section, Version, list_of, reject
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
 """Outputs of every method; of those that fly a filter besides; all that there are."""
@@ -30,7 +30,6 @@ MOST_AXES = 31
 """Most axes: a variable of a result has up to 32 dimensions (HDF5, H5S_MAX_RANK), one of them for the sites."""
 
 Value = Annotated[float, Field(ge=-1e12, le=1e12)]
-Dotted = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$")]
 
 
 class Grid(Section):
