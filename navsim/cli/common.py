@@ -136,6 +136,13 @@ def read_result(path: Path) -> Result:
         leave(BAD_INPUT, error)
 
 
+def called(files: list[Path]) -> list[str]:
+    """What results are called: by their stems, by their paths where stems are alike, numbered where these are, too."""
+    stems = [path.stem for path in files]
+    names = stems if len(set(stems)) == len(stems) else [str(path) for path in files]
+    return names if len(set(names)) == len(names) else [f"{name} ({i})" for i, name in enumerate(names, 1)]
+
+
 @dataclass(frozen=True)
 class Shown:
     """How tables are printed. format: terminal, markdown, csv or tex. compare: with differences from the first result.

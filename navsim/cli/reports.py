@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leave, read_result
+from navsim.cli.common import called, leave, read_result
 from navsim.cli.ending import BAD_INPUT, RUN_FAILED
 from navsim.cli.results import shown_as_stored
 
@@ -53,7 +53,7 @@ def report(
         leave(BAD_INPUT, error)
     _refuse(target, files, GENERATOR)
     with shown_as_stored(results, files):
-        text = page([Read(*each) for each in zip(_names(files), files, results, strict=True)])
+        text = page([Read(*each) for each in zip(called(files), files, results, strict=True)])
     try:
         write_text(target, text)
     except ResultError as error:
@@ -76,13 +76,6 @@ def _refuse(target: Path, files: list[Path], generator: str) -> None:
         leave(BAD_INPUT, f"{target}: {error.strerror or error}")
     if not ours:
         leave(BAD_INPUT, f"{target}: is no page of navsim report and is not overwritten; choose another -o/--output")
-
-
-def _names(files: list[Path]) -> list[str]:
-    """What results are called: by their stems, by their paths where stems are alike, numbered where these are, too."""
-    stems = [path.stem for path in files]
-    names = stems if len(set(stems)) == len(stems) else [str(path) for path in files]
-    return names if len(set(names)) == len(names) else [f"{name} ({i})" for i, name in enumerate(names, 1)]
 
 
 def cite(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import Shown, leave, leaving, print_json, print_tables, read_result
+from navsim.cli.common import Shown, called, leave, leaving, print_json, print_tables, read_result
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
@@ -51,7 +51,7 @@ def show(
         leave(BAD_INPUT, "--json prints whole summaries: not with --format, --compare or --rows")
     if compare and len(files) < 2:
         leave(BAD_INPUT, "--compare needs two results or more: the first is what the others are held against")
-    results = [(path.stem, read_result(path)) for path in files]
+    results = list(zip(called(files), map(read_result, files), strict=True))
     from navsim.io.results import ResultError
     from navsim.report.view import plain, view
 

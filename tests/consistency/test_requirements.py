@@ -227,3 +227,14 @@ def test_more_runs_are_told_where_an_interval_is_cut_off_at_nothing() -> None:
 def test_nothing_is_computed_to_judge_nothing(command: tuple[Any, ...], said: str, tmp_path: Path) -> None:
     assert said in navsim(*command, "--require", cwd=tmp_path, code=2).stderr
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("method", ["covariance", "monte-carlo"])
+def test_what_is_before_touchdown_is_not_known_without_one(method: str, tmp_path: Path) -> None:
+    asked = [{"what": "rms", "of": "vertical", "below_m": 50.0}]
+    cut = ("--set", "duration_s=30", "--set", "box=null")
+    result, said = flown(tmp_path, asked, *cut, "--method", method)
+    assert list(result["/summary/requirements/verdict"]) == [UNDECIDED]
+    assert "errors over 20 s to the end" in said
+    _, said = flown(tmp_path, asked, "--method", method, "--force")
+    assert "errors over 20 s to touchdown" in said

@@ -66,3 +66,10 @@ def test_pushed_runs_tell_of_the_box_alone() -> None:
 def test_an_error_that_is_not_there_has_no_number() -> None:
     assert verdict(np.array([1907851.0, 1.8e6, 2e6])) == "next to no such error: sigma over 1000 times the right one"
     assert verdict(np.array([1.5, 1.2, 1.9])) == "sigma 2.5 times the right one"
+
+
+@pytest.mark.parametrize(("s_m", "seen"), [(200, True), (50_000, True), (60_000, False)])
+def test_a_pseudolite_behind_the_horizon(s_m: float, seen: bool) -> None:
+    """At 153 m over the runway an antenna at one metre is seen over 4.12 (sqrt(153) + sqrt(1)) = 55 km."""
+    case = prepare(*read(LANDING, ["duration_s=5", f"pseudolites.s_m={s_m}"]))
+    assert any("beyond the radio horizon" in text for text in case.warnings) != seen

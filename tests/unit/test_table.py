@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import math
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from navsim.cli.common import called
 from navsim.report.compare import _widened
 from navsim.report.table import (
     TIDY,
@@ -122,3 +124,9 @@ def test_difference_and_ratio_with_intervals() -> None:
 )  # fmt: skip
 def test_numbers_have_minus_signs_in_tex(text: str, set_so: str) -> None:
     assert tex_text(text) == set_so
+
+
+def test_results_are_told_apart_by_their_names() -> None:
+    assert called([Path("a/x.h5"), Path("b/y.h5")]) == ["x", "y"]
+    assert called([Path("a/x.h5"), Path("b/x.h5")]) == ["a/x.h5", "b/x.h5"]
+    assert called([Path("x.h5"), Path("x.h5")]) == ["x.h5 (1)", "x.h5 (2)"]

@@ -11,6 +11,7 @@ import numpy as np
 
 from navsim.core import states
 from navsim.core.arrays.attitude import dcm_from_rpy
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.core.lanes import WIDTH
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
@@ -20,6 +21,8 @@ from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.events import EVERY, PSEUDOLITES
 from navsim.models.imu import Triad
+from navsim.models.interference import radio_horizon
+from navsim.models.jamming import LOWEST
 from navsim.models.kinematics import Moving, touchdown_from_threshold
 from navsim.models.recorded_trajectory import recorded_trajectory
 from navsim.models.signals import Environment, Pseudolites, Satellites
@@ -78,6 +81,7 @@ class Case:
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
                 "the first fix: the errors there are those that the filter begins with"
             )
+        out += self._out_of_sight()
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
             out += [
@@ -102,6 +106,19 @@ class Case:
             if stopped:
                 text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
                 out.append(f"interference.front_end_mhz: {text}")
+        return out
+
+    def _out_of_sight(self) -> list[str]:
+        """Pseudolites that are heard although the Earth is between them and the whole flight."""
+        path = self.trajectory.motion(self.world.signals.time).position_ecef
+        ground = self.scenario.runway.height_m
+        out = []
+        for name, llh in zip(self.pseudolites.names, self.pseudolites.llh, strict=True):
+            away = np.linalg.norm(path - ecef_from_llh(llh), axis=1)
+            heights = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST), max(llh[2] - ground, LOWEST)
+            if away.size and (away > radio_horizon(*heights)).all():
+                far = f"{name} is {away.min() / 1000.0:.0f} km away"
+                out.append(f"pseudolites: {far}, beyond the radio horizon of the whole flight, and heard nevertheless")
         return out
 
     def _received(self, event: EventSection) -> bool:
@@ -387,6 +404,11 @@ def glide_epochs(scenario: Landing, trajectory: Moving) -> tuple[np.ndarray, np.
 def touchdown_time(scenario: Landing, trajectory: Moving) -> float:
     """Time of touchdown, or the end of a flight without one, s."""
     return float(min(trajectory.path.events.get(TOUCHDOWN, math.inf), scenario.duration_s))
+
+
+def touches_down(case: Case) -> bool:
+    """Whether the flight does within the simulation."""
+    return case.trajectory.path.events.get(TOUCHDOWN, math.inf) <= case.scenario.duration_s
 
 
 def rms_window(case: Case) -> np.ndarray:

@@ -30,7 +30,7 @@ from navsim.scenario.requirements import (
 )
 from navsim.simulation.landing_covariance import folded_quantile
 from navsim.simulation.monitoring import tested_levels
-from navsim.study.landing.case import Case
+from navsim.study.landing.case import Case, touches_down
 from navsim.study.landing.integrity import (
     asked_of,
     excludes,
@@ -187,7 +187,7 @@ def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments
     if isinstance(one, ErrorRequirement):
         return _of_error(one, nothing, draft, runs, moments)
     if isinstance(one, RmsRequirement):
-        return _of_rms(one, nothing, draft, runs)
+        return _of_rms(one, nothing, draft, runs) if touches_down(case) else nothing
     if draft.layout == COVARIANCE:
         return nothing
     if isinstance(one, AlertRequirement):
