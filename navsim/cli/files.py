@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from navsim.cli.common import leave, leaving, print_json
+from navsim.cli.common import AT_TERMINAL, leave, leaving, print_json
 from navsim.cli.completion import SHELLS, script
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.options import set_option
@@ -29,7 +29,9 @@ def validate(
 ) -> None:
     """Check a scenario, study or log and say what is wrong with it."""
     with leaving():
-        _, document = checked(scenario, set_ or [])
+        section, document = checked(scenario, set_ or [])
+    for text in getattr(section, "unused", list)():
+        AT_TERMINAL.warn(text)
     kind = str(document.data["kind"])
     print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")
 

@@ -239,8 +239,9 @@ class IntegritySection(Section):
         """The largest probability of an alarm at an epoch without a fault."""
         return self.p_fa if self.method == "chi2" else (self.p_fa_v + self.p_fa_h) / self.effective_samples
 
-    def unused(self, systems: Collection[str]) -> list[str]:
-        """What is given and changes nothing, in words. systems: of the satellites there are."""
+    def unused(self, systems: Collection[str] | None = None) -> list[str]:
+        """What is given and changes nothing, in words. systems: of the satellites there are, None where they are not
+        known."""
         of_residuals = ("p_fa", "p_md")
         of_separation = (
             "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",
@@ -252,7 +253,7 @@ class IntegritySection(Section):
             for name in (of_separation if self.method == "chi2" else of_residuals)
             if getattr(self, name) != getattr(usual, name)
         ]
-        if self.method != "chi2":
+        if self.method != "chi2" and systems is not None:
             absent = [name for name in self.p_constellations if name not in systems]
             out += [f"integrity.p_constellations.{name} is not used: the sky has none of them" for name in absent]
         return out

@@ -305,6 +305,10 @@ class Landing(Section):
             heavier=watched.heavier.model() if watched is not None and watched.error_model == "heavier" else None,
         )
 
+    def unused(self) -> list[str]:
+        """What is given and, whatever the files have that it names, changes nothing, in words."""
+        return self.sky.unused() + ([] if self.integrity is None else self.integrity.unused())
+
     def aiding(self) -> list[Any]:
         """The models of the sensors beside the receiver that there are."""
         return [section.model() for section in (self.altimeter,) if section is not None]

@@ -131,6 +131,12 @@ class Sky(Section):
                 raise reject(f"'{name}' names no source; {known}", "exclude", index)
         return self
 
+    def unused(self) -> list[str]:
+        """What is given and changes nothing, in words."""
+        names = (*SOURCES_FROM_FILES, "directions")
+        given = [name for name in names if name != self.source and getattr(self, name)]
+        return [f"sky.{name} is not used: sky.source is {self.source}" for name in given]
+
     def listed(self) -> Listed:
         """The sources in fixed directions."""
         import numpy as np

@@ -28,7 +28,7 @@ from navsim.scenario.published import ANY, DIALECT, identity, published
 from navsim.scenario.source import load
 from navsim.study.landing.ensemble import stopping_rule
 from navsim.study.landing.rare import stopping_rule as rare_rule
-from tests.conftest import ROOT
+from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
 
 MOST_WAIT_S = 60.0
@@ -378,3 +378,14 @@ def test_help_says_what_each_command_is_for() -> None:
         own = CliRunner().invoke(app, [name, "--help"]).output.split("\n\n")[1]
         (first, *_) = own.strip().split(".\n")[0].split(". ")
         assert f" {name} {' '.join(first.split())}" in said
+
+
+def test_validate_says_what_changes_nothing(tmp_path: Path) -> None:
+    given = ("--set", "sky.almanac=README.md", "--set", "integrity={method: mhss, p_fa: 1e-4}")
+    done = navsim("validate", SCENARIOS / "landing.yaml", *given, cwd=tmp_path)
+    assert done.stderr.splitlines() == [
+        "warning: sky.almanac is not used: sky.source is nominal-glonass",
+        "warning: integrity.p_fa is not used: integrity.method is mhss",
+    ]
+    assert "a valid scenario" in done.stdout
+    assert navsim("validate", SCENARIOS / "placement_sweep.yaml", cwd=tmp_path).stderr == ""

@@ -251,9 +251,7 @@ def environment(
     listed = scenario.sky.listed() if scenario.sky.source == "directions" else None
     if listed is None:
         satellites, scenario = read_satellites(scenario, document, warnings)
-    sky = scenario.sky
-    unused = [name for name in (*SOURCES_FROM_FILES, "directions") if name != sky.source and getattr(sky, name)]
-    warnings += [f"sky.{name} is not used: sky.source is {sky.source}" for name in unused]
+    warnings += scenario.sky.unused()
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
     sources = Environment(
         satellites,
