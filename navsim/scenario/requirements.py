@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -156,3 +157,14 @@ AnySingle = (
 """A requirement that is one statement."""
 AnyRequirement = Annotated[AnySingle | PresetRequirement, Field(discriminator="what")]
 """An entry of `requirements`."""
+
+
+def singles(requirements: Sequence[AnySingle | PresetRequirement]) -> list[tuple[str, AnySingle]]:
+    """Single requirements, presets as their parts, and what stands before each in words."""
+    out: list[tuple[str, AnySingle]] = []
+    for one in requirements:
+        if isinstance(one, PresetRequirement):
+            out += [(f"{one.operation}: ", part) for part in one.parts()]
+        else:
+            out.append(("", one))
+    return out

@@ -19,7 +19,7 @@ from navsim.models.kinematics import Motion
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
 from navsim.scenario.optimize import LEVEL_OBJECTIVES
-from navsim.scenario.requirements import AvailabilityRequirement, LevelRequirement
+from navsim.scenario.requirements import AvailabilityRequirement, LevelRequirement, singles
 from navsim.simulation.landing_covariance import Analysis
 from navsim.study.landing import (
     Case,
@@ -31,7 +31,7 @@ from navsim.study.landing import (
 )
 from navsim.study.landing.case import touchdown_time, world_of
 from navsim.study.landing.integrity import spread_over
-from navsim.study.landing.requirements import Fulfilment, single
+from navsim.study.landing.requirements import Fulfilment
 from navsim.study.placement import Rules, RunwayPlane
 from navsim.study.sweep import filter_outputs
 
@@ -139,7 +139,7 @@ class LevelScreen:
 
     def __init__(self, plane: RunwayPlane, flight: Prepared, name: str, decided: np.ndarray | None) -> None:
         self._plane, self._flight, self._name = plane, flight, name
-        asked = single(flight.case.scenario)
+        asked = singles(flight.case.scenario.requirements)
         self._asked = [] if decided is None else [one for (_, one), use in zip(asked, decided, strict=True) if use]
 
     def __call__(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -37,7 +37,7 @@ from navsim.models.signals import Environment
 from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
-from navsim.scenario.requirements import ErrorRequirement, RmsRequirement
+from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singles
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
@@ -49,7 +49,7 @@ from navsim.study.landing.case import (
     glide_epochs,
     touchdown_time,
 )
-from navsim.study.landing.requirements import MET, Fulfilment, single
+from navsim.study.landing.requirements import MET, Fulfilment
 from navsim.study.placement import Rules, rules
 
 BROKEN = 1e9
@@ -314,7 +314,7 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
     if judged and not scenario.requirements:
         raise _refused(document, key, f"there are no `requirements` in {study.base}")
     flies = of_filter or (
-        judged and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in single(scenario))
+        judged and any(isinstance(one, ErrorRequirement | RmsRequirement) for _, one in singles(scenario.requirements))
     )
     # of pushed runs nothing watches the fixes
     if flies != of_filter or (scenario.method == "rare" and (judged or study.objective in LEVEL_OBJECTIVES)):

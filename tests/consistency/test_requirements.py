@@ -238,3 +238,23 @@ def test_what_is_before_touchdown_is_not_known_without_one(method: str, tmp_path
     assert "errors over 20 s to the end" in said
     _, said = flown(tmp_path, asked, "--method", method, "--force")
     assert "errors over 20 s to touchdown" in said
+
+
+def test_levels_after_exclusions_are_judged_by_runs(tmp_path: Path) -> None:
+    """By the levels that each fix had: all of them as they are kept, and the intervals of other shares of epochs."""
+    excluding = "integrity={method: chi2, p_fa: 1.0e-2, exclusion: residual, limits: {hal_m: 60, val_m: 90, tta_s: 1}}"
+    step = "events=[{what: step, sources: [R01], error_m: 90, at_s: 30, until_s: 45}]"
+    more = ("--runs", 24, "--set", step, "--set", excluding)
+    first, _ = flown(tmp_path, [{"what": "level", "of": "hpl", "below_m": 50.0}], *more)
+    glide = np.isin(first["/integrity/time"], first["/integrity/time"])
+    glide &= (first["/integrity/time"] <= 60.2)
+    levels = first["/integrity/hpl_run"][:, glide]
+    size = float(np.nanmax(first["/integrity/hpl"][glide])) + 0.01
+    assert (levels > size).any()
+    asked = [{"what": "level", "of": "hpl", "below_m": size, "share": 0.5}, {"what": "preset", "operation": "APV-I"}]
+    result, _ = flown(tmp_path, asked, *more, "--force")
+    value = result["/summary/requirements/value"]
+    assert value[0, 0] == pytest.approx(np.mean(levels <= size), abs=2.0 / levels.shape[1])
+    assert value[0, 1] < value[0, 0] < value[0, 2]
+    assert result["/summary/requirements/verdict"][0] == MET
+    assert np.isfinite(value[:3]).all()

@@ -18,6 +18,7 @@ from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE
 from navsim.models.events import Silence
 from navsim.scenario.base import DEG
+from navsim.scenario.requirements import LevelRequirement, singles
 from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.landing import Run
 from navsim.simulation.monitoring import (
@@ -140,6 +141,9 @@ def tally(case: Case, runs: Run) -> Arrays:
         excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
         came = outcomes(case)[excluded, np.flatnonzero(glide)]
         out["integrity_exclusions"] = (came[..., None] == np.arange(len(EXCLUSIONS))).sum(axis=1)
+        if sizes := _levels_required(case):
+            small = [levels[:, glide, axis] <= size for axis, size in sizes]
+            out["integrity_within"] = np.stack(small, axis=2).sum(axis=1)
     settled = (runs.monitor_status == QUIET) | (runs.monitor_status == EXCLUDED)
     beyond = settled[..., None] & (runs.watched_error > levels)
     out["integrity_exceeded"] = beyond[:, glide].sum(axis=1)
@@ -164,6 +168,21 @@ def tally(case: Case, runs: Run) -> Arrays:
         found = stretches(asked, asked.time[glide], misled[run, :, axis], alerted(status[run]))
         out["integrity_misled"][run, axis], out["integrity_delay"][run, axis] = found
     return out
+
+
+def _levels_required(case: Case) -> list[tuple[int, float]]:
+    """Axis and size of the scenario's requirements on levels, in their order."""
+    asked = [one for _, one in singles(case.scenario.requirements) if isinstance(one, LevelRequirement)]
+    return [(("hpl", "vpl").index(one.of), one.below_m) for one in asked]
+
+
+def levels_within(case: Case, ensemble: Ensemble) -> list[np.ndarray] | None:
+    """The shares (3,) of the epochs of the glide whose levels are within what is required, each with its interval;
+    None where all runs have the same levels, since nothing is excluded."""
+    if not (excludes(case) and _levels_required(case) and glide_of(case).any()):
+        return None
+    epochs = np.full(ensemble.runs, int(glide_of(case).sum()))
+    return [share_over_runs(each, epochs) for each in ensemble.per_run("integrity_within").T]
 
 
 def excludes(case: Case) -> bool:

@@ -8,7 +8,7 @@ right side of what is asked for, not met where all of it is on the wrong one, un
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from navsim.scenario.requirements import (
     PresetRequirement,
     RiskRequirement,
     RmsRequirement,
+    singles,
 )
 from navsim.simulation.landing_covariance import folded_quantile
 from navsim.simulation.monitoring import tested_levels
@@ -84,20 +85,10 @@ UNKNOWN = np.full(3, np.nan)
 """Of what a method tells nothing."""
 
 
-def single(scenario: Landing) -> list[tuple[str, AnySingle]]:
-    """The requirements of a scenario, presets as their parts, and what stands before each in words."""
-    out: list[tuple[str, AnySingle]] = []
-    for one in scenario.requirements:
-        if isinstance(one, PresetRequirement):
-            out += [(f"{one.operation}: ", part) for part in one.parts()]
-        else:
-            out.append(("", one))
-    return out
-
-
 def untold_by_pushed_runs(scenario: Landing) -> list[str]:
     """What the user must hear of requirements that no pushed run tells anything of."""
-    untold = [said + _statement(one)[0] for said, one in single(scenario) if not isinstance(one, BoxRequirement)]
+    every = singles(scenario.requirements)
+    untold = [said + _statement(one)[0] for said, one in every if not isinstance(one, BoxRequirement)]
     if not untold:
         return []
     return [f"requirements: method rare tells of the box alone; method monte-carlo tells of: {'; '.join(untold)}"]
@@ -116,7 +107,7 @@ class Statement:
 def statements(scenario: Landing) -> list[Statement]:
     """All requirements of a scenario, presets as their parts, in the order in which they are judged."""
     out = []
-    for before, one in single(scenario):
+    for before, one in singles(scenario.requirements):
         text, limit, least = _statement(one)
         unit = {RmsRequirement: "m", AlertRequirement: "s"}.get(type(one), "1")
         out.append(Statement(before + text, unit, limit, least))
@@ -127,16 +118,22 @@ Moments = tuple[np.ndarray, np.ndarray]
 """Of a covariance analysis, mean (h, 3) and 1 sigma (h, 3) of the errors at the heights."""
 
 
-def fulfilments(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> list[Fulfilment]:
+def fulfilments(
+    draft: Draft, case: Case, runs: int, moments: Moments | None = None, within: Sequence[np.ndarray] | None = None
+) -> list[Fulfilment]:
     """What a summary says of each requirement. Of layout `COVARIANCE` it may lack what an analysis would say, or
-    what a monitor would: nothing is known then of what rests on it."""
+    what a monitor would: nothing is known then of what rests on it. within: see `integrity.levels_within`."""
     uncounted = _uncounted(case.scenario)
+    shares = iter(within or ())
     found = []
-    for i, (said, (_, one)) in enumerate(zip(statements(case.scenario), single(case.scenario), strict=True)):
+    every = singles(case.scenario.requirements)
+    for i, (said, (_, one)) in enumerate(zip(statements(case.scenario), every, strict=True)):
         nothing = Fulfilment(said.text, UNKNOWN, said.limit, said.least)
-        found.append(
-            nothing if i in uncounted else replace(_found(one, draft, case, runs, moments), text=said.text)
-        )
+        if isinstance(one, LevelRequirement) and within is not None:
+            found.append(_share_of_epochs(nothing, next(shares), runs))
+        else:
+            known = nothing if i in uncounted else _found(one, draft, case, runs, moments)
+            found.append(replace(known, text=said.text))
     return found
 
 
@@ -152,9 +149,11 @@ def _uncounted(scenario: Landing) -> set[int]:
     return out
 
 
-def judged(draft: Draft, case: Case, runs: int, moments: Moments | None = None) -> None:
+def judged(
+    draft: Draft, case: Case, runs: int, moments: Moments | None = None, within: Sequence[np.ndarray] | None = None
+) -> None:
     """The verdicts, by a summary that is complete otherwise; nothing where nothing is asked for."""
-    found = fulfilments(draft, case, runs, moments)
+    found = fulfilments(draft, case, runs, moments, within)
     if not found:
         return
     branch = "/summary/requirements"
@@ -162,7 +161,7 @@ def judged(draft: Draft, case: Case, runs: int, moments: Moments | None = None) 
     draft[f"{branch}/statement"] = np.array([one.text for one in found], dtype=object)
     draft[f"{branch}/value"] = np.stack([one.value for one in found])
     draft[f"{branch}/limit"] = np.array([one.limit for one in found])
-    asked = [one for _, one in single(case.scenario)]
+    asked = [one for _, one in singles(case.scenario.requirements)]
     for name in ("what", "of", "at"):
         draft[f"{branch}/{name}"] = np.array([getattr(one, name, "") for one in asked], dtype=object)
     draft[f"{branch}/size"] = np.array([getattr(one, "below_m", math.nan) for one in asked])
@@ -341,16 +340,20 @@ def _of_shares(
         value = draft[f"{branch}/{'hmi' if one.what == 'misleading' else one.what}"]
         return _counted(nothing, round(float(value[0]) * runs), runs)
     value = draft[f"{branch}/{'continuity_risk' if one.what == 'continuity' else one.what}"]
-    if not np.isfinite(value).all():
-        return replace(nothing, value=np.array([value[0], np.nan, np.nan]))
-    alike = np.array_equal(value, share_of_alike(float(value[0]), runs))
+    return _share_of_epochs(nothing, value, runs)
 
-    half = float(np.abs(value[1:] - value[0]).max())  # the other end may be cut off at 0 or 1
+
+def _share_of_epochs(nothing: Fulfilment, share: np.ndarray, runs: int) -> Fulfilment:
+    """Of a share of epochs (3,) of so many runs."""
+    if not np.isfinite(share).all():
+        return replace(nothing, value=np.array([share[0], np.nan, np.nan]))
+    alike = np.array_equal(share, share_of_alike(float(share[0]), runs))
+    half = float(np.abs(share[1:] - share[0]).max())  # the other end may be cut off at 0 or 1
 
     def again(n: int) -> np.ndarray:
         if alike:
-            return share_of_alike(float(value[0]), n)
+            return share_of_alike(float(share[0]), n)
         reach = half * math.sqrt(runs / n)
-        return np.array([value[0], *np.clip([value[0] - reach, value[0] + reach], 0.0, 1.0)])
+        return np.array([share[0], *np.clip([share[0] - reach, share[0] + reach], 0.0, 1.0)])
 
-    return replace(nothing, value=value, again=again)
+    return replace(nothing, value=share, again=again)

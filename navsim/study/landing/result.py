@@ -52,7 +52,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     integrity.counted(draft, case, ensemble)
     tails.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
-    requirements.judged(draft, case, ensemble.runs)
+    requirements.judged(draft, case, ensemble.runs, within=integrity.levels_within(case, ensemble))
     pack(draft, ensemble)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(findings(case, ensemble)))
