@@ -12,7 +12,7 @@ from navsim.io.results import Result
 from navsim.io.schema import LARGE, VERDICTS
 from navsim.io.swept import VERDICT, dimensions, heads, keys, outputs, rows, setting
 from navsim.report import table
-from navsim.report.table import Table, as_text, cell
+from navsim.report.table import Cell, Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
 from navsim.report.view import View, one_by_one
 
@@ -74,7 +74,7 @@ def tables(result: Result) -> list[Table | str]:
         ends = at_ends(result, index)
         if ends:
             out.notes = "* the end of its range: the best may lie beyond"
-        places = (cell("{} *" if key in ends else "{}", as_text(setting(result, key, index))) for key in names)
+        places = (_place(setting(result, key, index), " *" if key in ends else "") for key in names)
         out.add(name, *spread, *places)
     judged = requirements(result)
     return [out] if judged is None else [out, judged]
@@ -96,6 +96,13 @@ def requirements(result: Result) -> Table | None:
         out.add(name, statement, limit, *counts)
     out.notes = f"all of them together are met in {int(every.sum())} of {every.size}"
     return out
+
+
+def _place(value: object, mark: str) -> Cell:
+    """The value of a varied key, marked."""
+    if isinstance(value, float | np.integer):
+        return cell(f"{{:.10g}}{mark}", value.item() if isinstance(value, np.generic) else value)
+    return cell(f"{{}}{mark}", as_text(value))
 
 
 def best_plain(result: Result) -> dict[str, object]:

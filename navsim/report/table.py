@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
+from string import Formatter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -31,13 +32,14 @@ class _Said(float):
 class Cell:
     """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known.
     ends: whether the second and third are the ends of the first's 95 % interval. several: whether each value stands
-    for itself, as percentiles do."""
+    for itself, as percentiles do. names: of the values, for programs; numbers from 1 where there are none."""
 
     pattern: str
     values: tuple[float | int | str, ...]
     whole: bool = False
     ends: bool = False
     several: bool = False
+    names: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         first = self.values[0] if self.values else 0.0
@@ -214,8 +216,16 @@ def _unit(*texts: str) -> str:
     return next((found[1] for text in texts if (found := _UNIT.search(text))), "1")
 
 
+def _own_units(pattern: str) -> list[str]:
+    """The units that stand behind the values of a pattern, "" for none: % alone does."""
+    behind = [literal for literal, *_ in Formatter().parse(pattern)][1:]
+    places = sum(field is not None for _, field, *_ in Formatter().parse(pattern))
+    return ["%" if text.lstrip().startswith("%") else "" for text in (*behind, "")][:places]
+
+
 def tidy(table: Table) -> list[list[object]]:
-    """The rows of a table for programs: one a cell, or a value of a cell that has several, under `TIDY`."""
+    """The rows of a table for programs: one a number, with the ends of its interval where they are known, under `TIDY`;
+    one a cell that has none."""
     out: list[list[object]] = []
     section = ""
     for row in table.rows:
@@ -225,14 +235,29 @@ def tidy(table: Table) -> list[list[object]]:
             continue
         for head, one in zip(table.heads[1:], cells, strict=False):
             where = [table.title, section, str(label).strip(), head]
-            unit = _unit(str(label), head, section)
-            if not isinstance(one, Cell) or not isinstance(one.values[0], float | int):
+            unit = "1" if " / " in head else _unit(str(label), head, section)  # a ratio to another result
+            numbers = _numbers(one) if isinstance(one, Cell) else []
+            if not numbers:
                 out.append([*where, "", unit, "", "", "", str(one)])
-                continue
-            low, high = one.values[1:3] if one.ends else (math.nan, math.nan)
-            for part, value in enumerate(one.values if one.several else one.values[:1]):
-                out.append([*where, part + 1 if one.several else "", unit, value, low, high, str(one)])
+            for name, value, low, high, own in numbers:
+                out.append([*where, name, own or unit, value, low, high, str(one)])
     return out
+
+
+def _numbers(one: Cell) -> list[tuple[str, float | int, float, float, str]]:
+    """The numbers of a cell: name, value, ends of its interval, and unit where it has its own."""
+    units = _own_units(one.pattern)
+    chosen_ones = [
+        k for k, value in enumerate(one.values)
+        if isinstance(value, float | int) and not (one.ends and k in (1, 2))
+    ]  # fmt: skip
+    out = []
+    for k in chosen_ones:
+        ends = (one.values[1], one.values[2]) if one.ends and k == 0 else (math.nan, math.nan)
+        name = one.names[k] if one.names else "" if len(chosen_ones) == 1 else str(k + 1)
+        unit = units[k] if k < len(units) else ""
+        out.append((name, one.values[k], float(ends[0]), float(ends[1]), unit))
+    return out  # type: ignore[return-value] # numbers were chosen
 
 
 def chosen(table: Table, pattern: str) -> Table:

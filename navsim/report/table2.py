@@ -82,9 +82,10 @@ def case(result: Result, i: int) -> str:
 
 def _side_by_side(computed: float, published: float, digits: int) -> Cell:
     if np.isnan(published):
-        return number(computed, digits)
+        return Cell(f"{{:.{digits}f}}", (float(computed),), names=("computed",))
     difference = 100 * (computed / published - 1)
-    return cell(f"{{:g}} → {{:.{digits}f}} ({{:+.1f}} %)", float(published), float(computed), float(difference))
+    values = float(published), float(computed), float(difference)
+    return Cell(f"{{:g}} → {{:.{digits}f}} ({{:+.1f}} %)", values, names=("published", "computed", "difference"))
 
 
 def _compared(result: Result, calibration: int, title: str = "") -> Table:
@@ -97,7 +98,9 @@ def _compared(result: Result, calibration: int, title: str = "") -> Table:
             for j, (c, p) in enumerate(zip(computed[i], published[i], strict=True))
         ]
         last = texts.pop()
-        error = cell(last.pattern + " [{:.3f}, {:.3f}]", *last.values, float(interval[1]), float(interval[2]))
+        names = last.names or ("computed",)
+        error = Cell(last.pattern + " [{:.3f}, {:.3f}]", (*last.values, *map(float, interval[1:])),
+                     names=(*names, "computed, low", "computed, high"))  # fmt: skip
         out.add(case(result, i), *texts, error)
     return out
 

@@ -55,10 +55,11 @@ def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: n
     believed = float(sigma) * scale
     if sign is not None:
         shown = float(sign) * scale if np.isfinite(value) else value
-        return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True)
+        return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True, names=("", "σ"))
     if low == high:
-        return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True)
-    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True, ends=True)
+        return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True, names=("", "σ"))
+    return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True, ends=True,
+                names=("", "", "", "σ"))  # fmt: skip
 
 
 def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -> Cell:
@@ -118,6 +119,7 @@ def _place(result: Result, path: str, name: str) -> int | None:
     return there.index(name) if name in there else None
 
 
+_RANGE = ("mean", "smallest", "largest")
 _GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
 
 
@@ -137,7 +139,8 @@ def _budget(result: Result, name: str) -> Cell | str:
     for axis in ("horizontal", "vertical"):
         share = 100.0 * float(result[f"/summary/budget/{axis}_share"][i])
         values += [float(result[f"/summary/budget/{axis}"][i]), share]
-    return cell("{:.3f} ({:.1f} %), {:.3f} ({:.1f} %)", *values)
+    names = tuple(f"{axis}{what}" for axis in ("horizontal", "vertical") for what in ("", ", share"))
+    return Cell("{:.3f} ({:.1f} %), {:.3f} ({:.1f} %)", tuple(values), names=names)
 
 
 def _coverage(result: Result, i: int) -> Cell | str:
@@ -146,8 +149,9 @@ def _coverage(result: Result, i: int) -> Cell | str:
     value, low, high = map(float, 100 * result["/summary/coverage/position"][i])
     expected = 100 * float(result["/summary/coverage/expected"][i])
     if not np.isfinite(low):
-        return cell("{:.1f} %  (Gaussian {:.1f} %)", value, expected)
-    return cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", value, low, high, expected)
+        return Cell("{:.1f} %  (Gaussian {:.1f} %)", (value, expected), names=("", "Gaussian"))
+    return Cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", (value, low, high, expected), ends=True,
+                names=("", "", "", "Gaussian"))  # fmt: skip
 
 
 def box_head(result: Result, flown: bool) -> str:
@@ -212,8 +216,9 @@ def _protection(result: Result, name: str) -> Cell | str:
     alert = f"/summary/integrity/{name[0]}al"
     limit = float(result[alert]) if alert in result else np.inf
     if not np.isfinite(limit):
-        return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True)
-    return Cell("{:.2f}  ({:.2f} - {:.2f}), limit {:g}", (mean, low, high, limit), whole=True)
+        return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=_RANGE)
+    return Cell("{:.2f}  ({:.2f} - {:.2f}), limit {:g}", (mean, low, high, limit), whole=True,
+                names=(*_RANGE, "limit"))  # fmt: skip
 
 
 def _compared(result: Result, name: str) -> Cell | str:
@@ -221,7 +226,7 @@ def _compared(result: Result, name: str) -> Cell | str:
     path = f"/summary/integrity/{name}"
     if path not in result or not np.isfinite(result[path]).all():
         return ABSENT
-    return Cell("{:.2f}  ({:.2f} - {:.2f})", tuple(map(float, result[path][:3])), whole=True)
+    return Cell("{:.2f}  ({:.2f} - {:.2f})", tuple(map(float, result[path][:3])), whole=True, names=_RANGE)
 
 
 def _level_share(result: Result) -> Cell | str:
@@ -418,7 +423,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
 
         def dop(r: Result, name: str = name) -> Cell:
             mean, low, high = map(float, r[f"/summary/dop/{name}"][:3])
-            return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True)
+            return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=_RANGE)
 
         row("  " + name.upper(), dop)
     section("Fix, RMS by its covariance, mean on the glide, m")
@@ -494,16 +499,17 @@ def glance(result: Result) -> list[tuple[str, Cell | str]]:
     """What of a landing is seen first: the figures of its tables, with their intervals."""
     if result.attributes["method"] == "rare":
         value, low, high = map(float, result["/summary/rare/probability"])
-        chance = (
-            cell("{:.3g}  [{:.3g}, {:.3g}]", value, low, high) if np.isfinite(value) else cell("below {:.2g}", high)
-        )
+        chance = Cell("{:.3g}  [{:.3g}, {:.3g}]", (value, low, high), ends=True)
+        if not np.isfinite(value):
+            chance = cell("below {:.2g}", high)
         effective = cell("{:.0f}", float(result["/summary/rare/effective_samples"]))
         return [("outside the box", chance), ("effective samples", effective), ("pushed runs", runs_of(result))]
+    dops = tuple(map(float, result["/summary/dop/pdop"][:3]))
     out: list[tuple[str, Cell | str]] = [
         (f"horizontal RMS over {RMS_WINDOW:g} s, m", _late(result, "horizontal")),
         (f"vertical RMS over {RMS_WINDOW:g} s, m", _late(result, "vertical")),
         ("lateral at touchdown, m", _at(result, "lateral", 0)),
-        ("PDOP on the glide", cell("{:.2f}  ({:.2f} - {:.2f})", *map(float, result["/summary/dop/pdop"][:3]))),
+        ("PDOP on the glide", Cell("{:.2f}  ({:.2f} - {:.2f})", dops, names=_RANGE)),
         ("NEES per state", _unit_mean(result, "nees")),
     ]
     if "/summary/box/limit" in result:

@@ -289,7 +289,8 @@ def _measure(
     """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`."""
     signals = world.signals
     e, s = signals.range.shape
-    ranges, rates = np.empty((e, s, lanes)), np.empty((e, s, lanes))
+    # what is added below goes to idle lanes, too, where no noise does
+    ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
     delay = signals.delay[..., None]
     if signals.space is not None:
         of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
@@ -309,7 +310,7 @@ def _measure(
         rates += wandered.at_fixes[:, None, 1]
     if signals.smoothing is None:
         return ranges, rates, None
-    phases = np.empty((e, s, lanes))
+    phases = np.zeros((e, s, lanes))
     for lane, run in enumerate(runs):
         drawn = generator(seed, run, "carrier").standard_normal((e, s))
         phases[..., lane] = carrier(world, delay[..., min(lane, delay.shape[2] - 1)]) + CARRIER_SIGMA * drawn

@@ -130,3 +130,26 @@ def test_results_are_told_apart_by_their_names() -> None:
     assert called([Path("a/x.h5"), Path("b/y.h5")]) == ["x", "y"]
     assert called([Path("a/x.h5"), Path("b/x.h5")]) == ["a/x.h5", "b/x.h5"]
     assert called([Path("x.h5"), Path("x.h5")]) == ["x.h5 (1)", "x.h5 (2)"]
+
+
+def test_no_number_of_a_cell_is_lost_in_csv() -> None:
+    """Each with its name and its own unit, whatever stands beside it."""
+    cells = {
+        "budget, m": Cell("{:.3f} ({:.1f} %)", (0.2, 70.0), names=("alone", "share")),
+        "share": Cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", (90.0, 80.0, 95.0, 97.0), ends=True),
+        "x, m": cell("{:.0f} - {:.0f}", 1.0, 3.0),
+        "count": cell("{}", 4),
+        "verdict": cell("{}: {:.2f}", "met", 0.5),
+        "word": cell("{}", "none"),
+    }
+    table = Table("", ("", "a", "b / a"), [Row((label, one)) for label, one in cells.items()])
+    shown = [tuple(dict(zip(TIDY, row, strict=True)).values())[2:] for row in tidy(table)]
+    assert [(row, part, unit, value) for row, _, part, unit, value, *_ in shown] == [
+        ("budget, m", "alone", "m", 0.2), ("budget, m", "share", "%", 70.0), ("share", "1", "%", 90.0),
+        ("share", "4", "%", 97.0), ("x, m", "1", "m", 1.0), ("x, m", "2", "m", 3.0), ("count", "", "1", 4),
+        ("verdict", "", "1", 0.5), ("word", "", "1", ""),
+    ]  # fmt: skip
+    assert shown[2][5:7] == (80.0, 95.0)
+    assert all(math.isnan(low) for _, _, _, _, _, low, *_ in shown[3:8])
+    ratios = Table("", ("", "b / a"), [Row(("x, m", cell("{:.3f}", 0.5)))])
+    assert tidy(ratios)[0][5] == "1"

@@ -169,7 +169,9 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         counted(draft, box, ensemble.per_run("at_box")[:, 0])
     inside = ensemble.per_run("inside")
     draft["/summary/coverage/level"] = LEVELS
-    draft["/summary/coverage/position"] = np.stack([mean_interval(inside[:, k]) for k in range(LEVELS.size)])
+    draft["/summary/coverage/position"] = np.clip(
+        [mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0
+    )
     draft["/summary/coverage/expected"] = np.array([ellipsoid_probability(k, 3) for k in LEVELS])
     _consistency(draft, case, ensemble)
 
