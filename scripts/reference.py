@@ -176,7 +176,8 @@ def row_of(kind: str, row: KeyRow) -> str:
     """The row of a key."""
     value = row.kind
     if row.choices:
-        value = ", ".join(_code(_text(choice)) for choice in row.choices)
+        number = f"number, {row.range}, or " if row.range else ""
+        value = number + ", ".join(_code(_text(choice)) for choice in row.choices)
     elif row.range:
         value += f", {row.range}"
     meaning = row.meaning

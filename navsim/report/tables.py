@@ -12,6 +12,7 @@ from navsim.core.arrays.sampling import LEAST
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
+from navsim.scenario.priors import PSEUDOLITES
 
 FINDINGS = "/findings/"
 """Where a result keeps what its user must hear about."""
@@ -319,6 +320,21 @@ _INTEGRITY = {
 """Labels of shares, and their names in the result."""
 
 
+def _priors(result: Result) -> Cell | str:
+    """What levels by separation take for the probabilities of faults."""
+    section = setting(result, "integrity")
+    if not section or section.get("method") == "chi2":
+        return ABSENT
+    known = [section.get(f"p_{what}") for what in ("satellite", "constellation", "pseudolite")]
+    if None in known:  # of an earlier version
+        return ABSENT
+    values = tuple(PSEUDOLITES[one] if isinstance(one, str) else float(one) for one in known)
+    own = section.get("p_constellations") or {}
+    each = "".join(f", {name} {{:.3g}}" for name in own)
+    return Cell("{:.3g}, {:.3g}, {:.3g}" + each, (*values, *map(float, own.values())),
+                names=("satellite", "system", "pseudolite", *own))  # fmt: skip
+
+
 def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
     """What the monitor of the fixes, or of the filter, came to."""
 
@@ -340,6 +356,8 @@ def _integrity(table: Table, results: list[tuple[str, Result]]) -> None:
             for name in names:
                 row(f"{name.upper()} by the form of {form.upper()}", lambda r, n=f"{form}_{name}": _compared(r, n))  # type: ignore[misc]
     row("share of epochs with levels", _level_share)
+    if any(_priors(result) != ABSENT for _, result in results):
+        row("priors: satellite, system, pseudolite", _priors)
     if flown:
         row("alarms, of tested epochs", _alarms)
         if any(int(r["/summary/integrity/lost"]) for _, r in results if "/summary/integrity/lost" in r):

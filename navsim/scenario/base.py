@@ -188,10 +188,26 @@ def validated(model: type[S], document: Document) -> S:
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
-        problems = [_problem(model, document, dict(e)) for e in error.errors(include_url=False)]
+        found = _told_once(document, [dict(e) for e in error.errors(include_url=False)])
+        problems = [_problem(model, document, e) for e in found]
         unique = {str(p): p for p in problems}
         order = sorted(unique.values(), key=lambda p: (p.place.line, p.place.column))
         raise InputError(order) from None
+
+
+def _told_once(document: Document, errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Without what is said of a text as a number, or of a number as one of some words, where a key takes either."""
+    words, numbers = {"literal_error"}, ("float", "int", "greater", "less", "finite", "multiple")
+    out = []
+    for one in errors:
+        path = _data_path(document.data, one["loc"], absent_leaf=False)
+        others = {other["type"] for other in errors if _data_path(document.data, other["loc"], False) == path}
+        is_text = isinstance(_value_at(document.data, path), str)
+        numeric = any(each.startswith(numbers) for each in others)
+        if others & words and numeric and (one["type"] in words) != is_text:
+            continue
+        out.append(one)
+    return out
 
 
 def reject(message: str, *path: str | int) -> ValueError:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import NonNegative, Section, list_of, reject
+from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 
 if TYPE_CHECKING:
@@ -185,8 +186,9 @@ class IntegritySection(Section):
     """mhss and filter: probability that a whole satellite system is faulty"""
     p_constellations: dict[Name, Prior] = Field(default_factory=dict)
     """mhss and filter: that of single satellite systems, by name, in place of p_constellation"""
-    p_pseudolite: Prior = 1e-4
-    """mhss and filter: probability that a pseudolite is faulty"""
+    p_pseudolite: Prior | Literal["monitored", "unmonitored"] = 1e-4
+    """mhss and filter: probability that a pseudolite is faulty. monitored: 4.3e-5, of one with a monitor of its own
+    that shuts it down within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
     ground_groups: Annotated[list_of(GroundGroup), Field(max_length=20)] | None = None  # type: ignore[valid-type]
     """pseudolites that can fail together; null: all of them are one group where there are several, with its default
     prior"""
@@ -234,6 +236,11 @@ class IntegritySection(Section):
                     shown = "null" if default is None else f"{default:g}" if name == "sigma_ratio_acc" else default
                     raise reject(f"method filter goes with {shown} alone: {why}; use mhss or chi2", name)
         return self
+
+    def pseudolite_prior(self) -> float:
+        """Probability that a pseudolite is faulty."""
+        given = self.p_pseudolite
+        return PSEUDOLITES[given] if isinstance(given, str) else given
 
     def false_alarm(self) -> float:
         """The largest probability of an alarm at an epoch without a fault."""

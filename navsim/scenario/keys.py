@@ -46,8 +46,9 @@ class KeyRow:
 
     def facts(self) -> str:
         """All but the key and its meaning, in a line."""
-        parts = [self.kind if not self.choices else f"one of {', '.join(map(_plain, self.choices))}"]
-        parts += [part for part in (self.unit, self.range) if part]
+        number = f"number, {self.range}, or " if self.choices and self.range else ""
+        parts = [self.kind if not self.choices else f"{number}one of {', '.join(map(_plain, self.choices))}"]
+        parts += [part for part in (self.unit, "" if number else self.range) if part]
         if self.required:
             parts.append("required")
         elif not self.section:

@@ -540,3 +540,15 @@ def test_levels_in_axes_of_the_runway_hold(fault: int | None) -> None:
         worst = max(worst, float(np.mean((np.abs(position) > level[:, None]) & silent, axis=1).max()))
     share = 1.0 if fault is None else priors[fault]
     assert worst * share <= 0.5 * p_hmi
+
+
+@pytest.mark.parametrize(("given", "prior"), [("monitored", 4.3e-5), ("unmonitored", 1.04e-3), ("2.0e-5", 2e-5)])
+def test_priors_of_pseudolites(given: str, prior: float, tmp_path: Path) -> None:
+    """As the specification rounds them; the table shows what was taken."""
+    section = f"integrity={{p_pseudolite: {given}, p_constellations: {{glonass: 1.0e-8}}}}"
+    faults = {fault.name: fault.prior for fault in brief(section).flight.watching.faults}  # type: ignore[union-attr]
+    assert faults["PL1"] == pytest.approx(prior, rel=0.01)
+    settings = ("--set", section, "--set", "duration_s=30", "--set", "receiver.rate_hz=1", "--method", "covariance")
+    done = navsim("run", SCENARIOS / "landing.yaml", *settings, "--figures", "none", "-o", "p.h5", cwd=tmp_path)
+    (row,) = (line for line in done.stdout.splitlines() if "priors: satellite, system, pseudolite" in line)
+    assert row.split("pseudolite")[1].strip() == f"1e-05, 0.0001, {faults['PL1']:.3g}, glonass 1e-08"

@@ -23,6 +23,11 @@ LANDING = SCENARIOS / "landing.yaml"
         ("filter.gate=3", "filter.gate: expected a section, a mapping of keys to values, not 3"),
         ("pseudolites={sites: [{name: A&B, s_m: 1, l1_m: 2}]}",
          "pseudolites.sites.0.name: expected 1 to 16 of the letters A to Z and a to z, digits, - and _, not 'A&B'"),
+        ("integrity={p_pseudolite: monitord}",
+         "integrity.p_pseudolite: 'monitord' is not allowed; did you mean 'monitored'? "
+         "allowed: monitored, unmonitored"),
+        ("integrity={p_pseudolite: 2}",
+         "integrity.p_pseudolite: input should be less than or equal to 0.1, not 2"),
         ("integrity={p_constellations: {galileo: 1e-4}}",
          "integrity.p_constellations.galileo: unknown key; allowed: glonass, gps"),
         ("integrity={p_constellations: {glonas: 1e-4}}",

@@ -30,7 +30,7 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
         test = ChiSquareTest(section.p_fa, section.p_md)
         return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations)
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
-    faults += [ExpectedFault(name, (name,), section.p_pseudolite) for name in names]
+    faults += [ExpectedFault(name, (name,), section.pseudolite_prior()) for name in names]
     faults += [
         ExpectedFault(system, members, section.p_constellations.get(system, section.p_constellation))
         for system, members in systems.items()
