@@ -73,17 +73,17 @@ class _Standing:
     def __init__(self, extent: int, unit: str, spoken: bool, clock: Callable[[], float]) -> None:
         self._extent, self._unit, self._spoken, self._clock = extent, unit, spoken, clock
         self._begun = self._said = clock()
-        self._before: int | None = None
+        self._first: tuple[int, float] | None = None
 
     def __call__(self, finished: int, words: str) -> None:
         now = self._clock()
-        if self._before is None:  # what an earlier attempt has finished took no time of this one
-            self._before = finished
+        if self._first is None:  # what is left is told by what comes after it: it may be an earlier attempt's
+            self._first = finished, now
         if now - self._said < SAY_EVERY_S:
             return
         self._said = now
-        used, done = now - self._begun, finished - self._before
-        left = used * (self._extent - finished) / done if done > 0 else None
+        used, done = now - self._begun, finished - self._first[0]
+        left = (now - self._first[1]) * (self._extent - finished) / done if done > 0 else None
         if self._spoken:
             say(self._line(finished, words, used, left) if self._extent else words, logged=False)
         if log.is_open():

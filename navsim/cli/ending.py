@@ -221,7 +221,7 @@ def _end(number: int, _: FrameType | None) -> None:
     if number == signal.SIGHUP:
         hung_up()
     if len(_came) > 1:
-        say("ended at once")
+        say("ended at once", logged=False)  # whatever the log waits for
         os._exit(128 + number)
     waiting = threading.Timer(PATIENCE, _still_here, [number])
     waiting.daemon = True
@@ -234,7 +234,7 @@ def _still_here(number: int) -> None:
     if not _held:  # it has: the interpreter goes on in somebody else's hands
         return
     if _compiling():
-        say(f"{WORDS[number]} while kernels were compiled")
+        say(f"{WORDS[number]} while kernels were compiled", logged=False)
         os._exit(128 + number)
     say(f"{WORDS[number]}; what is under way is finished first, once more ends it at once")
 

@@ -12,11 +12,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import IO, Any
 
 _files: list[IO[str]] = []
-_lock = Lock()
+_lock = RLock()
 _KINDS = ("warning", "error")
 
 
@@ -35,7 +35,7 @@ def note(event: str, **members: Any) -> None:
     from datetime import UTC, datetime
 
     at = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    line = json.dumps({"time": at, "event": event, **members}, ensure_ascii=False)
+    line = json.dumps({"time": at, "event": event, **members})
     with _lock:
         for file in _files:
             try:
@@ -60,22 +60,20 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
     import navsim
 
     try:
-        file = open(path, "a+", encoding="utf-8", buffering=1)  # noqa: SIM115 - closed below
+        file = open(path, "a+", encoding="utf-8", buffering=1, errors="replace")  # noqa: SIM115 - closed below
+        whole = _ends_whole(file)
     except OSError as error:
-        raise NoLog(f"{path}: {error.strerror}") from None
+        raise NoLog(f"{path}: {error.strerror or error}") from None
     with file:
-        file.seek(0)
-        try:
-            other = file.read(1) not in ("", "{")
-        except UnicodeDecodeError:
-            other = True
-        if other:
+        if whole is None:
             raise NoLog(f"{path}: is there already and no log; choose another file")
         begun = time.monotonic()
-        _files.append(file)
-        note("start", command=command, version=navsim.__version__, process=os.getpid(), folder=os.getcwd())
         code, text = 0, ""
+        _files.append(file)
         try:
+            if not whole:  # what was written last was cut off
+                file.write("\n")
+            note("start", command=command, version=navsim.__version__, process=os.getpid(), folder=os.getcwd())
             yield
         except BaseException as error:
             code, text = _end_of(error)
@@ -85,9 +83,27 @@ def logged(path: Path, command: list[str]) -> Iterator[None]:
             _files.clear()
 
 
+def _ends_whole(file: IO[str]) -> bool | None:
+    """Whether a log, which may be empty, ends with a whole line; None for what is no log."""
+    import json
+
+    file.seek(0)
+    first = file.readline()
+    if not first:
+        return True
+    try:
+        ours = {"time", "event"} <= json.loads(first).keys()
+    except (ValueError, AttributeError):
+        return None
+    if not ours:
+        return None
+    rest = file.read()
+    return (rest or first).endswith("\n")
+
+
 def _end_of(error: BaseException) -> tuple[int, str]:
     """The exit code of a command that ends by this, and why it does, where no error was said."""
-    from navsim.cli.ending import RUN_FAILED, WORDS, signal_that_came
+    from navsim.cli.ending import OK, RUN_FAILED, WORDS, signal_that_came
 
     for name in ("exit_code", "code"):  # of typer, of the interpreter
         if isinstance(known := getattr(error, name, None), int):
@@ -95,4 +111,6 @@ def _end_of(error: BaseException) -> tuple[int, str]:
     if isinstance(error, KeyboardInterrupt):
         number = signal_that_came()
         return 128 + number, WORDS[number]
+    if isinstance(error, BrokenPipeError):  # the reader went away
+        return OK, ""
     return RUN_FAILED, f"{type(error).__name__}: {error}"

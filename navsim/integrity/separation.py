@@ -197,9 +197,9 @@ def allotted(
     unmonitored = unmonitored + np.where(touched & ~monitored, priors[:, None], 0.0).sum(axis=0)
     p_hmi, total = allocation.p_hmi, allocation.total
     if idle is not None:
-        every = np.arange(len(used))
-        for k in _dearest_first(spread, priors, idle & monitored):
-            left = (idle & monitored)[k, every]
+        every, spared = np.arange(len(used)), idle & monitored
+        for k in _dearest_first(spread, priors, spared):
+            left = spared[k, every]
             left &= unmonitored + priors[k] <= min(allocation.p_unmonitored, 0.5 * total)
             monitored[k, every] &= ~left
             unmonitored = unmonitored + np.where(left, priors[k], 0.0)

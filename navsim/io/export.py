@@ -13,6 +13,7 @@ import datetime
 import io
 import itertools
 import json
+import math
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -581,14 +582,15 @@ def _placements(result: Result) -> list[dict[str, Any]]:
 
 
 def _combinations(result: Result) -> list[dict[str, Any]]:
-    """Of a sweep the places of the pseudolites of each combination, with its settings and outputs, and the runway."""
+    """Of a sweep the runway, and where the pseudolites of each combination stand, up to eight, with its settings and
+    outputs."""
     if "/plan/threshold_llh" not in result:
         raise ResultError("the result is of an earlier version, which did not say where the runway is; sweep again")
     along, right = result["/plan/site_along"], result["/plan/site_right"]
     count = int(np.isfinite(right).sum())
     if count > MOST_SITES:
         text = f"{count:,} places are more than a map shows, {MOST_SITES:,}"
-        raise ResultError(f"{text}; the table beside the result has all")
+        raise ResultError(f"{text}; the result has them in /plan/site_along and site_right")
     threshold, runway = result["/plan/threshold_llh"], _scenario(result)["runway"]
     axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
     names, out = heads(result), [_runway(threshold, runway)]
@@ -635,12 +637,10 @@ def _geojson(result: Result, target: Path) -> dict[Path, str]:
 
 def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
     """A geometry of RFC 7946, which wants lines and areas cut at 180 degrees, and outer rings counterclockwise."""
-    west = round(coordinates[0][0] / 360.0)
-    parts = [coordinates]
-    if any(abs(lon - 360.0 * west) > 180.0 for lon, _, _ in coordinates):
+    turn = _turn(coordinates[0][0])
+    parts = [[[lon - 360.0 * turn, *rest] for lon, *rest in coordinates]]
+    if any(abs(lon) > 180.0 for lon, _, _ in parts[0]):
         parts = _cut(kind, coordinates)
-    elif west:
-        parts = [[[lon - 360.0 * west, *rest] for lon, *rest in coordinates]]
     if kind == "Point":
         return {"type": kind, "coordinates": parts[0][0]}
     shapes: list[Any] = [[_counterclockwise(ring)] for ring in parts] if kind == "Polygon" else parts
@@ -650,22 +650,42 @@ def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
 
 
 def _cut(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
-    """The parts of a line, or the outer rings of those of an area, on either side of 180 degrees."""
-    from shapely.geometry import LineString, Polygon, box
-    from shapely.ops import linemerge
+    """The parts of a line, or the outer rings of those of an area, on either side of 180 degrees, in their order."""
+    if kind == "LineString":
+        return _cut_line(coordinates)
+    from shapely.geometry import Polygon, box
 
-    whole = (Polygon if kind == "Polygon" else LineString)(coordinates)
-    out = []
-    for turns in range(round(whole.bounds[0] / 360.0), round(whole.bounds[2] / 360.0) + 1):
-        middle = 360.0 * turns
+    whole, out = Polygon(coordinates), []
+    for turn in range(_turn(whole.bounds[0]), _turn(whole.bounds[2]) + 1):
+        middle = 360.0 * turn
         part = whole.intersection(box(middle - 180.0, -90.0, middle + 180.0, 90.0))
-        if kind != "Polygon" and part.geom_type == "MultiLineString":
-            part = linemerge(part)
         for one in getattr(part, "geoms", [part]):
-            if one.geom_type == kind:
-                line = one.exterior if kind == "Polygon" else one
-                out.append([[round(lon - middle, 9), round(lat, 9), round(h, 3)] for lon, lat, h in line.coords])
+            if one.geom_type == "Polygon" and not one.is_empty:
+                ring = one.exterior.coords
+                out.append([[round(lon - middle, 9), round(lat, 9), round(h, 3)] for lon, lat, h in ring])
     return out
+
+
+def _turn(longitude: float) -> int:
+    """How often a longitude that goes on beyond 180 degrees has passed them."""
+    return math.floor((longitude + 180.0) / 360.0)
+
+
+def _cut_line(coordinates: list[list[float]]) -> list[list[list[float]]]:
+    """The parts of a line as it is flown, whatever it crosses."""
+    parts: list[list[list[float]]] = [[]]
+    before: list[float] | None = None
+    for here in coordinates:
+        if before is not None and (turn := _turn(here[0])) != _turn(before[0]):
+            at = 360.0 * max(turn, _turn(before[0])) - 180.0
+            share = (at - before[0]) / (here[0] - before[0])
+            lat, h = (round(a + share * (b - a), digits) for a, b, digits in zip(before[1:], here[1:], (9, 3)))  # noqa: B905
+            east = turn > _turn(before[0])
+            parts[-1].append([180.0 if east else -180.0, lat, h])
+            parts.append([[-180.0 if east else 180.0, lat, h]])
+        parts[-1].append([round(here[0] - 360.0 * _turn(here[0]), 9), *here[1:]])
+        before = here
+    return [part for part in parts if len(part) > 1]
 
 
 def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:

@@ -123,23 +123,23 @@ def _against(a: Cell | str, b: Cell | str, apart: bool) -> list[Cell | str]:
         differences = tuple(y - x for x, y in pairs)
         ratios = tuple(y / x if x else math.nan for x, y in pairs)
         return [Cell("  ".join([f"{{:+{digits}}}"] * len(pairs)), differences, several=True),
-                Cell("  ".join(["{:.3f}"] * len(pairs)), ratios, several=True)]  # fmt: skip
+                Cell("  ".join(["{:.3f}"] * len(pairs)), ratios, several=True, unit="1")]  # fmt: skip
     x, y = float(a.values[0]), float(b.values[0])
     if not math.isfinite(x) or not math.isfinite(y):
         return [ABSENT, ABSENT]
     ratio = y / x if x else math.nan
     if not (apart and a.ends and b.ends):
-        return [cell(f"{{:+{digits}}}", y - x), cell("{:.3f}", ratio)]
+        return [cell(f"{{:+{digits}}}", y - x), Cell("{:.3f}", (ratio,), unit="1")]
     (xl, xh), (yl, yh) = (tuple(float(v) for v in one.values[1:3]) for one in (a, b))
     pattern = f"{{:+{digits}}}  [{{:+{digits}}}, {{:+{digits}}}]"
     low, high = y - x - math.hypot(y - yl, xh - x), y - x + math.hypot(yh - y, x - xl)
     difference = Cell(pattern, (y - x, low, high), whole=True, ends=True)
     if min(x, y, xl, yl) <= 0.0:
-        return [difference, cell("{:.3f}", ratio)]
+        return [difference, Cell("{:.3f}", (ratio,), unit="1")]
     down = math.hypot(math.log(y / yl), math.log(xh / x))
     up = math.hypot(math.log(yh / y), math.log(x / xl))
     ends = (ratio, ratio * math.exp(-down), ratio * math.exp(up))
-    return [difference, Cell("{:.3f}  [{:.3f}, {:.3f}]", ends, whole=True, ends=True)]
+    return [difference, Cell("{:.3f}  [{:.3f}, {:.3f}]", ends, whole=True, ends=True, unit="1")]
 
 
 def _digits(pattern: str) -> str:

@@ -151,7 +151,7 @@ def fit(figure: Figure) -> None:
         for text in (ax.title, ax.xaxis.label):
             _fit(text, across)
         _fit(ax._left_title, 72.0 * figure.get_figwidth() - box.x0 * scale - 4.0)  # type: ignore[attr-defined]
-        _fit(ax.yaxis.label, 1.15 * box.height * scale)
+        _fit(ax.yaxis.label, box.height * scale)
 
 
 def _alone_in_row(ax: Axes, figure: Figure) -> bool:

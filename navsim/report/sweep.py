@@ -413,6 +413,7 @@ def curves(result: Result, name: str, most: int) -> Curves:
 def _curves(result: Result, name: str) -> Figure:
     """The output along the longest axis, a curve for each point of the others (as many as there are colours)."""
     from navsim.report.figures import legend_above
+    from navsim.report.limits import DOTTED, REQUIRED
     from navsim.report.printing import COLOURS, COLUMN, MARKS, new_figure, style
 
     of = curves(result, name, len(COLOURS))
@@ -424,6 +425,9 @@ def _curves(result: Result, name: str) -> Figure:
     for i, (row, said) in enumerate(zip(of.rows, of.names, strict=True)):
         how = style(i) | ({"ls": ""} if of.scattered else {})
         ax.plot(at, row, marker=MARKS[i % len(MARKS)], ms=2.5, lw=0.8, label=said or None, **how)
+    limit = result.variables[f"/sweep/{name}"].attributes.get("limit")
+    if limit is not None:  # of a requirement
+        ax.axhline(float(limit), color=REQUIRED, ls=DOTTED, lw=1.4)
     if numeric:
         ax.locator_params(axis="x", nbins=5)  # numbers of many digits, as latitudes, would run into each other
     else:

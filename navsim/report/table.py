@@ -32,7 +32,8 @@ class _Said(float):
 class Cell:
     """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known.
     ends: whether the second and third are the ends of the first's 95 % interval. several: whether each value stands
-    for itself, as percentiles do. names: of the values, for programs; numbers from 1 where there are none."""
+    for itself, as percentiles do. names: of the values, for programs; numbers from 1 where there are none. unit: where
+    it is not that of its row."""
 
     pattern: str
     values: tuple[float | int | str, ...]
@@ -40,6 +41,7 @@ class Cell:
     ends: bool = False
     several: bool = False
     names: tuple[str, ...] = ()
+    unit: str = ""
 
     def __str__(self) -> str:
         first = self.values[0] if self.values else 0.0
@@ -235,7 +237,7 @@ def tidy(table: Table) -> list[list[object]]:
             continue
         for head, one in zip(table.heads[1:], cells, strict=False):
             where = [table.title, section, str(label).strip(), head]
-            unit = "1" if " / " in head else _unit(str(label), head, section)  # a ratio to another result
+            unit = _unit(str(label), head, section)
             numbers = _numbers(one) if isinstance(one, Cell) else []
             if not numbers:
                 out.append([*where, "", unit, "", "", "", str(one)])
@@ -255,7 +257,7 @@ def _numbers(one: Cell) -> list[tuple[str, float | int, float, float, str]]:
     for k in chosen_ones:
         ends = (one.values[1], one.values[2]) if one.ends and k == 0 else (math.nan, math.nan)
         name = one.names[k] if one.names else "" if len(chosen_ones) == 1 else str(k + 1)
-        unit = units[k] if k < len(units) else ""
+        unit = one.unit or (units[k] if k < len(units) else "")
         out.append((name, one.values[k], float(ends[0]), float(ends[1]), unit))
     return out  # type: ignore[return-value] # numbers were chosen
 

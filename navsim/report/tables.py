@@ -451,7 +451,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     def columns(result: Result, value: str) -> str:
         return value + (" [95 %]" if result["/run"].size > 1 else "") + ", σ of the filter"
 
-    landed = {event_time(r, "touchdown") <= r["/truth/time"][-1] for _, r in results}
+    landed = {bool(np.isfinite(event_time(r, "touchdown"))) for _, r in results}
     to = " or ".join(words for here, words in ((True, "touchdown"), (False, "the end")) if here in landed)
     section(f"Filter, errors over {RMS_WINDOW:g} s to {to}", lambda r: columns(r, "RMS"))
     for name in ("horizontal", "vertical"):

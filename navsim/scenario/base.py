@@ -38,11 +38,11 @@ _FORMS = {
 """Forms of texts, and what they are in words."""
 _SHA, _NAME, _DOTTED = _FORMS
 Checksum = Annotated[str, Field(pattern=_SHA)]
+"""SHA-256 of a file."""
 SourceName = Annotated[str, Field(pattern=_NAME)]
 """Name of a source of signals on the ground."""
 Dotted = Annotated[str, Field(pattern=_DOTTED)]
 """Key of a scenario."""
-"""SHA-256 of a file."""
 
 
 def one_or_more(item: Any) -> BeforeValidator:
@@ -259,7 +259,7 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         return Problem(place, key, f"{given!r} is not allowed; " + hint(str(given), choices))
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "expected a section, a mapping of keys to values"
-        if error.get("input") is None:
+        if error.get("input") is None and isinstance(path[-1], str):
             return Problem(place, key, f"{message}, not null; without the key it has its defaults")
     elif kind == "tuple_type":
         message = "expected a list"

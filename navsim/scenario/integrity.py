@@ -252,7 +252,7 @@ class IntegritySection(Section):
         of_residuals = ("p_fa", "p_md")
         of_separation = (
             "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",
-            "p_constellations", "p_pseudolite",
+            "p_constellations", "p_pseudolite", "ground_groups", "effective_samples",
         )  # fmt: skip
         usual = IntegritySection()
         out = [

@@ -128,6 +128,11 @@ def _computed(
     kept = f"nothing of it is kept; {again()} begins anew"
     if store is not None:
         kept = f"finished {job.work} are kept in {store.folder}; {again()} goes on from there"
+    former = _which(target)
+
+    def state() -> str:
+        return kept if _which(target) == former else f"{target} is complete"
+
     try:
         with failures(name):
             with listener.progress(job.extent, job.unit) as tell:
@@ -135,10 +140,10 @@ def _computed(
             written = save(outcome.result, target, None if outcome.interrupted else drawing)
     except RunFailed as error:
         last = error.problems[-1]
-        raise RunFailed([*error.problems[:-1], replace(last, message=f"{last.message}; {kept}")]) from None
+        raise RunFailed([*error.problems[:-1], replace(last, message=f"{last.message}; {state()}")]) from None
     except BaseException as ended:  # whatever it is, what comes next is the same
-        listener.speech.say(kept)
-        ended.add_note(kept)
+        listener.speech.say(state())
+        ended.add_note(state())
         raise
     if store is not None:
         if store.redone:
@@ -151,6 +156,15 @@ def _computed(
         outcome.result, target, written, job.warnings, outcome.warnings, stopped, kept if stopped else "",
         outcome.interrupted, f"{name}: {outcome.failed} ({target} is complete)" if outcome.failed else "",
     )  # fmt: skip
+
+
+def _which(target: Path) -> tuple[int, int] | None:
+    """Which file stands at a path: it is replaced whole, never changed."""
+    try:
+        found = target.stat()
+    except OSError:  # none, or none that this process may see
+        return None
+    return found.st_ino, found.st_mtime_ns
 
 
 def insist(finished: Finished, demands: Demands) -> None:

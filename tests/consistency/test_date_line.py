@@ -134,3 +134,18 @@ def test_a_recorded_flight_across_the_date_line(tmp_path: Path) -> None:
     assert np.abs(there["/filter/position_llh"][:, 1]).max() <= HALF
     for name in ("/filter/attitude_rpy", "/filter/velocity_ned", "/filter/sigma", "/innovations/normalized_squared"):
         np.testing.assert_allclose(there[name], here[name], rtol=1e-4, atol=1e-5)
+
+
+def test_a_line_that_crosses_itself_is_cut_as_it_is_flown() -> None:
+    """There and back, and once more: four parts in their order, with their own heights."""
+    there = [[179.0, 0.0, 1.0], [181.0, 0.0, 2.0], [179.0, 0.0, 3.0], [181.0, 0.0, 4.0]]
+    cut = export._geometry("LineString", there)
+    assert cut["type"] == "MultiLineString"
+    assert cut["coordinates"] == [
+        [[179.0, 0.0, 1.0], [180.0, 0.0, 1.5]],
+        [[-180.0, 0.0, 1.5], [-179.0, 0.0, 2.0], [-180.0, 0.0, 2.5]],
+        [[180.0, 0.0, 2.5], [179.0, 0.0, 3.0], [180.0, 0.0, 3.5]],
+        [[-180.0, 0.0, 3.5], [-179.0, 0.0, 4.0]],
+    ]
+    west = export._geometry("LineString", [[-179.0, 0.0, 0.0], [-181.0, 0.0, 0.0]])
+    assert west["coordinates"] == [[[-179.0, 0.0, 0.0], [-180.0, 0.0, 0.0]], [[180.0, 0.0, 0.0], [179.0, 0.0, 0.0]]]

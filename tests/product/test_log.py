@@ -33,6 +33,7 @@ def events(file: Path) -> list[dict[str, Any]]:
 
 def test_a_run_from_start_to_end(tmp_path: Path) -> None:
     """Two commands, one log; nothing else is printed because of it."""
+    navsim(tmp_path, *SHORT, "-o", "a.h5", "-q")  # which may compile, and says so
     plain = navsim(tmp_path, *SHORT, "-o", "a.h5", "-q")
     for _ in range(2):
         done = navsim(tmp_path, *SHORT, "-o", "a.h5", "-q", "--log", "a.log")
@@ -75,7 +76,10 @@ def test_an_interrupt_is_logged(tmp_path: Path) -> None:
     assert (end["code"], end["text"]) == (128 + signal.SIGTERM, "terminated")
 
 
-@pytest.mark.parametrize("content", [b"kind: landing\n", b"\x89HDF\r\n\x1a\n", b"\xff\xfe"])
+@pytest.mark.parametrize(
+    "content",
+    [b"kind: landing\n", b"\x89HDF\r\n\x1a\n", b"\xff\xfe", b'{"kind": "landing"}\n', b"[1]\n"],
+)  # fmt: skip
 def test_what_is_no_log_is_left_alone(content: bytes, tmp_path: Path) -> None:
     file = tmp_path / "other"
     file.write_bytes(content)
@@ -132,3 +136,48 @@ def test_a_bar_has_the_interval_behind_it(monkeypatch: pytest.MonkeyPatch, capsy
     err = capsys.readouterr().err
     assert "320/1000" in err
     assert "rms_horizontal 0.213 m within 3.1%" in err
+
+
+def test_a_log_that_was_cut_off_goes_on_in_a_line_of_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "a.log"
+    navsim(tmp_path, *SHORT, "-o", "a.h5", "-q", "--log", "a.log")
+    whole = file.read_text()
+    file.write_text(whole[:-20])
+    navsim(tmp_path, *SHORT, "-o", "a.h5", "-q", "--log", "a.log")
+    lines = file.read_text().splitlines()
+    assert lines[len(whole.splitlines()) - 1] == whole.splitlines()[-1][:-19]
+    assert json.loads(lines[len(whole.splitlines())])["event"] == "start"
+
+
+def test_names_of_files_in_any_bytes(tmp_path: Path) -> None:
+    name = b"\xff.yaml"
+    done = subprocess.run([*NAVSIM, "run", name, "--log", "a.log"], cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 2
+    assert b"Traceback" not in done.stderr
+    assert [each["event"] for each in events(tmp_path / "a.log")] == ["start", "error", "end"]
+
+
+def test_a_reader_who_goes_away_is_no_failure(tmp_path: Path) -> None:
+    command = f"{' '.join(NAVSIM)} {' '.join(SHORT)} -o a.h5 --log a.log | true"
+    subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True)
+    assert events(tmp_path / "a.log")[-1]["code"] == 0
+
+
+def test_a_result_that_is_written_is_not_said_to_be_lost(tmp_path: Path) -> None:
+    """Figures that cannot be drawn: the result stands."""
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "r_track.png").mkdir()
+    done = navsim(tmp_path, *SHORT[:-2], "-o", "r.h5", "--figures", "figures", code=3)
+    assert done.stderr.rstrip().endswith("; r.h5 is complete")
+    assert (tmp_path / "r.h5").exists()
+
+
+def test_time_left_is_told_by_what_comes_after_the_first_piece(capsys: pytest.CaptureFixture[str]) -> None:
+    """Which a row of a table is, told of when it is finished."""
+    times = iter([0.0, 10.0, 20.0])
+    with common.progress(20, "cells", True, lambda: next(times)) as tell:
+        tell(1)
+        tell(2)
+    assert capsys.readouterr().err.splitlines() == [
+        "1 of 20 cells, 10 s used", "2 of 20 cells, 20 s used, about 3 min left"
+    ]  # fmt: skip

@@ -142,7 +142,7 @@ def test_no_number_of_a_cell_is_lost_in_csv() -> None:
         "verdict": cell("{}: {:.2f}", "met", 0.5),
         "word": cell("{}", "none"),
     }
-    table = Table("", ("", "a", "b / a"), [Row((label, one)) for label, one in cells.items()])
+    table = Table("", ("", "a"), [Row((label, one)) for label, one in cells.items()])
     shown = [tuple(dict(zip(TIDY, row, strict=True)).values())[2:] for row in tidy(table)]
     assert [(row, part, unit, value) for row, _, part, unit, value, *_ in shown] == [
         ("budget, m", "alone", "m", 0.2), ("budget, m", "share", "%", 70.0), ("share", "1", "%", 90.0),
@@ -151,5 +151,10 @@ def test_no_number_of_a_cell_is_lost_in_csv() -> None:
     ]  # fmt: skip
     assert shown[2][5:7] == (80.0, 95.0)
     assert all(math.isnan(low) for _, _, _, _, _, low, *_ in shown[3:8])
-    ratios = Table("", ("", "b / a"), [Row(("x, m", cell("{:.3f}", 0.5)))])
-    assert tidy(ratios)[0][5] == "1"
+    both = Table("", ("", "a", "b"), [Row(("x, m", cell("{:.2f}", 1.0), cell("{:.2f}", 2.0)))])
+    compared = tidy(_widened(both, ["a", "b"], [False, False]))
+    assert [(row[3], row[5], row[6]) for row in compared] == [
+        ("a", "m", 1.0), ("b", "m", 2.0), ("b - a", "m", 1.0), ("b / a", "1", 2.0)
+    ]  # fmt: skip
+    fits = Table("", ("", "rms / max, %"), [Row(("A", cell("{:.1f} / {:.1f}", 1.0, 2.0)))])
+    assert [row[5] for row in tidy(fits)] == ["%", "%"]

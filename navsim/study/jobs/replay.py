@@ -16,7 +16,7 @@ from navsim.words import option
 class ReplayJob:
     """Read, aligned, tuned, flown through the filter; none of the work is kept."""
 
-    suffix, unit, work, pieces, even = "", "tuning flights", "", 0, True
+    suffix, unit, work, pieces, even = "", "tuning flights", "", 0, False  # it ends where it has converged
     recording: replay.Recording
 
     def __init__(self, section: Replay, document: Document, options: Options) -> None:

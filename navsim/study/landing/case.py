@@ -112,11 +112,11 @@ class Case:
         """Pseudolites that are heard although the Earth is between them and the whole flight."""
         path = self.trajectory.motion(self.world.signals.time).position_ecef
         ground = self.scenario.runway.height_m
+        over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if self.pseudolites.names else path
         out = []
         for name, llh in zip(self.pseudolites.names, self.pseudolites.llh, strict=True):
             away = np.linalg.norm(path - ecef_from_llh(llh), axis=1)
-            heights = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST), max(llh[2] - ground, LOWEST)
-            if away.size and (away > radio_horizon(*heights)).all():
+            if away.size and (away > radio_horizon(over, max(llh[2] - ground, LOWEST))).all():
                 far = f"{name} is {away.min() / 1000.0:.0f} km away"
                 out.append(f"pseudolites: {far}, beyond the radio horizon of the whole flight, and heard nevertheless")
         return out
