@@ -10,8 +10,8 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
-from navsim.report.quantities import touchdown
-from navsim.report.tables import event_time, setting
+from navsim.report.quantities import event_time, touchdown
+from navsim.report.tables import setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

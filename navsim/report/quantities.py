@@ -16,7 +16,7 @@ from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
 from navsim.io.export import choose_run, true_antenna
 from navsim.io.results import Result, ResultError, Stream
-from navsim.report.tables import event_time, runs_of, setting
+from navsim.report.tables import runs_of, setting
 
 START = 0.1
 """Share of a time axis at its start that sets no limits: what settles there would dwarf the rest."""
@@ -47,6 +47,12 @@ def in_runway_axes(result: Result, llh: np.ndarray) -> np.ndarray:
     threshold = result["/truth/threshold_llh"]
     heading = np.radians(setting(result, "runway", "heading_deg"))
     return in_heading_axes(ecef_from_llh(llh), threshold, heading) * np.array([1.0, 1.0, -1.0])
+
+
+def event_time(result: Result, name: str) -> float:
+    """When an event of the flight is, s; nan where there is none of the name."""
+    names = list(result["/truth/event"])
+    return float(result["/truth/event_time"][names.index(name)]) if name in names else np.nan
 
 
 def touchdown(result: Result) -> float:
