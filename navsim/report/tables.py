@@ -12,7 +12,6 @@ from navsim.core.arrays.sampling import LEAST
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
-from navsim.scenario.priors import PSEUDOLITES
 
 FINDINGS = "/findings/"
 """Where a result keeps what its user must hear about."""
@@ -322,10 +321,10 @@ def _priors(result: Result) -> Cell | str:
     known = [section.get(f"p_{what}") for what in ("satellite", "constellation", "pseudolite")]
     if None in known:  # of an earlier version
         return ABSENT
-    values = tuple(PSEUDOLITES[one] if isinstance(one, str) else float(one) for one in known)
     own = section.get("p_constellations") or {}
     each = "".join(f", {name} {{:.3g}}" for name in own)
-    return Cell("{:.3g}, {:.3g}, {:.3g}" + each, (*values, *map(float, own.values())),
+    pattern = ", ".join("{}" if isinstance(one, str) else "{:.3g}" for one in known)  # by who watches them: a word
+    return Cell(pattern + each, (*known, *map(float, own.values())),
                 names=("satellite", "system", "pseudolite", *own))  # fmt: skip
 
 
