@@ -315,8 +315,10 @@ _INTEGRITY = {
 
 def _priors(result: Result) -> Cell | str:
     """What levels by separation take for the probabilities of faults."""
+    if "/integrity/hpl" not in result:
+        return ABSENT
     section = setting(result, "integrity")
-    if not section or section.get("method") == "chi2":
+    if section["method"] == "chi2":
         return ABSENT
     known = [section.get(f"p_{what}") for what in ("satellite", "constellation", "pseudolite")]
     if None in known:  # of an earlier version
