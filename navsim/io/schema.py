@@ -459,6 +459,8 @@ _INTEGRITY = Chapter(
         _a("/integrity/gbas_{level}", "time", "m", "{LEVEL} that the form of GBAS gives it, the larger with and "
            "without a faulty reference receiver; across the track (lpl) and over the glide path (vpl)", _FLOWN,
            when=_COMPARED_GBAS, level=("lpl", "vpl")),
+        _a("/integrity/sigma_vertical", "time", "m", "1 sigma of the vertical error of the fix, or the filter, without "
+           "a fault; nan where there is none", _FLOWN, when=_WATCHED),
         _a("/integrity/threshold", "time", "1", "what the statistic may be without an alarm", _FLOWN, when=_WATCHED),
         _a("/integrity/fault", "fault", "1", "faults that are expected, of sources that are used", _FLOWN, TEXT,
            when=_SEPARATED),

@@ -77,6 +77,32 @@ class LevelRequirement(RequirementSection):
     """share of the epochs of the glide at which it does"""
 
 
+class ThresholdRequirement(RequirementSection):
+    """The effective monitor threshold of the fixes is within a size at a share of the epochs of the glide."""
+
+    needs: ClassVar[str] = "integrity"
+    what: Literal["emt"]
+    """effective monitor threshold of solution separation: what a fault that is not rare may move the height by"""
+    below_m: Length
+    """size that the threshold stays within"""
+    share: Share = 0.99
+    """share of the epochs of the glide at which it does"""
+
+
+class AccuracyRequirement(RequirementSection):
+    """The vertical error is within a size, without a fault, at a share of the epochs of the glide."""
+
+    needs: ClassVar[str] = "integrity"
+    what: Literal["accuracy"]
+    """the vertical error of the fixes without a fault, as their Gaussian errors of ranges make it"""
+    below_m: Length
+    """size that the error stays within"""
+    beyond: Risk = 0.05
+    """probability with which it may be beyond"""
+    share: Share = 0.99
+    """share of the epochs of the glide at which it stays so"""
+
+
 class AvailabilityRequirement(RequirementSection):
     """A share of the epochs of the glide, or of approaches throughout, is available."""
 
@@ -112,8 +138,16 @@ CONTINUITY, INTEGRITY = 8e-6, 2e-7
 the larger end of the range)."""
 
 
+EMT = 15.0
+ACCURACY = {0.05: 4.0, 1e-7: 10.0}
+"""What LPV-200 asks for beside its alert limits, m: the effective monitor threshold, and the vertical error without a
+fault by the probability of being beyond: WG-C ARAIM TSG, Reference Airborne Algorithm Description, version 3.0
+(2017)."""
+
+
 class PresetRequirement(RequirementSection):
-    """All that an operation asks for: its alert limits at a share of the epochs, continuity, integrity."""
+    """All that an operation asks for: its alert limits at a share of the epochs, continuity, integrity; of LPV-200
+    the effective monitor threshold and the accuracy without a fault, too."""
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
@@ -143,16 +177,24 @@ class PresetRequirement(RequirementSection):
         levels = [LevelRequirement(what="level", of="hpl", below_m=horizontal, share=self.availability)]
         if vertical is not None:
             levels.append(LevelRequirement(what="level", of="vpl", below_m=vertical, share=self.availability))
+        further: list[AnySingle] = []
+        if self.operation == "LPV-200":
+            further.append(ThresholdRequirement(what="emt", below_m=EMT, share=self.availability))
+            further += [
+                AccuracyRequirement(what="accuracy", below_m=size, beyond=beyond, share=self.availability)
+                for beyond, size in ACCURACY.items()
+            ]
         return (
             *levels,
+            *further,
             RiskRequirement(what="continuity", at_most=CONTINUITY),
             RiskRequirement(what="misleading", at_most=INTEGRITY),
         )
 
 
 AnySingle = (
-    ErrorRequirement | RmsRequirement | BoxRequirement | LevelRequirement | AvailabilityRequirement | RiskRequirement
-    | AlertRequirement
+    ErrorRequirement | RmsRequirement | BoxRequirement | LevelRequirement | ThresholdRequirement | AccuracyRequirement
+    | AvailabilityRequirement | RiskRequirement | AlertRequirement
 )  # fmt: skip
 """A requirement that is one statement."""
 AnyRequirement = Annotated[AnySingle | PresetRequirement, Field(discriminator="what")]

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from navsim.integrity import separation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
-from navsim.integrity.separation import Allocation, SeparationMonitor
+from navsim.integrity.separation import UP, Allocation, SeparationMonitor, SeparationWatch
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
 from navsim.models.pseudorange import Signals
 from navsim.simulation.fixes import ReceiverFixes
@@ -209,6 +209,21 @@ def alerted(status: np.ndarray) -> np.ndarray:
 def tested_levels(monitor: Watcher) -> np.ndarray:
     """Protection levels (e, 2), m, nan where there is no test."""
     return np.where(monitor.tested[:, None], monitor.levels, np.nan)
+
+
+def vertical_sigma(watching: Monitoring, monitor: Watcher) -> np.ndarray:
+    """1 sigma (e,), m, of the vertical error that is watched, of fixes or of the filter, without a fault; nan where
+    there is none."""
+    if isinstance(monitor, Monitor):
+        return watching.accuracy * np.sqrt(monitor.solution.covariance[:, UP, UP])
+    if isinstance(monitor, SeparationMonitor):
+        return monitor.found.accuracy[:, UP]
+    return cast(Bank, monitor).sigma[:, UP]
+
+
+def threshold_by_faults(monitor: Watcher) -> np.ndarray | None:
+    """Effective monitor threshold (e,), m; None where residuals are tested."""
+    return monitor.found.emt if isinstance(monitor, SeparationWatch) else None
 
 
 def _indices(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, ...]:

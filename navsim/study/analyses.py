@@ -19,7 +19,13 @@ from navsim.models.kinematics import Motion
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
 from navsim.scenario.optimize import LEVEL_OBJECTIVES
-from navsim.scenario.requirements import AvailabilityRequirement, LevelRequirement, singles
+from navsim.scenario.requirements import (
+    AccuracyRequirement,
+    AvailabilityRequirement,
+    LevelRequirement,
+    ThresholdRequirement,
+    singles,
+)
 from navsim.simulation.landing_covariance import Analysis
 from navsim.study.landing import (
     Case,
@@ -31,7 +37,7 @@ from navsim.study.landing import (
 )
 from navsim.study.landing.case import touchdown_time, world_of
 from navsim.study.landing.integrity import spread_over
-from navsim.study.landing.requirements import Fulfilment
+from navsim.study.landing.requirements import Fulfilment, sizes_of
 from navsim.study.placement import Rules, RunwayPlane
 from navsim.study.sweep import filter_outputs
 
@@ -166,7 +172,14 @@ class LevelScreen:
         monitor = watching.over(stacked)
         levels = np.where(monitor.tested[:, None] & np.isfinite(monitor.levels), monitor.levels, np.inf)
         levels = np.sort(levels.reshape(n, e, 2), axis=1)
-        return self._objective(levels), self._load(levels, case)
+        load = self._load(levels, case)
+        for one in self._asked:
+            if isinstance(one, ThresholdRequirement | AccuracyRequirement):
+                sizes = sizes_of(one, watching, monitor)
+                assert sizes is not None  # what is not known is not decided
+                ordered = np.sort(np.where(np.isnan(sizes), np.inf, sizes).reshape(n, e), axis=1)
+                load = np.maximum(load, ordered[:, _kept_by(one.share, e)] / one.below_m)
+        return self._objective(levels), load
 
     def _objective(self, levels: np.ndarray) -> np.ndarray:
         """Of levels (n, e, 2), the smallest first."""

@@ -119,6 +119,54 @@ def test_runs_are_judged(tmp_path: Path) -> None:
     assert "met: " in said
 
 
+MHSS = (
+    "integrity={method: mhss, p_constellations: {glonass: 1.0e-8, gps: 1.0e-8}, "
+    "limits: {operation: LPV-200, tta_s: 6}}"
+)
+
+
+@pytest.mark.parametrize("method", ["mhss", "chi2", "filter"])
+def test_lpv_200_has_accuracy_and_a_threshold(method: str, tmp_path: Path) -> None:
+    """Shares are those of the thresholds and sigmas of the result; residuals have no threshold."""
+    chi2 = "integrity={method: chi2, limits: {operation: LPV-200, tta_s: 6}}"
+    watched = chi2 if method == "chi2" else MHSS.replace("mhss", method)
+    own = {"what": "accuracy", "below_m": 5.0, "beyond": 0.01, "share": 0.3}
+    asked = [{"what": "preset", "operation": "LPV-200"}, own]
+    result, _ = flown(tmp_path, asked, "--set", watched, "--method", "covariance")
+    branch, glide = "/summary/requirements", result["/integrity/time"] <= 60.2
+    statements = [str(text) for text in result[f"{branch}/statement"]]
+    assert statements[2:5] == [
+        "LPV-200: EMT within 15 m at 99 % of epochs of the glide",
+        "LPV-200: vertical error without a fault within 4 m but for 0.05 at 99 % of epochs of the glide",
+        "LPV-200: vertical error without a fault within 10 m but for 1e-07 at 99 % of epochs of the glide",
+    ]
+    sigma = result["/integrity/sigma_vertical"][glide]
+    value, verdicts = result[f"{branch}/value"], [str(word) for word in result[f"{branch}/verdict"]]
+    if method == "chi2":
+        assert np.isnan(value[2]).all()
+        assert verdicts[2] == UNDECIDED
+    else:
+        np.testing.assert_allclose(value[2], np.mean(result["/integrity/emt"][glide] <= 15.0))
+    # normal quantiles of tables: 0.975, 1 - 0.5e-7, 0.995
+    for row, size, factor in ((3, 4.0, 1.959964), (4, 10.0, 5.326724), (7, 5.0, 2.575829)):
+        np.testing.assert_allclose(value[row], np.mean(factor * sigma <= size))
+    assert verdicts[7] == (MET if value[7, 0] >= 0.3 else NOT_MET)
+    if method == "filter":
+        assert sigma.max() < 1.5
+    else:
+        geometry = result["/geometry/vdop"][result["/geometry/time"] <= 60.2]
+        assert (sigma > 1.5 * geometry).all()  # ranges of 2.2 m and more
+
+
+def test_the_vertical_error_without_a_fault_is_what_fixes_have(tmp_path: Path) -> None:
+    result, _ = flown(tmp_path, [], "--runs", 200, "--keep", "all", "--set", MHSS)
+    glide = result["/integrity/time"] <= 60.2
+    error, sigma = result["/integrity/error_vertical"][:, glide], result["/integrity/sigma_vertical"][glide]
+    normalised = np.mean((error / sigma) ** 2)
+    # fixes are independent from epoch to epoch: 4.5 sigma of a mean of squares
+    assert normalised == pytest.approx(1.0, abs=4.5 * np.sqrt(2.0 / error.size))
+
+
 def test_the_exit_code_follows_where_it_is_asked_to(tmp_path: Path) -> None:
     good, bad = (
         [{"what": "rms", "of": "vertical", "below_m": 50.0}],

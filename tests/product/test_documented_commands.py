@@ -45,7 +45,7 @@ SHORTER = [
     ),
     ("--time-limit 60", "--time-limit 8"),
     ("scenarios/placement_optimum.yaml ", "scenarios/placement_optimum.yaml --set pseudolites=[1,2] --set effort=1 "),
-    ("scenarios/placement_lpv200.yaml", "scenarios/placement_lpv200.yaml --set pseudolites.last=2"),
+    ("scenarios/placement_lpv200.yaml", "scenarios/placement_lpv200.yaml --set pseudolites.last=1"),
     (" --realtime", ""),  # a landing lasts two minutes
     ("navsim live", "navsim live --silence 2"),
     *((f"-o results/{name}.h5", f"-o results/{name}.h5 --figures none") for name in ("wide", "almanac", "run7")),

@@ -31,6 +31,7 @@ from navsim.simulation.monitoring import (
     fix_of,
     runway_levels,
     tested_levels,
+    vertical_sigma,
 )
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing.case import Case, on_glide, times_at_heights
@@ -245,11 +246,12 @@ def stretches(asked: Asked, time: np.ndarray, misled: np.ndarray, alarm: np.ndar
 
 def described(draft: Draft, case: Case) -> None:
     """Levels by the geometry, which are the same in all runs, and their summary; nothing where nothing watches."""
-    monitor = case.flight.monitor
-    if monitor is None:
+    monitor, watching = case.flight.monitor, case.flight.watching
+    if monitor is None or watching is None:
         return
     draft["/integrity/time"] = case.world.signals.time
     draft["/integrity/threshold"] = monitor.threshold
+    draft["/integrity/sigma_vertical"] = vertical_sigma(watching, monitor)
     levels = monitor.levels
     for i, name in enumerate(("hpl", "vpl")):
         draft[f"/integrity/{name}"] = levels[:, i]

@@ -18,6 +18,7 @@ from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE, HEIGHTS, RARE, VERDICTS
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import (
+    AccuracyRequirement,
     AlertRequirement,
     AnySingle,
     AvailabilityRequirement,
@@ -27,10 +28,11 @@ from navsim.scenario.requirements import (
     PresetRequirement,
     RiskRequirement,
     RmsRequirement,
+    ThresholdRequirement,
     singles,
 )
 from navsim.simulation.landing_covariance import folded_quantile
-from navsim.simulation.monitoring import tested_levels
+from navsim.simulation.monitoring import Monitoring, Watcher, tested_levels, threshold_by_faults, vertical_sigma
 from navsim.study.landing.case import Case, touches_down
 from navsim.study.landing.integrity import (
     asked_of,
@@ -178,7 +180,10 @@ def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments
     if draft.layout == RARE:
         return nothing
     if isinstance(one, LevelRequirement):
-        return _of_levels(one, nothing, draft, case)
+        path = f"/integrity/{one.of}"
+        return _of_epochs(one, nothing, draft[path], case) if path in draft else nothing
+    if isinstance(one, ThresholdRequirement | AccuracyRequirement):
+        return _of_epochs(one, nothing, sizes_of(one, case.flight.watching, case.flight.monitor), case)
     if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement):
         return (_available_by_levels if one.what == "availability" else _approaches_by_levels)(one, nothing, case)
     if draft.layout == COVARIANCE and is_kept_from_faults(case):
@@ -206,6 +211,11 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
     if isinstance(one, LevelRequirement):
         name = one.of.upper()
         return f"{name} within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
+    if isinstance(one, ThresholdRequirement):
+        return f"EMT within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
+    if isinstance(one, AccuracyRequirement):
+        error = f"vertical error without a fault within {one.below_m:g} m but for {one.beyond:g}"
+        return f"{error} at {100 * one.share:g} % of epochs of the glide", one.share, True
     if isinstance(one, AvailabilityRequirement):
         what = "epochs of the glide" if one.what == "availability" else "approaches throughout"
         return f"{100 * one.at_least:g} % of {what} available", one.at_least, True
@@ -282,16 +292,32 @@ def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: Draft, runs: int) -
     return replace(nothing, value=value, again=lambda n: rms_interval_of_means(squares, n))
 
 
-def _of_levels(one: LevelRequirement, nothing: Fulfilment, draft: Draft, case: Case) -> Fulfilment:
-    """By the share of the epochs of the glide with a level within the size; what is no level is not."""
-    path, glide = f"/integrity/{one.of}", glide_of(case)
-    if path not in draft or not glide.any():
+def _of_epochs(
+    one: LevelRequirement | ThresholdRequirement | AccuracyRequirement,
+    nothing: Fulfilment,
+    sizes: np.ndarray | None,
+    case: Case,
+) -> Fulfilment:
+    """By the share of the epochs of the glide whose sizes (e,), m, are within what is asked for; nan is not."""
+    glide = glide_of(case)
+    if sizes is None or not glide.any():
         return nothing
-    level = draft[path][glide]
-    share = float(np.mean(level <= one.below_m))
-    # levels after an exclusion are higher, in runs that have one
+    sizes = sizes[glide]
+    share = float(np.mean(sizes <= one.below_m))
+    # after an exclusion they are larger, in runs that have one
     value = np.array([share, 0.0, share]) if excludes(case) else _exactly(share)
-    return replace(nothing, value=value, utilisation=_kept_by(level, one.share) / one.below_m)
+    return replace(nothing, value=value, utilisation=_kept_by(sizes, one.share) / one.below_m)
+
+
+def sizes_of(
+    one: ThresholdRequirement | AccuracyRequirement, watching: Monitoring | None, monitor: Watcher | None
+) -> np.ndarray | None:
+    """What is to stay within a size, at all epochs (e,), m; None where nothing is known of it."""
+    if watching is None or monitor is None:
+        return None
+    if isinstance(one, ThresholdRequirement):
+        return threshold_by_faults(monitor)
+    return -normal.quantile(0.5 * one.beyond) * vertical_sigma(watching, monitor)
 
 
 def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
