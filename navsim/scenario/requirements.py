@@ -97,8 +97,8 @@ class AccuracyRequirement(RequirementSection):
     """the vertical error of the fixes without a fault, as their Gaussian errors of ranges make it"""
     below_m: Length
     """size that the error stays within"""
-    beyond: Risk = 0.05
-    """probability with which it may be beyond"""
+    at_most: Risk = 0.05
+    """probability of being beyond that is allowed"""
     share: Share = 0.99
     """share of the epochs of the glide at which it stays so"""
 
@@ -181,8 +181,8 @@ class PresetRequirement(RequirementSection):
         if self.operation == "LPV-200":
             further.append(ThresholdRequirement(what="emt", below_m=EMT, share=self.availability))
             further += [
-                AccuracyRequirement(what="accuracy", below_m=size, beyond=beyond, share=self.availability)
-                for beyond, size in ACCURACY.items()
+                AccuracyRequirement(what="accuracy", below_m=size, at_most=risk, share=self.availability)
+                for risk, size in ACCURACY.items()
             ]
         return (
             *levels,

@@ -130,7 +130,7 @@ def test_lpv_200_has_accuracy_and_a_threshold(method: str, tmp_path: Path) -> No
     """Shares are those of the thresholds and sigmas of the result; residuals have no threshold."""
     chi2 = "integrity={method: chi2, limits: {operation: LPV-200, tta_s: 6}}"
     watched = chi2 if method == "chi2" else MHSS.replace("mhss", method)
-    own = {"what": "accuracy", "below_m": 5.0, "beyond": 0.01, "share": 0.3}
+    own = {"what": "accuracy", "below_m": 5.0, "at_most": 0.01, "share": 0.3}
     asked = [{"what": "preset", "operation": "LPV-200"}, own]
     result, _ = flown(tmp_path, asked, "--set", watched, "--method", "covariance")
     branch, glide = "/summary/requirements", result["/integrity/time"] <= 60.2

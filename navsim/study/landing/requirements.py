@@ -214,7 +214,7 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
     if isinstance(one, ThresholdRequirement):
         return f"EMT within {one.below_m:g} m at {100 * one.share:g} % of epochs of the glide", one.share, True
     if isinstance(one, AccuracyRequirement):
-        error = f"vertical error without a fault within {one.below_m:g} m but for {one.beyond:g}"
+        error = f"vertical error without a fault within {one.below_m:g} m but for {one.at_most:g}"
         return f"{error} at {100 * one.share:g} % of epochs of the glide", one.share, True
     if isinstance(one, AvailabilityRequirement):
         what = "epochs of the glide" if one.what == "availability" else "approaches throughout"
@@ -317,7 +317,7 @@ def sizes_of(
         return None
     if isinstance(one, ThresholdRequirement):
         return threshold_by_faults(monitor)
-    return -normal.quantile(0.5 * one.beyond) * vertical_sigma(watching, monitor)
+    return -normal.quantile(0.5 * one.at_most) * vertical_sigma(watching, monitor)
 
 
 def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
