@@ -120,6 +120,7 @@ def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str)
 
 _FLOWN = (LANDING, COVARIANCE)
 _KEPT = "unless `--keep none`"
+_WIND = "where there is a mean wind"
 _ALL = "with `--keep all`, which is the default for one run"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
@@ -165,6 +166,8 @@ _TRUTH = Chapter(
         _a("/truth/position_llh", "time llh", "rad, rad, m", "latitude, longitude, height of the IMU", _FLOWN),
         _a("/truth/velocity_ned", "time ned", "m/s", "velocity over ground", _FLOWN),
         _a("/truth/attitude_rpy", "time rpy", "rad", "roll, pitch, yaw", _FLOWN),
+        _a("/truth/wind_ned", "time ned", "m/s", "mean wind where the aircraft is, where it goes", _FLOWN, when=_WIND),
+        _a("/truth/airspeed", "time", "m/s", "speed through the mean wind", _FLOWN, when=_WIND),
         _a("/truth/event", "event", "1", "names of the events", _FLOWN, TEXT),
         _a("/truth/event_time", "event", "s", "times of the events", _FLOWN),
         _a("/truth/threshold_llh", "llh", "rad, rad, m", "threshold of the runway", _FLOWN),
@@ -320,6 +323,13 @@ _SUMMARY = Chapter(
            LANDING, axis=_RUNWAY),
         _a("/summary/at/{axis}_percentile", "height percentile", "m",
            "percentiles over runs of the size of the {axis} position error", _FLOWN, axis=_RUNWAY),
+        _a("/summary/wind/headwind", "height", "m/s", "mean wind against the course, at the heights", _FLOWN,
+           when=_WIND),
+        _a("/summary/wind/crosswind", "height", "m/s", "mean wind across the course, from the left positive", _FLOWN,
+           when=_WIND),
+        _a("/summary/wind/airspeed", "height", "m/s", "speed through the mean wind", _FLOWN, when=_WIND),
+        _a("/summary/wind/crab", "height", "rad", "how far the nose that holds the course is right of it", _FLOWN,
+           when=_WIND),
         _a("/summary/coverage/level", "level", "1", "size of the ellipsoid in sigmas", LANDING),
         _a("/summary/coverage/position", "level interval", "1",
            "share of outputs after time 0 with the position error inside its ellipsoid", LANDING),

@@ -19,7 +19,7 @@ import numpy as np
 
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import quaternion_from_dcm, roll_pitch_yaw
-from navsim.models.path import Path
+from navsim.models.path import AnyPath
 
 EARTH_RATE = np.array([0.0, 0.0, earth.RATE])
 _GRADIENT_STEP = 100.0
@@ -98,6 +98,27 @@ class Moving(Protocol):
         """As `integrate`."""
 
 
+def faded(t: np.ndarray, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """What goes smoothly from 1 at one time to 0 at another, s, at times t (n,), and its rate, 1/s."""
+    length = end - begin
+    u = np.clip((t - begin) / length, 0.0, 1.0)
+    return 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0)), -30.0 * u**2 * (1.0 - u) ** 2 / length
+
+
+class Blowing(Protocol):
+    """A wind along a path, as of `Wind`."""
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Times where a higher derivative jumps."""
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The wind the attitude answers to, and its rate of change: (n, 3) m/s, m/s2."""
+
+    def mean(self, t: np.ndarray) -> np.ndarray:
+        """The mean wind (n, 3), m/s, whatever the nose does."""
+
+
 @dataclass(frozen=True)
 class Wind:
     """Steady wind in path axes (3,), m/s, towards; flown with a crab angle until `decrab_start`, which is
@@ -111,11 +132,12 @@ class Wind:
         """The wind the attitude answers to, and its rate of change: (n, 3) m/s, m/s2."""
         if self.decrab_start is None or self.decrab_end is None:
             return np.tile(self.velocity, (t.size, 1)), np.zeros((t.size, 3))
-        length = self.decrab_end - self.decrab_start
-        u = np.clip((t - self.decrab_start) / length, 0.0, 1.0)
-        keep = 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))
-        rate = -30.0 * u**2 * (1.0 - u) ** 2 / length
+        keep, rate = faded(t, self.decrab_start, self.decrab_end)
         return keep[:, None] * self.velocity, rate[:, None] * self.velocity
+
+    def mean(self, t: np.ndarray) -> np.ndarray:
+        """The wind (n, 3), m/s, whatever the nose does."""
+        return np.tile(self.velocity, (t.size, 1))
 
     @property
     def knots(self) -> np.ndarray:
@@ -128,9 +150,9 @@ class Wind:
 class Trajectory:
     """A path placed on the Earth, with the attitude of an aircraft flying along it."""
 
-    path: Path
+    path: AnyPath
     frame: Frame
-    wind: Wind
+    wind: Blowing
     angle_of_attack: float
     pitch_follows_path: bool = True
     """False: the nose keeps `angle_of_attack` above the horizon, whatever the slope."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -115,3 +116,46 @@ def blend(start: float, end: float, before: np.ndarray, after: np.ndarray) -> Se
     carried = np.array([before[0] + h * before[1] + h**2 / 2 * before[2], before[1] + h * before[2], before[2]])
     polynomial[:, 3:] = np.linalg.solve(matrix, after[:3] - carried).T
     return Segment(start, polynomial)
+
+
+class AnyPath(Protocol):
+    """What a trajectory needs of a path, as of `Path`."""
+
+    @property
+    def events(self) -> dict[str, float]:
+        """Named times, s."""
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Times (s) where a higher derivative jumps."""
+
+    def jet(self, t: np.ndarray) -> np.ndarray:
+        """Position, velocity, acceleration and jerk at the times t (n,): (n, 4, 3)."""
+
+
+def hermite(before: np.ndarray, after: np.ndarray, s: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Values and three derivatives (n, 4, ...) of the quintics that join states at times s (n,) since the first.
+
+    before, after: (n, 3, ...) value, first and second derivative, `step` (n,) apart. Of a process driven by a white
+    third derivative it is the mean of what lies between.
+    """
+    shape = (-1, *[1] * (before.ndim - 2))
+    s, h = s.reshape(shape), step.reshape(shape)
+    p0, v0, a0 = before[:, 0], before[:, 1], before[:, 2]
+    # what the second state is off from the first one carried on, in units of the step
+    r0 = after[:, 0] - (p0 + h * (v0 + 0.5 * h * a0))
+    r1 = (after[:, 1] - (v0 + h * a0)) * h
+    r2 = (after[:, 2] - a0) * h * h
+    c3 = 10.0 * r0 - 4.0 * r1 + 0.5 * r2
+    c4 = -15.0 * r0 + 7.0 * r1 - r2
+    c5 = 6.0 * r0 - 3.0 * r1 + 0.5 * r2
+    u = s / h
+    return np.stack(
+        [
+            p0 + s * (v0 + 0.5 * s * a0) + u**3 * (c3 + u * (c4 + u * c5)),
+            v0 + s * a0 + u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)) / h,
+            a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)) / h**2,
+            (6.0 * c3 + u * (24.0 * c4 + u * 60.0 * c5)) / h**3,
+        ],
+        axis=1,
+    )

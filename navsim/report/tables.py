@@ -478,6 +478,10 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
+    if any("/summary/wind/headwind" in r for _, r in results):
+        section("Mean wind at height", lambda r: "against, from the left; airspeed, m/s; crab, deg")
+        for i, label in enumerate(labels):
+            row(f"  {label}", lambda r, i=i: _wind(r, i))
     boxed = [r for _, r in results if "/summary/box/limit" in r]
     if boxed:
         section("Outside the box", lambda r: box_head(r, "/summary/box/probability" in r))
@@ -507,6 +511,20 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _budget(r, n))
     requirements(table, results)
     return table
+
+
+def _wind(result: Result, height: int) -> Cell | str:
+    """The wind triangle at a height."""
+    branch = "/summary/wind"
+    if f"{branch}/headwind" not in result:
+        return ABSENT
+    against, across, airspeed, crab = (
+        float(result[f"{branch}/{name}"][height]) for name in ("headwind", "crosswind", "airspeed", "crab")
+    )
+    if not np.isfinite(against):
+        return ABSENT
+    return Cell("{:.2f}, {:.2f}; {:.2f}; {:.2f}", (against, across, airspeed, math.degrees(crab)),
+                names=("headwind", "crosswind", "airspeed", "crab"))  # fmt: skip
 
 
 def glance(result: Result) -> list[tuple[str, Cell | str]]:

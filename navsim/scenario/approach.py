@@ -1,4 +1,4 @@
-"""The runway and the ways to it: sections `runway`, `approach`, `wind`."""
+"""The runway and the ways to it: sections `runway`, `approach`."""
 
 from __future__ import annotations
 
@@ -62,9 +62,11 @@ class _Approach(Section):
     glide_slope_deg: Annotated[float, Field(ge=1.0, le=15.0)] = 5.0
     """angle of the glide path below the horizontal"""
     speed_start_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 130.0
-    """speed at the start, along the path, over ground"""
+    """speed at the start, along the path, over ground, or through the air by speed_is"""
     speed_touchdown_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] = 80.0
-    """speed at touchdown, along the path, over ground"""
+    """speed at touchdown, along the path, over ground, or through the air by speed_is"""
+    speed_is: Literal["ground", "air"] = "ground"
+    """what speeds are meant against: over ground, whatever the wind; through the air, which is held along the path"""
     angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 3.0
     """constant angle of attack; pitch = path angle relative to the air + angle of attack"""
     pitch: Literal["path", "level"] = "path"
@@ -177,12 +179,3 @@ class RecordedApproach(Section):
     def start(self) -> Point | None:
         """Nothing: the recording says where it starts."""
         return None
-
-
-class WindSection(Section):
-    """Steady wind. It changes the attitude (crab), not the path, which is given over ground."""
-
-    speed_m_s: Annotated[float, Field(ge=0.0, le=50.0)] = 0.0
-    """speed of the wind over ground"""
-    from_deg: Azimuth = 0.0
-    """direction the wind comes from, clockwise from true north"""

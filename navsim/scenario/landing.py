@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.approach import PaperApproach, RecordedApproach, Runway, SmoothApproach, STurn, WindSection
+from navsim.scenario.air import WindSection
+from navsim.scenario.approach import PaperApproach, RecordedApproach, Runway, SmoothApproach, STurn
 from navsim.scenario.base import (
     DEG,
     KeyedError,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     from navsim.models.effects import Effects
     from navsim.models.kinematics import Frame, Moving, Trajectory
-    from navsim.models.path import Path
+    from navsim.models.path import AnyPath
     from navsim.models.pseudolite import Track
     from navsim.models.receiver import Receiver
     from navsim.models.signals import Pseudolites
@@ -64,7 +65,7 @@ class Landing(Section):
     approach: Annotated[PaperApproach | SmoothApproach | STurn | RecordedApproach, Field(discriminator="profile")]
     """the way of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
-    """steady wind, which turns the nose"""
+    """the mean wind, which turns the nose"""
     imu: Imu = Imu()
     """the inertial sensors as they really are"""
     altimeter: AltimeterSection | None = None
@@ -153,13 +154,10 @@ class Landing(Section):
         if isinstance(self.approach, RecordedApproach):
             if self.pseudolites.frame == "table1":
                 raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
-            if self.wind.speed_m_s:
+            if self.wind.blows:
                 raise reject("a recorded flight has had its wind", "wind", "speed_m_s")
             return self
-        try:
-            path = self.approach.path()
-        except ValueError as error:
-            raise reject(f"no such path: {error}", "approach") from error
+        path = self._checked_path()
         self._checked_speed(path)
         trajectory = self.trajectory()
         self.pseudolite_sites(trajectory.frame, self.track(trajectory))
@@ -209,7 +207,26 @@ class Landing(Section):
                 "kind",
             )
 
-    def _checked_speed(self, path: Path) -> None:
+    def _checked_path(self) -> AnyPath:
+        """The path that is flown. Raises where there is none, or none in this wind."""
+        import numpy as np
+
+        from navsim.models.air import HIGHEST, AirError
+
+        try:
+            path = self.path()
+        except AirError as error:
+            raise reject(str(error), "wind", error.key) from error
+        except ValueError as error:
+            raise reject(f"no such path: {error}", "approach") from error
+        if self.wind.profile == "log" and self.wind.blows:
+            highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
+            if highest > HIGHEST + 1e-6:
+                text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, the path is {highest:.0f} m up"
+                raise reject(f"{text}; use power or table", "wind", "profile")
+        return path
+
+    def _checked_speed(self, path: AnyPath) -> None:
         import numpy as np
 
         times = np.linspace(0.0, self.duration_s, 400)
@@ -313,15 +330,27 @@ class Landing(Section):
         """The models of the sensors beside the receiver that there are."""
         return [section.model() for section in (self.altimeter,) if section is not None]
 
+    def path(self) -> AnyPath:
+        """The path over ground, in the tangent plane of the touchdown point. Raises ValueError where there is none,
+        AirError where there is none in this wind."""
+        from navsim.models.retimed import held_airspeed
+
+        assert not isinstance(self.approach, RecordedApproach)
+        path = self.approach.path()
+        if self.approach.speed_is == "ground" or not self.wind.blows:
+            return path
+        return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
+
     def trajectory(self) -> Trajectory:
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""
         import numpy as np
 
+        from navsim.models.air import WindAlong
         from navsim.models.approach import FLARE, TOUCHDOWN
-        from navsim.models.kinematics import Trajectory, Wind, touchdown_from_start, touchdown_from_threshold
+        from navsim.models.kinematics import Blowing, Trajectory, Wind, touchdown_from_start, touchdown_from_threshold
 
         assert not isinstance(self.approach, RecordedApproach)
-        path = self.approach.path()
+        path = self.path()
         heading = self.runway.heading_deg * DEG
         if self.approach.start is not None:
             begin = path.jet(np.zeros(1))[0, 0]
@@ -331,14 +360,19 @@ class Landing(Section):
             frame = touchdown_from_threshold(
                 self.runway.threshold.radians, self.runway.height_m, heading, self.runway.aim_point_m
             )
-        towards = (self.wind.from_deg + 180.0) * DEG - heading
-        speed = self.wind.speed_m_s
-        wind = np.array([speed * math.cos(towards), speed * math.sin(towards), 0.0])
         events = path.events
+        decrab = (events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None)
+        wind: Blowing
+        if self.wind.profile == "constant":
+            towards = (self.wind.from_deg + 180.0) * DEG - heading
+            speed = self.wind.speed_m_s
+            wind = Wind(np.array([speed * math.cos(towards), speed * math.sin(towards), 0.0]), *decrab)
+        else:
+            wind = WindAlong(self.wind.mean(heading), path, self.duration_s, *decrab)
         return Trajectory(
             path,
             frame,
-            Wind(wind, events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None),
+            wind,
             self.approach.angle_of_attack_deg * DEG,
             self.approach.pitch == "path",
         )

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from navsim.core import states
+from navsim.core.arrays.earth import ned_matrix
 from navsim.io.draft import Draft
 from navsim.io.schema import COVARIANCE, HEIGHTS, SKY_TIMES
 from navsim.models import timescales
+from navsim.models.air import triangle_along
+from navsim.models.kinematics import Trajectory
 from navsim.models.systems import CLOCKS
-from navsim.study.landing.case import FOOT, Case, on_glide
+from navsim.study.landing.case import FOOT, Case, crossing_times, on_glide
 from navsim.study.root import root_attributes
 
 
@@ -24,6 +27,7 @@ def base(case: Case, layout: str) -> Draft:
         system=[group.constellation.system.name for group in case.environment.satellites],
     )
     _truth(draft, case)
+    _wind(draft, case)
     _geometry(draft, case)
     _geometry_summary(draft, case)
     _navigation(draft, case)
@@ -47,6 +51,25 @@ def _truth(draft: Draft, case: Case) -> None:
     draft["/truth/event"] = np.array(names, dtype=object)
     draft["/truth/event_time"] = np.array([events[n] for n in names], dtype=float)
     draft["/truth/threshold_llh"] = case.scenario.threshold(case.trajectory.frame)
+
+
+def _wind(draft: Draft, case: Case) -> None:
+    """The mean wind along the way, and its triangle at the decision heights, where it blows."""
+    if not case.scenario.wind.blows:
+        return
+    trajectory, truth = case.trajectory, case.world.truth
+    assert isinstance(trajectory, Trajectory)
+    # the tangent plane's axes are those of the touchdown point, a wind's north is that of the place
+    c_np = ned_matrix(truth.llh) @ trajectory.frame.axes
+    draft["/truth/wind_ned"] = np.einsum("tij,tj->ti", c_np, trajectory.wind.mean(truth.time))
+    draft["/truth/airspeed"] = triangle_along(trajectory, truth.time).airspeed
+    passed = np.array(crossing_times(case))
+    known = np.isfinite(passed)
+    at = triangle_along(trajectory, passed[known])
+    for name in ("headwind", "crosswind", "airspeed", "crab"):
+        values = np.full(passed.size, np.nan)
+        values[known] = getattr(at, name)
+        draft[f"/summary/wind/{name}"] = values
 
 
 def _geometry(draft: Draft, case: Case) -> None:
