@@ -478,7 +478,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
-    if any("/summary/wind/headwind" in r for _, r in results):
+    if any("/summary/at/headwind" in r for _, r in results):
         section("Mean wind at height", lambda r: "against, from the left; airspeed, m/s; crab, deg")
         for i, label in enumerate(labels):
             row(f"  {label}", lambda r, i=i: _wind(r, i))
@@ -515,7 +515,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
 
 def _wind(result: Result, height: int) -> Cell | str:
     """The wind triangle at a height."""
-    branch = "/summary/wind"
+    branch = "/summary/at"
     if f"{branch}/headwind" not in result:
         return ABSENT
     against, across, airspeed, crab = (

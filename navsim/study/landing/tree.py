@@ -69,7 +69,7 @@ def _wind(draft: Draft, case: Case) -> None:
     for name in ("headwind", "crosswind", "airspeed", "crab"):
         values = np.full(passed.size, np.nan)
         values[known] = getattr(at, name)
-        draft[f"/summary/wind/{name}"] = values
+        draft[f"/summary/at/{name}"] = values
 
 
 def _geometry(draft: Draft, case: Case) -> None:
