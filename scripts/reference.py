@@ -31,6 +31,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
             "{what: ramp, sources: [glonass], rate_m_s: 0.5}, {what: survey, sources: [PL1], ned_m: [1, 0, 0]}, "
             "{what: meacon, sources: [all], place: {lat_deg: 56.03, lon_deg: 37.05}}]",
+            "wind={profile: table, levels: [{height_m: 10, speed_m_s: 4, from_deg: 60}, "
+            "{height_m: 100, speed_m_s: 7, from_deg: 75}]}",
             "filter={scale_factors: true, latency_s: 0.1, lever_arm_m: [0.5, 0, -0.3], "
             "initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300}, "

@@ -82,6 +82,8 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "approach.roll_s": st.sampled_from([1.0, 2.0]),
     "wind.speed_m_s": st.sampled_from([0.0, 7.0]),
     "wind.from_deg": st.sampled_from([0.0, 80.0]),
+    "wind.profile": st.sampled_from(["constant", "log", "power"]),
+    "approach.speed_is": st.sampled_from(["ground", "air"]),
     "imu.rate_hz": st.sampled_from([10.0, 12.5]),
     "sky.source": st.sampled_from(
         ["nominal-glonass", "nominal-gps", "nominal", "directions", "directions", "almanac", "navigation"]
@@ -186,6 +188,7 @@ ALIKE = {
     "altimeter.": "a sensor beside the receiver",
     "initial_errors.": "of the filter", "filter.": "the filter",
     "receiver.clock.": "noise that each run draws",
+    "wind.roughness_m": "of wind.profile", "wind.exponent": "the same", "wind.levels": "the same",
     "approach.profile": "by the shipped scenarios",
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",
     "approach.start_s": "the same", "approach.touchdown_s": "the same",

@@ -1,8 +1,9 @@
-"""Wind profiles, Dryden turbulence, gusts felt and flight-technical errors against closed forms, matrix exponentials and
-an outside program."""
+"""Wind profiles, turbulence, gusts felt and flight-technical errors against closed forms, matrix exponentials and an
+outside program."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from typing import Any
@@ -53,7 +54,7 @@ def ratios(samples: np.ndarray, transverse: bool) -> np.ndarray:
     omega, power = banded(samples, STEP)
     expected = air.dryden_spectrum(omega, 0.3, 1.0, 1.0, transverse)
     edges = 0.28 * 10.0 ** (0.25 * np.arange(9))
-    bands = [(omega >= low) & (omega < high) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+    bands = [(omega >= low) & (omega < high) for low, high in itertools.pairwise(edges)]
     return np.array([power[b].mean() / expected[b].mean() for b in bands])
 
 
