@@ -27,13 +27,17 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "imu.accelerometer={vrw_m_s_sqrt_h: 0.06, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300, "
             "bias_fixed_mg: [1, -1, 0.5]}",
             "altimeter={sigma_m: 0.5, believed_sigma_m: 1}",
+            "radio_altimeter={sigma_floor_m: 0.5, sigma_share: 0.02, ground: [[-600, -6], [0, 0]]}",
+            "barometric_altimeter={sigma_m: 0.5, lag_s: 0.3, isa_deviation_k: -10}", "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
             "{what: ramp, sources: [glonass], rate_m_s: 0.5}, {what: survey, sources: [PL1], ned_m: [1, 0, 0]}, "
             "{what: meacon, sources: [all], place: {lat_deg: 56.03, lon_deg: 37.05}}]",
             "wind={profile: table, levels: [{height_m: 10, speed_m_s: 4, from_deg: 60}, "
             "{height_m: 100, speed_m_s: 7, from_deg: 75}]}",
-            "filter={scale_factors: true, latency_s: 0.1, lever_arm_m: [0.5, 0, -0.3], "
+            "filter={radio_altimeter: {sigma_floor_m: 1, sigma_share: 0.03, latency_s: 0.05, lever_arm_m: [0, 0, 0.3], "
+            "ground: [], from_m: 0}, barometric_altimeter: {sigma_m: 1, lag_s: 0, isa_deviation_k: 0, "
+            "geoid_undulation_m: 16}, scale_factors: true, latency_s: 0.1, lever_arm_m: [0.5, 0, -0.3], "
             "initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300}, "
             "accelerometer: {bias_mg: 1, noise_mg: 10, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300}}}",

@@ -187,7 +187,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
                 f"{scenario}: filter.coupling tight takes ranges, live receivers give fixes; make it loose",
             )
         if section.aiding():
-            leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeter) cannot run live; take them out")
+            leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeters) cannot run live; take them out")
         for name in ("integrity", "requirements", "box"):
             if getattr(section, name):
                 AT_TERMINAL.warn(f"{scenario}: {name} is not used: one live flight is not judged by it")

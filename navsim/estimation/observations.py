@@ -5,7 +5,7 @@
 A new kind is a number (counted in `KIND_COUNT`), a table and a function here, with a line in `Measurements` and one in
 `observe`.
 Sources: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled
-update, section 14.3.2). [2] `docs/theory/filter.md`, section 10.
+update, section 14.3.2). [2] `docs/theory/filter.md`, section 10. [3] `docs/theory/altimeters.md`, sections 1, 2.
 """
 
 from __future__ import annotations
@@ -36,14 +36,17 @@ from navsim.core.states import (
     NAV_VEL,
     POS,
     R_D,
+    R_E,
+    R_N,
     SENSORS,
+    V_D,
     VEL,
 )
 
-FIX, ALTITUDE, PROBE, RANGE = 2, 3, 4, 5
+FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE = 2, 3, 4, 5, 6, 7
 """Kinds of measurements, as kinds of events (`records.PASS` and `OUTPUT` come before them). A probe is a fix that
-leaves its innovation and is never used."""
-KIND_COUNT = RANGE
+leaves its innovation and is never used. A kind's number never changes: random numbers are keyed by it."""
+KIND_COUNT = 8
 """Slots of the other kinds, see `slot`; those of ranges come behind, one for each source."""
 _NEAR = 0.1
 """A range is bent where the position's uncertainty across it makes it longer by more than this part of its 1 sigma."""
@@ -73,6 +76,43 @@ class AltitudeTable(NamedTuple):
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> AltitudeTable:
         """The table with every array changed that differs between runs."""
         return AltitudeTable(change(self.height), change(self.variance))
+
+
+class GroundTable(NamedTuple):
+    """Heights of a radio altimeter's antenna above the ground under it, m of them, and what the filter believes of it.
+
+    height: (m,) m, nan where there is none. floor, share: 1 sigma is the larger of `floor`, m, and `share` of the
+    height; one number each. start: m beyond the threshold from which on heights are used. threshold, scale, direction:
+    as of `models.altimeter.Strip`; along, ground: (g,) as of `models.altimeter.Ground`; lever_arm: as of `FixTable`.
+    """
+
+    height: np.ndarray
+    floor: float
+    share: float
+    start: float
+    threshold: np.ndarray
+    scale: np.ndarray
+    direction: np.ndarray
+    along: np.ndarray
+    ground: np.ndarray
+    lever_arm: np.ndarray
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> GroundTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(height=change(self.height))
+
+
+class PressureTable(NamedTuple):
+    """Heights of the IMU above the ellipsoid by its static pressure, m of them: height (m,) m, nan where there is none;
+    variance (m,) m2 of their white noise; lag: s by which they are late, one number."""
+
+    height: np.ndarray
+    variance: np.ndarray
+    lag: float
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> PressureTable:
+        """The table with every array changed that differs between runs."""
+        return self._replace(height=change(self.height), variance=change(self.variance))
 
 
 class RangeTable(NamedTuple):
@@ -107,12 +147,14 @@ class Measurements(NamedTuple):
     fixes: FixTable
     altitudes: AltitudeTable
     ranges: RangeTable
+    grounds: GroundTable
+    pressures: PressureTable
 
     @classmethod
     def of(cls, tables: Mapping[int, Any], *lanes: int) -> Measurements:
         """These tables, of one run or of so many lanes, by their kinds; of others there are no measurements. Fixes and
         probes have one table. Raises KeyError for a kind that is none."""
-        unknown = tables.keys() - {FIX, ALTITUDE, PROBE, RANGE}
+        unknown = tables.keys() - {FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE}
         if unknown:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
 
@@ -123,17 +165,23 @@ class Measurements(NamedTuple):
             tables.get(FIX, tables.get(PROBE, FixTable(none(3), none(3), none(6, 6), np.zeros(3)))),
             tables.get(ALTITUDE, AltitudeTable(none(), none())),
             tables.get(RANGE, _NO_RANGES._replace(pseudorange=none(), range_rate=none())),
+            tables.get(ABOVE_GROUND, _NO_GROUND._replace(height=none())),
+            tables.get(PRESSURE, PressureTable(none(), none(), 0.0)),
         )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Measurements:
         """The tables with every array changed that differs between runs."""
-        return Measurements(self.fixes.each(change), self.altitudes.each(change), self.ranges.each(change))
+        tables = (self.fixes.each(change), self.altitudes.each(change), self.ranges.each(change))
+        return Measurements(*tables, self.grounds.each(change), self.pressures.each(change))
 
 
 _NO_RANGES = RangeTable(
     np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int64),
     np.empty(0, np.int64), np.empty(0), np.empty(0), np.zeros(3),
 )  # fmt: skip
+_NO_GROUND = GroundTable(
+    np.empty(0), 1.0, 0.0, 0.0, np.zeros(3), np.ones(2), np.array([1.0, 0.0]), np.zeros(1), np.zeros(1), np.zeros(3)
+)
 
 
 @kernel
@@ -247,6 +295,36 @@ def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
 
 
 @kernel
+def _above_ground(nav, c_nb, grounds, z, h):
+    """Height of an antenna above the ground that the filter believes in [3]; z (1,) of a zero measurement, h (1, n)
+    zero at first. Returns how far beyond the threshold the antenna is, m."""
+    arm = small_vector(nav, 3)
+    dcm(nav[NAV_QUAT:NAV_HELD], c_nb)
+    lever, along, height = grounds.lever_arm, grounds.along, grounds.ground
+    for i in range(3):
+        arm[i] = c_nb[i, 0] * lever[0] + c_nb[i, 1] * lever[1] + c_nb[i, 2] * lever[2]
+    north, east = grounds.direction[0], grounds.direction[1]
+    beyond = north * ((nav[NAV_LLH] - grounds.threshold[0]) * grounds.scale[0] + arm[0])
+    beyond += east * (short_way(nav[NAV_LLH + 1] - grounds.threshold[1]) * grounds.scale[1] + arm[1])
+    ground, slope = 0.0 * beyond + height[0], 0.0 * beyond
+    for k in range(along.shape[0] - 1):
+        rise = (height[k + 1] - height[k]) / (along[k + 1] - along[k])
+        past = beyond - along[k]
+        inside = (past > 0.0) & (beyond < along[k + 1])
+        slope = select(inside, rise, slope)
+        ground = select(past > 0.0, height[k] + rise * past, ground)
+        ground = select(beyond < along[k + 1], ground, height[k + 1])
+    z[0] = -(nav[NAV_LLH + 2] - arm[2] - grounds.threshold[2] - ground)
+    # height = -r_D - slope (north r_N + east r_E), r_antenna = r + C l: the arm turns with theta
+    by_north, by_east = -slope * north, -slope * east
+    h[0, R_N], h[0, R_E], h[0, R_D] = by_north, by_east, -1.0
+    h[0, A_N] = -arm[1] - by_east * arm[2]
+    h[0, A_E] = arm[0] + by_north * arm[2]
+    h[0, A_D] = by_east * arm[0] - by_north * arm[1]
+    return beyond
+
+
+@kernel
 def is_bent(ranges, row, h, p):
     """Whether a range is bent where the filter may be, so that one linearisation will not do: its source is near, and
     the position uncertain across it [2]. h: as `observe` left it; p: (n, n)."""
@@ -304,6 +382,37 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
             r[a, a] = select(there, sigma * sigma, 1.0)
         r[0, 1], r[1, 0] = 0.0, 0.0
         return 2
+    if kind == ABOVE_GROUND:
+        grounds = measurements.grounds
+        height = registers(grounds.height)
+        beyond = _above_ground(nav, c_nb, grounds, z, h)
+        there = no(math.isnan(height[row])) & (beyond >= grounds.start)
+        # by the height that the filter expects, which is not off by the noise
+        sigma = grounds.share * -z[0]
+        sigma = select(sigma > grounds.floor, sigma, grounds.floor)
+        have[0] = select(there, 1.0, 0.0)
+        z[0] = select(there, z[0] + height[row], 0.0)
+        for c in range(h.shape[1]):
+            h[0, c] *= have[0]
+        r[0, 0] = select(there, sigma * sigma, 1.0)
+        return 1
+    if kind == PRESSURE:
+        pressures = measurements.pressures
+        measured, variance = registers(pressures.height), registers(pressures.variance)
+        there = no(math.isnan(measured[row]))
+        have[0] = select(there, 1.0, 0.0)
+        # late by the lag, it reads what the height was then: more on the way down [3]
+        z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
+        h[0, R_D], h[0, V_D] = -1.0, pressures.lag
+        for c in range(declared.shape[0]):
+            if declared[c].triad == PRESSURE:
+                z[0] -= nav[NAV_SENSORS + c]
+                h[0, SENSORS + c] = 1.0
+        z[0] = select(there, z[0], 0.0)
+        for c in range(h.shape[1]):
+            h[0, c] *= have[0]
+        r[0, 0] = select(there, variance[row], 1.0)
+        return 1
     altitudes = measurements.altitudes
     measured, variance = registers(altitudes.height), registers(altitudes.variance)
     there = no(math.isnan(measured[row]))

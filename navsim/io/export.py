@@ -105,6 +105,12 @@ def _scenario(result: Result) -> Any:
     return yaml.safe_load(str(result.attributes["scenario"]))
 
 
+def _undulation(result: Result) -> float | None:
+    """Height of the geoid above the ellipsoid, m, where the scenario says it."""
+    runway = _scenario(result).get("runway") or {}
+    return None if runway.get("geoid_undulation_m") is None else float(runway["geoid_undulation_m"])
+
+
 def _start(result: Result) -> float:
     """GPS time of time 0, s; the scenario's text has the fractions that older files' `epoch` lacks."""
     utc = datetime.datetime.fromisoformat(_scenario(result)["epoch"]).timestamp()
@@ -440,10 +446,11 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
 
 def _nmea(result: Result, target: Path) -> dict[Path, str]:
     """GGA, RMC and VTG of each fix, with as many digits as the format lets [2]. Heights are given over
-    the ellipsoid with a geoid separation of zero, which is what the simulation knows. A leap second is 23:59:60."""
+    the geoid with its separation where the scenario has it, else over the ellipsoid with a separation of zero. A leap
+    second is 23:59:60."""
     if "/receiver/position_llh" not in result:
         raise ResultError("the result has no fixes of runs; fly it with --keep all")
-    start = _start(result)
+    start, separation = _start(result), _undulation(result) or 0.0
     used = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).sum(axis=1)
     lines = []
     for t, p, v, n, hdop in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
@@ -462,7 +469,10 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
         speed, course = float(np.hypot(v[0], v[1])), float(np.degrees(np.arctan2(v[1], v[0])) % 360.0)
         knots = speed / KNOT
         lines += [
-            _sentence(f"{GPS.talker}GGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2]:.3f},M,0.000,M,,"),
+            _sentence(
+                f"{GPS.talker}GGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2] - separation:.3f},M,"
+                f"{separation:.3f},M,,"
+            ),
             _sentence(f"{GPS.talker}RMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
             _sentence(f"{GPS.talker}VTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
         ]
@@ -703,6 +713,7 @@ _STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a077
 def _kml(result: Result, target: Path) -> dict[Path, str]:
     from xml.etree import ElementTree as Xml
 
+    separation = _undulation(result) or 0.0
     kml = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     document = Xml.SubElement(kml, "Document")
     Xml.SubElement(document, "name").text = str(result.attributes.get("title") or target.stem)
@@ -721,13 +732,16 @@ def _kml(result: Result, target: Path) -> dict[Path, str]:
         on_ground = f["kind"] in ("runway", "ellipse", "pseudolite")
         if f["type"] != "Point":
             Xml.SubElement(shape, "tessellate").text = "1"
-        # heights are over the ellipsoid, KML's over the sea: shown as they are, without a geoid
+        # KML's heights are over the sea: those over the ellipsoid are shown as they are where nothing is known of it
         Xml.SubElement(shape, "altitudeMode").text = "clampToGround" if on_ground else "absolute"
         into = shape
         if f["type"] == "Polygon":
             into = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
         # KML has longitudes of at most 180 degrees, and draws the short way
-        places = [(round(lon - 360.0 * round(lon / 360.0), 9), *rest) for lon, *rest in f["coordinates"]]
+        places = [
+            (round(lon - 360.0 * round(lon / 360.0), 9), lat, *(round(h - separation, 3) for h in up))
+            for lon, lat, *up in f["coordinates"]
+        ]
         Xml.SubElement(into, "coordinates").text = " ".join(",".join(map(str, place)) for place in places)
     Xml.indent(kml, space=" ")
     text = Xml.tostring(kml, encoding="unicode", xml_declaration=False)

@@ -364,6 +364,8 @@ _SUMMARY = Chapter(
            "normalised innovation squared per degree of freedom, mean of all runs", LANDING),
         _a("/summary/aiding/{sensor}/rejected", "", "1", "measurements of all runs rejected by the gate", LANDING,
            WHOLE),
+        _a("/summary/aiding/{sensor}/missing", "", "1",
+           "times at which it measured nothing (height, attitude), of all runs", LANDING, WHOLE),
         _a("/summary/count/runs", "", "1", "number of runs; 0 in a covariance analysis", _FLOWN, WHOLE),
         _a("/summary/count/fixes", "", "1", "number of fixes, of all runs", (*_FLOWN, REPLAY), WHOLE),
         _a("/summary/count/epochs_without_fix", "", "1", "epochs without a fix, of all runs", _FLOWN, WHOLE),

@@ -75,7 +75,7 @@ def _path(proposal: PlannedScenario) -> np.ndarray:
     end = min(proposal.trajectory.path.events.get(TOUCHDOWN, np.inf), proposal.scenario.duration_s)
     motion = proposal.trajectory.motion(np.linspace(0.0, end, 200))
     out = proposal.axes(motion.position_ecef)
-    return np.column_stack([out[:, :2], motion.llh[:, 2] - proposal.scenario.runway.height_m])
+    return np.column_stack([out[:, :2], motion.llh[:, 2] - proposal.scenario.runway.ellipsoidal_m])
 
 
 class AerodromePlan:

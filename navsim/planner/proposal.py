@@ -95,7 +95,7 @@ class PlannedScenario:
         interference = self.scenario.interference
         if interference is None:
             return np.empty((0, 3))
-        ground = self.scenario.runway.height_m
+        ground = self.scenario.runway.ellipsoidal_m
         llh = [[*each.place.radians, ground + each.height_m] for each in interference.jammers]
         return self._seen(np.array(llh).reshape(-1, 3))
 
@@ -105,7 +105,7 @@ class PlannedScenario:
         s_l1 = plane.places(flat)
         for _ in range(2):  # places are in a plane, and the Earth is not: millimetres at some kilometres
             s_l1 += plane.places(flat) - plane.places(plane.llh(s_l1))
-        return np.column_stack([-s_l1[:, 1], s_l1[:, 0], llh[:, 2] - self.scenario.runway.height_m])
+        return np.column_stack([-s_l1[:, 1], s_l1[:, 0], llh[:, 2] - self.scenario.runway.ellipsoidal_m])
 
     def axes(self, ecef: np.ndarray) -> np.ndarray:
         """Points (..., 3), ECEF, along, right and down of the threshold, m."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from navsim.scenario.base import (
     DEG,
@@ -17,6 +17,7 @@ from navsim.scenario.base import (
     Section,
     Size,
     Stretch,
+    reject,
 )
 
 if TYPE_CHECKING:
@@ -43,7 +44,12 @@ class Runway(Section):
     heading_deg: Azimuth = 0.0
     """direction of landing, clockwise from true north"""
     height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
-    """height above the WGS-84 ellipsoid"""
+    """height above the WGS-84 ellipsoid, or above the geoid, as height_above says"""
+    height_above: Literal["ellipsoid", "geoid"] = "ellipsoid"
+    """what height_m is above; geoid: sea level, as published heights of runways are"""
+    geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | Literal["auto"] | None = None
+    """height of the geoid above the ellipsoid at the runway; auto: that of EGM96 at runway.threshold or approach.start,
+    which needs the extra `geoid`; the stored scenario has the number"""
     length_m: Size = 1000.0
     """length of the runway, for drawings only"""
     width_m: Size = 30.0
@@ -52,6 +58,29 @@ class Runway(Section):
     """distance of the touchdown point beyond the threshold"""
     threshold: Point | None = None
     """where the runway begins; leave out to derive it from approach.start"""
+
+    @model_validator(mode="after")
+    def _above_geoid(self) -> Self:
+        if self.height_above == "geoid" and self.geoid_undulation_m is None:
+            raise reject("a height above the geoid needs the geoid's own above the ellipsoid", "geoid_undulation_m")
+        return self
+
+    @property
+    def undulation_m(self) -> float:
+        """Height of the geoid above the ellipsoid, m. Raises ValueError where it is not given."""
+        if not isinstance(self.geoid_undulation_m, float):
+            raise ValueError("the undulation of the geoid is not given")
+        return self.geoid_undulation_m
+
+    @property
+    def ellipsoidal_m(self) -> float:
+        """Height above the ellipsoid, m."""
+        return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
+
+    @property
+    def elevation_m(self) -> float:
+        """Height above the geoid, m. Raises ValueError as of `undulation_m`."""
+        return self.height_m - (self.undulation_m if self.height_above == "ellipsoid" else 0.0)
 
 
 class _Approach(Section):

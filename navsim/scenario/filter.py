@@ -11,7 +11,7 @@ from navsim.scenario.base import (
     Sigma,
     Triple,
 )
-from navsim.scenario.sensors import Accelerometer, Gyro
+from navsim.scenario.sensors import Accelerometer, FilterBarometricAltimeter, FilterRadioAltimeter, Gyro
 from navsim.scenario.signals import ClockNoise
 
 
@@ -86,6 +86,10 @@ class FilterSection(Section):
     """1 sigma the filter starts from; what is left out is that of initial_errors"""
     imu: FilterSensors = FilterSensors()
     """sensor errors the filter believes in; what is left out is as `imu` says"""
+    radio_altimeter: FilterRadioAltimeter = FilterRadioAltimeter()
+    """what the filter takes the radio altimeter for; what is left out is as `radio_altimeter` says"""
+    barometric_altimeter: FilterBarometricAltimeter = FilterBarometricAltimeter()
+    """what the filter takes the barometric altimeter for; what is left out is as `barometric_altimeter` says"""
     scale_factors: bool = False
     """follow the scale factors of gyros and accelerometers as six more states; their 1 sigma at the start is that of
     imu"""

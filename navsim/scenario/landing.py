@@ -29,7 +29,16 @@ from navsim.scenario.filter import SMOOTHERS, FilterSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.requirements import AnyRequirement
-from navsim.scenario.sensors import AltimeterSection, Imu, InitialErrorsSection, believed
+from navsim.scenario.sensors import (
+    AltimeterSection,
+    BarometricAltimeterSection,
+    FilterBarometricAltimeter,
+    FilterRadioAltimeter,
+    Imu,
+    InitialErrorsSection,
+    RadioAltimeterSection,
+    believed,
+)
 from navsim.scenario.signals import ClockNoise, PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 
@@ -69,7 +78,11 @@ class Landing(Section):
     imu: Imu = Imu()
     """the inertial sensors as they really are"""
     altimeter: AltimeterSection | None = None
-    """a sensor of height beside the receiver; null: none"""
+    """a sensor of height above the ellipsoid beside the receiver; null: none"""
+    radio_altimeter: RadioAltimeterSection | None = None
+    """a sensor of height above the ground beside the receiver; null: none"""
+    barometric_altimeter: BarometricAltimeterSection | None = None
+    """a sensor of height above sea level beside the receiver; null: none"""
     initial_errors: InitialErrorsSection = InitialErrorsSection()
     """errors that the navigation starts with"""
     sky: Sky = Sky()
@@ -92,6 +105,27 @@ class Landing(Section):
     """what watches the fixes; null: nothing"""
     requirements: Annotated[list_of(AnyRequirement), Field(max_length=100)] = ()  # type: ignore[valid-type]
     """what the landing has to meet: a verdict on each"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_undulation(cls, data: Any) -> Any:
+        """Write the geoid's undulation where the scenario says `auto`, so that the resolved scenario has it."""
+        runway = data.get("runway") if isinstance(data, dict) else None
+        if not isinstance(runway, dict) or runway.get("geoid_undulation_m") != "auto":
+            return data
+        approach = data.get("approach")
+        place = runway.get("threshold") or (approach.get("start") if isinstance(approach, dict) else None)
+        if not isinstance(place, dict) or not all(
+            isinstance(place.get(key), int | float) for key in ("lat_deg", "lon_deg")
+        ):
+            return data  # told of by the section that has the place
+        from navsim.models.geoid import NoGeoid, undulation
+
+        try:
+            found = round(undulation(place["lat_deg"], place["lon_deg"]), 2)
+        except NoGeoid as error:
+            raise reject(str(error), "runway", "geoid_undulation_m") from None
+        return {**data, "runway": {**runway, "geoid_undulation_m": found}}
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -165,11 +199,22 @@ class Landing(Section):
 
     def _checked_aiding(self) -> None:
         """What sensors and states of the filter have to do with each other."""
-        if self.altimeter is not None:
-            if self.altimeter.rate_hz > self.imu.rate_hz:
-                raise reject("cannot be faster than the IMU's samples (imu.rate_hz)", "altimeter", "rate_hz")
-            if self.altimeter.rate_hz * self.duration_s < 1.0:
-                raise reject("measures nothing within duration_s", "altimeter", "rate_hz")
+        for name in ("altimeter", "radio_altimeter", "barometric_altimeter"):
+            section = getattr(self, name)
+            if section is None:
+                continue
+            if section.rate_hz > self.imu.rate_hz:
+                raise reject("cannot be faster than the IMU's samples (imu.rate_hz)", name, "rate_hz")
+            if section.rate_hz * (self.duration_s - getattr(section, "latency_s", 0.0)) < 1.0:
+                raise reject("measures nothing within duration_s", name, "rate_hz")
+        if self.radio_altimeter is None and self.filter.radio_altimeter != FilterRadioAltimeter():
+            raise reject("there is none: give `radio_altimeter: {sigma_floor_m: ...}`", "filter", "radio_altimeter")
+        if self.barometric_altimeter is not None:
+            if self.runway.geoid_undulation_m is None:
+                text = "heights by pressure are above sea level: give the height of the geoid above the ellipsoid"
+                raise reject(text, "runway", "geoid_undulation_m")
+        elif self.filter.barometric_altimeter != FilterBarometricAltimeter():
+            raise reject("there is none: give `barometric_altimeter: {sigma_m: ...}`", "filter", "barometric_altimeter")
         given = [getattr(self.filter.imu, sensor) for sensor in ("gyro", "accelerometer")]
         of_filter = [section is not None and section.scale_ppm is not None for section in given]
         if self.filter.scale_factors:
@@ -314,7 +359,9 @@ class Landing(Section):
             loop=tracking.loop(),
             thermal=signals.range_law == "cn0",
             horizon_db=tracking.gain_horizon_db,
-            reflection=None if multipath is None else multipath.model(self.runway.height_m, tracking.gain_horizon_db),
+            reflection=None
+            if multipath is None
+            else multipath.model(self.runway.ellipsoidal_m, tracking.gain_horizon_db),
             cn0_reference=section.cn0_reference_m,
             offsets=signals.offsets(),
             one_clock=self.receiver.one_clock,
@@ -328,7 +375,12 @@ class Landing(Section):
 
     def aiding(self) -> list[Any]:
         """The models of the sensors beside the receiver that there are."""
-        return [section.model() for section in (self.altimeter,) if section is not None]
+        out: list[Any] = [] if self.altimeter is None else [self.altimeter.model()]
+        if self.radio_altimeter is not None:
+            out.append(self.radio_altimeter.model(self.runway, self.filter.radio_altimeter))
+        if self.barometric_altimeter is not None:
+            out.append(self.barometric_altimeter.model(self.runway, self.filter.barometric_altimeter))
+        return out
 
     def path(self) -> AnyPath:
         """The path over ground, in the tangent plane of the touchdown point. Raises ValueError where there is none,
@@ -354,11 +406,11 @@ class Landing(Section):
         heading = self.runway.heading_deg * DEG
         if self.approach.start is not None:
             begin = path.jet(np.zeros(1))[0, 0]
-            frame = touchdown_from_start(self.approach.start.radians, self.runway.height_m, heading, begin)
+            frame = touchdown_from_start(self.approach.start.radians, self.runway.ellipsoidal_m, heading, begin)
         else:
             assert self.runway.threshold is not None
             frame = touchdown_from_threshold(
-                self.runway.threshold.radians, self.runway.height_m, heading, self.runway.aim_point_m
+                self.runway.threshold.radians, self.runway.ellipsoidal_m, heading, self.runway.aim_point_m
             )
         events = path.events
         decrab = (events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None)
@@ -384,7 +436,7 @@ class Landing(Section):
         from navsim.core.arrays.earth import llh_from_ecef
 
         llh = llh_from_ecef(frame.origin - self.runway.aim_point_m * frame.axes[:, 0])
-        return np.array([llh[0], llh[1], self.runway.height_m])
+        return np.array([llh[0], llh[1], self.runway.ellipsoidal_m])
 
     def pseudolite_positions(self, frame: Frame) -> np.ndarray:
         """Surveyed positions (p, 3), rad, rad, m."""
@@ -395,7 +447,7 @@ class Landing(Section):
         out = np.empty((len(self.pseudolites.placed()), 3))
         for row, site in zip(out, self.pseudolites.placed(), strict=True):
             above = self.pseudolites.height_m if site.height_m is None else site.height_m
-            height = self.runway.height_m + above
+            height = self.runway.ellipsoidal_m + above
             if site.lat_deg is not None and site.lon_deg is not None:
                 row[:] = site.lat_deg * DEG, site.lon_deg * DEG, height
                 continue

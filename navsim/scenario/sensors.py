@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import (
+    DEG,
     DEG_H,
     DEG_SQRT_H,
     MG,
@@ -15,14 +17,19 @@ from navsim.scenario.base import (
     NonNegative,
     Section,
     Sigma,
+    Signed,
     Triple,
+    list_of,
+    pair_of,
     reject,
 )
 from navsim.scenario.presets import IMU_PRESETS
 
 if TYPE_CHECKING:
-    from navsim.models.altimeter import Altimeter
+    from navsim.models.altimeter import Altimeter, Ground, RadioAltimeter
     from navsim.models.imu import Triad
+    from navsim.models.pressure import BarometricAltimeter
+    from navsim.scenario.approach import Runway
 
 
 PPM = 1e-6
@@ -198,7 +205,163 @@ class AltimeterSection(Section):
         from navsim.models.altimeter import Altimeter
 
         believed = self.sigma_m if self.believed_sigma_m is None else self.believed_sigma_m
-        return Altimeter(self.rate_hz, self.offset_m, (self.sigma_m,), (believed,))
+        return Altimeter(self.rate_hz, self.offset_m, self.sigma_m, believed)
+
+
+Share = Annotated[float, Field(ge=0.0, le=0.5)]
+Late = Annotated[float, Field(ge=0.0, le=5.0)]
+
+
+def check_profile(ground: tuple[tuple[float, float], ...], *path: str) -> None:
+    """Raise, about the key at `path`, for a profile whose distances do not increase."""
+    for i, (before, after) in enumerate(itertools.pairwise(ground)):
+        if after[0] < before[0] + 0.01:
+            raise reject(
+                f"distances beyond the threshold must increase, by 0.01 m at least; {after[0]:g} m comes after "
+                f"{before[0]:g} m", *path, i + 1,
+            )  # fmt: skip
+
+
+def profile_of(ground: tuple[tuple[float, float], ...]) -> Ground:
+    """The profile that a key stands for; level with the runway where it has no points."""
+    import numpy as np
+
+    from navsim.models.altimeter import Ground
+
+    points = np.array(ground or ((0.0, 0.0),))
+    return Ground(points[:, 0].copy(), points[:, 1].copy())
+
+
+class RadioAltimeterSection(Section):
+    """A radio altimeter: the height of its antenna above the ground under it."""
+
+    rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 10.0
+    """heights a second"""
+    sigma_floor_m: Sigma
+    """1 sigma of its white noise near the ground"""
+    sigma_share: Share = 0.0
+    """1 sigma as a share of the height, where that is more"""
+    lowest_m: Annotated[float, Field(ge=-100.0, le=1e4)] = 0.0
+    """height above ground below which it measures nothing"""
+    highest_m: Annotated[float, Field(ge=1.0, le=1e4)] = 750.0
+    """height above ground above which it measures nothing"""
+    attitude_limit_deg: Annotated[float, Field(ge=1.0, le=90.0)] = 30.0
+    """angle between the aircraft's vertical axis and the vertical above which it measures nothing"""
+    latency_s: Late = 0.0
+    """time from a measurement to its arrival"""
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    """IMU to its antenna: forward, right, down"""
+    ground: Annotated[list_of(pair_of(Signed)), Field(max_length=200)] = ()  # type: ignore[valid-type]
+    """profile of the ground along the approach, pairs of a distance beyond the threshold in the direction of landing
+    (before it: negative) and a height above the runway, straight between them, level beyond; none: all is level
+    with the runway"""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.lowest_m >= self.highest_m:
+            raise reject(f"must be below highest_m, {self.highest_m:g} m", "lowest_m")
+        check_profile(self.ground, "ground")
+        return self
+
+    def model(self, runway: Runway, given: FilterRadioAltimeter) -> RadioAltimeter:
+        """The sensor in SI units on a runway, and what a filter takes it for."""
+        import numpy as np
+
+        from navsim.models.altimeter import RadioAltimeter, RadioBeliefs
+
+        believed = RadioBeliefs(
+            self.sigma_floor_m if given.sigma_floor_m is None else given.sigma_floor_m,
+            self.sigma_share if given.sigma_share is None else given.sigma_share,
+            profile_of(self.ground if given.ground is None else given.ground),
+            np.array(self.lever_arm_m if given.lever_arm_m is None else given.lever_arm_m),
+            self.latency_s if given.latency_s is None else given.latency_s,
+            -math.inf if given.from_m is None else given.from_m,
+        )
+        return RadioAltimeter(
+            rate=self.rate_hz,
+            floor=self.sigma_floor_m,
+            share=self.sigma_share,
+            lowest=self.lowest_m,
+            highest=self.highest_m,
+            tilt=self.attitude_limit_deg * DEG,
+            latency=self.latency_s,
+            ground=profile_of(self.ground),
+            lever_arm=np.array(self.lever_arm_m),
+            aim_point=runway.aim_point_m,
+            height=runway.ellipsoidal_m,
+            believed=believed,
+        )
+
+
+class FilterRadioAltimeter(Section):
+    """What the filter takes the radio altimeter for; what is left out is as `radio_altimeter` says."""
+
+    sigma_floor_m: Sigma | None = None
+    """1 sigma of the noise near the ground that the filter believes in"""
+    sigma_share: Share | None = None
+    """1 sigma as a share of the height that the filter believes in"""
+    latency_s: Late | None = None
+    """latency that the filter believes in"""
+    lever_arm_m: Triple | None = None
+    """lever arm of the antenna that the filter believes in"""
+    ground: Annotated[list_of(pair_of(Signed)), Field(max_length=200)] | None = None  # type: ignore[valid-type]
+    """profile of the ground that the filter believes in; []: all is level with the runway"""
+    from_m: Signed | None = None
+    """distance beyond the threshold from which on the filter uses heights above ground; 0: over the runway alone;
+    left out: everywhere"""
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Self:
+        check_profile(self.ground or (), "ground")
+        return self
+
+
+Warmer = Annotated[float, Field(ge=-80.0, le=60.0)]
+Lag = Annotated[float, Field(ge=0.0, le=10.0)]
+
+
+class BarometricAltimeterSection(Section):
+    """A barometric altimeter: the height above sea level that the static pressure at the IMU stands for."""
+
+    rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 10.0
+    """heights a second"""
+    sigma_m: Sigma
+    """1 sigma of its white noise"""
+    lag_s: Lag = 0.0
+    """lag of first order of the pressure in its tubes"""
+    isa_deviation_k: Warmer = 0.0
+    """by how much the air is warmer than the standard atmosphere, at all heights"""
+    qnh_error_hpa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    """by how much it is set too high, about 8.3 m each; the filter knows nothing of it"""
+
+    def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
+        """The sensor in SI units at a runway, and what a filter takes it for."""
+        from navsim.models.pressure import Air, BarometricAltimeter, PressureBeliefs
+
+        warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
+        believed = PressureBeliefs(
+            self.sigma_m if given.sigma_m is None else given.sigma_m,
+            self.lag_s if given.lag_s is None else given.lag_s,
+            Air(runway.elevation_m, warmer),
+            runway.undulation_m if given.geoid_undulation_m is None else given.geoid_undulation_m,
+        )
+        return BarometricAltimeter(
+            self.rate_hz, self.sigma_m, self.lag_s, Air(runway.elevation_m, self.isa_deviation_k), runway.undulation_m,
+            self.qnh_error_hpa, believed,
+        )  # fmt: skip
+
+
+class FilterBarometricAltimeter(Section):
+    """What the filter takes the barometric altimeter for; what is left out is as `barometric_altimeter` says."""
+
+    sigma_m: Sigma | None = None
+    """1 sigma of the noise that the filter believes in"""
+    lag_s: Lag | None = None
+    """lag that the filter believes in"""
+    isa_deviation_k: Warmer | None = None
+    """by how much the filter believes the air warmer than the standard atmosphere; 0: heights as they are shown"""
+    geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | None = None
+    """height of the geoid above the ellipsoid that the filter believes in; default: runway.geoid_undulation_m"""
 
 
 class Vectors(Section):

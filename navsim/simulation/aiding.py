@@ -14,37 +14,69 @@ from typing import Any
 import numpy as np
 
 from navsim.core.streams import generator
-from navsim.estimation.observations import ALTITUDE, AltitudeTable
-from navsim.models.altimeter import Altimeter
-from navsim.models.kinematics import Motion, Moving
+from navsim.estimation.observations import (
+    ABOVE_GROUND,
+    ALTITUDE,
+    PRESSURE,
+    AltitudeTable,
+    GroundTable,
+    PressureTable,
+)
+from navsim.models.altimeter import Altimeter, RadioAltimeter, Strip
+from navsim.models.kinematics import Frame, Moving
+from navsim.models.pressure import BarometricAltimeter
 
 
 @dataclass(frozen=True)
 class Sensor:
     """How a model becomes a sensor of a flight: name, kind of its measurements
     (`estimation.observations`), what their numbers are and their unit; exact: what
-    it would measure along a motion without noise (m, k); table: what was measured (m, k), with the 1 sigma (k,) that
-    the filter believes in, as that kind's table; sign: of the innovation's change with a number."""
+    it would measure on a flight at times (m,), s, without noise (m, k), nan where it measures nothing; sigma:
+    1 sigma (m, k) of the white noise there; table: what was measured (m, k) as that kind's table; slope: of the
+    innovation by a number; as_believed: whether a filter takes a model for what it is; believed_latency:
+    how old it takes the measurements for when they come, s."""
 
     name: str
     kind: int
     numbers: tuple[str, ...]
     unit: str
-    exact: Callable[[Any, Motion], np.ndarray]
-    table: Callable[[np.ndarray, np.ndarray], Any]
-    sign: float
+    exact: Callable[[Any, Moving, np.ndarray], np.ndarray]
+    sigma: Callable[[Any, np.ndarray], np.ndarray]
+    table: Callable[[Any, Frame, np.ndarray], Any]
+    slope: Callable[[Any], float]
+    as_believed: Callable[[Any], bool]
+    believed_latency: Callable[[Any], float] = lambda model: 0.0
 
 
 @dataclass(frozen=True)
 class Aid:
-    """A sensor on a flight. time: (m,) s of its measurements; exact: (m, k) without noise; sigma, believed: (k,) 1
-    sigma of its white noise, and what the filter believes of it."""
+    """A sensor on a flight. time, arrival: (m,) s of its measurements, and when they come; valid: (m,) when the filter
+    takes them to have been made; exact: (m, k) without noise, nan where it measures nothing; sigma: (m, k) 1 sigma of
+    its white noise."""
 
     sensor: Sensor
+    model: Any
+    frame: Frame
     time: np.ndarray
+    arrival: np.ndarray
+    valid: np.ndarray
     exact: np.ndarray
     sigma: np.ndarray
-    believed: np.ndarray
+
+    @property
+    def missing(self) -> int:
+        """How many times it measures nothing."""
+        return int(np.isnan(self.exact).all(axis=1).sum())
+
+    @property
+    def slope(self) -> float:
+        """Of the filter's innovation by a number that is measured."""
+        return self.sensor.slope(self.model)
+
+    @property
+    def as_believed(self) -> bool:
+        """Whether the filter takes it for what it is."""
+        return self.sensor.as_believed(self.model)
 
     def measured(self, seed: int, run: int) -> np.ndarray:
         """What it measures in a run (m, k)."""
@@ -53,8 +85,34 @@ class Aid:
         )
 
     def table(self, measured: np.ndarray) -> Any:
-        """Measurements (m, k) as the filter takes them."""
-        return self.sensor.table(measured, self.believed)
+        """Measurements (m, k), or of lanes, as the filter takes them."""
+        return self.sensor.table(self.model, self.frame, measured)
+
+
+def _of_ground(model: RadioAltimeter, frame: Frame, measured: np.ndarray) -> GroundTable:
+    """Heights (m, 1) above ground as the filter takes them."""
+    strip, its = Strip.of(frame, model.aim_point, model.height), model.believed
+    return GroundTable(
+        measured[:, 0].copy(), its.floor, its.share, its.start, strip.threshold, strip.scale, strip.direction,
+        its.ground.along, its.ground.height, its.lever_arm,
+    )  # fmt: skip
+
+
+_STEP = 0.01
+"""Times between which a pressure is taken to change straight, s."""
+
+
+def _shown(model: BarometricAltimeter, flight: Moving, time: np.ndarray) -> np.ndarray:
+    """What a barometric altimeter shows on a flight at times (m,), s, without noise (m,), m."""
+    fine = np.linspace(0.0, time[-1], int(np.ceil(time[-1] / _STEP)) + 1) if time.size else time
+    return np.interp(time, fine, model.shown(fine, flight.motion(fine).llh[:, 2]))
+
+
+def _of_pressure(model: BarometricAltimeter, frame: Frame, measured: np.ndarray) -> PressureTable:
+    """Heights (m, 1) by pressure as the filter takes them: above the ellipsoid, by the air that it believes in."""
+    its = model.believed
+    height = its.air.height(measured[:, 0]) + its.undulation
+    return PressureTable(height, np.full_like(height, (its.sigma / its.air.stretch) ** 2), its.lag)
 
 
 _SENSORS: Mapping[type, Sensor] = {
@@ -63,31 +121,65 @@ _SENSORS: Mapping[type, Sensor] = {
         ALTITUDE,
         ("height",),
         "m",
-        lambda model, motion: motion.llh[:, 2:] + model.offset,
-        lambda measured, believed: AltitudeTable(measured[:, 0].copy(), np.full_like(measured[:, 0], believed[0] ** 2)),
-        -1.0,
+        lambda model, flight, time: flight.motion(time).llh[:, 2:] + model.offset,
+        lambda model, exact: np.full_like(exact, model.sigma),
+        lambda model, frame, measured: AltitudeTable(
+            measured[:, 0].copy(), np.full_like(measured[:, 0], model.believed**2)
+        ),
+        lambda model: -1.0,
+        lambda model: bool(model.sigma == model.believed),
+    ),
+    RadioAltimeter: Sensor(
+        "radio_altimeter",
+        ABOVE_GROUND,
+        ("height above ground",),
+        "m",
+        lambda model, flight, time: model.exact(flight.frame, flight.motion(time))[:, None],
+        lambda model, exact: model.sigma(exact),
+        _of_ground,
+        lambda model: 1.0,
+        lambda model: model.as_believed,
+        lambda model: float(model.believed.latency),
+    ),
+    BarometricAltimeter: Sensor(
+        "barometric_altimeter",
+        PRESSURE,
+        ("height above sea level",),
+        "m",
+        lambda model, flight, time: _shown(model, flight, time)[:, None],
+        lambda model, exact: np.full_like(exact, model.sigma),
+        _of_pressure,
+        lambda model: 1.0 / model.believed.air.stretch,
+        lambda model: model.as_believed,
     ),
 }
 """The sensor of each model."""
 
 
+def believed_latency(model: Any) -> float:
+    """How old a filter takes the measurements of a model for when they come, s."""
+    return _SENSORS[type(model)].believed_latency(model)
+
+
 def times_of(model: Any, duration: float, imu_rate: float) -> np.ndarray:
-    """When a model measures on a flight of `duration` s (m,): 1 / rate, 2 / rate, ... s up to the last sample of the
-    IMU, whose rate is in Hz."""
-    last = np.floor(duration * imu_rate + 1e-9) / imu_rate
+    """When a model measures on a flight of `duration` s (m,): 1 / rate, 2 / rate, ... s, as long as measurements come
+    up to the last sample of the IMU, whose rate is in Hz."""
+    last = np.floor(duration * imu_rate + 1e-9) / imu_rate - model.latency
     return np.arange(1, int(np.floor(last * model.rate + 1e-9)) + 1) / model.rate
 
 
 def aids_of(models: Sequence[Any], trajectory: Moving, duration: float, imu_rate: float) -> tuple[Aid, ...]:
-    """The sensors of these models on a flight, measuring at their `times_of`. A model has its `rate` (Hz), and `sigma`
-    and `believed` as of `Aid`. Raises ValueError for two of a kind."""
+    """The sensors of these models on a flight, measuring at their `times_of`. A model has its `rate` (Hz) and `latency`
+    (s). Raises ValueError for two of a kind."""
     kinds = [_SENSORS[type(model)].kind for model in models]
     if len(set(kinds)) < len(kinds):
         raise ValueError("a table of measurements belongs to one sensor: two of a kind cannot fly together")
     out = []
     for model in models:
-        sensor = _SENSORS[type(model)]
+        sensor, frame = _SENSORS[type(model)], trajectory.frame
         time = times_of(model, duration, imu_rate)
-        exact = sensor.exact(model, trajectory.motion(time))
-        out.append(Aid(sensor, time, exact, np.asarray(model.sigma), np.asarray(model.believed)))
+        exact = sensor.exact(model, trajectory, time)
+        arrival = time + model.latency
+        valid = np.maximum(arrival - believed_latency(model), 0.0) if model.latency else time
+        out.append(Aid(sensor, model, frame, time, arrival, valid, exact, sensor.sigma(model, exact)))
     return tuple(out)

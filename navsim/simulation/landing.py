@@ -451,12 +451,13 @@ def _order(world: World, beliefs: Beliefs) -> tuple[Events, np.ndarray]:
     # the filter knows when a fix came and how old it believes it to be
     arrival = world.filter_time[1:]
     valid = np.maximum(arrival - beliefs.latency, 0.0)
-    known = valid if is_smoother(beliefs.kind) else arrival
+    smooths = is_smoother(beliefs.kind)
+    known = valid if smooths else arrival
     heard = world.signals.used if beliefs.tight else np.ones((arrival.size, 1), bool)
     epoch, kind = np.nonzero(heard)[0], RANGE if beliefs.tight else FIX
     events = schedule(
         world.filter_time, (kind, valid[epoch], known[epoch]),
-        *((aid.sensor.kind, aid.time, aid.time) for aid in world.aids),
+        *((aid.sensor.kind, aid.valid, aid.valid if smooths else aid.arrival) for aid in world.aids),
     )  # fmt: skip
     weighed = np.full(heard.shape, -1)
     weighed[heard] = events.rows(kind)

@@ -409,8 +409,10 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         if s.smoothing is None:
             noise[_RANGES[which]][weighed] = np.where(both, _white(by_range, s.sigma, s.used, chosen, epoch)[row], 0.0)
     for k, aid in enumerate(world.aids):
-        at, numbers = _weighed(events, route, aid.sensor.kind)[0], np.arange(aid.sigma.size)
-        noise[len(own) + k][at[:, None], numbers, numbers] = np.where(there[at][:, numbers], aid.sigma**2, 0.0)
+        (at, its), numbers = _weighed(events, route, aid.sensor.kind), np.arange(aid.sigma.shape[1])
+        noise[len(own) + k][at[:, None], numbers, numbers] = np.where(
+            there[at][:, numbers], (aid.slope * aid.sigma[its]) ** 2, 0.0
+        )
     out = _Sums(np.zeros((len(sources), outputs, n)), np.zeros((outputs, n, n)), np.zeros((*there.shape, MOST)))
     density = np.zeros((len(sources), NOISES + 2))
     density[[SOURCES.index(name) for name in _NOISES], np.arange(NOISES)] = _densities(flight)
@@ -461,7 +463,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
     white = s.smoothing is None and s.space is None and beliefs.sigma_scale == 1.0
-    white &= all(np.array_equal(aid.sigma, aid.believed) for aid in world.aids)
+    white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     matched &= _same(beliefs.sensors, followed(gyro, accel, n > states.N))

@@ -68,7 +68,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
     ranges, rates = np.zeros((count, e, s)), np.zeros((count, e, s))
     turned = np.zeros((count, world.dtheta.shape[0], 3))  # by the angular rate that a lever arm turns with
     aided = {aid.sensor.kind: np.zeros((count, *aid.exact.shape)) for aid in world.aids}
-    sign = {aid.sensor.kind: aid.sensor.sign for aid in world.aids}
+    slope = {aid.sensor.kind: aid.slope for aid in world.aids}
     own, copied = np.zeros((count, n)), np.zeros((count, n))
     for i in range(events.time.size - 1, -1, -1):
         ahead, kind, row, w = bool(events.ahead[i]), int(events.kind[i]), events.row[i], steps.measurement[i]
@@ -84,7 +84,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
                 sample = max(int(np.searchsorted(world.imu_time, events.time[i] - TIME_TOLERANCE)) - 1, 0)
                 turned[:, sample] -= by_innovation @ lin.h[w, there, states.GYRO : states.GYRO + 3]
             else:
-                aided[kind][:, row, there] -= sign[kind] * by_innovation
+                aided[kind][:, row, there] -= slope[kind] * by_innovation
             here -= by_innovation @ lin.h[w, there]
         if steps.interval[i] >= 0:
             after = here.copy()
@@ -195,5 +195,8 @@ def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:
         inputs.initial - fixed[:, None],
         *increments,
         *(np.where(used, lanes, 0.0) for lanes in signals),
-        *(lanes - aid.exact[..., None] for lanes, aid in zip(inputs.aided, world.aids, strict=True)),
+        *(
+            np.where(np.isnan(aid.exact)[..., None], 0.0, lanes - aid.exact[..., None])
+            for lanes, aid in zip(inputs.aided, world.aids, strict=True)
+        ),
     ]

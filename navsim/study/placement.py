@@ -136,7 +136,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
                 message = f"{given.keep_out} has the checksum {checksum}, not this one"
                 raise InputError([Problem(document.place(key), "constraints.keep_out_sha256", message)])
             given = given.model_copy(update={"keep_out_sha256": checksum})
-            keep_out = _polygons(content, plane, scenario.runway.height_m)
+            keep_out = _polygons(content, plane, scenario.runway.ellipsoidal_m)
         except ValueError as error:
             raise InputError([Problem(Place(str(path)), "", f"{error} (named at {document.place(key)})")]) from None
         except OSError as error:

@@ -11,7 +11,7 @@ from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
 from navsim.scenario.filter import SUM
 from navsim.scenario.landing import Landing
-from navsim.simulation.aiding import times_of
+from navsim.simulation.aiding import believed_latency, times_of
 from navsim.simulation.exclusion import MOST_KEPT, STRETCH
 from navsim.simulation.landing_covariance import SOURCES
 from navsim.study.budget.estimate import (
@@ -165,9 +165,10 @@ def _blocks(runs: int) -> int:
 
 
 def _waiting(scenario: Landing) -> float:
-    """How long the filter waits for late fixes, s."""
+    """How long the filter waits for late measurements, s."""
     believed = scenario.filter.latency_s
-    return scenario.receiver.latency_s if believed is None else believed
+    of_fixes = scenario.receiver.latency_s if believed is None else believed
+    return max(of_fixes, *map(believed_latency, scenario.aiding()), 0.0)
 
 
 def run_time(scenario: Landing, here: Extent) -> float:

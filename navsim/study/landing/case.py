@@ -81,6 +81,11 @@ class Case:
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
                 "the first fix: the errors there are those that the filter begins with"
             )
+        out += [
+            f"{aid.sensor.name}: measures nothing on this flight, whose heights or attitudes are beyond its limits"
+            for aid in self.world.aids
+            if aid.time.size and aid.missing == aid.time.size
+        ]
         out += self._out_of_sight()
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
@@ -111,7 +116,7 @@ class Case:
     def _out_of_sight(self) -> list[str]:
         """Pseudolites that are heard although the Earth is between them and the whole flight."""
         path = self.trajectory.motion(self.world.signals.time).position_ecef
-        ground = self.scenario.runway.height_m
+        ground = self.scenario.runway.ellipsoidal_m
         over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if self.pseudolites.names else path
         out = []
         for name, llh in zip(self.pseudolites.names, self.pseudolites.llh, strict=True):
@@ -217,7 +222,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
     threshold = scenario.runway.threshold
     assert threshold is not None
     frame = touchdown_from_threshold(
-        threshold.radians, scenario.runway.height_m, scenario.runway.heading_deg * DEG, scenario.runway.aim_point_m
+        threshold.radians, scenario.runway.ellipsoidal_m, scenario.runway.heading_deg * DEG, scenario.runway.aim_point_m
     )
     events = {} if approach.touchdown_s is None else {TOUCHDOWN: approach.touchdown_s - start}
     try:

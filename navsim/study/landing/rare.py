@@ -221,7 +221,7 @@ def _rejections(case: Case, fixes: Flaws, flown: Ensemble) -> list[Finding]:
     if not judging.too_many(int(rejected[still].sum()), int(fixed[still].sum()) * probability):
         out = [_by_pushes(each) for each in out]
     for k, aid in enumerate(case.world.aids):
-        of_aid, size = flown.per_run("aided_rejected")[:, k], aid.time.size
+        of_aid, size = flown.per_run("aided_rejected")[:, k], aid.time.size - aid.missing
         of_all = judging.rejected_of(aid.sensor.name, int(of_aid.sum()), flown.runs * size, probability)
         if not judging.too_many(int(of_aid[still].sum()), int(still.sum()) * size * probability):
             of_all = [_by_pushes(each) for each in of_all]

@@ -180,6 +180,7 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         branch = f"/summary/aiding/{aid.sensor.name}"
         draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
         draft[f"{branch}/rejected"] = np.int64(sums[2])
+        draft[f"{branch}/missing"] = np.int64(ensemble.runs * aid.missing)
     for name, value in (
         ("runs", ensemble.runs),
         ("fixes", int(ensemble.per_run("fixes").sum())),

@@ -1,0 +1,124 @@
+"""The air's static pressure, and heights by it.
+
+Sources: [1] ISO 2533 (1975), the standard atmosphere, its lowest layer, with heights for geopotential ones. [2]
+`docs/theory/altimeters.md`, section 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SEA_LEVEL, TEMPERATURE, LAPSE = 101_325.0, 288.15, 6.5e-3
+"""Pressure, Pa, and temperature, K, of the standard atmosphere at sea level, and how it cools with height, K/m [1]."""
+GAS, GRAVITY = 287.05287, 9.80665
+"""The gas constant of air, J/(kg K), and gravity, m/s2 [1]."""
+_POWER = GRAVITY / (GAS * LAPSE)
+HECTOPASCAL = 100.0
+
+
+def standard_temperature(height: np.ndarray | float) -> np.ndarray:
+    """Temperature, K, of the standard atmosphere at heights above sea level, m, up to 11 km."""
+    return TEMPERATURE - LAPSE * np.asarray(height)
+
+
+def standard_pressure(height: np.ndarray | float) -> np.ndarray:
+    """Pressure, Pa, of the standard atmosphere at heights above sea level, m, up to 11 km."""
+    return SEA_LEVEL * (standard_temperature(height) / TEMPERATURE) ** _POWER
+
+
+def pressure_altitude(pressure: np.ndarray | float) -> np.ndarray:
+    """The height, m, at which the standard atmosphere has a pressure, Pa."""
+    return TEMPERATURE / LAPSE * (1.0 - (np.asarray(pressure) / SEA_LEVEL) ** (1.0 / _POWER))
+
+
+SLOPE = HECTOPASCAL * GAS * TEMPERATURE / (GRAVITY * SEA_LEVEL)
+"""Metres of height a hectopascal at sea level."""
+
+
+@dataclass(frozen=True)
+class Air:
+    """The air over an aerodrome, by how much it is off the standard atmosphere.
+
+    elevation: of the aerodrome above sea level, m. warmer: K, at all heights. The pressure at the aerodrome is the
+    standard one: what a setting by the aerodrome's own pressure (QNH) makes of any other.
+    """
+
+    elevation: float
+    warmer: float
+
+    @property
+    def stretch(self) -> float:
+        """Metres that an altimeter shows for each metre above the aerodrome: the standard temperature there over the
+        true one [2]."""
+        standard = float(standard_temperature(self.elevation))
+        return standard / (standard + self.warmer)
+
+    def pressure(self, height: np.ndarray) -> np.ndarray:
+        """Static pressure, Pa, at heights above sea level (n,), m."""
+        there = standard_temperature(self.elevation) + self.warmer
+        ratio = (there - LAPSE * (height - self.elevation)) / there
+        return standard_pressure(self.elevation) * ratio**_POWER
+
+    def height(self, shown: np.ndarray) -> np.ndarray:
+        """Height above sea level, m, of what an altimeter shows that is set right."""
+        return self.elevation + (shown - self.elevation) / self.stretch
+
+
+@dataclass(frozen=True)
+class PressureBeliefs:
+    """What a filter takes a barometric altimeter for, as of `BarometricAltimeter`, set right."""
+
+    sigma: float
+    lag: float
+    air: Air
+    undulation: float
+
+
+@dataclass(frozen=True)
+class BarometricAltimeter:
+    """The height above sea level that the static pressure at the IMU stands for.
+
+    rate: Hz. sigma: m, 1 sigma of white noise. lag: s, of first order, of the pressure in its tubes. air: that there
+    is. undulation: m, of the geoid above the ellipsoid. wrong_setting: hPa by which it is set too high, of which the
+    filter knows nothing. believed: by the filter.
+    """
+
+    rate: float
+    sigma: float
+    lag: float
+    air: Air
+    undulation: float
+    wrong_setting: float
+    believed: PressureBeliefs
+    latency: float = 0.0
+
+    def shown(self, time: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """What it shows without noise (n,), m above sea level; height: (n,) m above the ellipsoid at times (n,), s,
+        close enough for the pressure to be straight in between."""
+        outside = self.air.pressure(height - self.undulation)
+        set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
+        return pressure_altitude(late(time, outside, self.lag)) - pressure_altitude(set_to)
+
+    @property
+    def as_believed(self) -> bool:
+        """Whether the filter takes it for what it is."""
+        its = self.believed
+        mine = self.sigma, self.lag, self.air, self.undulation
+        return self.wrong_setting == 0.0 and mine == (its.sigma, its.lag, its.air, its.undulation)
+
+
+def late(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
+    """What a lag of first order (s) makes of values (n,) at times (n,), straight between them; it begins in the state
+    that the slope at the start would have led to."""
+    if lag == 0.0:
+        return value
+    out = np.empty_like(value)
+    slope = np.diff(value) / np.diff(time)
+    behind = slope[0] * lag  # by how much the output is less than the input
+    out[0] = value[0] - behind
+    for i, (step, rise) in enumerate(zip(np.diff(time), slope, strict=True)):
+        behind = rise * lag + (behind - rise * lag) * np.exp(-step / lag)
+        out[i + 1] = value[i + 1] - behind
+    return out

@@ -1,0 +1,151 @@
+"""Heights by pressure against the standard atmosphere, and the geoid against NGA's test points."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+import types
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.core import states
+from navsim.core.arrays.earth import llh_from_ecef
+from navsim.models import geoid, pressure
+from navsim.scenario.source import InputError
+from navsim.study.executor import threads
+from navsim.study.landing import fly_all
+from tests.conftest import DATA, Within
+from tests.helpers import case, scenario
+
+GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
+BARO = "barometric_altimeter={sigma_m: 0.5, %s}"
+UNDULATION = "runway.geoid_undulation_m=15.5"
+HAS_GRID = importlib.util.find_spec("egm96") is not None
+
+
+def oracle(name: str) -> dict[str, Any]:
+    return json.loads((DATA / "heights.json").read_text())[name]
+
+
+@pytest.mark.validates("static pressure up to 11 km", "ISO 2533, the standard atmosphere", pressure="0.02 Pa")
+def test_standard_atmosphere(within: Within) -> None:
+    given = oracle("isa")
+    heights = np.array(given["h_m"], float)
+    found = pressure.standard_pressure(heights)
+    np.testing.assert_allclose(found, given["p_pa"], rtol=0, atol=within["pressure"])
+    np.testing.assert_allclose(pressure.pressure_altitude(found), heights, atol=1e-8)
+    assert abs(pressure.SLOPE - given["m_per_hpa_sea_level"]) < 1e-3
+
+
+@pytest.mark.validates("heights shown over a cold aerodrome", "true = shown T / T_ISA", height="0.01 m")
+def test_cold_air(within: Within) -> None:
+    given = oracle("isa")["cold"]
+    cold = pressure.Air(0.0, given["surface_c"] + 273.15 - 288.15)
+    assert cold.height(np.array(float(given["indicated_m"]))) == pytest.approx(given["true_m"], abs=within["height"])
+    for air in (cold, pressure.Air(800.0, 20.0)):  # what the pressure shows is that straight line
+        true = air.elevation + np.array([0.0, 60.0, 300.0])
+        np.testing.assert_allclose(air.height(pressure.pressure_altitude(air.pressure(true))), true, atol=1e-7)
+
+
+def test_a_lag_reads_high_on_the_way_down() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    np.testing.assert_allclose(pressure.late(time, 500.0 - 3.0 * time, 0.5) - (500.0 - 3.0 * time), 1.5, atol=1e-9)
+    step = np.where(time < 1.0, 0.0, 1.0)
+    late = pressure.late(time, step, 2.0)
+    assert late[np.searchsorted(time, 2.995)] == pytest.approx(1.0 - np.exp(-1.0), abs=3e-3)
+
+
+def test_what_it_shows() -> None:
+    """Height above sea level, with the lag, a setting 1 hPa too high, and the filter's corrections undoing it."""
+    plain = case(*GENTLE, UNDULATION, "barometric_altimeter.sigma_m=0.5")
+    (aid,) = plain.world.aids
+    height = plain.trajectory.motion(aid.time).llh[:, 2]
+    np.testing.assert_allclose(aid.exact[:, 0], height - 15.5, atol=1e-6)
+    (late,) = case(*GENTLE, UNDULATION, BARO % "lag_s: 0.5").world.aids
+    sink = plain.trajectory.motion(aid.time).velocity_ned[:, 2]
+    gliding = aid.time < 50.0
+    np.testing.assert_allclose((late.exact - aid.exact)[gliding, 0], 0.5 * sink[gliding], atol=0.08)
+    (wrong,) = case(*GENTLE, UNDULATION, BARO % "qnh_error_hpa: 1").world.aids
+    np.testing.assert_allclose(wrong.exact - aid.exact, 8.32, atol=0.01)
+    (warm,) = case(*GENTLE, UNDULATION, "runway.height_m=515.5", BARO % "isa_deviation_k: 20").world.aids
+    table = warm.table(warm.exact)
+    np.testing.assert_allclose(table.height, plain.trajectory.motion(aid.time).llh[:, 2] + 515.5, atol=0.01)
+    assert warm.as_believed
+    assert not wrong.as_believed
+
+
+def test_both_altimeters_fly_together() -> None:
+    """Every vertical error below 30 m as large as the filter believes; less than with either alone."""
+    both = ("radio_altimeter.sigma_floor_m=0.3", UNDULATION, BARO % "lag_s: 0.4, isa_deviation_k: -15, rate_hz: 5")
+    flown = case(*GENTLE, "duration_s=61", "filter.kind=eskf", *both)
+    runs = fly_all(flown, 8, 0, 400, threads())
+    assert [aid.sensor.name for aid in flown.world.aids] == ["radio_altimeter", "barometric_altimeter"]
+    height = np.interp(flown.world.filter_time, flown.world.truth.time, flown.world.truth.llh[:, 2])
+    low = (height < 30.0) & (height > 0.1)
+    nees = runs["nees_position_velocity"].mean(axis=0)[low] / 6
+    assert 0.9 < nees.mean() < 1.15, nees
+    squares, weighed = (runs.per_run(f"aided_{name}").sum(axis=0) for name in ("innovations", "weighed"))
+    np.testing.assert_allclose(squares / weighed, 1.0, atol=0.03)
+    assert np.sqrt(np.mean(runs["error"][:, low, states.R_D] ** 2)) < 0.15
+
+
+def test_two_heights_are_one_better() -> None:
+    assert 1.0 / np.sqrt(1.0 / 3.0**2 + 1.0 / 0.2286**2) == pytest.approx(0.2279, abs=1e-4)
+
+
+def test_runways_above_sea_level() -> None:
+    """The same runway, by its height above the ellipsoid and above the geoid."""
+    ellipsoid = case(*GENTLE, "runway.height_m=200.5")
+    sea = case(*GENTLE, "runway={height_m: 185, height_above: geoid, geoid_undulation_m: 15.5, heading_deg: 0}")
+    np.testing.assert_allclose(sea.world.truth.llh, ellipsoid.world.truth.llh, rtol=0, atol=1e-9)
+    threshold = llh_from_ecef(sea.trajectory.frame.origin)
+    assert threshold[2] == pytest.approx(200.5, abs=1e-6)
+    assert sea.scenario.runway.elevation_m == 185.0
+
+
+@pytest.mark.validates("undulations of the geoid", "NGA's test points of EGM96", height="0.05 m")
+def test_undulations(within: Within) -> None:
+    if not HAS_GRID:
+        pytest.skip("the extra `geoid` (egm96, Python 3.12) is not installed")
+    rows = [*oracle("geoid_egm96")["rows"], *oracle("geoid_egm96")["sites"]["rows"]]
+    for lat, lon, expected in rows:
+        assert geoid.undulation(lat, lon) == pytest.approx(expected, abs=within["height"])
+
+
+def test_auto_writes_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = types.ModuleType("egm96")
+    monkeypatch.setitem(sys.modules, "egm96", model)
+    auto = ("runway={height_m: 185, height_above: geoid, geoid_undulation_m: auto}",)
+    with pytest.raises(InputError, match=r"0\.3 or later"):
+        scenario(*auto)
+    seen = []
+
+    def undulation(lat: float, lon: float) -> float:
+        seen.append((lat, lon))
+        return 15.504
+
+    model.undulation = undulation  # type: ignore[attr-defined]
+    assert scenario(*auto).runway.geoid_undulation_m == 15.5
+    assert seen == [(56, 37)]
+    monkeypatch.setitem(sys.modules, "egm96", None)
+    with pytest.raises(InputError, match=r"navsim-landing\[geoid\]"):
+        scenario(*auto)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (("runway.height_above=geoid",), "needs the geoid's own"),
+        (("barometric_altimeter.sigma_m=1",), "above sea level"),
+        (("barometric_altimeter={}", UNDULATION), "sigma_m"),
+        (("filter.barometric_altimeter={lag_s: 1}",), "there is none"),
+        (("runway.geoid_undulation_m=much",), "geoid_undulation_m"),
+    ],
+)
+def test_what_is_missing_is_said(settings: tuple[str, ...], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        case(*settings)
+    assert said in str(caught.value.problems[0])
