@@ -44,7 +44,7 @@ class Ground:
 
 
 @dataclass(frozen=True)
-class Strip:
+class Centreline:
     """Where distances along an approach are counted from: threshold llh (3,) rad, rad, m; scale (2,) m a radian of
     latitude and of longitude there; direction (2,) cosine and sine of the direction of landing, clockwise from
     north."""
@@ -54,7 +54,7 @@ class Strip:
     direction: np.ndarray
 
     @classmethod
-    def of(cls, frame: Frame, aim_point: float, height: float) -> Strip:
+    def of(cls, frame: Frame, aim_point: float, height: float) -> Centreline:
         """That of a runway whose touchdown point, `aim_point` m beyond its threshold, is the origin of `frame`."""
         llh = llh_from_ecef(frame.origin - aim_point * frame.axes[:, 0])
         lat, lon = llh[:2]
@@ -93,7 +93,7 @@ class RadioAltimeter:
     rate: Hz. floor, share: 1 sigma of its white noise is the larger of `floor`, m, and `share` of the height. lowest,
     highest: m, heights that it measures. tilt: rad, largest angle between the aircraft's vertical axis and the vertical
     at which it does. latency: s. ground: what there is. lever_arm: (3,) IMU -> antenna, body, m. aim_point, height: of
-    the runway (`Strip.of`). believed: by the filter.
+    the runway (`Centreline.of`). believed: by the filter.
     """
 
     rate: float
@@ -112,7 +112,7 @@ class RadioAltimeter:
     def exact(self, frame: Frame, motion: Motion) -> np.ndarray:
         """What it measures without noise along a motion (m,), m; nan where it does not measure."""
         arm = motion.c_nb @ self.lever_arm
-        ground = self.ground.at(Strip.of(frame, self.aim_point, self.height).along(motion.llh, arm))
+        ground = self.ground.at(Centreline.of(frame, self.aim_point, self.height).along(motion.llh, arm))
         above = motion.llh[:, 2] - arm[:, 2] - self.height - ground
         near = 1e-6  # what rolls on the ground is 0 m above it, but for rounding
         there = (above >= self.lowest - near) & (above <= self.highest + near)

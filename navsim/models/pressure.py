@@ -38,7 +38,7 @@ SLOPE = HECTOPASCAL * GAS * TEMPERATURE / (GRAVITY * SEA_LEVEL)
 
 
 @dataclass(frozen=True)
-class Air:
+class AirColumn:
     """The air over an aerodrome, by how much it is off the standard atmosphere.
 
     elevation: of the aerodrome above sea level, m. warmer: K, at all heights. The pressure at the aerodrome is the
@@ -72,7 +72,7 @@ class PressureBeliefs:
 
     sigma: float
     lag: float
-    air: Air
+    air: AirColumn
     undulation: float
 
 
@@ -88,7 +88,7 @@ class BarometricAltimeter:
     rate: float
     sigma: float
     lag: float
-    air: Air
+    air: AirColumn
     undulation: float
     wrong_setting: float
     believed: PressureBeliefs

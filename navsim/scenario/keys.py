@@ -20,7 +20,7 @@ _UNITS = {
     "m_s2": "m/s²", "rad_s": "rad/s", "m_s": "m/s", "1_s": "1/s", "deg_s": "°/s", "deg_h": "°/h", "deg": "°",
     "mg": "mg", "g": "g", "kmh": "km/h", "mhz": "MHz", "db_hz": "dB-Hz", "dbhz": "dB-Hz", "hz": "Hz", "dbw": "dBW",
     "db": "dB", "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
-    "percent": "%", "chips": "chips",
+    "percent": "%", "chips": "chips", "hpa": "hPa", "k": "K",
 }  # fmt: skip
 """The end of a key's name and the unit it stands for, longer ends before shorter ones."""
 

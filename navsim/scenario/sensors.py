@@ -336,17 +336,17 @@ class BarometricAltimeterSection(Section):
 
     def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
         """The sensor in SI units at a runway, and what a filter takes it for."""
-        from navsim.models.pressure import Air, BarometricAltimeter, PressureBeliefs
+        from navsim.models.pressure import AirColumn, BarometricAltimeter, PressureBeliefs
 
         warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
         believed = PressureBeliefs(
             self.sigma_m if given.sigma_m is None else given.sigma_m,
             self.lag_s if given.lag_s is None else given.lag_s,
-            Air(runway.elevation_m, warmer),
+            AirColumn(runway.elevation_m, warmer),
             runway.undulation_m if given.geoid_undulation_m is None else given.geoid_undulation_m,
         )
         return BarometricAltimeter(
-            self.rate_hz, self.sigma_m, self.lag_s, Air(runway.elevation_m, self.isa_deviation_k), runway.undulation_m,
+            self.rate_hz, self.sigma_m, self.lag_s, AirColumn(runway.elevation_m, self.isa_deviation_k), runway.undulation_m,
             self.qnh_error_hpa, believed,
         )  # fmt: skip
 

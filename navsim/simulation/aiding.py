@@ -22,7 +22,7 @@ from navsim.estimation.observations import (
     GroundTable,
     PressureTable,
 )
-from navsim.models.altimeter import Altimeter, RadioAltimeter, Strip
+from navsim.models.altimeter import Altimeter, RadioAltimeter, Centreline
 from navsim.models.kinematics import Frame, Moving
 from navsim.models.pressure import BarometricAltimeter
 
@@ -91,7 +91,7 @@ class Aid:
 
 def _of_ground(model: RadioAltimeter, frame: Frame, measured: np.ndarray) -> GroundTable:
     """Heights (m, 1) above ground as the filter takes them."""
-    strip, its = Strip.of(frame, model.aim_point, model.height), model.believed
+    strip, its = Centreline.of(frame, model.aim_point, model.height), model.believed
     return GroundTable(
         measured[:, 0].copy(), its.floor, its.share, its.start, strip.threshold, strip.scale, strip.direction,
         its.ground.along, its.ground.height, its.lever_arm,

@@ -43,9 +43,9 @@ def test_standard_atmosphere(within: Within) -> None:
 @pytest.mark.validates("heights shown over a cold aerodrome", "true = shown T / T_ISA", height="0.01 m")
 def test_cold_air(within: Within) -> None:
     given = oracle("isa")["cold"]
-    cold = pressure.Air(0.0, given["surface_c"] + 273.15 - 288.15)
+    cold = pressure.AirColumn(0.0, given["surface_c"] + 273.15 - 288.15)
     assert cold.height(np.array(float(given["indicated_m"]))) == pytest.approx(given["true_m"], abs=within["height"])
-    for air in (cold, pressure.Air(800.0, 20.0)):  # what the pressure shows is that straight line
+    for air in (cold, pressure.AirColumn(800.0, 20.0)):  # what the pressure shows is that straight line
         true = air.elevation + np.array([0.0, 60.0, 300.0])
         np.testing.assert_allclose(air.height(pressure.pressure_altitude(air.pressure(true))), true, atol=1e-7)
 
