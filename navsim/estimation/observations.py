@@ -83,7 +83,7 @@ class GroundTable(NamedTuple):
 
     height: (m,) m, nan where there is none. floor, share: 1 sigma is the larger of `floor`, m, and `share` of the
     height; one number each. start: m beyond the threshold from which on heights are used. threshold, scale, direction:
-    as of `models.altimeter.Centreline`; along, ground: (g,) as of `models.altimeter.Ground`; lever_arm: as of `FixTable`.
+    as of `models.altimeter.Centreline`; along, ground: (g,) as of `models.altimeter.Ground`; lever_arm: of `FixTable`.
     """
 
     height: np.ndarray

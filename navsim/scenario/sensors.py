@@ -345,10 +345,10 @@ class BarometricAltimeterSection(Section):
             AirColumn(runway.elevation_m, warmer),
             runway.undulation_m if given.geoid_undulation_m is None else given.geoid_undulation_m,
         )
+        air = AirColumn(runway.elevation_m, self.isa_deviation_k)
         return BarometricAltimeter(
-            self.rate_hz, self.sigma_m, self.lag_s, AirColumn(runway.elevation_m, self.isa_deviation_k), runway.undulation_m,
-            self.qnh_error_hpa, believed,
-        )  # fmt: skip
+            self.rate_hz, self.sigma_m, self.lag_s, air, runway.undulation_m, self.qnh_error_hpa, believed
+        )
 
 
 class FilterBarometricAltimeter(Section):

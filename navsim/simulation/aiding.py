@@ -22,7 +22,7 @@ from navsim.estimation.observations import (
     GroundTable,
     PressureTable,
 )
-from navsim.models.altimeter import Altimeter, RadioAltimeter, Centreline
+from navsim.models.altimeter import Altimeter, Centreline, RadioAltimeter
 from navsim.models.kinematics import Frame, Moving
 from navsim.models.pressure import BarometricAltimeter
 
