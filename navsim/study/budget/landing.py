@@ -252,7 +252,7 @@ def _stored(here: Extent, keep: str) -> float:
 
 def _common_bytes(scenario: Landing, here: Extent) -> float:
     """Truth, geometry, messages: what every result of a landing has, bytes."""
-    truth = 10 * (here.samples + 1)
+    truth = (14 if scenario.wind.blows else 10) * (here.samples + 1)
     geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
     messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
     return NUMBER * (truth + geometry + messages) + 7000
