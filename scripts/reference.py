@@ -49,6 +49,11 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{what: rms, of: horizontal, below_m: 0.4}, {what: box, at_most: 1e-6}, "
             "{what: level, of: hpl, below_m: 40}, {what: time_to_alert, within_s: 6}]",
         )),
+        ("circuit", (
+            "approach.circuit=~",
+            "approach.points=[{lat_deg: 56.03, lon_deg: 36.99, height_m: 200, speed_kmh: 120}, "
+            "{along_m: -3000, right_m: -900}, {along_m: -3000, right_m: 0}]",
+        )),
         ("landing", (
             f"sky={{source: navigation, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}]}}",
             "pseudolites={sites: [{name: west, s_m: -300, l1_m: 1500, height_m: 5}, {lat_deg: 56.03, lon_deg: 37.02}], "

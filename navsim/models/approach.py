@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.models.path import DEGREE, Arc, Path, Segment, blend, uniform
+from navsim.models.path import DEGREE, AnySegment, Arc, Path, Segment, blend, shifted, uniform
 
 GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
 _X, _Z = 0, 2
 
 
-def joined(begin: float, end: float, before: Segment | Arc, after: Segment | Arc) -> Segment:
+def joined(begin: float, end: float, before: AnySegment, after: AnySegment) -> Segment:
     """The blend from `before` at one time to `after` at a later one."""
     return blend(begin, end, before.jet(np.array([begin]))[0], after.jet(np.array([end]))[0])
 
@@ -41,6 +41,32 @@ def paper_profile(speed_start: float, speed_touchdown: float, height: float, slo
     joint = joined(begin, end, glide, level)
     level = uniform(end, speed_touchdown * 0.5 * corner * ahead, speed_touchdown * ahead, np.zeros(3))
     return Path((glide, joint, level), {GLIDE_START: 0.0, TOUCHDOWN: touchdown})
+
+
+def captured_paper_profile(
+    speed_start: float,
+    speed_touchdown: float,
+    height: float,
+    slope: float,
+    lead_in: float,
+    capture: float,
+    corner: float,
+) -> Path:
+    """Level lead-in and glide-slope capture as of `smooth_profile`, and from there the paper's profile.
+
+    As of both. Raises ValueError where no such path exists.
+    """
+    sin, cos = math.sin(slope), math.cos(slope)
+    below = height - speed_start * sin * 0.5 * capture
+    if below <= 0.0:
+        raise ValueError("the glide-slope capture would end below the runway")
+    paper = shifted(paper_profile(speed_start, speed_touchdown, below, slope, corner), lead_in + capture)
+    before = below / math.tan(slope) + speed_start * (0.5 * capture * (1.0 + cos) + lead_in)
+    if paper.segments[1].start < paper.segments[0].start:
+        raise ValueError("the corner at touchdown would begin before the glide-slope capture ends")
+    level = uniform(0.0, np.array([-before, 0.0, -height]), np.array([speed_start, 0.0, 0.0]), np.zeros(3))
+    joint = joined(lead_in, lead_in + capture, level, paper.segments[0])
+    return Path((level, joint, *paper.segments), paper.events | {GLIDE_START: lead_in})
 
 
 @dataclass(frozen=True)
@@ -175,7 +201,7 @@ def s_turn(speed: float, height: float, rate: float, period: float, blend_time: 
         at = last.jet(np.array([end]))[0]
         arcs.append(Arc(end, at[0], last.track + last.rate * (end - last.start), speed, -last.rate))
         end += half
-    segments: list[Segment | Arc] = [arcs[0]]
+    segments: list[AnySegment] = [arcs[0]]
     for before, after in itertools.pairwise(arcs):
         begin, end = after.start - 0.5 * blend_time, after.start + 0.5 * blend_time
         segments.append(joined(begin, end, before, after))

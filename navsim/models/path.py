@@ -1,18 +1,23 @@
 """Piecewise analytic paths in a tangent plane: position and its first three derivatives at any time.
 
-A segment is a polynomial of degree five in time plus one decaying exponential per axis, which is all an
-approach needs: straight lines, uniform acceleration, C2 blends and the exponential flare.
+A segment is a polynomial of degree five in time plus one decaying exponential per axis (straight lines, uniform
+acceleration, C2 blends, the exponential flare), a circle, or flight steered by speed, climb angle and track.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 
 DEGREE = 5
+_NODES = 40
+"""Degree of the series of steered flight: rolls to 60 degrees are exact to 1e-13."""
 _FACTORS = np.array([[math.perm(p, k) if p >= k else 0 for p in range(DEGREE + 1)] for k in range(4)], dtype=float)
 
 
@@ -71,6 +76,67 @@ class Arc:
 
 
 @dataclass(frozen=True)
+class Steered:
+    """Flight along a track (rad from the x axis towards y) and a climb angle (rad) at a speed (m/s), each a series over
+    the time s since the piece's start; their domain is [0, duration].
+
+    position: (3,) at the start. The way is the integral of the velocity's own series, exact to rounding.
+    """
+
+    start: float
+    position: np.ndarray
+    speed: Chebyshev
+    climb: Chebyshev
+    track: Chebyshev
+
+    @cached_property
+    def _way(self) -> tuple[Chebyshev, ...]:
+        """Displacement since the start, an axis each."""
+        domain = self.speed.domain.tolist()
+        rates = (
+            lambda s: self.speed(s) * np.cos(self.climb(s)) * np.cos(self.track(s)),
+            lambda s: self.speed(s) * np.cos(self.climb(s)) * np.sin(self.track(s)),
+            lambda s: -self.speed(s) * np.sin(self.climb(s)),
+        )
+        return tuple(Chebyshev.interpolate(rate, _NODES, domain).integ(lbnd=0.0) for rate in rates)
+
+    def jet(self, t: np.ndarray) -> np.ndarray:
+        """Position, velocity, acceleration and jerk at the times t (n,): (n, 4, 3)."""
+        s = np.asarray(t, dtype=float) - self.start
+        v, c, k = (
+            [(each.deriv(order) if order else each)(s)[:, None] for order in range(3)]
+            for each in (self.speed, self.climb, self.track)
+        )
+        sin_c, cos_c, sin_k, cos_k = np.sin(c[0]), np.cos(c[0]), np.sin(k[0]), np.cos(k[0])
+        none = np.zeros_like(sin_c)
+        ahead = np.concatenate([cos_c * cos_k, cos_c * sin_k, -sin_c], axis=1)
+        # derivatives of the direction by climb angle, by track, by both, and twice by track
+        by_c = np.concatenate([-sin_c * cos_k, -sin_c * sin_k, -cos_c], axis=1)
+        by_k = np.concatenate([-cos_c * sin_k, cos_c * cos_k, none], axis=1)
+        by_ck = np.concatenate([sin_c * sin_k, -sin_c * cos_k, none], axis=1)
+        by_kk = np.concatenate([-cos_c * cos_k, -cos_c * sin_k, none], axis=1)
+        turn = c[1] * by_c + k[1] * by_k
+        bend = c[2] * by_c + k[2] * by_k - c[1] ** 2 * ahead + 2.0 * c[1] * k[1] * by_ck + k[1] ** 2 * by_kk
+        out = np.empty((s.size, 4, 3))
+        out[:, 0] = self.position + np.stack([axis(s) for axis in self._way], axis=1)
+        out[:, 1] = v[0] * ahead
+        out[:, 2] = v[1] * ahead + v[0] * turn
+        out[:, 3] = v[2] * ahead + 2.0 * v[1] * turn + v[0] * bend
+        return out
+
+
+AnySegment = Segment | Arc | Steered
+
+
+class NoSuchPath(ValueError):
+    """A path that cannot be flown; waypoint: the number, from 0, of the one that it fails at, where there is one."""
+
+    def __init__(self, message: str, waypoint: int | None = None) -> None:
+        super().__init__(message)
+        self.waypoint = waypoint
+
+
+@dataclass(frozen=True)
 class Path:
     """Segments in order of time; the first and the last reach to infinity.
 
@@ -78,7 +144,7 @@ class Path:
     tangent plane. events: named times, s.
     """
 
-    segments: tuple[Segment | Arc, ...]
+    segments: tuple[AnySegment, ...]
     events: dict[str, float]
 
     @property
@@ -159,3 +225,54 @@ def hermite(before: np.ndarray, after: np.ndarray, s: np.ndarray, step: np.ndarr
         ],
         axis=1,
     )
+
+
+def series(value: Callable[[np.ndarray], np.ndarray], duration: float) -> Chebyshev:
+    """A smooth function of the time s (n,) since a piece's start, as `Steered` takes it."""
+    return Chebyshev.interpolate(value, _NODES, [0.0, duration])
+
+
+def constant(value: float, duration: float) -> Chebyshev:
+    """A number that does not change, as `Steered` takes it."""
+    return Chebyshev([value], [0.0, duration])
+
+
+def smooth_step(u: np.ndarray) -> np.ndarray:
+    """0 to 1 over u = 0 ... 1, with two derivatives that vanish at both ends."""
+    return u**3 * (10.0 + u * (6.0 * u - 15.0))
+
+
+def ended(segment: AnySegment, t: float) -> np.ndarray:
+    """The jet (4, 3) of a segment at a time."""
+    return segment.jet(np.array([t]))[0]
+
+
+def straight(
+    start: float,
+    position: np.ndarray,
+    track: float,
+    speeds: tuple[float, float],
+    heights: tuple[float, float],
+    length: float,
+) -> tuple[Segment, float]:
+    """A straight leg and the time it takes, s.
+
+    Speed over ground goes from the first to the second by a cubic without acceleration at either end, height by a
+    quintic. position: (3,) at the start; length: over ground, m.
+    """
+    first, second = speeds
+    taken = 2.0 * length / (first + second)
+    along = np.zeros(DEGREE + 1)
+    along[1], along[3], along[4] = first, (second - first) / taken**2, -0.5 * (second - first) / taken**3
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[0], polynomial[1] = math.cos(track) * along, math.sin(track) * along
+    polynomial[:2, 0] = position[:2]
+    rise = heights[1] - heights[0]
+    polynomial[2] = -heights[0], 0.0, 0.0, -10.0 * rise / taken**3, 15.0 * rise / taken**4, -6.0 * rise / taken**5
+    return Segment(start, polynomial), taken
+
+
+def shifted(path: Path, by: float) -> Path:
+    """The same path later, s."""
+    segments = tuple(replace(each, start=each.start + by) for each in path.segments)
+    return Path(segments, {name: t + by for name, t in path.events.items()})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -17,11 +18,16 @@ from navsim.scenario.base import (
     Section,
     Size,
     Stretch,
+    list_of,
     reject,
 )
 
 if TYPE_CHECKING:
     from navsim.models.path import Path
+    from navsim.models.waypoints import Waypoint
+
+Reach = Annotated[float, Field(ge=-1e5, le=1e5)]
+"""Along or across a runway, m."""
 
 
 class Point(Section):
@@ -149,13 +155,9 @@ class PaperApproach(_Approach):
         )
 
 
-class SmoothApproach(_Approach):
-    """A profile an aircraft can fly: level lead-in, capture, decelerated glide, exponential flare, roll-out."""
+class _Captured(_Approach):
+    """What the ways onto the slope from level flight, and off it, have in common."""
 
-    profile: Literal["smooth"]
-    """one that an aircraft can fly, from level flight to the roll-out"""
-    lead_in_s: Stretch = 35.0
-    """level flight before the capture of the glide slope"""
     capture_s: Stretch = 6.0
     """duration of the transition onto the slope"""
     flare_height_m: Annotated[float, Field(ge=0.01, le=1000.0)] = 6.0
@@ -169,16 +171,16 @@ class SmoothApproach(_Approach):
     rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
     """deceleration by the brakes after touchdown"""
 
-    def path(self) -> Path:
-        """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
+    def flared(self, speed: float, height: float, lead_in: float) -> Path:
+        """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it."""
         from navsim.models.approach import Ending, smooth_profile
 
         return smooth_profile(
-            self.speed_start_kmh * KMH,
+            speed,
             self.speed_touchdown_kmh * KMH,
-            self.start_height_m,
+            height,
             self.glide_slope_deg * DEG,
-            self.lead_in_s,
+            lead_in,
             self.capture_s,
             Ending(
                 self.flare_height_m,
@@ -186,6 +188,132 @@ class SmoothApproach(_Approach):
                 self.touchdown_sink_m_s,
                 self.settle_s,
                 self.rollout_deceleration_m_s2,
+            ),
+        )
+
+
+class SmoothApproach(_Captured):
+    """A profile an aircraft can fly: level lead-in, capture, decelerated glide, exponential flare, roll-out."""
+
+    profile: Literal["smooth"]
+    """one that an aircraft can fly, from level flight to the roll-out"""
+    lead_in_s: Stretch = 35.0
+    """level flight before the capture of the glide slope"""
+
+    def path(self) -> Path:
+        """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
+        return self.flared(self.speed_start_kmh * KMH, self.start_height_m, self.lead_in_s)
+
+
+class WaypointSection(Section):
+    """A place that the aircraft flies by, on the runway's axes or by coordinates."""
+
+    along_m: Reach | None = None
+    """from the threshold along the direction of landing; before it, negative"""
+    right_m: Reach | None = None
+    """to the right of the centre line; to the left, negative"""
+    lat_deg: Latitude | None = None
+    """geodetic latitude, instead of along_m and right_m"""
+    lon_deg: Longitude | None = None
+    """longitude, east positive"""
+    height_m: Annotated[float, Field(ge=0.1, le=5000.0)] | None = None
+    """height above the runway; null: approach.start_height_m"""
+    speed_kmh: Annotated[float, Field(gt=10.0, le=1000.0)] | None = None
+    """ground speed there, kept through the turn; null: approach.speed_start_kmh"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        on_axes, by_coordinates = [self.along_m, self.right_m], [self.lat_deg, self.lon_deg]
+        if (None in on_axes) == (None in by_coordinates) or any(
+            given != [None, None] for given in (on_axes, by_coordinates) if None in given
+        ):
+            raise reject("give along_m and right_m, or lat_deg and lon_deg")
+        return self
+
+
+class CircuitSection(Section):
+    """A traffic circuit: downwind, base and final as three waypoints."""
+
+    side: Literal["left", "right"] = "left"
+    """on which side of the runway downwind lies; turns go to that side"""
+    begin_m: Reach = 0.0
+    """where the flight begins on downwind, from the threshold along the direction of landing"""
+    offset_m: Annotated[float, Field(ge=10.0, le=1e5)] = 800.0
+    """distance of downwind from the centre line"""
+    final_m: Annotated[float, Field(ge=10.0, le=1e5)] = 2500.0
+    """distance before the threshold of the corners of base with downwind and final"""
+
+
+class WaypointApproach(_Captured):
+    """Legs from waypoint to waypoint with fly-by turns of one bank angle, and a landing at their end."""
+
+    profile: Literal["waypoints"]
+    """legs with coordinated turns, by points or as a circuit"""
+    points: Annotated[list_of(WaypointSection), Field(max_length=200)] = ()  # type: ignore[valid-type]
+    """places that the aircraft flies by, in order; it begins over the first"""
+    circuit: CircuitSection | None = None
+    """downwind, base and final, instead of points; null: points"""
+    bank_deg: Annotated[float, Field(ge=1.0, le=60.0)] = 25.0
+    """bank of the turns; turns too small to roll that far have less"""
+    roll_s: Stretch = 3.0
+    """time to roll from level into a turn, and out of it"""
+    ending: Literal["flare", "paper", "none"] = "flare"
+    """flare: capture of the slope, glide, flare, roll-out, as of `profile: smooth`; paper: capture, and from there as
+    of `profile: paper`; none: straight on over the last waypoint, no landing"""
+    corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
+    """with `ending: paper`, time within which the glide turns into level flight"""
+
+    @model_validator(mode="after")
+    def _one_list(self) -> Self:
+        if (self.circuit is None) == (not self.points):
+            raise reject("give exactly one of points and circuit", "points")
+        if len(self.points) == 1:
+            raise reject("give at least two", "points")
+        return self
+
+    def by_coordinates(self) -> bool:
+        """Whether any waypoint is given so."""
+        return any(each.lat_deg is not None for each in self.points)
+
+    def placed(self, aim_point: float, seen: Callable[[float, float], tuple[float, float]]) -> list[Waypoint]:
+        """The waypoints in the axes of the path. aim_point: of touchdown beyond the threshold, m; seen: x and y of a
+        latitude and longitude, rad."""
+        from navsim.models.waypoints import Waypoint, circuit
+
+        height, speed = self.start_height_m, self.speed_start_kmh * KMH
+        if self.circuit is not None:
+            side = -1.0 if self.circuit.side == "left" else 1.0
+            begin, final = self.circuit.begin_m - aim_point, -self.circuit.final_m - aim_point
+            return circuit(side, begin, self.circuit.offset_m, final, (height, speed))
+        out = []
+        for each in self.points:
+            if each.lat_deg is not None and each.lon_deg is not None:
+                x, y = seen(each.lat_deg * DEG, each.lon_deg * DEG)
+            else:
+                assert each.along_m is not None
+                assert each.right_m is not None
+                x, y = each.along_m - aim_point, each.right_m
+            at = speed if each.speed_kmh is None else each.speed_kmh * KMH
+            out.append(Waypoint(x, y, height if each.height_m is None else each.height_m, at))
+        return out
+
+    def path(self, way: list[Waypoint]) -> Path:
+        """The path through these waypoints. Raises NoSuchPath, another ValueError where the landing has none."""
+        from navsim.models.approach import captured_paper_profile
+        from navsim.models.waypoints import cruise, landing
+
+        bank, last = self.bank_deg * DEG, way[-1]
+        if self.ending == "none":
+            return cruise(way, bank, self.roll_s)
+        if self.ending == "flare":
+            return landing(way, bank, self.roll_s, lambda lead: self.flared(last.speed, last.height, lead))
+        slow, slope = self.speed_touchdown_kmh * KMH, self.glide_slope_deg * DEG
+        return landing(
+            way,
+            bank,
+            self.roll_s,
+            lambda lead: captured_paper_profile(
+                last.speed, slow, last.height, slope, lead, self.capture_s, self.corner_s
             ),
         )
 

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.air import WindSection
-from navsim.scenario.approach import PaperApproach, RecordedApproach, Runway, SmoothApproach, STurn
+from navsim.scenario.approach import (
+    PaperApproach,
+    RecordedApproach,
+    Runway,
+    SmoothApproach,
+    STurn,
+    WaypointApproach,
+)
 from navsim.scenario.base import (
     DEG,
     KeyedError,
@@ -51,6 +58,7 @@ if TYPE_CHECKING:
     from navsim.models.pseudolite import Track
     from navsim.models.receiver import Receiver
     from navsim.models.signals import Pseudolites
+    from navsim.models.waypoints import Waypoint
 
 
 class Landing(Section):
@@ -71,7 +79,9 @@ class Landing(Section):
     rare: the probability that a landing ends outside `box`, however small"""
     runway: Runway = Runway()
     """the runway, and where on it the aircraft touches down"""
-    approach: Annotated[PaperApproach | SmoothApproach | STurn | RecordedApproach, Field(discriminator="profile")]
+    approach: Annotated[
+        PaperApproach | SmoothApproach | STurn | WaypointApproach | RecordedApproach, Field(discriminator="profile")
+    ]
     """the way of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
     """the mean wind, which turns the nose"""
@@ -191,6 +201,12 @@ class Landing(Section):
             if self.wind.blows:
                 raise reject("a recorded flight has had its wind", "wind", "speed_m_s")
             return self
+        if isinstance(self.approach, WaypointApproach):
+            if self.pseudolites.frame == "table1":
+                raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
+            if self.approach.by_coordinates() and self.runway.threshold is None:
+                text = "waypoints by coordinates need the runway's: give runway.threshold instead of approach.start"
+                raise reject(text, "approach", "points")
         path = self._checked_path()
         self._checked_speed(path)
         trajectory = self.trajectory()
@@ -263,13 +279,22 @@ class Landing(Section):
         except AirError as error:
             raise reject(str(error), "wind", error.key) from error
         except ValueError as error:
-            raise reject(f"no such path: {error}", "approach") from error
+            raise reject(f"no such path: {error}", "approach", *self._at_waypoint(error)) from error
         if self.wind.profile == "log" and self.wind.blows:
             highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
             if highest > HIGHEST + 1e-6:
                 text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, the path is {highest:.0f} m up"
                 raise reject(f"{text}; use power or table", "wind", "profile")
         return path
+
+    def _at_waypoint(self, error: ValueError) -> tuple[str | int, ...]:
+        """The key, below `approach`, of the waypoint that a path fails at."""
+        if not isinstance(self.approach, WaypointApproach):
+            return ()
+        if self.approach.circuit is not None:
+            return ("circuit",)
+        number = getattr(error, "waypoint", None)
+        return () if number is None else ("points", number)
 
     def _checked_speed(self, path: AnyPath) -> None:
         import numpy as np
@@ -382,16 +407,46 @@ class Landing(Section):
             out.append(self.barometric_altimeter.model(self.runway, self.filter.barometric_altimeter))
         return out
 
+    def _frame_of_threshold(self) -> Frame:
+        """The frame at the touchdown point of a runway whose threshold is given."""
+        from navsim.models.kinematics import touchdown_from_threshold
+
+        assert self.runway.threshold is not None
+        return touchdown_from_threshold(
+            self.runway.threshold.radians,
+            self.runway.ellipsoidal_m,
+            self.runway.heading_deg * DEG,
+            self.runway.aim_point_m,
+        )
+
     def path(self) -> AnyPath:
-        """The path over ground, in the tangent plane of the touchdown point. Raises ValueError where there is none,
-        AirError where there is none in this wind."""
+        """The way over ground, in the tangent plane of the touchdown point; recorded approaches are read elsewhere.
+        Raises ValueError where there is none, AirError where there is none in this wind."""
         from navsim.models.retimed import held_airspeed
 
         assert not isinstance(self.approach, RecordedApproach)
-        path = self.approach.path()
+        if isinstance(self.approach, WaypointApproach):
+            path = self.approach.path(self._waypoints(self.approach))
+        else:
+            path = self.approach.path()
         if self.approach.speed_is == "ground" or not self.wind.blows:
             return path
         return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
+
+    def _waypoints(self, approach: WaypointApproach) -> list[Waypoint]:
+        """The waypoints in the axes of the touchdown point."""
+        import numpy as np
+
+        from navsim.core.arrays.earth import ecef_from_llh
+
+        frame = self._frame_of_threshold() if approach.by_coordinates() else None
+
+        def seen(lat: float, lon: float) -> tuple[float, float]:
+            assert frame is not None
+            x, y, _ = (ecef_from_llh(np.array([lat, lon, self.runway.ellipsoidal_m])) - frame.origin) @ frame.axes
+            return float(x), float(y)
+
+        return approach.placed(self.runway.aim_point_m, seen)
 
     def trajectory(self) -> Trajectory:
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""
@@ -399,7 +454,7 @@ class Landing(Section):
 
         from navsim.models.air import WindAlong
         from navsim.models.approach import FLARE, TOUCHDOWN
-        from navsim.models.kinematics import Blowing, Trajectory, Wind, touchdown_from_start, touchdown_from_threshold
+        from navsim.models.kinematics import Blowing, Trajectory, Wind, touchdown_from_start
 
         assert not isinstance(self.approach, RecordedApproach)
         path = self.path()
@@ -408,10 +463,7 @@ class Landing(Section):
             begin = path.jet(np.zeros(1))[0, 0]
             frame = touchdown_from_start(self.approach.start.radians, self.runway.ellipsoidal_m, heading, begin)
         else:
-            assert self.runway.threshold is not None
-            frame = touchdown_from_threshold(
-                self.runway.threshold.radians, self.runway.ellipsoidal_m, heading, self.runway.aim_point_m
-            )
+            frame = self._frame_of_threshold()
         events = path.events
         decrab = (events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None)
         wind: Blowing

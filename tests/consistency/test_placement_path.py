@@ -80,6 +80,12 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "approach.turn_rate_deg_s": st.sampled_from([2.0, 6.0]),
     "approach.period_s": st.sampled_from([20.0, 30.0]),
     "approach.roll_s": st.sampled_from([1.0, 2.0]),
+    "approach.circuit.side": st.sampled_from(["left", "right"]),
+    "approach.circuit.begin_m": st.sampled_from([-1500.0, 0.0]),
+    "approach.circuit.offset_m": st.sampled_from([700.0, 800.0]),
+    "approach.circuit.final_m": st.sampled_from([2500.0, 4000.0]),
+    "approach.bank_deg": st.sampled_from([20.0, 30.0]),
+    "approach.ending": st.sampled_from(["flare", "paper", "none"]),
     "wind.speed_m_s": st.sampled_from([0.0, 7.0]),
     "wind.from_deg": st.sampled_from([0.0, 80.0]),
     "wind.profile": st.sampled_from(["constant", "log", "power"]),
@@ -190,7 +196,7 @@ ALIKE = {
     "initial_errors.": "of the filter", "filter.": "the filter",
     "receiver.clock.": "noise that each run draws",
     "wind.roughness_m": "of wind.profile", "wind.exponent": "the same", "wind.levels": "the same",
-    "approach.profile": "by the shipped scenarios",
+    "approach.profile": "by the shipped scenarios", "approach.points": "a circuit is of them",
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",
     "approach.start_s": "the same", "approach.touchdown_s": "the same",
     "runway.length_m": "for drawings", "runway.width_m": "for drawings",
@@ -295,7 +301,9 @@ def assert_close(found: np.ndarray, expected: np.ndarray, pdop: np.ndarray) -> N
     assert np.all(np.isnan(expected) | (np.abs(found - expected) <= allowed)), (found, expected)
 
 
-@pytest.mark.parametrize("name", ["landing", "landing_smooth", pytest.param("s_turn", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "name", ["landing", "landing_smooth", *(pytest.param(n, marks=pytest.mark.long) for n in ("s_turn", "circuit"))]
+)
 @settings(
     max_examples=EXAMPLES,
     derandomize=True,

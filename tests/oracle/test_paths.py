@@ -1,0 +1,205 @@
+"""Paths by waypoints: turns against closed forms, the error-free mechanisation against the path."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.models.path import NoSuchPath, Path, ended
+from navsim.models.waypoints import Turn, Waypoint, cruise, turn
+from navsim.scenario.source import InputError
+from tests.conftest import DATA, Within
+from tests.helpers import scenario
+from tests.oracle.test_strapdown import mechanised
+
+
+@pytest.fixture(scope="module")
+def published() -> dict[str, Any]:
+    return dict(json.loads((DATA / "paths.json").read_text()))
+
+
+def joins(path: Path) -> float:
+    """The largest jump of position, velocity or acceleration where segments meet."""
+    pairs = zip(path.knots, path.segments[:-1], path.segments[1:], strict=True)
+    return float(max(np.abs(ended(a, knot)[:3] - ended(b, knot)[:3]).max() for knot, a, b in pairs))
+
+
+@pytest.mark.validates(
+    "radius, rate, load factor of a level turn", "closed form", radius="1e-3 m", rate="1e-4 deg/s", load="1e-6"
+)
+def test_level_turn(published: dict[str, Any], within: Within) -> None:
+    """The steady part of a turn, as it is flown, and as it is felt."""
+    entry = published["level_turn"]
+    bend = turn(entry["V"], math.radians(90.0), math.radians(entry["bank_deg"]), 2.0)
+    steady = bend.flown(0.0, np.zeros(3), 0.0)[1].jet(np.linspace(2.0, 2.0 + bend.steady, 9))
+    speed = np.linalg.norm(steady[:, 1], axis=1)
+    across = np.cross(steady[:, 1], steady[:, 2])[:, 2] / speed
+    np.testing.assert_allclose(speed**2 / across, entry["radius_m"], rtol=0.0, atol=within["radius"])
+    rate = np.degrees(across / speed)
+    np.testing.assert_allclose(rate, entry["rate_deg_s"], rtol=0.0, atol=within["rate"])
+    load = np.hypot(across, 9.80665) / 9.80665
+    np.testing.assert_allclose(load, entry["load"], rtol=0.0, atol=within["load"])
+
+
+@pytest.mark.validates(
+    "a fly-by turn begins R tan(Δψ/2) before its corner", "closed form", "(rolling in no time)", lead="0.02 m"
+)
+@pytest.mark.parametrize("degrees", [30.0, -90.0, 140.0])
+def test_lead_of_an_ideal_turn(degrees: float, within: Within) -> None:
+    """Rolling takes a hundredth, a thousandth of a second: the lead falls to the ideal one as fast."""
+    radius = 30.0**2 / (9.80665 * math.tan(math.radians(30.0)))
+    ideal = radius * math.tan(math.radians(abs(degrees)) / 2.0)
+    over = [turn(30.0, math.radians(degrees), math.radians(30.0), roll).lead() - ideal for roll in (1e-2, 1e-3)]
+    assert 0.0 < over[1] < within["lead"]
+    assert over[0] / over[1] == pytest.approx(10.0, rel=0.01)
+
+
+@pytest.mark.parametrize("degrees", [0.01, 3.0, -47.0, 90.0, 170.0])
+@pytest.mark.parametrize("roll", [0.5, 4.0])
+def test_a_turn_ends_on_the_next_leg(degrees: float, roll: float) -> None:
+    """Through the whole angle, as far behind the corner as it began before it, with the bank that it says."""
+    bend = turn(30.0, math.radians(degrees), math.radians(40.0), roll)
+    segments = bend.flown(0.0, np.zeros(3), 0.0)
+    at, lead, angle = ended(segments[-1], bend.duration), bend.lead(), math.radians(degrees)
+    there = lead * np.array([1.0 + math.cos(angle), math.sin(angle), 0.0])
+    np.testing.assert_allclose(at[0], there, atol=1e-9 * lead + 1e-9)
+    np.testing.assert_allclose(at[1], 30.0 * np.array([math.cos(angle), math.sin(angle), 0.0]), atol=1e-9)
+    assert joins(Path(tuple(segments), {})) < 1e-9
+    t = np.linspace(0.0, bend.duration, 4001)
+    jet = Path(tuple(segments), {}).jet(t)
+    bank = np.degrees(np.arctan(np.cross(jet[:, 1], jet[:, 2])[:, 2] / 30.0 / 9.80665))
+    assert np.abs(bank).max() == pytest.approx(math.degrees(bend.bank), rel=1e-4)
+    assert bend.bank <= math.radians(40.0)
+    # the jerk is continuous, too: the bank has a rate everywhere
+    slope = np.diff(jet[:, 2], axis=0) / (t[1] - t[0])
+    middle = 0.5 * (jet[1:, 3] + jet[:-1, 3])
+    assert np.abs(slope - middle).max() < 0.02 * max(np.abs(jet[:, 3]).max(), 1e-6)
+
+
+def test_the_attitude_shows_the_bank() -> None:
+    """By coordination: 30 deg in the turns of the circuit, none on its legs, rolled to smoothly."""
+    trajectory = scenario("wind.speed_m_s=0", "approach.angle_of_attack_deg=0", name="circuit").trajectory()
+    knots = trajectory.path.knots
+    t = np.arange(0.0, 125.0, 0.02)
+    roll = np.degrees(trajectory.motion(t).rpy[:, 0])
+    steady = (t > knots[1]) & (t < knots[2])
+    np.testing.assert_allclose(roll[steady], -30.0, atol=0.05)  # gravity there is not the standard one
+    assert np.abs(roll[(t < knots[0]) | (t > knots[7])]).max() < 0.05
+    rates = np.diff(roll) / 0.02
+    assert np.abs(rates).max() == pytest.approx(30.0 * 1.875 / 3.0, rel=0.01)
+    assert np.abs(np.diff(rates) / 0.02).max() < 1.05 * 30.0 * 10.0 / math.sqrt(3.0) / 3.0**2
+
+
+@pytest.mark.validates(
+    "a circuit's sensors, mechanised, return the path", "the path itself", place="1e-2 m", attitude="1e-5 rad"
+)
+@pytest.mark.parametrize("ending", ["flare", "paper"])
+def test_a_circuit_comes_back(ending: str, within: Within) -> None:
+    settings = (f"approach.ending={ending}", "wind={speed_m_s: 5, from_deg: 40}")
+    trajectory = scenario(*settings, name="circuit").trajectory()
+    assert joins(trajectory.path) < 1e-8
+    place, attitude = mechanised(trajectory, 100.0, 210.0)
+    assert np.linalg.norm(place) < within["place"]
+    assert np.linalg.norm(attitude) < within["attitude"]
+
+
+def test_speeds_and_heights_of_waypoints() -> None:
+    """Each passed level at its height and speed, between them without a jump of the acceleration."""
+    points = [Waypoint(-9000.0, 3000.0, 400.0, 40.0), Waypoint(-6000.0, 3000.0, 300.0, 30.0)]
+    points += [Waypoint(-6000.0, 0.0, 350.0, 35.0), Waypoint(-3000.0, 0.0, 350.0, 25.0)]
+    path = cruise(points, math.radians(30.0), 2.0)
+    assert joins(path) < 1e-8
+    for begin, height, speed in zip((1, 5), (300.0, 350.0), (30.0, 35.0), strict=True):
+        jet = path.jet(np.linspace(path.segments[begin].start, path.segments[begin + 3].start, 20))
+        np.testing.assert_allclose(-jet[:, 0, 2], height, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(jet[:, 1], axis=1), speed, atol=1e-9)
+    end = path.jet(path.knots[-1:] + 10.0)[0]
+    np.testing.assert_allclose(end[0], [-2750.0, 0.0, -350.0], atol=1e-7)
+
+
+def test_waypoints_by_coordinates_are_those_on_the_axes() -> None:
+    """The same way, its places told as latitudes and longitudes."""
+    base = scenario(name="circuit")
+    frame, aim = base.trajectory().frame, base.runway.aim_point_m
+    from navsim.core.arrays.earth import llh_from_ecef
+
+    def lat_lon(x: float, y: float) -> str:
+        # down to the runway's height, from which places are seen
+        ecef = frame.origin + frame.axes @ np.array([x - aim, y, 0.0])
+        lat, lon, _ = np.degrees(llh_from_ecef(ecef))
+        return f"{{lat_deg: {lat:.10f}, lon_deg: {lon:.10f}}}"
+
+    there = [(0.0, -800.0), (-2500.0, -800.0), (-2500.0, 0.0)]
+    given = ", ".join(lat_lon(x, y) for x, y in there)
+    other = scenario("approach.circuit=~", f"approach.points=[{given}]", name="circuit").path()
+    t = np.linspace(0.0, 200.0, 50)
+    np.testing.assert_allclose(other.jet(t)[:, 0], base.path().jet(t)[:, 0], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "place", "words"),
+    [
+        (("circuit={offset_m: 300}",), "approach.circuit", "2 to 3 is 300.0 m long, too short for the turn"),
+        (("circuit={final_m: 1600}",), "approach.circuit", "m too late: there the glide-slope capture has begun"),
+        (("circuit=~",), "approach.points", "exactly one of points and circuit"),
+        (("points=[{along_m: 0, right_m: 0}, {along_m: 9, right_m: 9}]",), "approach.points", "exactly one"),
+        (("circuit=~", "points=[{along_m: 0, right_m: 0}]"), "approach.points", "at least two"),
+        (("circuit=~", "points=[{along_m: 0}, {along_m: 9, right_m: 9}]"), "approach.points.0", "along_m and"),
+        (
+            ("circuit=~", "points=[{along_m: -9000, right_m: 0}, {along_m: -5000, right_m: 8}]"),
+            "approach.points.1", "lies 8.0 m beside the extended centre line",
+        ),
+        (
+            ("circuit=~", "ending=none",
+             "points=[{along_m: 0, right_m: 0}, {along_m: 2000, right_m: 0}, {along_m: 0, right_m: 10}]"),
+            "approach.points.1", "turns back by 180 deg at waypoint 2",
+        ),
+        (
+            ("circuit=~", "ending=none", "points=[{along_m: 0, right_m: 0}, {along_m: 0, right_m: 0.5}]"),
+            "approach.points.1", "waypoints 1 and 2 lie 0.50 m apart",
+        ),
+        (
+            ("circuit=~", "ending=none", "points=[{along_m: 0, right_m: 0}, {along_m: 300, right_m: 0, height_m: 9}]"),
+            "approach.points.1", "height changes by up to 41 deg between waypoints 1 and 2",
+        ),
+        (
+            ("circuit=~", "ending=none",
+             "points=[{along_m: 0, right_m: 0}, {along_m: 90, right_m: 0, speed_kmh: 180}]"),
+            "approach.points.1", "speed changes by up to",
+        ),
+    ],
+)  # fmt: skip
+def test_ways_that_cannot_be_flown(settings: tuple[str, ...], place: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        scenario(*(f"approach.{each}" for each in settings), name="circuit")
+    assert place in {problem.key for problem in refused.value.problems}
+
+
+def test_coordinates_need_a_threshold() -> None:
+    way = "points=[{lat_deg: 56, lon_deg: 37}, {lat_deg: 56.1, lon_deg: 37}]"
+    settings = (
+        "approach.circuit=~",
+        f"approach.{way}",
+        "runway.threshold=~",
+        "approach.start={lat_deg: 56, lon_deg: 37}",
+    )
+    with pytest.raises(InputError, match=r"give runway\.threshold"):
+        scenario(*settings, name="circuit")
+
+
+def test_no_way_is_left_between_two_turns() -> None:
+    """Just enough for the turns at both ends, and not for another speed."""
+    bend = Turn(30.0, math.pi / 2.0, 0.5, 1.0, 1.0)
+    assert bend.duration == 3.0
+    lead = turn(30.0, math.pi / 2.0, 0.5, 1.0).lead()
+    corner = [
+        Waypoint(-500.0, 0.0, 100.0, 30.0),
+        Waypoint(0.0, 0.0, 100.0, 30.0),
+        Waypoint(0.0, 2.0 * lead - 1e-6, 100.0, 30.0),
+    ]
+    with pytest.raises(NoSuchPath, match=r"too short for the turn of 90 deg at waypoint 2, .* and the turn of 90"):
+        cruise([*corner, Waypoint(-900.0, 2.0 * lead, 100.0, 30.0)], 0.5, 1.0)
