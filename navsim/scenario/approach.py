@@ -231,7 +231,7 @@ class WaypointSection(Section):
         return self
 
 
-class CircuitSection(Section):
+class TrafficCircuitSection(Section):
     """A traffic circuit: downwind, base and final as three waypoints."""
 
     side: Literal["left", "right"] = "left"
@@ -251,7 +251,7 @@ class WaypointApproach(_Captured):
     """legs with coordinated turns, by points or as a circuit"""
     points: Annotated[list_of(WaypointSection), Field(max_length=200)] = ()  # type: ignore[valid-type]
     """places that the aircraft flies by, in order; it begins over the first"""
-    circuit: CircuitSection | None = None
+    circuit: TrafficCircuitSection | None = None
     """downwind, base and final, instead of points; null: points"""
     bank_deg: Annotated[float, Field(ge=1.0, le=60.0)] = 25.0
     """bank of the turns; turns too small to roll that far have less"""
