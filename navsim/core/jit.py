@@ -2,7 +2,8 @@
 
 Compiled code is cached on disk. numba's own cache looks only at the file that holds a kernel, not at the
 kernels it calls, so an edited callee would leave stale machine code behind. The cache folder is therefore
-named after a digest of all kernel sources, the compiler and the processor.
+named after a digest of all kernel sources, the compiler and the processor; what it lacks is looked for under what a
+kernel is made of.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,8 @@ import numba
 from numba.extending import overload, register_jitable
 
 from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, loaded, remember
+from navsim.core.kernel_parts import Overloads
+from navsim.core.kernel_parts import digest as digest_of_parts
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -28,9 +33,14 @@ _WARM_MARK = "complete"
 """Begin of the names of the files that say what has been compiled."""
 
 
+_MADE_FOR = f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}"
+_UNUSED = 30 * 86400.0
+"""After this time, in seconds, machine code is dropped."""
+
+
 def digest() -> str:
     """Digest of everything that decides the machine code."""
-    h = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}".encode())
+    h = hashlib.sha256(_MADE_FOR.encode())
     for room in _KERNEL_ROOMS:
         for source in sorted((_PACKAGE / room).rglob("*.py")):
             h.update(source.name.encode())
@@ -47,6 +57,12 @@ def _base() -> Path | None:
     return place / "navsim" if place.is_absolute() else None
 
 
+def _others_may_write(folder: Path) -> bool:
+    """Raises OSError where there is no such folder."""
+    theirs = folder.stat()
+    return theirs.st_uid not in (os.geteuid(), 0) or bool(theirs.st_mode & 0o022)
+
+
 def _cache_folder() -> tuple[Path | None, str]:
     """The folder for this version's machine code, created, or None where there is none to read from; and why nothing
     can be kept, in words, "" where it can."""
@@ -60,19 +76,43 @@ def _cache_folder() -> tuple[Path | None, str]:
     except OSError as error:
         failed = error.strerror or str(error)
     try:
-        theirs = folder.stat()
+        if _others_may_write(folder):
+            return None, f"others may write {folder}, set NUMBA_CACHE_DIR to a folder of your own"
     except OSError:
         return None, f"{folder} cannot be made ({failed}), set NUMBA_CACHE_DIR to a folder that can be written"
-    if theirs.st_uid not in (os.geteuid(), 0) or theirs.st_mode & 0o022:
-        return None, f"others may write {folder}, set NUMBA_CACHE_DIR to a folder of your own"
     if os.access(folder, os.W_OK):
         return folder, ""
     return folder, f"{folder} cannot be written, set NUMBA_CACHE_DIR to one that can"
 
 
+def _parts_folder() -> Path | None:
+    """The folder, beside those of all versions, of machine code under what it was made of, created; None without."""
+    if _CACHE is None:
+        return None
+    folder = _CACHE.parent / "parts"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return None if _others_may_write(folder) else folder
+    except OSError:
+        return None
+
+
 _CACHE, _NOT_KEPT = _cache_folder()
 if _CACHE is not None:
     _CONFIG.CACHE_DIR = str(_CACHE)
+_PARTS = _parts_folder()
+_OVERLOADS: Overloads = {}
+"""What functions are in kernels, where `in_kernels` says it."""
+
+
+def _by_parts(function: Callable[..., Any], key: Any) -> Path | None:
+    """Where code for this signature and processor lies under what it was made of; None where that is not known."""
+    if _PARTS is None:
+        return None
+    signature, processor, _ = key
+    made_for = f"{_MADE_FOR} {sys.version_info[:2]} {processor}"
+    made_of = digest_of_parts(function, getattr(signature, "args", signature), _OVERLOADS, made_for)
+    return _PARTS / f"{made_of}.code" if made_of is not None else None
 
 
 def is_warm(name: str) -> bool:
@@ -106,8 +146,11 @@ def mark_warm(name: str) -> None:
         remember(_CACHE / f"{_WARM_MARK}-{name}", all_of_it=_of_others == 0)
         for folder in _CACHE.parent.glob("kernels-*"):
             used = [mark.stat().st_mtime for mark in folder.glob(f"{_WARM_MARK}*")]
-            if used and max(used) < time.time() - 30 * 86400.0:
+            if used and max(used) < time.time() - _UNUSED:
                 shutil.rmtree(folder, ignore_errors=True)
+        for code in _PARTS.glob("*.code") if _PARTS is not None else ():
+            if code.stat().st_mtime < time.time() - _UNUSED:
+                code.unlink(missing_ok=True)
     except OSError:  # a full or read-only disk costs the next start some seconds, nothing else
         return
 
@@ -143,12 +186,18 @@ def within(function: Callable[..., Any]) -> Callable[..., Any]:
 def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Say what `function` is in a kernel: the decorated function is given the types of the arguments and returns the
     function to compile for them. What no kernel asks for is not compiled."""
-    decorator: Callable[[Callable[..., Any]], Callable[..., Any]] = overload(function, strict=False)
-    return decorator
+    register: Callable[[Callable[..., Any]], Callable[..., Any]] = overload(function, strict=False)
+
+    def decorated(by_types: Callable[..., Any]) -> Callable[..., Any]:
+        _OVERLOADS[function] = by_types
+        return register(by_types)
+
+    return decorated
 
 
 def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
     if _CACHE is not None:
-        dispatcher._cache = CacheAtFirstCall(function)  # what numba's `cache=True` does, with a cache of our own
+        # what numba's `cache=True` does, with a cache of our own
+        dispatcher._cache = CacheAtFirstCall(function, partial(_by_parts, function))
     return dispatcher

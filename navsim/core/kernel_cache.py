@@ -5,6 +5,9 @@ code or with a traceback, at every start until somebody removes the folder. Here
 its name and the rest, and is not looked into before that fits. Machine code is named by what it was compiled for,
 without an index: of two processes at once, one could lose the other's entries or put its code under the other's name.
 
+Machine code is kept a second time under what it was made of (`kernel_parts`), beside the folders of all versions: a new
+version compiles what has changed.
+
 What a process has loaded can be remembered (`remember`), so that the next one that does the same loads it beforehand.
 """
 
@@ -29,6 +32,9 @@ from numba.core.runtime.nrt import rtsys
 _DIGEST = 32
 """Bytes of a SHA-256."""
 
+Parts = Callable[[Any], Path | None]
+"""Where the code for a signature is kept under what it was made of, of one kernel; None where it is not."""
+
 notes: list[str] = []
 """What went wrong with the cache in this process, in words; each once."""
 _loaded: list[tuple[str, str, Any]] = []
@@ -48,6 +54,10 @@ class DamagedCode(OSError):
 class _CheckedFiles(IndexDataCacheFile):
     """The files of one kernel."""
 
+    def __init__(self, cache_path: str, filename_base: str, source_stamp: Any, parts: Parts | None = None) -> None:
+        super().__init__(cache_path, filename_base, source_stamp)
+        self._parts = parts
+
     def _name(self, key: Any) -> str:
         made_for = hashlib.sha256(repr((self._version, self._source_stamp, key)).encode())
         return str(self._data_name(int(made_for.hexdigest()[:16], 16)))
@@ -56,12 +66,29 @@ class _CheckedFiles(IndexDataCacheFile):
         """What was kept for a signature, None where there is nothing that counts."""
         try:
             return self._load_data(self._name(key))
+        except FileNotFoundError:
+            return self._take_over(key)
         except OSError:
             return None
 
+    def _take_over(self, key: Any) -> Any:
+        """What another version has kept that was made of the same parts; from now on it is this version's too."""
+        if self._parts is None or (path := self._parts(key)) is None:
+            return None
+        try:
+            content = _content(str(path))
+            path.touch()
+            with contextlib.suppress(OSError):  # a folder that cannot be written serves as well
+                _write(self._data_path(self._name(key)), content)
+        except OSError:
+            return None
+        return pickle.loads(content)
+
     def save(self, key: Any, data: Any) -> None:
-        """Keep it."""
+        """Keep it. Raises OSError."""
         self._save_data(self._name(key), data)
+        if self._parts is not None and (path := self._parts(key)) is not None:
+            _write(str(path), pickle.dumps(data))
 
     def _load_data(self, name: str) -> Any:
         return pickle.loads(_content(self._data_path(name)))
@@ -138,11 +165,11 @@ class CheckedCache(FunctionCache):
 
     _impl_class = _Placed
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], parts: Parts) -> None:
         super().__init__(function)
         self._kernel = function.__module__, function.__qualname__
         stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _CheckedFiles(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file = _CheckedFiles(self._cache_path, self._impl.filename_base, stamp, parts)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Machine code that was kept, None where there is none. numba's own method loads all that the compiler knows
@@ -167,12 +194,13 @@ class CacheAtFirstCall:
     """What a kernel has for a cache: a `CheckedCache`, whose place is looked for when the kernel is first called. A
     command imports a hundred kernels and calls ten; the others are parts of those."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], parts: Parts) -> None:
         self._function = function
+        self._parts = parts
 
     @cached_property
     def _opened(self) -> CheckedCache:
-        return CheckedCache(self._function)
+        return CheckedCache(self._function, self._parts)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._opened, name)

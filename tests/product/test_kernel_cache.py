@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import os
+import pkgutil
 import random
 import shutil
 import subprocess
 import sys
+from collections import namedtuple
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+from numba import types
+from numba.core.dispatcher import Dispatcher
 
 import navsim
-from navsim.core import kernel_cache
+from navsim.core import attitude, jit, kernel_cache, kernel_parts
 
 CODE = (
     "import numpy as np; from navsim.core import attitude, kernel_cache; m = np.empty((3, 3));"
@@ -171,6 +176,58 @@ def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: 
     assert result(cache, there) == (RIGHT, 1, "")
 
 
+@pytest.mark.parametrize(
+    ("file", "old", "new", "right", "hits"),
+    [
+        ("models/path.py", '"""', '"""Another text. ', RIGHT, 1),
+        ("core/attitude.py", '"""', '"""Another text. ', RIGHT, 1),
+        ("core/attitude.py", "2.0 * (", "3.0 * (", None, 0),
+        ("core/lanes.py", '"""', '"""Another text. ', RIGHT, 0),
+    ],
+)
+def test_another_version_compiles_what_has_changed(
+    file: str, old: str, new: str, right: str | None, hits: int, cache: Path, tmp_path: Path
+) -> None:
+    """What a kernel reaches decides: words do not, other rooms do not, a number does."""
+    fresh = tmp_path / "cache"
+    assert result(fresh)[1] == 0
+    shutil.copytree(Path(navsim.__file__).parent, tmp_path / "navsim", ignore=shutil.ignore_patterns("__pycache__"))
+    changed = tmp_path / "navsim" / file
+    assert old in changed.read_text()
+    changed.write_text(changed.read_text().replace(old, new, 1 if '"' in old else -1))
+    there = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import navsim; assert '{tmp_path}' in navsim.__file__;"
+    matrix, loaded, notes = result(fresh, there)
+    assert (loaded, notes) == (hits, "")
+    assert matrix == right if right is not None else matrix != RIGHT
+    assert len(list(fresh.glob("kernels-*"))) == 2
+    assert result(fresh, there) == (matrix, 1, "")
+
+
+def test_every_kernel_can_be_followed() -> None:
+    """And a kernel's digest is its own, or that of one with the same name and code."""
+    kernels = [
+        value
+        for room in jit._KERNEL_ROOMS
+        for found in pkgutil.walk_packages([str(Path(navsim.__file__).parent / room)], f"navsim.{room}.")
+        for value in vars(import_module(found.name)).values()
+        if isinstance(value, Dispatcher) and value.py_func.__module__ == found.name
+    ]
+    assert len(kernels) > 150
+    digests = [kernel_parts.digest(each.py_func, (), jit._OVERLOADS, "") for each in kernels]
+    assert None not in digests
+    assert len(set(digests)) == len({each.py_func for each in kernels})
+
+
+def test_the_order_of_fields_counts() -> None:
+    """Of two tuples with other names for the same types the type's name tells nothing."""
+    first, second = (
+        types.NamedUniTuple(types.float64, 2, namedtuple("Pair", fields)) for fields in (("a", "b"), ("b", "a"))
+    )
+    kernel = attitude.dcm.py_func
+    assert str(first) == str(second)
+    assert len({kernel_parts.digest(kernel, (pair,), {}, "") for pair in (first, second)}) == 2
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
 def test_a_cache_of_somebody_else_is_not_run(cache: Path, tmp_path: Path) -> None:
     copied = tmp_path / "cache"
@@ -178,6 +235,15 @@ def test_a_cache_of_somebody_else_is_not_run(cache: Path, tmp_path: Path) -> Non
     (folder,) = copied.glob("kernels-*")
     os.chown(folder, 12345, 12345)
     assert result(copied)[:2] == (RIGHT, 0)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_parts_of_somebody_else_are_not_run(tmp_path: Path) -> None:
+    result(tmp_path)
+    (folder,) = tmp_path.glob("kernels-*")
+    shutil.rmtree(folder)
+    os.chown(tmp_path / "parts", 12345, 12345)
+    assert result(tmp_path)[:2] == (RIGHT, 0)
 
 
 PLACE = "import json; from navsim.core import jit; print(json.dumps([str(jit._CACHE), jit.compiling()]))"
