@@ -26,7 +26,7 @@ import navsim
 from navsim.core.streams import generator
 from navsim.io.rinex_write import navigation_lines
 from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
-from navsim.models.systems import GLONASS
+from navsim.models.systems import GLONASS, GPS
 from navsim.scenario.load import read
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.simulation.landing import measured, receiver_fixes
@@ -111,7 +111,7 @@ def rinex() -> str:
     made = f"{'navsim ' + navsim.__version__:20s}{'':20s}{DAY:%Y%m%d} 120000 UTC "
     comments = ("nominal constellations, scripts/make_shipped_data.py",)
     elements, at = gps.nominal(NOON).records, float(timescales.gps_from_utc(NOON))
-    return "\n".join(navigation_lines(elements, vectors, comments, made, at=at)) + "\n"
+    return "\n".join(navigation_lines({GPS: elements}, vectors, comments, made, at=at)) + "\n"
 
 
 def flight() -> tuple[bytes, str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from navsim.io import rinex_write
 from navsim.models import glonass, glonass_broadcast, gps, timescales
+from navsim.models.systems import GPS
 
 SATELLITES = ("G05", "G12", "R02")
 CODES_3 = ("C1C", "L1C", "D1C", "S1C")
@@ -77,7 +78,7 @@ def navigation_3(utc: float) -> str:
     elements = gps.nominal(utc).records.take(np.arange(3))
     vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), utc, utc).records.take(np.arange(3))
     at = float(timescales.gps_from_utc(utc))
-    return "\n".join(rinex_write.navigation_lines(elements, vectors, ["made"], "made", at=at)) + "\n"
+    return "\n".join(rinex_write.navigation_lines({GPS: elements}, vectors, ["made"], "made", at=at)) + "\n"
 
 
 _MESSAGES = {"G": "LNAV", "R": "FDMA", "E": "INAV", "C": "D1", "J": "LNAV", "S": "SBAS", "I": "LNAV"}

@@ -15,7 +15,7 @@ from navsim.core.jit import inlined, kernel
 from navsim.core.lanes import any_lane, select
 from navsim.core.linear import cholesky, invert_factored
 
-MAX_CLOCKS = 3
+MAX_CLOCKS = 6
 MAX_UNKNOWNS = 3 + MAX_CLOCKS
 SINGULAR = 1e9
 """From here on a geometry counts as singular (`well_posed`): PDOP of 16 000 with four sources. A filter cannot weigh
@@ -140,7 +140,8 @@ def dops(los: np.ndarray, clock: np.ndarray) -> np.ndarray:
     cofactor, unknowns = geometry_covariance(los, clock, np.ones(los.shape[:2]))
     variance = np.diagonal(cofactor, axis1=1, axis2=2)
     present = np.arange(MAX_UNKNOWNS) < unknowns[:, None]
-    g = np.where(unknowns > 0, np.sum(np.where(present, variance, 0.0), axis=1), np.nan)
+    # one after the other: a sum of eight and more numbers has another order
+    g = np.where(unknowns > 0, np.add.accumulate(np.where(present, variance, 0.0), axis=1)[:, -1], np.nan)
     h = variance[:, 0] + variance[:, 1]
     return np.sqrt(np.stack([g, h + variance[:, 2], h, variance[:, 2], variance[:, 3]], axis=1))
 

@@ -40,7 +40,7 @@ MOST_SITES = 20_000
 LONGEST = 30 * 86400.0
 """No flight lasts longer, s."""
 TOE_SPACING = 7200.0
-"""GPS messages of simulated satellites are given reference times at multiples of this, s."""
+"""Messages of simulated satellites are given reference times at multiples of this, s."""
 
 
 def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
@@ -132,7 +132,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
     if not time.size:
         raise ResultError("the result has no epoch of measurements: the simulation is shorter than one fix interval")
     elements, vectors = _elements(result), _vectors(result)
-    constellations: list[Constellation] = [known for known in (elements, vectors) if known is not None]
+    constellations: list[Constellation] = [*elements.values(), *([] if vectors is None else [vectors])]
     if not constellations:
         raise ResultError(
             "the result has no navigation messages; RINEX needs a sky of nominal, almanac or navigation satellites"
@@ -198,7 +198,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
         comments.append(f"received, but not in here for want of messages to write: {', '.join(missing)}")
     title = str(result.attributes.get("title") or target.stem)
     messages = rinex_write.navigation_lines(
-        None if elements is None else elements.records, None if vectors is None else vectors.records,
+        {system: one.records for system, one in elements.items()}, None if vectors is None else vectors.records,
         comments, made, at=start, klobuchar=_klobuchar(scenario),
         gps_offset=1e-9 * scenario["signals"]["gps_offset_ns"],
     )  # fmt: skip
@@ -270,12 +270,14 @@ def approximate_systems(result: Result) -> list[str]:
     return out
 
 
-def _elements(result: Result) -> gps.KeplerianEphemerides | None:
-    """The GPS satellites behind the result's messages, with reference times near the flight."""
-    if f"/navigation/{GPS.name}/prn" not in result:
-        return None
-    stored = gps.Elements(**{f.name: _stored(result, GPS, f.name) for f in fields(gps.Elements)})
-    return gps.KeplerianEphemerides(_near(stored, result), reach=np.inf)
+def _elements(result: Result) -> dict[System, gps.KeplerianEphemerides]:
+    """The satellites behind the result's messages of elements, with reference times near the flight, by system."""
+    out = {}
+    for system in BY_LETTER.values():
+        if f"/navigation/{system.name}/prn" in result:
+            stored = gps.Elements(**{f.name: _stored(result, system, f.name) for f in fields(gps.Elements)})
+            out[system] = gps.KeplerianEphemerides(_near(stored, system, result), reach=np.inf, system=system)
+    return out
 
 
 def _vectors(result: Result) -> glonass_broadcast.StateVectorEphemerides | None:
@@ -292,15 +294,15 @@ def _stored(result: Result, system: System, name: str) -> np.ndarray:
     return data.astype(bool) if name == "healthy" else data
 
 
-def _near(elements: gps.Elements, result: Result) -> gps.Elements:
+def _near(elements: gps.Elements, system: System, result: Result) -> gps.Elements:
     """Messages as satellites would send them during the flight; those of a real navigation file stay as they are."""
     time = _start(result) + result["/geometry/time"][[0, -1]]
-    if np.all(np.abs(elements.toe[:, None] - time) < gps.HALF_FIT):
+    if np.all(np.abs(elements.toe[:, None] - time) < max(gps.WINDOWS[system])):
         return elements
     if not time[0] <= time[1] <= time[0] + LONGEST:
         raise ResultError(f"damaged: measurements from {time[0]:g} to {time[1]:g} s")
     toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
-    parts = [elements.referred_to(np.full(elements.prn.size, toe), GPS) for toe in toes]
+    parts = [elements.referred_to(np.full(elements.prn.size, toe), system) for toe in toes]
     whole = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(gps.Elements)}
     issue = np.repeat(np.arange(1, toes.size + 1), elements.prn.size).astype(float)
     return gps.Elements(**(whole | {"iode": issue, "iodc": issue, "healthy": np.ones(issue.size, dtype=bool)}))

@@ -1,4 +1,4 @@
-"""RINEX navigation files, versions 2, 3 and 4: GPS and GLONASS broadcast messages.
+"""RINEX navigation files, versions 2, 3 and 4: broadcast messages of GPS, GLONASS, Galileo, BeiDou and QZSS.
 
 Ours because georinex, the known reader, needs half a minute for a day of mixed messages, stumbles over the five-line
 GLONASS records of version 3.05 and does not read version 4. Messages of other systems and kinds are counted and
@@ -6,60 +6,70 @@ skipped.
 
 Sources: [1] RINEX 2.11 (2007), tables A3-A5, A10, A11. [2] RINEX 3.05 (2020), section 8 and tables A5, A6, A10.
 [3] RINEX 4.02 (2024), section 5.4 and the tables of navigation records (they begin with `> EPH`, `> STO`, `> EOP`,
-`> ION`).
+`> ION`). [4] Galileo OS SIS ICD, issue 2.0 (2021), section 5.1.5 (group delays).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from navsim.io.rinex_write import INAV_SOURCES
 from navsim.io.text import Dropped, FileError, date_and_time, number, read_lines, whole, within
 from navsim.models import gps, timescales
 from navsim.models.constellation import Constellation
 from navsim.models.glonass_broadcast import StateVectorEphemerides, StateVectors
-from navsim.models.systems import BY_LETTER, GLONASS, GPS, SYSTEMS, System
+from navsim.models.systems import BEIDOU, BY_LETTER, GALILEO, GLONASS, GPS, QZSS, SYSTEMS, USUAL, System
 
 _LATEST = 5.0
 _NAVIGATION = "N"
 """Type of files of messages, from version 3 on of all systems."""
 _KINDS = ("EPH", "STO", "EOP", "ION")
 """Kinds of records of version 4: ephemerides, offsets of time systems, Earth orientation, ionosphere."""
+_SAME = {"D2": BEIDOU.message}
+"""Messages that say what others do: that of geostationary BeiDou satellites."""
 _KLOBUCHAR = ("LNAV", "CNVX")
 """Messages of GPS that send Klobuchar's coefficients; they are the same ones."""
 
 
 @dataclass(frozen=True)
 class Navigation:
-    """Messages of a navigation file: gps, glonass (None where the file has none), Klobuchar coefficients alpha, beta
-    (4,) or None (of several the newest), GPS - UTC in s or None, how many records were skipped since they are not
-    modelled: by letter of the system, in version 4 by system and message (`G CNAV`, `STO G LNAV`). left_out: what of a
-    damaged file was left out, in words."""
+    """Messages of a navigation file: elements by system and message, glonass (None where the file has none), Klobuchar
+    coefficients alpha, beta (4,) or None (of several the newest), GPS - UTC in s or None, how many records were skipped
+    since they are not modelled, or not wanted: by letter of the system, in version 4 by system and message (`G CNAV`,
+    `STO G LNAV`). left_out: what of a damaged file was left out, in words."""
 
-    gps: gps.Elements | None
+    elements: Mapping[tuple[System, str], gps.Elements]
     glonass: StateVectors | None
     klobuchar: tuple[np.ndarray, np.ndarray] | None
     leap_seconds: int | None
     skipped: dict[str, int] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
 
+    @property
+    def gps(self) -> gps.Elements | None:
+        """Elements of GPS; None where the file has none."""
+        return self.elements.get((GPS, GPS.message))
+
     def constellations(self) -> list[Constellation]:
-        """Those that fly by these messages."""
+        """Those that fly by these messages, each by the one that its system is flown by."""
         out: list[Constellation] = []
         if self.glonass is not None:
             out.append(StateVectorEphemerides(self.glonass))
-        if self.gps is not None:
-            out.append(gps.KeplerianEphemerides(self.gps))
+        for system in SYSTEMS:
+            if (records := self.elements.get((system, system.message))) is not None:
+                out.append(gps.KeplerianEphemerides.sent(records, system))
         return out
 
 
 @dataclass(frozen=True)
 class _Record:
-    """A record's kind, system, message, and its numbered lines; ends_file: whether its last line is the file's."""
+    """A record's kind, system, message (none before version 4), its numbered lines; ends_file: whether its last line
+    is the file's."""
 
     kind: str
     letter: str
@@ -68,16 +78,18 @@ class _Record:
     ends_file: bool
 
 
-def read_nav(path: Path, lenient: bool = False) -> Navigation:
+def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUAL) -> Navigation:
     """Read a RINEX 2, 3 or 4 navigation file, packed or not.
 
-    lenient: leave out records that are not whole or not plausible, and say so in `left_out`. Raises FileError, naming
-    the line, for such records otherwise, and for a damaged header in any case; OSError where the file cannot be read.
+    systems: whose messages are wanted; others are passed over. lenient: leave out records that are not whole or not
+    plausible, and say so in `left_out`. Raises FileError, naming the line, for such records otherwise, and for a
+    damaged header in any case; OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
     version, system, klobuchar, leap, first = _header(path, lines)
-    records: dict[System, list[tuple[float, ...]]] = {of: [] for of in _READ}
+    wanted = [of for of in _READ if of in systems]
+    records: dict[tuple[System, str], list[tuple[float, ...]]] = {}
     usual = dict.fromkeys(_READ, 0)
     skipped: dict[str, int] = {}
     newest = -np.inf
@@ -85,8 +97,9 @@ def read_nav(path: Path, lenient: bool = False) -> Navigation:
         kind, letter, message = record.kind, record.letter, record.message
         of = BY_LETTER.get(letter)
         try:
-            if kind == "EPH" and of in _READ and message == of.message:
-                records[of].append(_READ[of](path, record, version, usual[of]))
+            if kind == "EPH" and of in wanted and _SAME.get(message, message) in ("", of.message, *of.other_messages):
+                sent, values = _READ[of](path, record, version, usual[of])
+                records.setdefault((of, sent), []).append(values)
                 usual[of] = len(record.lines)
             elif kind == "ION" and of is GPS and message in _KLOBUCHAR:
                 time, coefficients = _ionosphere(path, record, version)
@@ -97,13 +110,14 @@ def read_nav(path: Path, lenient: bool = False) -> Navigation:
                 skipped[name] = skipped.get(name, 0) + 1
         except FileError as error:
             dropped.damaged("messages left out", error)
-    if not any(records.values()):
-        none, sought = " and ".join(f"no {of.title}" for of in _READ), ", ".join(of.message for of in _READ)
+    if not records:
+        none = " and ".join(f"no {of.title}" for of in wanted)
+        sought = ", ".join(dict.fromkeys(m for of in wanted for m in (of.message, *of.other_messages)))
         others = f"; skipped were {', '.join(skipped)}" if skipped else ""
         raise FileError(0, f"holds {none} message ({sought}){others}", path)
     return Navigation(
-        _elements(records[GPS]) if records[GPS] else None,
-        _state_vectors(records[GLONASS]) if records[GLONASS] else None,
+        {key: _elements(rows) for key, rows in records.items() if key[0] is not GLONASS},
+        _state_vectors(vectors) if (vectors := records.get((GLONASS, GLONASS.message))) else None,
         klobuchar,
         leap,
         skipped,
@@ -115,7 +129,7 @@ def _header(path: Path, lines: list[str]) -> tuple[float, str, tuple[np.ndarray,
     """Version, system letter, Klobuchar coefficients, leap seconds, index of the first line after the header."""
     version, system = rinex_version(path, lines)
     kind = lines[0][20:21]
-    of_old_files = {of.old_file: of.letter for of in SYSTEMS}
+    of_old_files = {of.old_file: of.letter for of in SYSTEMS if of.old_file}
     if kind not in of_old_files or (version >= 3.0 and kind != _NAVIGATION):
         raise FileError(1, f"a RINEX file of type '{lines[0][20:40].strip()}', not navigation data", path)
     if version < 3.0:
@@ -167,9 +181,7 @@ def _blocks(
     for start, stop in itertools.pairwise([*starts, end]):
         letter = system if version < 3.0 else lines[start][0]
         if letter.isalpha():
-            of = BY_LETTER.get(letter)
-            message = of.message if of in _READ else ""
-            yield _Record("EPH", letter, message, _numbered(lines, start, stop), stop == end)
+            yield _Record("EPH", letter, "", _numbered(lines, start, stop), stop == end)
         else:
             found = lines[start][:3]
             error = FileError(start + 1, f"expected a satellite such as G01, found '{found}'", path)
@@ -258,43 +270,101 @@ def _values(path: Path, block: list[tuple[int, str]], version: float, wanted: tu
     return out
 
 
-_GPS_FIELDS = (
+_ORBIT_FIELDS = (
     "af0", "af1", "af2",
     "iode", "crs", "delta_n", "m0",
     "cuc", "e", "cus", "sqrt_a",
     "toe", "cic", "omega0", "cis",
     "i0", "crc", "omega", "omega_dot",
+)  # fmt: skip
+_GPS_FIELDS = (
+    *_ORBIT_FIELDS,
     "i_dot", "-", "week", "-",
     "ura", "health", "tgd", "iodc",
 )  # fmt: skip
-_GPS_LIMITS = {
+_GALILEO_FIELDS = (
+    *_ORBIT_FIELDS,
+    "i_dot", "source", "week", "-",
+    "sisa", "health", "bgd_e5a", "bgd_e5b",
+)  # fmt: skip
+_BEIDOU_FIELDS = (
+    *_ORBIT_FIELDS,
+    "i_dot", "-", "week", "-",
+    "ura", "health", "tgd", "-",
+    "-", "iodc",
+)  # fmt: skip
+_KEPLERIAN_LIMITS = {
     "e": (0.0, 0.2), "sqrt_a": (4000.0, 8000.0), "toe": (0.0, timescales.WEEK), "i0": (-np.pi, np.pi),
     "omega0": (-2 * np.pi, 2 * np.pi), "omega": (-2 * np.pi, 2 * np.pi), "m0": (-2 * np.pi, 2 * np.pi),
     "delta_n": (-1e-6, 1e-6), "omega_dot": (-1e-6, 1e-6), "i_dot": (-1e-6, 1e-6), "af0": (-0.1, 0.1),
     "af1": (-1e-6, 1e-6), "af2": (-1e-9, 1e-9), "tgd": (-1e-6, 1e-6), "week": (0, 10000), "ura": (0.0, 1e5),
+    "sisa": (-1.0, 1e5), "bgd_e5a": (-1e-6, 1e-6), "bgd_e5b": (-1e-6, 1e-6), "source": (0, 1023),
     "cuc": (-1e-3, 1e-3), "cus": (-1e-3, 1e-3), "cic": (-1e-3, 1e-3), "cis": (-1e-3, 1e-3),
     "crc": (-5e3, 5e3), "crs": (-5e3, 5e3),
 }  # fmt: skip
-_GPS_ORDER = (
+_ELEMENTS_ORDER = (
     "prn", "healthy", "toe", "toc", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "i_dot",
     "cuc", "cus", "crc", "crs", "cic", "cis", "af0", "af1", "af2", "tgd", "ura", "iode", "iodc",
 )  # fmt: skip
 
 
-def _gps(path: Path, record: _Record, version: float, _: int) -> tuple[float, ...]:
-    """The fields of a GPS record."""
+def _keplerian(
+    path: Path, record: _Record, version: float, system: System, wanted: tuple[str, ...]
+) -> dict[str, float]:
+    """The wanted fields of a record of orbital elements, with what `_ELEMENTS_ORDER` asks for besides."""
     block = record.lines
     _check_length(path, record, (8,), _margin(version))
-    prn, toc = _satellite(path, block, version, GPS.highest), _time(path, block, version)
-    v = _values(path, block, version, _GPS_FIELDS)
-    for name, (low, high) in _GPS_LIMITS.items():
-        within(path, block[(_GPS_FIELDS.index(name) + 1) // 4][0], v[name], low, high, name)
-    toc -= timescales.GPS_EPOCH  # the epoch is GPS time
+    prn, toc = _satellite(path, block, version, system.highest), _time(path, block, version)
+    v = _values(path, block, version, wanted)
+    for name, (low, high) in _KEPLERIAN_LIMITS.items():
+        if name in v:
+            within(path, block[(wanted.index(name) + 1) // 4][0], v[name], low, high, name)
+    toc -= timescales.GPS_EPOCH  # the epoch is the system's time, without leap seconds
     # some files give the week modulo 1024, and a message near midnight may belong to the other week: the clock's
     # epoch, a whole date, decides
     toe = v["toe"] + timescales.WEEK * round((toc - v["toe"]) / timescales.WEEK)
-    v |= {"prn": prn, "healthy": float(v["health"] == 0.0), "toe": toe, "toc": toc}
-    return tuple(v[name] for name in _GPS_ORDER)
+    behind = timescales.BEHIND_GPS[system.time_system]
+    return v | {"prn": prn, "healthy": float(v["health"] == 0.0), "toe": toe + behind, "toc": toc + behind}
+
+
+def _in_order(v: dict[str, float]) -> tuple[float, ...]:
+    return tuple(v[name] for name in _ELEMENTS_ORDER)
+
+
+_Read = tuple[str, tuple[float, ...]]
+"""Which message a record is of, and its numbers."""
+
+
+def _gps(path: Path, record: _Record, version: float, _: int) -> _Read:
+    """The fields of a GPS record."""
+    return GPS.message, _in_order(_keplerian(path, record, version, GPS, _GPS_FIELDS))
+
+
+def _qzss(path: Path, record: _Record, version: float, _: int) -> _Read:
+    """The fields of a QZSS record, which are those of GPS."""
+    return QZSS.message, _in_order(_keplerian(path, record, version, QZSS, _GPS_FIELDS))
+
+
+_FNAV_SOURCES = 0b01_0000_0010
+"""Data sources of a record of F/NAV: E5a-I and its clock [2]."""
+
+
+def _galileo(path: Path, record: _Record, version: float, _: int) -> _Read:
+    """The fields of a Galileo record: the group delay is that of E1 against the other signal of the message's clock,
+    E5b of I/NAV, E5a of F/NAV [4]."""
+    v = _keplerian(path, record, version, GALILEO, _GALILEO_FIELDS)
+    line = record.lines[(_GALILEO_FIELDS.index("source") + 1) // 4][0]
+    source = whole(path, line, f"{v['source']:.10g}", "the data sources")
+    by_inav = source & INAV_SOURCES > 0
+    if by_inav == (source & _FNAV_SOURCES > 0):
+        raise FileError(line, f"the data sources, {source}, tell neither I/NAV nor F/NAV", path)
+    v |= {"tgd": v["bgd_e5b" if by_inav else "bgd_e5a"], "ura": v["sisa"], "iodc": v["iode"]}
+    return GALILEO.message if by_inav else GALILEO.other_messages[0], _in_order(v)
+
+
+def _beidou(path: Path, record: _Record, version: float, _: int) -> _Read:
+    """The fields of a BeiDou record; clocks are those of B3I, the group delay is that of B1I against it."""
+    return BEIDOU.message, _in_order(_keplerian(path, record, version, BEIDOU, _BEIDOU_FIELDS))
 
 
 _ION_FIELDS = ("alpha0", "alpha1", "alpha2", "alpha3", "beta0", "beta1", "beta2", "beta3")
@@ -308,7 +378,7 @@ def _ionosphere(path: Path, record: _Record, version: float) -> tuple[float, tup
 
 
 def _elements(records: list[tuple[float, ...]]) -> gps.Elements:
-    columns = dict(zip(_GPS_ORDER, np.array(records).T, strict=True))
+    columns = dict(zip(_ELEMENTS_ORDER, np.array(records).T, strict=True))
     columns["prn"] = columns["prn"].astype(int)
     columns["healthy"] = columns["healthy"] == 1.0
     return gps.Elements(**columns)
@@ -323,7 +393,7 @@ _GLONASS_LIMITS = {
 _GLONASS_RADIUS = (24.0e3, 27.0e3)
 
 
-def _glonass(path: Path, record: _Record, version: float, usual: int) -> tuple[float, ...]:
+def _glonass(path: Path, record: _Record, version: float, usual: int) -> _Read:
     """The fields of a GLONASS record; usual: lines of the one before, 0 for none."""
     block = record.lines
     _check_length(path, record, _glonass_lines(record, version, usual), _margin(version))
@@ -336,7 +406,7 @@ def _glonass(path: Path, record: _Record, version: float, usual: int) -> tuple[f
     radius = float(np.sqrt(v["x"] ** 2 + v["y"] ** 2 + v["z"] ** 2))
     within(path, block[1][0], radius, *_GLONASS_RADIUS, "distance of the satellite from the centre of the Earth in km")
     healthy = v["health"] == 0.0 and _flags_healthy(path, block, version)
-    return (
+    return GLONASS.message, (
         slot, v["channel"], float(healthy), time, v["x"], v["y"], v["z"], v["vx"], v["vy"], v["vz"],
         v["ax"], v["ay"], v["az"], v["tau"], v["gamma"], v["age"],
     )  # fmt: skip
@@ -383,7 +453,9 @@ _UNKNOWN = 0.999999999999e9
 """What stands for a value that is not known [2]."""
 
 
-_READ: dict[System, Callable[[Path, _Record, float, int], tuple[float, ...]]] = {GPS: _gps, GLONASS: _glonass}
+_READ: dict[System, Callable[[Path, _Record, float, int], _Read]] = {
+    GPS: _gps, GLONASS: _glonass, GALILEO: _galileo, BEIDOU: _beidou, QZSS: _qzss,
+}  # fmt: skip
 """How the messages of systems are read: path, record, version, lines of the system's record before."""
 
 

@@ -1,23 +1,25 @@
-"""RINEX 3.04 files: observations and navigation messages of GPS and GLONASS.
+"""RINEX 3.04 files: observations and navigation messages.
 
 Version 3.04, since its four-line GLONASS records are what most programs read. Source: [1] RINEX 3.04 (2018), section 5
-and tables A2, A3 (observations), A5, A6, A10 (navigation).
+and tables A2, A3 (observations), A5, A6, A8, A10, A12, A14 (navigation).
 """
 
 from __future__ import annotations
 
 import datetime
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from navsim.models import gps, timescales
 from navsim.models.glonass_broadcast import StateVectors
-from navsim.models.systems import BY_LETTER, GLONASS, GPS, System
+from navsim.models.systems import BEIDOU, BY_LETTER, GALILEO, GLONASS, GPS, System
 
 VERSION = 3.04
+INAV_SOURCES = 0b10_0000_0101
+"""Data sources of a record of I/NAV: E1-B, E5b-I, and their clock [1], table A8."""
 KINDS = "CDS"
 """What is written of each satellite: pseudorange m, Doppler Hz, C/N0 dB-Hz, all of its system's first signal."""
 
@@ -83,7 +85,7 @@ def observation_lines(epochs: Epochs, marker: str, comments: Iterable[str], made
 
 
 def navigation_lines(
-    elements: gps.Elements | None,
+    elements: Mapping[System, gps.Elements],
     vectors: StateVectors | None,
     comments: Iterable[str],
     made: str,
@@ -92,12 +94,12 @@ def navigation_lines(
     klobuchar: tuple[Sequence[float], Sequence[float]] | None = None,
     gps_offset: float = 0.0,
 ) -> list[str]:
-    """The lines of a navigation file [1] with GPS elements, GLONASS state vectors, or both.
+    """The lines of a navigation file [1] with elements by system, GLONASS state vectors, or both.
 
     comments, made: as of `observation_lines`. at: GPS s from 1980-01-06 of which leap seconds are told. klobuchar:
     alpha and beta (4,) of the ionosphere, s and s per semicircle powers. gps_offset: GPS time less GLONASS time, s.
     """
-    systems = [of for of, sent in ((GPS, elements), (GLONASS, vectors)) if sent is not None]
+    systems = [*elements, *([GLONASS] if vectors is not None else [])]
     lines = [
         _label(f"{VERSION:9.2f}           NAVIGATION DATA     {_kind(systems)}", "RINEX VERSION / TYPE"),
         _label(made, "PGM / RUN BY / DATE"),
@@ -106,14 +108,14 @@ def navigation_lines(
     if klobuchar is not None:
         for name, four in zip(("GPSA", "GPSB"), klobuchar, strict=True):
             lines.append(_label(f"{name} " + "".join(_exponent(x, 12, 4) for x in four), "IONOSPHERIC CORR"))
-    if elements is not None and vectors is not None:
+    if GPS in elements and vectors is not None:
         week, second = divmod(int(at), int(timescales.WEEK))
         offset = f"GLGP {_exponent(gps_offset, 17, 10)}{_exponent(0.0, 16, 9)}{second:7d}{week:5d}"
         lines.append(_label(offset, "TIME SYSTEM CORR"))
     lines += [_leap_seconds(at), _label("", "END OF HEADER")]
-    if elements is not None:
-        for i in np.lexsort((elements.toe, elements.prn)):
-            lines += _gps_record(elements, int(i))
+    for system, sent in elements.items():
+        for i in np.lexsort((sent.toe, sent.prn)):
+            lines += _keplerian_record(system, sent, int(i))
     if vectors is not None:
         for i in np.lexsort((vectors.time, vectors.slot)):
             lines += _glonass_record(vectors, int(i))
@@ -125,18 +127,29 @@ def _kind(systems: Sequence[System]) -> str:
     return "M: MIXED" if len(systems) > 1 else f"{systems[0].letter}: {systems[0].title}"
 
 
-def _gps_record(x: gps.Elements, i: int) -> list[str]:
-    week, second = divmod(float(x.toe[i]), timescales.WEEK)
-    year, month, day, hour, minute, sec = _calendar(float(x.toc[i]), 0.0, 0)
-    head = f"{GPS.satellite(x.prn[i])} {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d} {int(sec):02d}"
-    numbers = [
+_BDT_WEEK = 1356.0
+"""The GPS week at whose start BeiDou time begins."""
+
+
+def _keplerian_record(system: System, x: gps.Elements, i: int) -> list[str]:
+    """A record of elements, in the system's own time. A Galileo one is of I/NAV, and has no group delay of E5a."""
+    behind = timescales.BEHIND_GPS[system.time_system]
+    week, second = divmod(float(x.toe[i]) - behind, timescales.WEEK)
+    year, month, day, hour, minute, sec = _calendar(float(x.toc[i]) - behind, 0.0, 0)
+    head = f"{system.satellite(x.prn[i])} {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d} {int(sec):02d}"
+    orbit = [
         x.iode[i], x.crs[i], x.delta_n[i], x.m0[i], x.cuc[i], x.e[i], x.cus[i], x.sqrt_a[i],
         second, x.cic[i], x.omega0[i], x.cis[i], x.i0[i], x.crc[i], x.omega[i], x.omega_dot[i],
-        x.i_dot[i], 1.0, week, 0.0, x.ura[i], 0.0 if x.healthy[i] else 63.0, x.tgd[i], x.iodc[i],
-        # sent for the first time two hours before its reference time, and fit for four hours
-        second - 7200.0, 4.0,
     ]  # fmt: skip
-    return _record(head, [x.af0[i], x.af1[i], x.af2[i]], numbers)
+    sick = float(not x.healthy[i])
+    if system is GALILEO:
+        rest = [x.i_dot[i], float(INAV_SOURCES), week, 0.0, x.ura[i], sick, 0.0, x.tgd[i], second]
+    elif system is BEIDOU:
+        rest = [x.i_dot[i], 0.0, week - _BDT_WEEK, 0.0, x.ura[i], sick, x.tgd[i], 0.0, second, x.iodc[i]]
+    else:
+        # sent for the first time two hours before its reference time, and fit for four hours
+        rest = [x.i_dot[i], 1.0, week, 0.0, x.ura[i], 63.0 * sick, x.tgd[i], x.iodc[i], second - 7200.0, 4.0]
+    return _record(head, [x.af0[i], x.af1[i], x.af2[i]], orbit + rest)
 
 
 def _glonass_record(x: StateVectors, i: int) -> list[str]:

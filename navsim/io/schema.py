@@ -608,8 +608,8 @@ def _message(units: str, *names: str, dims: str = "message", of: str = NUMBER) -
 
 _NAVIGATION = Chapter(
     "Navigation messages",
-    "What the satellites sent or would have sent: elements of GPS, state vectors of GLONASS in axes fixed to the "
-    "Earth. An export to RINEX needs them.",
+    "What the satellites sent or would have sent: state vectors of GLONASS in axes fixed to the Earth, elements of the "
+    "others. An export to RINEX needs them.",
     (
         _a("/navigation/{system}/message", "message", "1",
            "number of the message; exact: the satellites flew by these messages", _FLOWN, WHOLE, when=_MESSAGES,

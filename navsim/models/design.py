@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from navsim.models import glonass, gps
+from navsim.models import glonass, gps, walker
 from navsim.models.constellation import Constellation
-from navsim.models.systems import GLONASS, GPS, System
+from navsim.models.systems import BEIDOU, GALILEO, GLONASS, GPS, QZSS, System
 
 _DESIGNED: dict[System, Callable[[float], Constellation]] = {
     GLONASS: lambda utc: glonass.Glonass24Slots(),
     GPS: gps.nominal,
+    GALILEO: walker.galileo,
+    BEIDOU: walker.beidou,
+    QZSS: walker.qzss,
 }
 
 

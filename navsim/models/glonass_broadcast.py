@@ -99,7 +99,7 @@ class StateVectorEphemerides:
     def chosen(self, gpst: np.ndarray) -> np.ndarray:
         """Index of the record that each satellite uses at GPS times (m, n), -1 without one."""
         usable = self.records.healthy | self.use_unhealthy
-        return nearest(self.records.slot, usable, self._time, self.slot, gpst, self.reach)
+        return nearest(self.records.slot, usable, self._time, self.slot, gpst, self.reach, self.reach)
 
     def age(self, gpst: float) -> float:
         """Largest distance, s, of the records' times from a GPS time."""

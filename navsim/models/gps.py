@@ -1,8 +1,10 @@
-"""GPS satellites from Keplerian elements: broadcast ephemerides, almanacs, and the baseline constellation.
+"""Satellites from Keplerian elements, those of GPS and of the systems whose messages are made like its own: broadcast
+ephemerides, almanacs; and the baseline constellation of GPS.
 
 Sources: [1] IS-GPS-200, sections 20.3.3.3.3.1 (satellite clock), 20.3.3.4.3 (ephemeris), 20.3.3.5.2 (almanac).
 [2] Remondi, Computing satellite velocity using the broadcast ephemeris, GPS Solutions 8 (2004).
 [3] GPS Standard Positioning Service Performance Standard, 4th ed. (2008), table A.2-1 (baseline 24 slots).
+[4] BeiDou SIS ICD, open service signal B1I (geostationary satellites).
 """
 
 from __future__ import annotations
@@ -15,10 +17,20 @@ import numpy as np
 from navsim.core.arrays.earth import SPEED_OF_LIGHT
 from navsim.models import timescales
 from navsim.models.messages import Messages, for_each, nearest
-from navsim.models.systems import GPS, System
+from navsim.models.systems import BEIDOU, GALILEO, GPS, QZSS, System
 
 HALF_FIT = 7200.0 + 1e-3
 """A broadcast ephemeris is used within this distance of its reference time, s."""
+WINDOWS = {
+    GPS: (HALF_FIT, HALF_FIT),
+    QZSS: (HALF_FIT, HALF_FIT),
+    GALILEO: (14400.0 + 1e-3, 0.0),
+    BEIDOU: (7200.0 + 1e-3, 3600.0 + 1e-3),
+}
+"""How long after its reference time, and before it, a message of a system is used, s. Those of Galileo speak of the
+past and serve for four hours; those of BeiDou come each hour."""
+TILT = np.radians(-5.0)
+"""Turn about the first axis from the axes of elements of geostationary BeiDou satellites to the Earth's [4]."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +38,9 @@ class Elements:
     """Keplerian elements of n records; every field (n,); angles rad, rates rad/s, times GPS s from 1980-01-06.
 
     Names as in [1]: `toe`, `toc` reference times of orbit and clock; `c..` harmonic corrections in rad and m; `af0`,
-    `af1`, `af2` clock polynomial; `tgd` group delay of L1, s; `ura` user range accuracy, m. An almanac has zeros
-    where it says nothing. `prn` int; `healthy` bool; `iode`, `iodc` issues of data. The system they are of, where it is
-    asked for, brings the constants that they mean.
+    `af1`, `af2` clock polynomial; `tgd` group delay of the signal in L1, s; `ura` user range accuracy, m, -1 where none
+    is told. An almanac has zeros where it says nothing. `prn` int; `healthy` bool; `iode`, `iodc` issues of data. The
+    system they are of, where it is asked for, brings the constants that they mean.
     """
 
     prn: np.ndarray
@@ -69,9 +81,10 @@ class Elements:
         return Elements(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def referred_to(self, toe: np.ndarray, system: System) -> Elements:
-        """The same orbits and clocks with other reference times (n,), GPS s: what a later message would say."""
+        """The same orbits and clocks with other reference times (n,), GPS s: what a later message would say. Not of
+        satellites of the system's tilted axes, which are those of the reference time."""
         dt = toe - self.toe
-        sow, new_sow = self.toe % timescales.WEEK, toe % timescales.WEEK
+        sow, new_sow = second_of_week(self.toe, system), second_of_week(toe, system)
         n = self._mean_motion(system)
         node = self.omega0 + (self.omega_dot - system.earth_rate) * dt - system.earth_rate * (sow - new_sow)
         clock = toe - self.toc
@@ -87,7 +100,7 @@ class Elements:
         )
 
     def state(self, gpst: np.ndarray, system: System) -> tuple[np.ndarray, np.ndarray]:
-        """ECEF position and velocity (..., 3), m and m/s, at GPS times (...) that go with the fields' shape [1, 2]."""
+        """ECEF position and velocity (..., 3), m and m/s, at GPS times (...) of the fields' shape [1, 2, 4]."""
         a = self.sqrt_a**2
         tk = gpst - self.toe
         n = np.sqrt(system.gm / a**3) + self.delta_n
@@ -104,8 +117,9 @@ class Elements:
         rate_r = a * self.e * sin_e * rate_e + 2.0 * rate_phi * (self.crs * c2 - self.crc * s2)
         i = self.i0 + self.i_dot * tk + self.cis * s2 + self.cic * c2
         rate_i = self.i_dot + 2.0 * rate_phi * (self.cis * c2 - self.cic * s2)
-        rate_node = self.omega_dot - system.earth_rate
-        node = self.omega0 + rate_node * tk - system.earth_rate * (self.toe % timescales.WEEK)
+        tilted = np.isin(self.prn, system.tilted)
+        rate_node = self.omega_dot - np.where(tilted, 0.0, system.earth_rate)
+        node = self.omega0 + rate_node * tk - system.earth_rate * second_of_week(self.toe, system)
 
         cos_u, sin_u, cos_n, sin_n = np.cos(u), np.sin(u), np.cos(node), np.sin(node)
         cos_i, sin_i = np.cos(i), np.sin(i)
@@ -124,6 +138,13 @@ class Elements:
             ],
             axis=-1,
         )
+        if tilted.any():
+            turn = np.where(tilted, system.earth_rate * tk, 0.0)
+            level, earthly = _tilted_to_ecef(position, turn), _tilted_to_ecef(velocity, turn)
+            earthly[..., 0] += system.earth_rate * level[..., 1]
+            earthly[..., 1] -= system.earth_rate * level[..., 0]
+            position = np.where(tilted[..., None], level, position)
+            velocity = np.where(tilted[..., None], earthly, velocity)
         return position, velocity
 
     def clock(self, gpst: np.ndarray, system: System) -> tuple[np.ndarray, np.ndarray]:
@@ -149,6 +170,19 @@ class Elements:
         return eccentric
 
 
+def second_of_week(gpst: np.ndarray, system: System) -> np.ndarray:
+    """Seconds of the week by the clock of a system, of GPS times."""
+    return (gpst - timescales.BEHIND_GPS[system.time_system]) % timescales.WEEK
+
+
+def _tilted_to_ecef(v: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) of the tilted axes along those of the Earth, which has turned on by `turn` (...), rad [4]."""
+    c, s = np.cos(TILT), np.sin(TILT)
+    x, y, z = v[..., 0], c * v[..., 1] + s * v[..., 2], c * v[..., 2] - s * v[..., 1]
+    c, s = np.cos(turn), np.sin(turn)
+    return np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+
+
 def _wrapped(angle: np.ndarray) -> np.ndarray:
     """Angles in -pi .. pi."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
@@ -158,14 +192,21 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 class KeplerianEphemerides:
     """Satellites that fly by sets of elements, at each time by the one of the nearest reference time.
 
-    records: of all satellites. reach: farthest from the reference time that a record is used, s. use_unhealthy: use
-    records marked as unhealthy. A satellite without a usable record has nan.
+    records: of all satellites. reach: longest after the reference time that a record is used, s; ahead: longest before
+    it, as long if None. use_unhealthy: use records marked as unhealthy. A satellite without a usable record has nan.
     """
 
     records: Elements
     reach: float = HALF_FIT
+    ahead: float | None = None
     use_unhealthy: bool = False
     system: System = GPS
+
+    @classmethod
+    def sent(cls, records: Elements, system: System) -> KeplerianEphemerides:
+        """By the messages of a system, as long as they hold."""
+        reach, ahead = WINDOWS[system]
+        return cls(records, reach, ahead, system=system)
 
     @property
     def prn(self) -> np.ndarray:
@@ -190,7 +231,8 @@ class KeplerianEphemerides:
     def chosen(self, gpst: np.ndarray) -> np.ndarray:
         """Index of the record that each satellite uses at GPS times (m, n), -1 without one."""
         usable = self.records.healthy | self.use_unhealthy
-        return nearest(self.records.prn, usable, self.records.toe, self.prn, gpst, self.reach)
+        ahead = self.reach if self.ahead is None else self.ahead
+        return nearest(self.records.prn, usable, self.records.toe, self.prn, gpst, self.reach, ahead)
 
     def age(self, gpst: float) -> float:
         """Largest distance, s, of the records' reference times from a GPS time."""
@@ -244,27 +286,41 @@ _SLOTS_INCLINATION = np.radians(55.0)
 _J2, _EQUATOR = 1.08263e-3, 6378137.0
 
 
-def nominal(utc: float) -> KeplerianEphemerides:
-    """The baseline 24 slots of [3], reference 1993-07-01, carried to a UTC time (POSIX s) by circular mean motion and
-    the secular regression of the node, as one set of elements each with that reference time; G01 ... G24 by slot."""
-    n = np.sqrt(GPS.gm / _SLOTS_RADIUS**3)
-    node_rate = -1.5 * _J2 * n * (_EQUATOR / _SLOTS_RADIUS) ** 2 * np.cos(_SLOTS_INCLINATION)
+def on_circles(
+    system: System, numbers: np.ndarray, radius: float, inclination: float, start: np.ndarray, epoch: float, utc: float
+) -> KeplerianEphemerides:
+    """Satellites on circles of a radius, m, and an inclination, rad, carried to a UTC time (POSIX s) by circular mean
+    motion and the secular regression of the node, as one set of elements each with that reference time.
+
+    numbers: (n,) of the satellites. start: (n, 2) right ascension of the node and argument of latitude, degrees, at
+    `epoch`, UTC (POSIX s).
+    """
+    n = np.sqrt(system.gm / radius**3)
+    node_rate = -1.5 * _J2 * n * (_EQUATOR / radius) ** 2 * np.cos(inclination)
     toe = np.floor(timescales.gps_from_utc(utc))
-    since = float(toe - timescales.gps_from_utc(_SLOTS_TIME))
-    node, latitude = np.array([(plane[0], u) for plane in _SLOTS for u in plane[1:]]).T
+    since = float(toe - timescales.gps_from_utc(epoch))
+    node, latitude = start.T
     inertial = np.radians(node) + node_rate * since
     greenwich = timescales.sidereal_angle(timescales.utc_from_gps(toe))
     count = node.size
     records = Elements.of(
-        prn=np.arange(1, count + 1),
+        prn=numbers,
         healthy=np.ones(count, dtype=bool),
         toe=np.full(count, toe),
         toc=np.full(count, toe),
-        sqrt_a=np.full(count, np.sqrt(_SLOTS_RADIUS)),
-        i0=np.full(count, _SLOTS_INCLINATION),
+        sqrt_a=np.full(count, np.sqrt(radius)),
+        i0=np.full(count, inclination),
         # the message counts the node from Greenwich at the start of the week
-        omega0=(inertial - greenwich + GPS.earth_rate * (toe % timescales.WEEK)) % (2.0 * np.pi),
+        omega0=(inertial - greenwich + system.earth_rate * second_of_week(toe, system)) % (2.0 * np.pi),
         m0=(np.radians(latitude) + n * since) % (2.0 * np.pi),
         omega_dot=np.full(count, node_rate),
     )
-    return KeplerianEphemerides(records, reach=np.inf)
+    return KeplerianEphemerides(records, reach=np.inf, system=system)
+
+
+def nominal(utc: float) -> KeplerianEphemerides:
+    """The baseline 24 slots of [3], reference 1993-07-01, for flights about a UTC time (POSIX s), see `on_circles`;
+    G01 ... G24 by slot."""
+    start = np.array([(plane[0], u) for plane in _SLOTS for u in plane[1:]])
+    numbers = np.arange(1, len(start) + 1)
+    return on_circles(GPS, numbers, _SLOTS_RADIUS, _SLOTS_INCLINATION, start, _SLOTS_TIME, utc)

@@ -18,9 +18,16 @@ class Messages:
 
 
 def nearest(
-    owners: np.ndarray, usable: np.ndarray, reference: np.ndarray, members: np.ndarray, at: np.ndarray, reach: float
+    owners: np.ndarray,
+    usable: np.ndarray,
+    reference: np.ndarray,
+    members: np.ndarray,
+    at: np.ndarray,
+    reach: float,
+    ahead: float,
 ) -> np.ndarray:
-    """Index (m, n) of the message that each member (n,) uses at times `at` (m, n); -1 without one within `reach`, s.
+    """Index (m, n) of the message that each member (n,) uses at times `at` (m, n): the one whose reference time is
+    nearest; -1 without one up to `reach`, s, before the time or `ahead`, s, after it.
 
     owners, usable, reference: (k,) of the messages: whose they are, whether they may be used, their reference times.
     """
@@ -28,9 +35,10 @@ def nearest(
     for column, member in enumerate(members):
         mine = np.flatnonzero((owners == member) & usable)
         if mine.size:
-            distance = np.abs(at[:, column, None] - reference[mine])
+            later = at[:, column, None] - reference[mine]
+            distance = np.where((later <= reach) & (later >= -ahead), np.abs(later), np.inf)
             best = np.argmin(distance, axis=1)
-            inside = np.take_along_axis(distance, best[:, None], axis=1)[:, 0] <= reach
+            inside = np.isfinite(np.take_along_axis(distance, best[:, None], axis=1)[:, 0])
             out[:, column] = np.where(inside, mine[best], -1)
     return out
 

@@ -7,7 +7,8 @@ Sources: [1] IS-GPS-200, sections 3.3.1 (carrier, chips), 20.3.3.4.3 (constants 
 navigational radiosignal in bands L1, L2, edition 5.1 (2008), sections 3.3.1 (channels), 3.3.2.1 (chips), appendix 3
 (constants of the orbit). [3] RINEX 4.02 (2024), tables of letters, time systems, observation codes and messages; RINEX
 2.11 (2007). [4] NMEA 0183 version 4.11 (talkers). [5] CelesTrak's files of navigation satellites (gps-ops, glo-ops,
-galileo, beidou, sbas, gnss): how titles tell systems.
+galileo, beidou, sbas, gnss): how titles tell systems. [6] Galileo OS SIS ICD (carrier, chips, constants of the orbit).
+[7] BeiDou SIS ICD, open service signal B1I (the same, and the axes of geostationary satellites). [8] IS-QZSS-PNT.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class System:
     talker: of NMEA sentences.
     gm, earth_rate: by which its messages of orbital elements are meant (of GLONASS its almanacs; `core.orbits` has what
     its state vectors are meant by), m3/s2, rad/s. called: pattern of titles of its satellites in two-line elements;
-    numbered: pattern of titles with a satellite's number.
+    numbered: pattern of titles with a satellite's number. other_messages: that it sends too, which are kept apart.
+    tilted: numbers of satellites whose elements are meant in axes tilted by 5 degrees [7].
     """
 
     name: str
@@ -51,6 +53,8 @@ class System:
     earth_rate: float
     called: str
     numbered: str
+    other_messages: tuple[str, ...] = ()
+    tilted: tuple[int, ...] = ()
 
     def satellite(self, number: int) -> str:
         """A satellite's name, such as G07."""
@@ -106,11 +110,32 @@ GPS = System(
     called=r"\bGPS\b|\bNAVSTAR\b", numbered=r"\(PRN\s+0*(\d{1,2})\)",
 )  # fmt: skip
 
-SYSTEMS = (GLONASS, GPS)
-"""The systems that navsim models; their order numbers the clocks of a receiver."""
+GALILEO = System(
+    name="galileo", title="Galileo", letter="E", slots=0, highest=36,
+    carrier=1575.42e6, channel_step=0.0, chip_rate=1.023e6, signals=("1C", "1X", "1B"), old_codes=("C1",),
+    message="INAV", old_file="", time_system="GAL", talker="GA", gm=3.986004418e14, earth_rate=7.2921151467e-5,
+    called=r"\bGSAT0\d{3}\b|\bGALILEO\b|\bGIOVE\b", numbered=r"\(PRN\s+E(\d{2})\)", other_messages=("FNAV",),
+)  # fmt: skip
+BEIDOU = System(
+    name="beidou", title="BeiDou", letter="C", slots=0, highest=63,
+    carrier=1561.098e6, channel_step=0.0, chip_rate=2.046e6, signals=("2I", "2X", "1I"), old_codes=(),
+    message="D1", old_file="", time_system="BDT", talker="GB", gm=3.986004418e14, earth_rate=7.292115e-5,
+    called=r"\bBEIDOU\b", numbered=r"\(C(\d{2})\)", tilted=(1, 2, 3, 4, 5, 59, 60, 61, 62, 63),
+)  # fmt: skip
+QZSS = System(
+    name="qzss", title="QZSS", letter="J", slots=0, highest=10,
+    carrier=1575.42e6, channel_step=0.0, chip_rate=1.023e6, signals=("1C",), old_codes=(),
+    message="LNAV", old_file="", time_system="QZS", talker="GQ", gm=3.986005e14, earth_rate=7.2921151467e-5,
+    called=r"\bQZS", numbered=r"(?!)",
+)  # fmt: skip
+
+SYSTEMS = (GLONASS, GPS, GALILEO, BEIDOU, QZSS)
+"""The systems that navsim models."""
+USUAL = (GLONASS, GPS)
+"""Those that are used where none is named."""
 NAMES = tuple(system.name for system in SYSTEMS)
 OWN = "own"
-CLOCKS = (*NAMES, OWN)
+CLOCKS = (*(system.name for system in USUAL), OWN, *(system.name for system in SYSTEMS if system not in USUAL))
 """Time scales that a source may keep, each system's and one of its own; each used one costs a fix one unknown. Their
 order numbers them."""
 BY_LETTER = {system.letter: system for system in sorted(SYSTEMS, key=lambda system: system.letter)}
@@ -119,10 +144,7 @@ BY_LETTER = {system.letter: system for system in sorted(SYSTEMS, key=lambda syst
 LETTERS = "GRECJIS"
 """Letters of satellites in files, those of systems that navsim does not model too [3]."""
 _STRANGERS = {
-    "QZSS": r"\bQZS",
     "SBAS": r"/PRN\s*\d{3}\)|\b(WAAS|EGNOS|MSAS|GAGAN|SDCM|KASS|SBAS)\b",
-    "Galileo": r"\bGSAT0\d{3}\b|\bGALILEO\b|\bGIOVE\b|\(PRN\s+E\d{2}\)",
-    "BeiDou": r"\bBEIDOU\b",
     "NavIC": r"\bIRNSS\b|\bNVS-\d",
 }
 UNTITLED, UNKNOWN = "", "unknown"
@@ -133,5 +155,5 @@ def system_of(title: str) -> str:
     `UNKNOWN`, or `UNTITLED` where there is no title [5]."""
     if not title:
         return UNTITLED
-    called = _STRANGERS | {system.name: f"{system.called}|{system.numbered}" for system in SYSTEMS}
+    called = {system.name: f"{system.called}|{system.numbered}" for system in SYSTEMS} | _STRANGERS
     return next((name for name, pattern in called.items() if re.search(pattern, title.upper())), UNKNOWN)

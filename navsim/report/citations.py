@@ -104,6 +104,9 @@ SOURCES = {
             1998,
         ),
         Source("is_gps_200", MISC, (), "IS-GPS-200", note="interface specification"),
+        Source("galileo_icd", MISC, (), "Galileo OS SIS ICD", note="interface specification"),
+        Source("beidou_icd", MISC, (), "BeiDou SIS ICD, open service signal B1I", note="interface specification"),
+        Source("qzss_is", MISC, (), "IS-QZSS-PNT", note="interface specification"),
         Source(
             "glonass_icd", MISC, (), "GLONASS ICD, navigational radiosignal in bands L1, L2", "edition 5.1", "", 2008
         ),
@@ -474,6 +477,16 @@ def _sky(*names: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
     return lambda scenario, root: _landing(scenario, root) and _at(scenario, "sky", "source") in names
 
 
+def _named(nominal: str) -> Callable[[Mapping[str, Any], Mapping[str, Any]], bool]:
+    """A system that only flies where it is named; nominal: the source that is its design."""
+
+    def flies(scenario: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
+        named = (f"nominal-{name}" for name in _at(scenario, "sky", "systems") or ())
+        return _landing(scenario, root) and nominal in (_at(scenario, "sky", "source"), *named)
+
+    return flies
+
+
 def _at(scenario: Mapping[str, Any], *keys: str) -> Any:
     """A setting; None where the scenario has none there."""
     node: Any = scenario
@@ -493,6 +506,9 @@ METHODS = (
     ),
     Method("GLONASS satellites", _LANDING, ("glonass_icd",), _sky("nominal-glonass", "nominal", "navigation")),
     Method("GPS satellites", _LANDING, ("is_gps_200",), _sky("nominal-gps", "nominal", "navigation")),
+    Method("Galileo satellites", "docs/real-signals.md", ("galileo_icd",), _named("nominal-galileo")),
+    Method("BeiDou satellites", "docs/real-signals.md", ("beidou_icd",), _named("nominal-beidou")),
+    Method("QZSS satellites", "docs/real-signals.md", ("qzss_is",), _named("nominal-qzss")),
     Method(
         "satellites by almanacs or two-line elements",
         "docs/real-signals.md",

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from navsim.models import conventions
 from navsim.models.conventions import GnssConvention, ImuConvention
+from navsim.models.systems import SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     Checksum,
     LogTime,
@@ -30,7 +31,7 @@ from navsim.scenario.filter import Components, Coupling, Gate, Kind
 from navsim.scenario.presets import SENSOR_CLASSES
 from navsim.scenario.sensors import Accelerometer, Gyro
 from navsim.scenario.signals import ClockNoise
-from navsim.scenario.sky import Checksums, Files
+from navsim.scenario.sky import Checksums, Files, Name
 
 Time = Annotated[float, Field(ge=0.0, le=1e12)]
 Times = Annotated[tuple[Time, ...], one_or_more(Time), one_or_list]
@@ -145,6 +146,8 @@ class Gnss(Section):
     takes as they are"""
     navigation_sha256: Checksums | None = None
     """checksums of the navigation files, in order; when given, others are refused"""
+    systems: list_of(Name) = ()  # type: ignore[valid-type]
+    """take the ranges of these systems, each with a clock of its own; left out: GPS and GLONASS"""
     mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
     """satellites lower than this are left out, of RINEX observations"""
     atmosphere: bool = True
@@ -190,6 +193,7 @@ class Gnss(Section):
         if not self.navigation:
             for key in (
                 "navigation_sha256",
+                "systems",
                 "range_sigma_m",
                 "range_rate_sigma_m_s",
                 "mask_deg",
@@ -203,6 +207,10 @@ class Gnss(Section):
         if replace(self.convention(), time_offset=0.0) != default:
             raise reject("RINEX observations have units of their own; only their times may be shifted", "file")
         return self
+
+    def wanted(self) -> tuple[System, ...]:
+        """The systems whose ranges are taken."""
+        return tuple(system for system in SYSTEMS if system.name in self.systems) or USUAL
 
     def convention(self) -> GnssConvention:
         """How the table is written."""

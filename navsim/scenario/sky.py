@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.models.systems import CLOCKS, GLONASS, NAMES, SYSTEMS
+from navsim.models.systems import CLOCKS, GLONASS, NAMES, SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     DEG,
     Azimuth,
@@ -77,7 +77,7 @@ class Sky(Section):
     """Where the satellites are, and which of them are received."""
 
     source: Source = f"nominal-{GLONASS.name}"
-    """nominal: design constellations, GPS and GLONASS; almanac, navigation, orbits: real satellites from files"""
+    """nominal: design constellations of `systems`; almanac, navigation, orbits: real satellites from files"""
     almanac: Files | None = None
     """for `source: almanac`: .agl, .agp, YUMA, SEM, two-line elements; one file or a list"""
     almanac_sha256: Checksums | None = None
@@ -95,7 +95,7 @@ class Sky(Section):
     lenient: bool = False
     """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
     systems: list_of(Name) = ()  # type: ignore[valid-type]
-    """use these alone; left out: all there are"""
+    """use these alone, each with a clock unknown of its own; left out: GPS and GLONASS, or that of `nominal-...`"""
     broadcast: bool = False
     """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
     do; so that files exported from the run are exact"""
@@ -130,6 +130,12 @@ class Sky(Section):
                 known = ", ".join(system.numbers for system in SYSTEMS)
                 raise reject(f"'{name}' names no source; {known}", "exclude", index)
         return self
+
+    def wanted(self) -> tuple[System, ...]:
+        """The systems that are used where the sky has them."""
+        named = self.systems or tuple(s.name for s in SYSTEMS if self.source == f"nominal-{s.name}")
+        usual = () if named else (*USUAL, *(s for s in SYSTEMS if s.name == self.almanac_system))
+        return tuple(s for s in SYSTEMS if s.name in named or s in usual)
 
     def unused(self) -> list[str]:
         """What is given and changes nothing, in words."""

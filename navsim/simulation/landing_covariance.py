@@ -27,7 +27,6 @@ import numpy as np
 from navsim.core import states
 from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
 from navsim.core.defect import Defect
-from navsim.core.dop import MAX_CLOCKS
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import SensorBeliefs, clock_sigma
@@ -140,7 +139,8 @@ def _slopes(
     turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
 
     weight = np.where(here, s.fix_sigma, np.inf) ** -2.0
-    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == np.arange(MAX_CLOCKS), (e, n, MAX_CLOCKS))], axis=2)
+    kept = np.unique(s.clock)
+    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == kept, (e, n, kept.size))], axis=2)
     residual = np.where(here, ranges - distance - clocks[:, s.clock], 0.0)
     normal, weighed = _normal(h, weight)
     normal[:, :3, :3] -= np.einsum("es,esij->eij", weight * residual, turning)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from navsim.io.rinex_obs import read_obs
 from navsim.io.text import Dropped, FileError
 from navsim.models.constellation import Constellation
 from navsim.models.recording import Fixes, Ranges
+from navsim.models.systems import System
 from navsim.study.single_point import PositioningOptions, solve
 
 _STEP = 1e-3 * SPEED_OF_LIGHT
@@ -27,9 +29,9 @@ class NavigationMessages:
     klobuchar: tuple[np.ndarray, np.ndarray] | None
 
 
-def read_messages(path: Path, lenient: bool, dropped: Dropped) -> NavigationMessages:
-    """The messages of a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`."""
-    found = read_nav(path, lenient)
+def read_messages(path: Path, lenient: bool, dropped: Dropped, systems: Sequence[System]) -> NavigationMessages:
+    """The messages of some systems in a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`."""
+    found = read_nav(path, lenient, systems)
     for text in found.left_out:
         dropped.add(text, 1)
     return NavigationMessages(tuple(found.constellations()), found.klobuchar)

@@ -283,7 +283,7 @@ def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
         path = document.resolve(("gnss", "navigation"), name)
         place = document.place(("gnss", "navigation"))
         try:
-            several.append(read_messages(path, scenario.lenient, dropped))
+            several.append(read_messages(path, scenario.lenient, dropped, gnss.wanted()))
         except FileError as error:
             at = Place(str(path), error.line, 1) if error.line else place
             raise InputError([Problem(at, f"gnss.navigation[{i}]", f"{name}: {error.message}")]) from None

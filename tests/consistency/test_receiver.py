@@ -7,11 +7,12 @@ import pytest
 from scipy.stats import chi2
 
 from navsim.core.arrays import earth
-from navsim.core.dop import MAX_CLOCKS
+from navsim.core.dop import MAX_CLOCKS, geometry_covariance
 from navsim.core.noise import measure
 from navsim.core.streams import generator
 from navsim.estimation.receiver import fixes
 from navsim.models.kinematics import Motion
+from navsim.models.systems import CLOCKS
 from navsim.simulation.landing import World
 from tests.helpers import case
 
@@ -150,6 +151,21 @@ def test_receiver_clocks_come_back() -> None:
     assert np.nanmean(run.fix_clock[:, 0] - offset) == pytest.approx(0.0, abs=1.0)
     # pseudolites ahead of their scale by 100 ns are heard 30 m too near
     assert np.nanmean(run.fix_clock[:, 2] - run.fix_clock[:, 0]) == pytest.approx(-29.98, abs=1.0)
+
+
+def test_every_system_has_a_clock_of_its_own() -> None:
+    """Three systems, six unknowns; clocks of systems that are not in the sky are not solved for."""
+    flown = case("sky.source=nominal", "sky.systems=[gps, galileo, beidou]", "duration_s=20", "pseudolites.count=0")
+    s = flown.world.signals
+    assert {CLOCKS[c] for c in s.clock} == {"gps", "galileo", "beidou"}
+    run = flown.fly(1, 0)
+    known = [CLOCKS.index(name) for name in ("gps", "galileo", "beidou")]
+    assert np.isfinite(run.fix_clock[:, known]).all()
+    assert np.isnan(np.delete(run.fix_clock, known, axis=1)).all()
+    _, unknowns = geometry_covariance(s.los, s.clock, 1.0 / s.fix_sigma**2)
+    assert (unknowns == 6).all()
+    offset = 299792458.0 * (100e-6 + 50e-9 * s.time)
+    np.testing.assert_allclose(np.mean(run.fix_clock[:, known] - offset[:, None], axis=0), 0.0, atol=1.0)
 
 
 def test_survey_error_and_clock_offset_bias_the_fixes() -> None:

@@ -84,6 +84,23 @@ def test_rtklib_finds_the_true_path(sky: str, tmp_path: Path, within: Within) ->
     assert satellites.min() >= 5
 
 
+@pytest.mark.validates(
+    "Exported RINEX of error-free Galileo, BeiDou and all systems", "RTKLIB rnx2rtkp 2.4.3", "at every epoch",
+    distance="0.05 m",
+)  # fmt: skip
+@pytest.mark.parametrize(("systems", "letters"), [("galileo", 8), ("beidou", 32), ("gps, galileo, beidou", 41)])
+def test_rtklib_finds_the_true_path_by_other_systems(
+    systems: str, letters: int, tmp_path: Path, within: Within
+) -> None:
+    result = flown(*EXACT, f"sky.systems=[{systems}]")
+    export(result, tmp_path / "r.h5", ["rinex"])
+    _, position, satellites = rnx2rtkp(tmp_path, navsys=str(letters))
+    truth = antenna(result)
+    assert position.shape == truth.shape
+    assert np.linalg.norm(position - truth, axis=1).max() < within["distance"]
+    assert satellites.min() >= 5
+
+
 def header(path: Path, label: str) -> list[str]:
     """Contents of the header's lines of a label."""
     head = path.read_text().split("END OF HEADER")[0].splitlines()

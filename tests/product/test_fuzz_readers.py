@@ -28,6 +28,7 @@ from navsim.io.rinex_obs import read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.io.text import FileError
 from navsim.models import glonass, glonass_broadcast, gps, timescales
+from navsim.models.systems import GPS
 from tests.rinex import in_version_4, labelled, navigation_3, observations_2, observations_3
 
 UTC = timescales.posix(2018, 9, 13, 12)
@@ -38,7 +39,7 @@ def nav_text() -> str:
     elements = gps.nominal(UTC).records.take(np.arange(3))
     vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(3))
     lines = rinex_write.navigation_lines(
-        elements, vectors, ["fuzz"], "made", at=float(elements.toe[0]), klobuchar=([1e-8] * 4, [1e5] * 4)
+        {GPS: elements}, vectors, ["fuzz"], "made", at=float(elements.toe[0]), klobuchar=([1e-8] * 4, [1e5] * 4)
     )
     return "\n".join(lines) + "\n"
 

@@ -28,10 +28,11 @@ LANDING = SCENARIOS / "landing.yaml"
          "allowed: monitored, unmonitored"),
         ("integrity={p_pseudolite: 2}",
          "integrity.p_pseudolite: input should be less than or equal to 0.1, not 2"),
-        ("integrity={p_constellations: {galileo: 1e-4}}",
-         "integrity.p_constellations.galileo: unknown key; allowed: glonass, gps"),
+        ("integrity={p_constellations: {navic: 1e-4}}",
+         "integrity.p_constellations.navic: unknown key; allowed: glonass, gps, galileo, beidou, qzss"),
         ("integrity={p_constellations: {glonas: 1e-4}}",
-         "integrity.p_constellations.glonas: unknown key; did you mean 'glonass'? allowed: glonass, gps"),
+         "integrity.p_constellations.glonas: unknown key; did you mean 'glonass'? "
+         "allowed: glonass, gps, galileo, beidou, qzss"),
     ],
 )  # fmt: skip
 def test_what_is_wrong(setting: str, said: str) -> None:

@@ -42,7 +42,7 @@ def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
     elements = gps.nominal(UTC).records.take(np.arange(4))
     elements = elements.referred_to(np.round(elements.toe / 7200.0) * 7200.0, GPS)
     vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(4))
-    lines = rinex_write.navigation_lines(elements, vectors, [], "made", at=float(elements.toe[0]))
+    lines = rinex_write.navigation_lines({GPS: elements}, vectors, [], "made", at=float(elements.toe[0]))
     (tmp_path / "three").write_text("\n".join(lines) + "\n")
     new = read_nav(tmp_path / "three")
     for letter in "GR":
@@ -63,7 +63,7 @@ def test_rinex_2_messages_say_the_same(tmp_path: Path) -> None:
 def test_five_line_glonass_records(tmp_path: Path) -> None:
     """Version 3.05 adds a line to each GLONASS record."""
     vectors = glonass_broadcast.sent_by(glonass.Glonass24Slots(), UTC, UTC).records.take(np.arange(3))
-    lines = rinex_write.navigation_lines(None, vectors, [], "made", at=float(timescales.gps_from_utc(UTC)))
+    lines = rinex_write.navigation_lines({}, vectors, [], "made", at=float(timescales.gps_from_utc(UTC)))
     body = lines.index(next(x for x in lines if "END OF HEADER" in x)) + 1
     longer = lines[:body]
     for k in range(body, len(lines), 4):

@@ -46,6 +46,7 @@ GLONASS = walker(30001, [f"COSMOS {2400 + k} ({700 + k}{'K' * (k == 2)})" for k 
 GALILEO = walker(40001, [f"GSAT{200 + k:04d} (PRN E{k:02d})" for k in range(1, 25)], 56.0, 1.70475, 3)
 BEIDOU = walker(50001, ["BEIDOU-3 M1 (C19)", "BEIDOU-3 M2 (C20)"], 55.0, 1.86232, 2)
 QZSS = walker(51001, ["QZS-1 (QZSS/PRN 183)"], 41.0, 1.00272, 1)
+NAVIC = walker(53001, ["IRNSS-1B"], 29.0, 1.00272, 1)
 STRANGER = walker(52001, ["VANGUARD 1"], 34.0, 10.8, 1)
 KEYS = ("sky.source=almanac", "receiver.rate_hz=2", "duration_s=3", "pseudolites.count=0")
 
@@ -66,12 +67,12 @@ def prepared(folder: Path, lines: list[str], *assignments: str) -> landing.Case:
         ("COSMOS 2471 (701K)", "glonass", "R701"),
         ("GLONASS-K2 13L", "glonass", "T24876"),
         ("COSMOS 1408 DEB", systems.UNKNOWN, "T24876"),
-        ("GSAT0101 (PRN E11)", "Galileo", "T24876"),
-        ("GSAT0101 (GALILEO-PFM)", "Galileo", "T24876"),
-        ("BEIDOU-3 M1 (C19)", "BeiDou", "T24876"),
-        ("BEIDOU-2 G8 (C01)", "BeiDou", "T24876"),
-        ("QZS-1 (QZSS/PRN 183)", "QZSS", "T24876"),
-        ("QZS-1R (QZSS/PRN 196)", "QZSS", "T24876"),
+        ("GSAT0101 (PRN E11)", "galileo", "E11"),
+        ("GSAT0101 (GALILEO-PFM)", "galileo", "T24876"),
+        ("BEIDOU-3 M1 (C19)", "beidou", "C19"),
+        ("BEIDOU-2 G8 (C01)", "beidou", "C01"),
+        ("QZS-1 (QZSS/PRN 183)", "qzss", "T24876"),
+        ("QZS-1R (QZSS/PRN 196)", "qzss", "T24876"),
         ("GSAT-8 (GAGAN/PRN 127)", "SBAS", "T24876"),
         ("ANIK F1R (WAAS/PRN 138)", "SBAS", "T24876"),
         ("LUCH 5A (SDCM/PRN 140)", "SBAS", "T24876"),
@@ -110,15 +111,25 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
 
 
 def test_satellites_of_other_systems_are_named_and_left_out(tmp_path: Path) -> None:
-    case = prepared(tmp_path, BEIDOU + GPS + STRANGER + QZSS)
-    assert [w.partition(": ")[2] for w in case.warnings if "not used" in w] == [
-        "not used, of BeiDou, which navsim does not model: BEIDOU-3 M1 (C19), BEIDOU-3 M2 (C20)",
+    case = prepared(tmp_path, BEIDOU + GPS + STRANGER + QZSS + NAVIC)
+    assert [w[w.index("not used") :] for w in case.warnings if "not used" in w] == [
         "not used, of no known system: VANGUARD 1",
-        "not used, of QZSS, which navsim does not model: QZS-1 (QZSS/PRN 183)",
+        "not used, of NavIC, which navsim does not model: IRNSS-1B",
+        "not used, since sky.systems does not name them: beidou (2 satellites), qzss (1 satellites)",
     ]
     assert not [w for w in prepared(tmp_path, GPS + GLONASS).warnings if "not used" in w]
-    with pytest.raises(InputError, match=r"sky\.almanac: no satellite of glonass or gps; .*not used, of BeiDou"):
+    with pytest.raises(InputError, match=r"sky\.almanac: no satellite of glonass or gps; .*not used, of NavIC"):
+        prepared(tmp_path, NAVIC)
+    with pytest.raises(InputError, match=r"sky\.systems: `source: almanac` has no satellite of glonass, gps"):
         prepared(tmp_path, BEIDOU)
+
+
+def test_named_systems_are_used_each_with_its_clock(tmp_path: Path) -> None:
+    case = prepared(tmp_path, GALILEO + GPS + GLONASS, "sky.systems=[gps, galileo]")
+    s = case.world.signals
+    assert {n[0] for n in s.names} == {"G", "E"}
+    assert {n[0]: systems.CLOCKS[c] for n, c in zip(s.names, s.clock, strict=True)} == {"G": "gps", "E": "galileo"}
+    assert not [w for w in case.warnings if "not used" in w]
 
 
 def test_elements_without_names_need_the_key(tmp_path: Path) -> None:
@@ -134,8 +145,10 @@ def test_elements_without_names_need_the_key(tmp_path: Path) -> None:
     assert {n: int(c) for n, c in zip(both.names, both.clock, strict=True) if n[0] == "G"} == {
         "G01": 1, "G02": 1
     }  # fmt: skip
+    told = prepared(tmp_path, bare, "sky.almanac_system=galileo").world.signals
+    assert {systems.CLOCKS[c] for c in told.clock} == {"galileo"}
     with pytest.raises(InputError, match="almanac_system"):
-        prepared(tmp_path, bare, "sky.almanac_system=galileo")
+        prepared(tmp_path, bare, "sky.almanac_system=navic")
 
 
 def test_comments_are_no_names(tmp_path: Path) -> None:

@@ -28,8 +28,9 @@ def read_satellites(
     sky = scenario.sky
     utc = scenario.epoch.timestamp()
     key = sky.source
+    wanted = sky.wanted()
     designed = [system for system in SYSTEMS if key in ("nominal", f"nominal-{system.name}")]
-    constellations = [design(system, utc) for system in designed]
+    constellations = [design(system, utc) for system in designed if key != "nominal" or system in wanted]
     if key in SOURCES_FROM_FILES:
         files = _Files(scenario, document, key)
         for name in getattr(sky, key):
@@ -37,14 +38,17 @@ def read_satellites(
         scenario = files.with_checksums()
         if not constellations:
             where = document.place(("sky", key))
-            message = f"no satellite of {' or '.join(NAMES)}{''.join(f'; {w}' for w in warnings)}"
+            message = f"no satellite of {' or '.join(s.name for s in wanted)}{''.join(f'; {w}' for w in warnings)}"
             raise InputError([Problem(where, f"sky.{key}", message)])
-    if sky.systems:
-        constellations = [c for c in constellations if c.system.name in sky.systems]
-        if not constellations:
-            where = document.place(("sky", "systems"))
-            message = f"`source: {key}` has no satellite of {', '.join(sky.systems)}"
-            raise InputError([Problem(where, "sky.systems", message)])
+    others = [c for c in constellations if c.system not in wanted]
+    constellations = [c for c in constellations if c.system in wanted]
+    if others and not sky.systems:
+        more = ", ".join(f"{c.system.name} ({len(c.names)} satellites)" for c in others)
+        warnings.append(f"not used, since sky.systems does not name them: {more}")
+    if not constellations:
+        where = document.place(("sky", "systems"))
+        message = f"`source: {key}` has no satellite of {', '.join(s.name for s in wanted)}"
+        raise InputError([Problem(where, "sky.systems", message)])
     if key == "almanac":
         _warn_of_age(sky.almanac_warning_days, constellations, float(timescales.gps_from_utc(utc)), warnings)
     if sky.broadcast:
@@ -84,7 +88,7 @@ def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
 def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     from navsim.io.rinex_nav import read_nav
 
-    found = read_nav(path, sky.lenient)
+    found = read_nav(path, sky.lenient, sky.wanted())
     return found.constellations(), found.left_out
 
 
