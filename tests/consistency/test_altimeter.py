@@ -59,13 +59,24 @@ def test_its_budget_is_what_it_does_alone() -> None:
     np.testing.assert_array_equal(large[:-1], small[:-1])
 
 
+HEIGHTS = {
+    "altimeter": ("altimeter={sigma_m: 0.5, rate_hz: 2}",),
+    "radio and barometric": (
+        "radio_altimeter={sigma_floor_m: 0.3, latency_s: 0.1, rate_hz: 2}",
+        "barometric_altimeter={sigma_m: 0.8, rate_hz: 2}",
+        "runway.geoid_undulation_m=15.5",
+    ),
+}
+
+
+@pytest.mark.parametrize("aids", HEIGHTS.values(), ids=HEIGHTS)
 @pytest.mark.parametrize("kind", [pytest.param("rts", marks=pytest.mark.long), "map"])
-def test_smoothers_use_it_and_stay_true(kind: str) -> None:
-    flown = case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}", f"filter.kind={kind}")
+def test_smoothers_use_it_and_stay_true(kind: str, aids: tuple[str, ...]) -> None:
+    flown = case(*GENTLE, *aids, f"filter.kind={kind}")
     runs = fly_all(flown, 6, 0, 120, threads())
     nees = runs["nees_position_velocity"].mean(axis=0) / 6
     assert 0.85 < nees[5:].mean() < 1.2, nees
-    filtered = fly_all(case(*GENTLE, "altimeter={sigma_m: 0.5, rate_hz: 2}"), 6, 0, 120, threads())
+    filtered = fly_all(case(*GENTLE, *aids), 6, 0, 120, threads())
     late = slice(10, 50)
     assert np.mean(runs["error"][:, late, DOWN] ** 2) < 0.9 * np.mean(filtered["error"][:, late, DOWN] ** 2)
 

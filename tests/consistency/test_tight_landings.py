@@ -45,9 +45,21 @@ def silence(*kept: str, begin: float, end: float) -> str:
         ("sky.source=nominal", "receiver.lever_arm_m=[1, 0.5, -0.7]", "receiver.latency_s=0.253"),
         ("pseudolites.clock=own", "receiver.smoothing_s=20"),
         ("sky.source=nominal", "signals.ephemeris={}", "receiver.smoothing_s=20", "altimeter.sigma_m=1.0"),
+        (
+            "radio_altimeter={sigma_floor_m: 0.3, latency_s: 0.1}",
+            "barometric_altimeter={sigma_m: 0.8, lag_s: 0.3}",
+            "runway.geoid_undulation_m=15.5",
+        ),
         ("filter.clock.h0=2e-18", "filter.clock.h_minus2=2e-19", silence("R01", "R07", begin=12, end=30)),
     ],
-    ids=["as shipped", "late, lever arm, two systems", "own clock, smoothed", "messages", "another clock"],
+    ids=[
+        "as shipped",
+        "late, lever arm, two systems",
+        "own clock, smoothed",
+        "messages",
+        "altimeters",
+        "another clock",
+    ],
 )
 def test_covariance_analysis_tells_what_runs_show(settings: tuple[str, ...]) -> None:
     """RMS over 96 runs at some times against the analysis, whatever the filter believes: 4 standard errors of each of
