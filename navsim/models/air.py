@@ -203,7 +203,7 @@ class WindAlong:
 @dataclass(frozen=True)
 class Triangle:
     """Airspeed (n,), m/s; crab (n,), how far the nose is right of the course, rad; headwind and crosswind (n,), that
-    from the left positive, m/s, along the horizontal course."""
+    from the left positive, m/s, along the horizontal course; nan, but for the airspeed, where there is no course."""
 
     airspeed: np.ndarray
     crab: np.ndarray
@@ -225,8 +225,9 @@ def triangle_along(trajectory: Trajectory, t: np.ndarray) -> Triangle:
 
 
 def level_axes(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Horizontal unit vectors (n, 3) along the course of velocity (n, 3) and to its right."""
+    """Horizontal unit vectors (n, 3) along the course of velocity (n, 3) and to its right; nan at rest."""
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    speed = np.where(speed > 0.0, speed, np.nan)
     x, y, zero = velocity[:, 0] / speed, velocity[:, 1] / speed, np.zeros_like(speed)
     return np.stack([x, y, zero], axis=1), np.stack([-y, x, zero], axis=1)
 

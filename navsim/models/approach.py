@@ -11,9 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.models.path import DEGREE, AnySegment, Arc, Path, Segment, blend, shifted, uniform
+from navsim.models.path import DEGREE, AnySegment, Arc, Path, Segment, blend, ended, shifted, uniform
 
 GLIDE_START, FLARE, TOUCHDOWN = "glide_start", "flare", "touchdown"
+ROLL_OUT, TAXI, STAND = "roll_out", "taxi", "stand"
+"""Events of a roll-out that is slowed: the gear has settled and the path is the runway's x axis; the speed of taxiing
+is reached; the aircraft stands."""
 _X, _Z = 0, 2
 
 
@@ -70,15 +73,27 @@ def captured_paper_profile(
 
 
 @dataclass(frozen=True)
+class Taxi:
+    """What a roll-out is slowed to: a speed, m/s, 0 to stand; the brakes come on and off within `ease` seconds; after
+    `time` seconds at the speed, where given, the aircraft is brought to a stand."""
+
+    speed: float
+    ease: float
+    time: float | None
+
+
+@dataclass(frozen=True)
 class Ending:
     """How a smooth profile leaves the slope: height where the flare begins, m; blend from the slope into it, s; sink
-    rate at touchdown, m/s; time in which the landing gear takes it up, s; deceleration of the roll-out, m/s2."""
+    rate at touchdown, m/s; time in which the landing gear takes it up, s; deceleration of the roll-out, m/s2, and what
+    it slows to, None: it goes on."""
 
     height: float
     blend: float
     sink: float
     settle: float
     deceleration: float
+    taxi: Taxi | None = None
 
 
 def smooth_profile(
@@ -181,7 +196,55 @@ def smooth_profile(
         joined(t4, t5, flare, rollout),
         rollout,
     )
-    return Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})
+    path = Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})
+    return path if ending.taxi is None else _slowed(path, rollout_deceleration, ending.taxi)
+
+
+def _slowed(path: Path, deceleration: float, taxi: Taxi) -> Path:
+    """A path whose last segment brakes along the x axis, which comes to taxiing instead. Raises ValueError."""
+    rollout = path.segments[-1]
+    fast = float(ended(rollout, rollout.start)[1, _X])
+    if fast <= taxi.speed:
+        raise ValueError(f"the roll-out begins at {fast:.2f} m/s, no faster than it is to taxi, {taxi.speed:.2f} m/s")
+    if deceleration <= 0.0:
+        raise ValueError("the roll-out is not braked: give a deceleration")
+    # full brakes until they are let go; a small difference of speed leaves less time for that
+    ease = min(taxi.ease, 2.0 * (fast - taxi.speed) / deceleration)
+    begin = rollout.start + (fast - taxi.speed) / deceleration - 0.5 * ease
+    off = _eased(begin, ended(rollout, begin), ease, deceleration, on=False)
+    now = begin + ease
+    segments = [*path.segments, off, _rolling(now, off, taxi.speed)]
+    events = path.events | {ROLL_OUT: rollout.start, TAXI if taxi.speed > 0.0 else STAND: now}
+    if taxi.speed > 0.0 and taxi.time is not None:
+        now += taxi.time
+        # at most at the deceleration of the roll-out; less where on and off take all the time there is
+        deceleration = min(deceleration, taxi.speed / taxi.ease)
+        segments.append(_eased(now, ended(segments[-1], now), taxi.ease, deceleration, on=True))
+        now += taxi.ease
+        if (full := taxi.speed / deceleration - taxi.ease) > 0.0:
+            jet = ended(segments[-1], now)
+            segments.append(uniform(now, jet[0], jet[1], np.array([-deceleration, 0.0, 0.0])))
+            now += full
+        segments.append(_eased(now, ended(segments[-1], now), taxi.ease, deceleration, on=False))
+        now += taxi.ease
+        segments.append(_rolling(now, segments[-1], 0.0))
+        events[STAND] = now
+    return Path(tuple(segments), events)
+
+
+def _eased(start: float, jet: np.ndarray, ease: float, deceleration: float, on: bool) -> Segment:
+    """Brakes that come on, or off, by u = 3 (s/ease)^2 - 2 (s/ease)^3 of a deceleration."""
+    polynomial = np.zeros((3, DEGREE + 1))
+    polynomial[:, 0], polynomial[_X, 1] = jet[0], jet[1, _X]
+    sign = 1.0 if on else -1.0
+    polynomial[_X, 2] = 0.0 if on else -0.5 * deceleration
+    polynomial[_X, 4:] = -sign * deceleration / (4.0 * ease**2), sign * deceleration / (10.0 * ease**3)
+    return Segment(start, polynomial)
+
+
+def _rolling(start: float, before: AnySegment, speed: float) -> Segment:
+    """On from another segment along x, at a constant speed that it has come to."""
+    return uniform(start, ended(before, start)[0], np.array([speed, 0.0, 0.0]), np.zeros(3))
 
 
 def s_turn(speed: float, height: float, rate: float, period: float, blend_time: float, duration: float) -> Path:

@@ -156,6 +156,8 @@ class Trajectory:
     angle_of_attack: float
     pitch_follows_path: bool = True
     """False: the nose keeps `angle_of_attack` above the horizon, whatever the slope."""
+    grounded: float = np.inf
+    """Time, s, from which the path is the frame's x axis, where the nose stays, however slow the aircraft."""
 
     def motion(self, t: np.ndarray) -> Motion:
         """Everything at the times t (n,), s."""
@@ -165,7 +167,11 @@ class Trajectory:
         position = self.frame.origin + jet[:, 0]
         velocity, acceleration, jerk = jet[:, 1], jet[:, 2], jet[:, 3]
 
-        direction = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
+        rolls = (t >= self.grounded)[:, None]
+        # at rest there is no direction of motion; from here on it is known
+        course = np.where(rolls, self.frame.axes[:, 0], velocity)
+        course_rate = np.where(rolls, 0.0, acceleration)
+        direction = course / np.linalg.norm(course, axis=1, keepdims=True)
         step = 0.5 * _GRADIENT_STEP * direction
         llh = earth.llh_from_ecef(position)
         slope = (earth.gravity_ecef(position + step) - earth.gravity_ecef(position - step)) / _GRADIENT_STEP
@@ -174,7 +180,7 @@ class Trajectory:
         force_rate = jerk + 2.0 * np.cross(EARTH_RATE, acceleration) - gravity_rate
 
         wind, wind_rate = self.wind.at(t)
-        air, air_rate = velocity - wind @ to_ecef, acceleration - wind_rate @ to_ecef
+        air, air_rate = course - wind @ to_ecef, course_rate - wind_rate @ to_ecef
         if not self.pitch_follows_path:
             vertical = self.frame.axes[:, 2]
             air, air_rate = (

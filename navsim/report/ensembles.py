@@ -11,7 +11,7 @@ from navsim.io.results import Result
 from navsim.report.figures import legend_above
 from navsim.report.limits import REQUIRED, asked
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
-from navsim.report.quantities import blocks, ellipse, heights, settled, touchdown
+from navsim.report.quantities import blocks, come_down, ellipse, heights, settled
 from navsim.report.tables import runs_of, setting
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def figures(result: Result) -> dict[str, Figure]:
 
 def _descent(result: Result, of: RunSpread) -> np.ndarray:
     """Numbers of the instants at which the aircraft comes down, with every height once."""
-    landed = touchdown(result)
+    landed = come_down(result)
     until = of.time <= landed if np.isfinite(landed) else np.full(of.time.size, True)
     top = np.flatnonzero(until & (of.height >= of.height[until].max() - 0.5))[-1]
     return np.flatnonzero(until & (np.arange(of.time.size) >= top))

@@ -123,6 +123,12 @@ def first_runs(result: Result, path: str, most: int = MOST_RUNS) -> np.ndarray:
     return np.concatenate(found)
 
 
+def come_down(result: Result) -> float:
+    """When the aircraft touches down, or goes around, s; nan where it does neither."""
+    landed = touchdown(result)
+    return event_time(result, "go_around") if np.isnan(landed) else landed
+
+
 def heights(result: Result) -> np.ndarray:
     """True heights above the threshold's tangent plane at the times of the filter (t,), m."""
     up = in_runway_axes(result, result["/truth/position_llh"])[:, 2]
@@ -130,8 +136,9 @@ def heights(result: Result) -> np.ndarray:
 
 
 def descent(result: Result) -> np.ndarray:
-    """The filter's outputs from where the aircraft leaves its level to touchdown, or to the end; their numbers."""
-    time, height, landed = result["/filter/time"], heights(result), touchdown(result)
+    """The filter's outputs from where the aircraft leaves its level to touchdown, to a go-around, or to the end; their
+    numbers."""
+    time, height, landed = result["/filter/time"], heights(result), come_down(result)
     until = time <= landed if np.isfinite(landed) else np.full(time.size, True)
     begin = int(np.flatnonzero(until & (height >= height[until].max() - 0.5))[-1])
     return np.flatnonzero(until & (np.arange(time.size) >= begin))

@@ -23,6 +23,7 @@ from navsim.scenario.base import (
 )
 
 if TYPE_CHECKING:
+    from navsim.models.approach import Taxi
     from navsim.models.path import Path
     from navsim.models.waypoints import Waypoint
 
@@ -134,7 +135,54 @@ class STurn(_Approach):
         )
 
 
-class PaperApproach(_Approach):
+class GoAroundSection(Section):
+    """A landing that is broken off: a pull-up by a load factor, thrust for a constant speed, a climb straight ahead."""
+
+    height_m: Annotated[float, Field(ge=0.1, le=5000.0)] | None = None
+    """height above the runway, coming down, at which it begins; null: at_s says when"""
+    at_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
+    """when it begins; null: height_m says where"""
+    load_factor: Annotated[float, Field(ge=1.01, le=5.0)] = 1.2
+    """lift by weight in the pull-up; where coming on and off makes the climb already, less is reached"""
+    climb_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 5.0
+    """angle of the climb above the horizontal"""
+    ease_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    """time in which the load comes on, and off, and thrust takes up the deceleration of the glide"""
+
+    @model_validator(mode="after")
+    def _one_begin(self) -> Self:
+        if (self.height_m is None) == (self.at_s is None):
+            raise reject("give exactly one of height_m and at_s", "height_m")
+        return self
+
+    def broken_off(self, path: Path) -> Path:
+        """A landing with this go-around. Raises NoSuchPath."""
+        from navsim.models.go_around import PullUp, gone_around, time_at
+
+        at = self.at_s
+        if at is None:
+            assert self.height_m is not None
+            at = time_at(path, self.height_m)
+        return gone_around(path, at, PullUp(self.load_factor, self.climb_deg * DEG, self.ease_s))
+
+
+class _ToTheGround(_Approach):
+    """A landing, that may be broken off."""
+
+    go_around: GoAroundSection | None = None
+    """where the landing is broken off; null: it touches down"""
+
+    @model_validator(mode="after")
+    def _of_its_own_time(self) -> Self:
+        if self.go_around is not None and self.go_around.at_s is not None and self.speed_is == "air":
+            raise reject("times follow from the wind where airspeed is held: give height_m", "go_around", "at_s")
+        return self
+
+    def _ended(self, path: Path) -> Path:
+        return path if self.go_around is None else self.go_around.broken_off(path)
+
+
+class PaperApproach(_ToTheGround):
     """The paper's profile: uniformly decelerated glide from time 0, then level at the touchdown speed."""
 
     profile: Literal["paper"]
@@ -146,16 +194,17 @@ class PaperApproach(_Approach):
         """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
         from navsim.models.approach import paper_profile
 
-        return paper_profile(
+        path = paper_profile(
             self.speed_start_kmh * KMH,
             self.speed_touchdown_kmh * KMH,
             self.start_height_m,
             self.glide_slope_deg * DEG,
             self.corner_s,
         )
+        return self._ended(path)
 
 
-class _Captured(_Approach):
+class _Captured(_ToTheGround):
     """What the ways onto the slope from level flight, and off it, have in common."""
 
     capture_s: Stretch = 6.0
@@ -170,6 +219,29 @@ class _Captured(_Approach):
     """time in which the landing gear takes up the sink rate and the brakes come on"""
     rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
     """deceleration by the brakes after touchdown"""
+    taxi_speed_kmh: Annotated[float, Field(ge=0.0, le=1000.0)] | None = None
+    """speed over ground that the roll-out is slowed to; 0: the aircraft stops and stands; null: the brakes stay on"""
+    taxi_s: Stretch | None = None
+    """time at taxi_speed_kmh before the aircraft stops and stands; null: it taxies on"""
+    brake_ease_s: Stretch = 1.0
+    """time in which brakes are let go at taxi_speed_kmh, and come on and off at the stop"""
+
+    def _taxi(self) -> Taxi | None:
+        from navsim.models.approach import Taxi
+
+        if self.taxi_speed_kmh is None:
+            return None
+        return Taxi(self.taxi_speed_kmh * KMH, self.brake_ease_s, self.taxi_s)
+
+    @model_validator(mode="after")
+    def _slows(self) -> Self:
+        if self.taxi_speed_kmh is None and self.taxi_s is not None:
+            raise reject("is for a roll-out that is slowed: give taxi_speed_kmh", "taxi_s")
+        if self.taxi_speed_kmh is not None and self.speed_is == "air":
+            raise reject("on the ground no airspeed is held: use `speed_is: ground`", "taxi_speed_kmh")
+        if self.taxi_speed_kmh == 0.0 and self.taxi_s is not None:
+            raise reject("the aircraft stands already: taxi_speed_kmh is 0", "taxi_s")
+        return self
 
     def flared(self, speed: float, height: float, lead_in: float) -> Path:
         """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it."""
@@ -188,6 +260,7 @@ class _Captured(_Approach):
                 self.touchdown_sink_m_s,
                 self.settle_s,
                 self.rollout_deceleration_m_s2,
+                self._taxi(),
             ),
         )
 
@@ -202,7 +275,7 @@ class SmoothApproach(_Captured):
 
     def path(self) -> Path:
         """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
-        return self.flared(self.speed_start_kmh * KMH, self.start_height_m, self.lead_in_s)
+        return self._ended(self.flared(self.speed_start_kmh * KMH, self.start_height_m, self.lead_in_s))
 
 
 class WaypointSection(Section):
@@ -269,6 +342,10 @@ class WaypointApproach(_Captured):
             raise reject("give exactly one of points and circuit", "points")
         if len(self.points) == 1:
             raise reject("give at least two", "points")
+        if self.ending != "flare" and self.taxi_speed_kmh is not None:
+            raise reject("is for a roll-out, which comes after `ending: flare`", "taxi_speed_kmh")
+        if self.ending == "none" and self.go_around is not None:
+            raise reject("there is no landing to break off: use `ending: flare` or `paper`", "go_around")
         return self
 
     def by_coordinates(self) -> bool:
@@ -306,9 +383,10 @@ class WaypointApproach(_Captured):
         if self.ending == "none":
             return cruise(way, bank, self.roll_s)
         if self.ending == "flare":
-            return landing(way, bank, self.roll_s, lambda lead: self.flared(last.speed, last.height, lead))
+            path = landing(way, bank, self.roll_s, lambda lead: self.flared(last.speed, last.height, lead))
+            return self._ended(path)
         slow, slope = self.speed_touchdown_kmh * KMH, self.glide_slope_deg * DEG
-        return landing(
+        path = landing(
             way,
             bank,
             self.roll_s,
@@ -316,6 +394,7 @@ class WaypointApproach(_Captured):
                 last.speed, slow, last.height, slope, lead, self.capture_s, self.corner_s
             ),
         )
+        return self._ended(path)
 
 
 class RecordedApproach(Section):

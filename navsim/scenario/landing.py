@@ -299,13 +299,17 @@ class Landing(Section):
     def _checked_speed(self, path: AnyPath) -> None:
         import numpy as np
 
+        from navsim.models.approach import ROLL_OUT
+
         times = np.linspace(0.0, self.duration_s, 400)
+        # on the ground the nose stays where it is
+        times = times[times < path.events.get(ROLL_OUT, math.inf)]
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
         if slowest < 2.0:
             key = "rollout_deceleration_m_s2" if isinstance(self.approach, SmoothApproach) else "profile"
             raise reject(
                 f"the aircraft falls to {slowest:.1f} m/s within duration_s; its attitude follows from its path, "
-                "so it must keep 2 m/s",
+                "so it must keep 2 m/s; a roll-out with taxi_speed_kmh may go slower, and stand",
                 "approach",
                 key,
             )
@@ -453,7 +457,7 @@ class Landing(Section):
         import numpy as np
 
         from navsim.models.air import WindAlong
-        from navsim.models.approach import FLARE, TOUCHDOWN
+        from navsim.models.approach import FLARE, ROLL_OUT, TOUCHDOWN
         from navsim.models.kinematics import Blowing, Trajectory, Wind, touchdown_from_start
 
         assert not isinstance(self.approach, RecordedApproach)
@@ -479,6 +483,7 @@ class Landing(Section):
             wind,
             self.approach.angle_of_attack_deg * DEG,
             self.approach.pitch == "path",
+            events.get(ROLL_OUT, math.inf),
         )
 
     def threshold(self, frame: Frame) -> np.ndarray:

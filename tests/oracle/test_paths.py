@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.io.schema import HEIGHTS
 from navsim.models.path import NoSuchPath, Path, ended
 from navsim.models.waypoints import Turn, Waypoint, cruise, turn
 from navsim.scenario.source import InputError
+from navsim.study.landing.case import crossing_times
 from tests.conftest import DATA, Within
-from tests.helpers import scenario
+from tests.helpers import case, scenario
 from tests.oracle.test_strapdown import mechanised
 
 
@@ -203,3 +205,159 @@ def test_no_way_is_left_between_two_turns() -> None:
     ]
     with pytest.raises(NoSuchPath, match=r"too short for the turn of 90 deg at waypoint 2, .* and the turn of 90"):
         cruise([*corner, Waypoint(-900.0, 2.0 * lead, 100.0, 30.0)], 0.5, 1.0)
+
+
+TAXIED = ("approach.rollout_deceleration_m_s2=1.5", "duration_s=150")
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("approach.taxi_speed_kmh=0",),
+        ("approach.taxi_speed_kmh=18", "approach.taxi_s=5"),
+        ("approach.taxi_speed_kmh=18", "approach.taxi_s=5", "approach.brake_ease_s=8"),
+        ("approach.taxi_speed_kmh=76",),
+    ],
+)
+def test_taxiing(settings: tuple[str, ...]) -> None:
+    """Down to its speed and to a stand, as far as the work of the brakes says, on the runway's axis, without a jump."""
+    path = scenario(*TAXIED, *settings, name="landing_smooth").path()
+    assert isinstance(path, Path)
+    assert joins(path) < 1e-9
+    t = np.arange(path.events["roll_out"], 150.0, 1e-3)
+    jet = path.jet(t)
+    assert not jet[:, :, 1:].any()
+    assert jet[:, 2, 0].min() >= -1.5 - 1e-12
+    assert jet[:, 2, 0].max() <= 1e-12
+    assert jet[:, 1, 0].min() >= -1e-12
+    assert np.abs(np.diff(jet[:, 3, 0])).max() < 0.02 * np.abs(jet[:, 3, 0]).max()  # no step of the jerk, too
+    wanted = float(settings[0].partition("=")[2]) / 3.6
+    slowed = path.events["taxi" if wanted else "stand"]
+    assert path.jet(np.array([slowed]))[0, 1, 0] == pytest.approx(wanted, abs=1e-12)
+    assert not path.jet(np.array([slowed]))[0, 2].any()
+    if len(settings) > 1:
+        assert not path.jet(np.linspace(path.events["stand"], 1e4, 9))[:, 1:].any()
+        assert path.events["stand"] > slowed + 5.0
+
+
+def test_the_way_of_a_stop() -> None:
+    """Full brakes until they are let go, and the double integral of letting go."""
+    path = scenario(*TAXIED, "approach.taxi_speed_kmh=0", name="landing_smooth").path()
+    begin, end = path.jet(np.array([path.events["roll_out"], path.events["stand"]]))[:, :2, 0]
+    d, ease = 1.5, 1.0
+    full = begin[1] / d - 0.5 * ease
+    left = begin[1] - d * full
+    assert left == pytest.approx(0.5 * d * ease)
+    by_hand = begin[1] * full - 0.5 * d * full**2 + left * ease - d * ease**2 * (0.5 - 0.25 + 0.1)
+    assert end[0] - begin[0] == pytest.approx(by_hand, abs=1e-9)
+
+
+def test_pull_up() -> None:
+    """By its load factor, up to its angle, straight ahead, at the speed of the glide."""
+    settings = (
+        "approach.go_around={height_m: 30, load_factor: 1.3, climb_deg: 8}",
+        "wind.speed_m_s=0",
+        "duration_s=150",
+    )
+    whole = scenario(*settings, "approach.angle_of_attack_deg=0", name="landing_smooth")
+    trajectory, path = whole.trajectory(), whole.path()
+    assert isinstance(path, Path)
+    assert joins(path) < 1e-9
+    begin = path.events["go_around"]
+    assert -path.jet(np.array([begin]))[0, 0, 2] == pytest.approx(30.0, abs=1e-9)
+    assert not {"touchdown", "flare"} & path.events.keys()
+    on, off = path.knots[-3:-1]
+    assert on == pytest.approx(begin + 1.0)
+    t = np.linspace(on, off, 200)
+    jet = path.jet(t)
+    speed = np.linalg.norm(jet[:, 1], axis=1)
+    np.testing.assert_allclose(speed, speed[0], rtol=1e-12)
+    climb = np.arctan2(-jet[:, 1, 2], jet[:, 1, 0])
+    curved = np.linalg.norm(np.cross(jet[:, 1], jet[:, 2]), axis=1) / speed
+    np.testing.assert_allclose(np.cos(climb) + curved / 9.80665, 1.3, rtol=1e-10)
+    # what is felt along the aircraft's own vertical; gravity there is not the standard one, and the Earth turns
+    np.testing.assert_allclose(-trajectory.motion(t).specific_force[:, 2] / 9.80665, 1.3, atol=2e-3)
+    end = path.jet(np.array([path.knots[-1], 150.0]))
+    np.testing.assert_allclose(np.degrees(np.arctan2(-end[:, 1, 2], end[:, 1, 0])), 8.0, atol=1e-12)
+    # the way is straight in the tangent plane; heading follows from it, and slowly the meridians converge
+    assert not path.jet(np.linspace(begin, 150.0, 50))[:, :, 1].any()
+    heading = trajectory.motion(np.linspace(begin, 150.0, 50)).rpy[:, 2]
+    np.testing.assert_allclose(heading, heading[0], atol=3e-4)
+    # the height that is lost at constant load: V^2 (1 - cos slope) / (g (n - 1)) is below what easing on adds
+    lost = 30.0 + path.jet(np.linspace(begin, off, 2000))[:, 0, 2].max()
+    sink, slow = math.radians(5.0), float(speed[0])
+    assert slow**2 * (1.0 - math.cos(sink)) / (9.80665 * 0.3) < lost
+    assert lost < slow**2 * (1.0 - math.cos(sink)) / (9.80665 * 0.3) + 0.55 * slow * math.sin(sink)
+
+
+@pytest.mark.validates(
+    "a go-around's and a taxiing aircraft's sensors, mechanised, return the path", "the path itself",
+    place="1e-2 m", attitude="1e-5 rad",
+)  # fmt: skip
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        (("approach.go_around={height_m: 30}", "wind={speed_m_s: 5, from_deg: 40}"), "landing_smooth"),
+        (("approach.go_around={height_m: 2, load_factor: 1.6, climb_deg: 12}",), "landing_smooth"),
+        (("approach.go_around={at_s: 40, climb_deg: 0, ease_s: 5}",), "landing"),
+        ((*TAXIED, "approach.taxi_speed_kmh=18", "approach.taxi_s=5", "wind.speed_m_s=5"), "landing_smooth"),
+    ],
+)  # fmt: skip
+def test_they_come_back(settings: tuple[str, ...], name: str, within: Within) -> None:
+    trajectory = scenario(*settings, name=name).trajectory()
+    place, attitude = mechanised(trajectory, 100.0, 120.0)
+    assert np.linalg.norm(place) < within["place"]
+    assert np.linalg.norm(attitude) < within["attitude"]
+
+
+def test_a_small_pull_up_has_less_load() -> None:
+    """Levelling off within 6 s each way needs less than 1.5."""
+    settings = ("approach.go_around={height_m: 80, load_factor: 1.5, climb_deg: 0, ease_s: 6}", "duration_s=150")
+    path = scenario(*settings, name="landing_smooth").path()
+    assert isinstance(path, Path)
+    assert joins(path) < 1e-9
+    t = np.linspace(path.events["go_around"], path.knots[-1], 500)
+    jet = path.jet(t)
+    speed = np.linalg.norm(jet[:, 1], axis=1)
+    load = np.cos(np.arctan2(-jet[:, 1, 2], jet[:, 1, 0])) + np.cross(jet[:, 1], jet[:, 2])[:, 1] / speed / 9.80665
+    assert 1.02 < load.max() < 1.1
+    np.testing.assert_allclose(path.jet(np.array([150.0]))[0, 1, 2], 0.0, atol=1e-12)
+
+
+def test_what_results_say_of_a_go_around() -> None:
+    """Heights passed before it have their numbers, those below and touchdown none, and a warning says why."""
+    settings = ("approach.go_around={height_m: 30}", "duration_s=130")
+    case_ = case(*settings, name="landing_smooth")
+    assert any("there is no touchdown" in text for text in case_.warnings)
+    passed = dict(zip(HEIGHTS, crossing_times(case_), strict=True))
+    assert np.isnan(passed["touchdown"])
+    assert np.isnan(passed["50ft"])
+    begin = case_.trajectory.path.events["go_around"]
+    assert passed["200ft"] < passed["100ft"] < begin < 130.0
+    at = case_.trajectory.path.jet(np.array([passed["200ft"], passed["100ft"]]))
+    np.testing.assert_allclose(-at[:, 0, 2], [60.96, 30.48], atol=5e-3)
+    with pytest.raises(InputError, match="never touches down"):
+        case(*settings, "box={lateral_m: 1, vertical_m: 1}", name="landing_smooth")
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "place", "words"),
+    [
+        (("go_around={height_m: 200}",), "landing_smooth", "approach", "200 m above the runway are not passed"),
+        (("go_around={at_s: 20}",), "landing_smooth", "approach", "20 s is not within the glide"),
+        (("go_around={height_m: 0.2, load_factor: 1.02}",), "landing_smooth", "approach", "would go down to"),
+        (("go_around={at_s: 80, height_m: 30}",), "landing_smooth", "approach.go_around.height_m", "exactly one"),
+        (("go_around={at_s: 80}", "speed_is=air"), "landing_smooth", "approach.go_around.at_s", "give height_m"),
+        (("go_around={height_m: 30}", "ending=none"), "circuit", "approach.go_around", "no landing to break off"),
+        (("taxi_speed_kmh=10", "ending=paper"), "circuit", "approach.taxi_speed_kmh", "is for a roll-out"),
+        (("taxi_s=10",), "landing_smooth", "approach.taxi_s", "give taxi_speed_kmh"),
+        (("taxi_speed_kmh=0", "taxi_s=10"), "landing_smooth", "approach.taxi_s", "stands already"),
+        (("taxi_speed_kmh=90",), "landing_smooth", "approach", "no faster than it is to taxi"),
+        (("taxi_speed_kmh=9", "rollout_deceleration_m_s2=0"), "landing_smooth", "approach", "is not braked"),
+        (("taxi_speed_kmh=9", "speed_is=air"), "landing_smooth", "approach.taxi_speed_kmh", "no airspeed is held"),
+    ],
+)
+def test_no_such_endings(settings: tuple[str, ...], name: str, place: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        scenario(*(f"approach.{each}" for each in settings), name=name)
+    assert place in {problem.key for problem in refused.value.problems}

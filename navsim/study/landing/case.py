@@ -20,6 +20,7 @@ from navsim.io.results import ResultError, read
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.events import EVERY, PSEUDOLITES
+from navsim.models.go_around import GO_AROUND
 from navsim.models.imu import Triad
 from navsim.models.interference import radio_horizon
 from navsim.models.jamming import LOWEST
@@ -75,6 +76,11 @@ class Case:
             out.append(
                 f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
                 f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined"
+            )
+        if (broken_off := self.trajectory.path.events.get(GO_AROUND, math.inf)) <= self.scenario.duration_s:
+            out.append(
+                f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
+                "there are not defined, and those of the last seconds before it are of the end of the simulation"
             )
         if self.scenario.box is not None and (self.world.filter_time[1:2] > (when := box_time(self))).any():
             out.append(
@@ -443,6 +449,9 @@ def _passed(case: Case, heights: Sequence[float]) -> list[float]:
     path = case.trajectory.path
     touchdown = path.events.get(TOUCHDOWN, math.inf)
     fine = np.arange(0.0, min(touchdown, case.scenario.duration_s), 1e-3)
+    climbing = fine >= path.events.get(GO_AROUND, math.inf)
+    if climbing.any():  # to the bottom of the pull-up: what comes after is not passed coming down
+        fine = fine[: int(np.argmax(climbing)) + int(np.argmin(-path.jet(fine[climbing])[:, 0, 2])) + 1]
     # the last moment above a height is sought among every 50th, then among those that follow it
     rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
     times = []
