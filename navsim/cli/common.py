@@ -155,7 +155,6 @@ class Shown:
 
 def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) -> None:
     """Print the tables of results of one kind, each with its name."""
-    from navsim.report.table import Table, chosen, console
     from navsim.report.view import view
 
     how = how or Shown()
@@ -172,13 +171,20 @@ def print_tables(results: list[tuple[str, Result]], how: Shown | None = None) ->
         if settings is not None:
             settings.title = "Settings that differ"
             parts = [settings, *parts] if settings.rows else ["the settings are the same", *parts]
+    more = 2 if how.compare else 1
+    print_parts(parts, how, here.width + more * max(here.width_more, 60 * how.compare) * (len(results) - 1))
+
+
+def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:
+    """Print tables, and words between them; in this width where there is no terminal to ask for its own."""
+    from navsim.report.table import Table, chosen, console
+
     if how.rows is not None:
         parts = [table for part in parts if isinstance(part, Table) and (table := chosen(part, how.rows)).rows]
         if not parts:
             leave(BAD_INPUT, f"--rows {how.rows}: no table has such a row")
     if how.format == "terminal":
-        more = 2 if how.compare else 1
-        print_console(console(parts), here.width + more * max(here.width_more, 60 * how.compare) * (len(results) - 1))
+        print_console(console(parts), width)
     else:
         print(_written(parts, how.format), end="")
 

@@ -40,7 +40,8 @@ def report(
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
     results = [read_result(path) for path in files]
     try:
-        from navsim.report.page.document import GENERATOR, Read, page
+        from navsim.report.page.document import GENERATOR, page
+        from navsim.report.provenance import Read
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] not in ("bokeh", "jinja2", "markupsafe"):
             raise

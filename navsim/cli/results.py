@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import Shown, called, leave, leaving, print_json, print_tables, read_result
+from navsim.cli.common import Shown, called, leave, leaving, print_json, print_parts, print_tables, read_result
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
@@ -43,12 +43,22 @@ def show(
             show_default=False,
         ),
     ] = None,
+    provenance: Annotated[
+        bool,
+        typer.Option(
+            "--provenance",
+            help="Where results come from instead: files and their checksums, version, seed, runs, when they were "
+            "computed. Results may be of different kinds.",
+        ),
+    ] = False,
 ) -> None:
     """Print the summary tables of results, side by side, and what their studies warned of."""
     if format_ not in ("terminal", "markdown", "csv", "tex"):
         leave(BAD_INPUT, f"--format {format_}: allowed are terminal, markdown, csv, tex")
-    if json_ and (format_ != "terminal" or compare or rows is not None):
-        leave(BAD_INPUT, "--json prints whole summaries: not with --format, --compare or --rows")
+    if json_ and (format_ != "terminal" or compare or rows is not None or provenance):
+        leave(BAD_INPUT, "--json prints whole summaries: not with --format, --compare, --rows or --provenance")
+    if provenance and compare:
+        leave(BAD_INPUT, "--provenance has no numbers to compare: not with --compare")
     if compare and len(files) < 2:
         leave(BAD_INPUT, "--compare needs two results or more: the first is what the others are held against")
     results = list(zip(called(files), map(read_result, files), strict=True))
@@ -61,6 +71,13 @@ def show(
         except ResultError as error:
             leave(BAD_INPUT, f"{file}: {error}")
     with shown_as_stored([result for _, result in results], files):
+        if provenance:
+            from navsim.report.provenance import Read
+            from navsim.report.provenance import provenance as table_of
+
+            read = [Read(name, file, result) for file, (name, result) in zip(files, results, strict=True)]
+            print_parts([table_of(read)], Shown(format_, rows=rows), 100 + 67 * (len(read) - 1))
+            return
         if json_:
             summaries = [plain(result) for _, result in results]
             print_json(summaries[0] if len(summaries) == 1 else summaries)

@@ -16,6 +16,7 @@ from navsim.report.table import ABSENT, Cell, Row, Table, cell
 TEXTS = ("scenario", "study")
 """Root attributes with what a result was computed from."""
 _ALIKE = "no intervals: the results share random numbers (seed and runs), or tell no intervals"
+_COUNTS = "counts are compared by the run, or by what else the difference names, not in all"
 _APART = "95 % intervals of differences and ratios by Zou and Donner (2008), for results of other seeds or runs"
 
 
@@ -43,7 +44,7 @@ def differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> 
     """The settings in which results differ; None for one result. What a study sets in its scenario stands in that."""
     if len(names) < 2:
         return None
-    out = Table("", ("setting", *names), labelled=True)
+    out = Table("", ("setting", *names), labelled=True, caption="In which settings the results differ")
     for key in dict.fromkeys(key for each in settings for key in each):
         values = [each.get(key, ABSENT) for each in settings]
         if len(set(values)) > 1 and not key.startswith("study.set."):
@@ -75,7 +76,7 @@ def compared(
     tables = [[part for part in of if isinstance(part, Table)] for of in each]
     for same in zip(*tables, strict=False):
         rows = [dict(_numbers(table)) for table in same]
-        listed = Table(same[0].title, ("", *names), labelled=True)
+        listed = Table(same[0].title, ("", *names), labelled=True, caption=same[0].caption)
         for label in rows[0]:
             if all(label in of for of in rows):
                 listed.add(label, *(of[label] for of in rows))
@@ -109,14 +110,18 @@ def _widened(table: Table, names: Sequence[str], apart: Sequence[bool]) -> Table
             for i in range(1, len(names)):
                 cells += _against(cells[1], cells[1 + i], apart[i])
         rows.append(Row(tuple(cells), row.heading))
-    said = _APART if any(apart[1:]) else _ALIKE
-    return replace(table, heads=tuple(heads), rows=rows, notes="\n".join(filter(None, (table.notes, said))))
+    counted = any(isinstance(one, Cell) and one.trials for row in table.rows for one in row.cells)
+    said = "\n".join(filter(None, (table.notes, _APART if any(apart[1:]) else _ALIKE, _COUNTS * counted)))
+    caption = ". ".join(filter(None, (table.caption, f"Differences from {names[0]}, and ratios to it")))
+    return replace(table, heads=tuple(heads), rows=rows, notes=said, caption=caption)
 
 
 def _against(a: Cell | str, b: Cell | str, apart: bool) -> list[Cell | str]:
     """The difference of two cells and their ratio, with intervals where both have one and are independent."""
     if not (isinstance(a, Cell) and isinstance(b, Cell) and _known(a) and _known(b)):
         return [ABSENT, ABSENT]
+    if a.trials or b.trials:
+        return _counted(a, b)
     digits = _digits(b.pattern)
     if a.several or b.several:
         pairs = [(float(x), float(y)) for x, y in zip(a.values, b.values, strict=False)]
@@ -140,6 +145,15 @@ def _against(a: Cell | str, b: Cell | str, apart: bool) -> list[Cell | str]:
     up = math.hypot(math.log(yh / y), math.log(x / xl))
     ends = (ratio, ratio * math.exp(-down), ratio * math.exp(up))
     return [difference, Cell("{:.3f}  [{:.3f}, {:.3f}]", ends, whole=True, ends=True, unit="1")]
+
+
+def _counted(a: Cell, b: Cell) -> list[Cell | str]:
+    """The difference of two counts, each by what it is counted in, and their ratio."""
+    if not (a.trials and b.trials) or a.trial != b.trial:
+        return [ABSENT, ABSENT]
+    x, y = (float(one.values[0]) / one.trials for one in (a, b))
+    ratio = y / x if x else math.nan
+    return [Cell(f"{{:+.6g}} a {b.trial}", (y - x,), unit=f"1/{b.trial}"), Cell("{:.3f}", (ratio,), unit="1")]
 
 
 def _digits(pattern: str) -> str:

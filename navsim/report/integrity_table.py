@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.io.results import Result, ResultError
-from navsim.report.table import ABSENT, Cell, Table, cell
+from navsim.report.table import ABSENT, Cell, Table
 from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
 
@@ -59,7 +59,7 @@ def _useful(result: Result) -> list[Table]:
         "{:.2f} / {:.2f}", "worst", "median",
     )  # fmt: skip
     counts = zip(result["/useful/subsets"].tolist(), result["/useful/subsets_of_all"].tolist(), strict=True)
-    shares.add("subsets", *(cell("{} of {}", *pair) for pair in counts))
+    shares.add("subsets", *(Cell("{} of {}", pair, trials=pair[1], trial="subset") for pair in counts))
     title = "The levels themselves: HPL / VPL, m, median over epochs, median subset"
     return [shares, _pairs(result, title, "{:.0f} / {:.0f}", "hpl", "vpl")]
 

@@ -45,6 +45,25 @@ def best(cube: np.ndarray, large: bool) -> tuple[int, ...] | None:
     return tuple(int(i) for i in np.unravel_index(int(np.argmin(ranked)), cube.shape))
 
 
+_ALIKE = 1e-9
+"""Values that differ by no more, relative, are as good as each other: rounding leaves less."""
+
+
+def alike(cube: np.ndarray, index: tuple[int, ...]) -> np.ndarray:
+    """Which combinations are as good as one of them; a flag each."""
+    return np.isclose(cube, cube[index], rtol=_ALIKE, atol=0.0)
+
+
+def indifferent(tied: np.ndarray) -> tuple[bool, ...] | None:
+    """Axes along which every point is as good as the best; None where those as good as each other are no such whole
+    axes, so that one of them would be named for no reason."""
+    members = [np.any(tied, axis=tuple(a for a in range(tied.ndim) if a != axis)) for axis in range(tied.ndim)]
+    whole = tuple(bool(each.all() and each.size > 1) for each in members)
+    alone = all(every or each.sum() == 1 for every, each in zip(whole, members, strict=True))
+    # as many as their product are that product
+    return whole if alone and tied.sum() == np.prod([each.sum() for each in members]) else None
+
+
 def at_ends(result: Result, index: tuple[int, ...]) -> list[str]:
     """Varied keys for which a combination has the first or the last of three or more numbers: beyond them nothing was
     computed, so a best value there may not be the best there is."""
@@ -63,6 +82,7 @@ def tables(result: Result) -> list[Table | str]:
     names = list(keys(result))
     combinations = int(result.attributes["combinations"])
     title = f"{combinations} combinations, method {result.attributes['method']}; the best for each output"
+    dims, notes = dimensions(result), list[str]()
     out = Table(title, ("output", "smallest", "median", "largest", *(f"best {name}" for name in names)))
     for name in shown(result):
         cube = result[f"/sweep/{name}"]
@@ -71,11 +91,19 @@ def tables(result: Result) -> list[Table | str]:
             out.add(name, table.ABSENT, table.ABSENT, table.ABSENT)
             continue
         spread = [cell("{:.4g}", float(value)) for value in (np.nanmin(cube), np.nanmedian(cube), np.nanmax(cube))]
-        ends = at_ends(result, index)
+        tied = alike(cube, index)
+        whole = indifferent(tied)
+        ends = [] if whole is None else [key for key in at_ends(result, index) if not whole[dims.index(key)]]
+        free = {key for key, axis in keys(result).items() if whole is not None and whole[dims.index(axis)]}
         if ends:
-            out.notes = "* the end of its range: the best may lie beyond"
-        places = (_place(setting(result, key, index), " *" if key in ends else "") for key in names)
+            notes.append("* the end of its range: the best may lie beyond")
+        if whole is None:
+            notes.append(f"{name}: {int(tied.sum())} combinations are as good as each other; the first one stands here")
+        places = (
+            "any" if key in free else _place(setting(result, key, index), " *" if key in ends else "") for key in names
+        )
         out.add(name, *spread, *places)
+    out.notes = "\n".join(dict.fromkeys(notes))
     judged = requirements(result)
     return [out] if judged is None else [out, judged]
 
@@ -92,7 +120,8 @@ def requirements(result: Result) -> Table | None:
         every &= verdict == VERDICTS.index("met")
         statement = variable.long_name.removesuffix(": what was found")
         limit = cell("at least {:g}" if large(result, name) else "at most {:g}", float(variable.attributes["limit"]))
-        counts = [cell("{}", int(np.sum(verdict == code))) for code in reversed(range(len(VERDICTS)))]
+        found = [int(np.sum(verdict == code)) for code in reversed(range(len(VERDICTS)))]
+        counts = [Cell("{}", (count,), trials=verdict.size, trial="combination") for count in found]
         out.add(name, statement, limit, *counts)
     out.notes = f"all of them together are met in {int(every.sum())} of {every.size}"
     return out
@@ -117,7 +146,9 @@ def best_plain(result: Result) -> dict[str, object]:
         index = best(cube, large(result, name))
         if index is not None:
             place = {key: np.asarray(setting(result, key, index)).item() for key in keys(result)}
-            out[name] = {"value": float(cube[index]), **place, "at_end_of_range": at_ends(result, index)}
+            tied = alike(cube, index)
+            ends = at_ends(result, index) if tied.sum() == 1 else []  # none of several is the best
+            out[name] = {"value": float(cube[index]), **place, "alike": int(tied.sum()), "at_end_of_range": ends}
     return out
 
 
@@ -187,8 +218,10 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     )  # fmt: skip
     ax.set_facecolor("#dddddd")
     ax.grid(visible=False)
-    ax.plot(x[found[axes[1]]], y[found[axes[0]]], "*", color=COLOURS[1], ms=9, mec="white", mew=0.6, ls="",
-            clip_on=False, label=f"best: {cube[found]:.4g}")  # fmt: skip
+    tied = alike(cube, found)[_slice(cube.ndim, others, tuple(found[i] for i in others))]
+    at = np.argwhere(tied & ~tied.all())  # no star where any place is as good as the others
+    ax.plot(x[at[:, 1]], y[at[:, 0]], "*" if at.size else "", color=COLOURS[1], ms=9, mec="white", mew=0.6, ls="",
+            clip_on=False, label=f"{'any' if tied.all() else 'best'}: {cube[found]:.4g}")  # fmt: skip
     hollow = "; grey: no value" if not np.isfinite(values).all() else ""
     ax.locator_params(axis="x", nbins=5)
     ax.ticklabel_format(useOffset=False)
@@ -209,8 +242,8 @@ def label(result: Result, name: str) -> str:
 class Panel:
     """A map of an output on the runway plan. values: (n, m). sites: along and right of each pseudolite (n, m), m.
     corners: the same of the corners of the cells (n + 1, m + 1), None where they do not go in straight lines. best:
-    along and right (s,) of the pseudolites of the best combination, m, nan for none; None where nothing is known.
-    title: which combination of the other axes, and the best value."""
+    along and right (s,) of the pseudolites of the best combination, or of all that are as good, m, nan for none; None
+    where nothing is known, or where all are alike. title: which combination of the other axes, and the best value."""
 
     values: np.ndarray
     sites: list[tuple[np.ndarray, np.ndarray]]
@@ -246,15 +279,19 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
             corners.append(None if x is None or y is None else (x, y))
         here, title, star = best(values, better), "", None
         if here is not None:
-            star = (result["/plan/site_along"][place][here], result["/plan/site_right"][place][here])
+            tied = alike(values, here)
+            if not tied.all():
+                along, right = (result[f"/plan/site_{axis}"][place][tied].ravel() for axis in ("along", "right"))
+                star = along, right
             text = ", ".join(f"{dims[axis]} = {as_text(_axis_value(result, axis, i))}"
                              for axis, i in zip(others, point, strict=True))  # fmt: skip
             index = [0] * cube.ndim
             for axis, i in (*zip(others, point, strict=True), *zip(plane, here, strict=True)):
                 index[axis] = int(i)
-            ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane]
+            ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane and tied.sum() == 1]
             where = f", on the border of the map ({', '.join(ends)}): better may lie beyond" if ends else ""
-            title = f"{text + ': ' if text else ''}best {values[here]:.4g}{where}"
+            found_there = "any place" if tied.all() else "best"
+            title = f"{text + ': ' if text else ''}{found_there} {values[here]:.4g}{where}"
         out.append(Panel(values, sites, corners, star, title))
     return out
 
@@ -298,12 +335,12 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
                     max(upper, 0.4 * reach) if upper > -reach else upper)  # fmt: skip
         ax.set_facecolor("#dddddd")
         ax.grid(visible=False)
+        ax.set_title(panel.title)
         if panel.best is not None:
             ax.plot(
                 *panel.best, "*", color="#D55E00", ms=9, mec="white", mew=0.6, ls="", label="best",
                 clip_on=False, zorder=5,
             )  # fmt: skip
-            ax.set_title(panel.title)
         _runway(ax, result)
         if view.to_scale:
             ax.set_aspect("equal", adjustable="box")

@@ -33,7 +33,8 @@ class Cell:
     """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known.
     ends: whether the second and third are the ends of the first's 95 % interval. several: whether each value stands
     for itself, as percentiles do. names: of the values, for programs; numbers from 1 where there are none. unit: where
-    it is not that of its row."""
+    it is not that of its row. trials: the first value is a count, of what came about in so many, each called `trial`;
+    0 where it is none."""
 
     pattern: str
     values: tuple[float | int | str, ...]
@@ -42,6 +43,8 @@ class Cell:
     several: bool = False
     names: tuple[str, ...] = ()
     unit: str = ""
+    trials: int = 0
+    trial: str = "run"
 
     def __str__(self) -> str:
         first = self.values[0] if self.values else 0.0
@@ -87,7 +90,7 @@ class Row:
 @dataclass
 class Table:
     """heads: of the columns, with units. notes: what stands below. lines: between rows; labelled: the first column
-    names the rows and is not broken."""
+    names the rows and is not broken. caption: what the table says, for paper, where nothing else says it."""
 
     title: str
     heads: tuple[str, ...]
@@ -95,6 +98,7 @@ class Table:
     notes: str = ""
     lines: bool = False
     labelled: bool = False
+    caption: str = ""
 
     def add(self, *cells: Cell | str) -> None:
         """A row; what it is short of stays empty."""
@@ -187,14 +191,21 @@ def tex_text(text: str) -> str:
     return "".join(_TEX.get(letter, letter) for letter in _MINUS.sub("−", text.replace("\n", " ")))
 
 
+def _tex_row(texts: list[str]) -> str:
+    """The cells of a row; the first one does not begin with what `\\` before it would take for its own."""
+    first = f"{{}}{texts[0]}" if texts[0].lstrip().startswith(("[", "*")) else texts[0]
+    return " & ".join([first, *texts[1:]]) + r" \\"
+
+
 def tex(table: Table) -> list[str]:
-    """The lines of a table for LaTeX with the package booktabs, captioned by its title."""
+    """The lines of a table for LaTeX with the package booktabs, captioned by its title and its caption."""
     columns = len(table.heads)
     lines = [r"\begin{table}"]
-    if table.title:
-        lines.append(rf"\caption{{{tex_text(table.title)}}}")
+    said = ". ".join(filter(None, (table.title, table.caption)))
+    if said:
+        lines.append(rf"\caption{{{tex_text(said)}}}")
     lines += [rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}", r"\toprule"]
-    lines += [" & ".join(map(tex_text, table.heads)) + r" \\", r"\midrule"]
+    lines += [_tex_row([tex_text(head) for head in table.heads]), r"\midrule"]
     for i, row in enumerate(table.rows):
         texts = list(map(tex_text, row.texts()))
         texts += [""] * (columns - len(texts))
@@ -202,7 +213,7 @@ def tex(table: Table) -> list[str]:
             texts[0] = rf"\emph{{{texts[0]}}}"
             if i:
                 lines.append(r"\addlinespace")
-        lines.append(" & ".join(texts) + r" \\")
+        lines.append(_tex_row(texts))
     lines += [r"\bottomrule", r"\end{tabular}"]
     lines += [rf"\par {tex_text(line)}" for line in table.notes.splitlines()]
     return [*lines, r"\end{table}", ""]

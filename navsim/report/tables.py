@@ -99,7 +99,9 @@ def _unit_mean(result: Result, name: str) -> Cell | str:
 
 def _fixes(result: Result) -> Cell:
     runs, fixes = result["/run"].size, int(result["/summary/count/fixes"])
-    return cell("{}  ({:.6g} a run)", fixes, fixes / runs) if runs > 1 else cell("{}", fixes)
+    if runs > 1:
+        return Cell("{}  ({:.6g} a run)", (fixes, fixes / runs), trials=runs)
+    return Cell("{}", (fixes,), trials=runs)
 
 
 def _named(results: Sequence[Result], path: str) -> list[str]:
@@ -232,11 +234,11 @@ def _alarms(result: Result) -> Cell | str:
     if "/summary/integrity/alarms" not in result:
         return ABSENT
     alarms, tested = (int(result[f"/summary/integrity/{name}"]) for name in ("alarms", "tested"))
-    return cell("{} of {}", alarms, tested)
+    return Cell("{} of {}", (alarms, tested), trials=tested, trial="tested epoch")
 
 
 def _count(result: Result, path: str) -> Cell | str:
-    return cell("{}", int(result[path])) if path in result else ABSENT
+    return Cell("{}", (int(result[path]),), trials=result["/run"].size) if path in result else ABSENT
 
 
 def _range_noise(result: Result) -> Cell | str:
@@ -256,7 +258,7 @@ def _exclusions(result: Result) -> Cell | str:
     if branch not in result:
         return ABSENT
     came = [int(result[f"{branch}_{name}"]) for name in ("correct", "wrong", "needless")]
-    return cell("{}: {}, {}, {}", int(result[branch]), *came)
+    return Cell("{}: {}, {}, {}", (int(result[branch]), *came), trials=result["/run"].size)
 
 
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
@@ -272,7 +274,7 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
     """A verdict on each requirement, and on the filter's sigmas where there are runs to judge them by."""
-    out = Table("", ("", *(name for name, _ in results)), labelled=True)
+    out = Table("", ("", *(name for name, _ in results)), labelled=True, caption="Verdicts on what was asked for")
     requirements(out, results)
     judged = [result for _, result in results if _GROUPS in result and not single(result)]
     if judged:
@@ -420,7 +422,7 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
 
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
-    table = Table("", ("", *(name for name, _ in results)), labelled=True)
+    table = Table("", ("", *(name for name, _ in results)), labelled=True, caption=_SUMMARY)
 
     def row(label: str, shown: Any) -> None:
         table.add(label, *(shown(r) for _, r in results))
@@ -430,7 +432,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
 
     row("runs", runs_of)
     row("fixes", _fixes)
-    row("fix epochs without a fix", lambda r: cell("{}", int(r["/summary/count/epochs_without_fix"])))
+    row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
     section("Geometry on the glide (mean, min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
 
@@ -551,6 +553,12 @@ def glance(result: Result) -> list[tuple[str, Cell | str]]:
     return out
 
 
+_SUMMARY = (
+    "Landings. Units stand in the names of rows and of their groups; what has none is a pure number. In brackets [low, "
+    "high]: 95 % intervals over runs. σ: root mean square of what the filter believes. Lateral, along and vertical are "
+    "axes of the runway"
+)
+"""What the table of landings says, on paper."""
 LONG = ("/summary/consistency/time",)
 """In the summary of a file, but no summary."""
 

@@ -158,3 +158,26 @@ def test_no_number_of_a_cell_is_lost_in_csv() -> None:
     ]  # fmt: skip
     fits = Table("", ("", "rms / max, %"), [Row(("A", cell("{:.1f} / {:.1f}", 1.0, 2.0)))])
     assert [row[5] for row in tidy(fits)] == ["%", "%"]
+
+
+def test_counts_are_compared_by_what_they_are_counted_in() -> None:
+    """Twice the runs have twice the fixes, and no more a run."""
+    counts = [Cell("{}", (fixes,), trials=runs) for fixes, runs in ((600, 20), (1200, 40), (1240, 40))]
+    alarms = [Cell("{} of {}", (n, of), trials=of, trial="tested epoch") for n, of in ((1, 100), (4, 200), (0, 0))]
+    both = Table("", ("", "a", "b", "c"), [Row(("fixes", *counts)), Row(("alarms", *alarms))])
+    wide = _widened(both, ["a", "b", "c"], [False, True, True])
+    assert wide.rows[0].texts()[4:] == ["+0 a run", "1.000", "+1 a run", "1.033"]
+    assert wide.rows[1].texts()[4:] == ["+0.01 a tested epoch", "2.000", "-", "-"]
+    assert "counts are compared by the run" in wide.notes
+    units = [(row[3], row[5]) for row in tidy(wide) if row[2] == "fixes" and row[6] == pytest.approx(1.0)]
+    assert units == [("b / a", "1"), ("c - a", "1/run")]
+
+
+def test_captions_and_rows_that_tex_takes_as_they_are() -> None:
+    r"""What begins with a bracket or an asterisk is no argument of the `\\` before it."""
+    made_so = Table("Errors", ("[x]", "y, m"), [Row(("*", number(1.0)))], caption="Of 20 runs; 95 % in [low, high]")
+    lines = tex(made_so)
+    assert r"\caption{Errors. Of 20 runs; 95 \% in [low, high]}" in lines
+    assert r"{}[x] & y, m \\" in lines
+    assert r"{}* & 1.000 \\" in lines
+    assert not any(r"\caption" in line for line in tex(Table("", ("x",))))

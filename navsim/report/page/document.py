@@ -9,9 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files as packaged
-from pathlib import Path
 from typing import Any
 
 import bokeh
@@ -22,12 +20,13 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 import navsim
-from navsim.io import files, findings
+from navsim.io import findings
 from navsim.io.results import Result, ResultError
 from navsim.kinds import named
 from navsim.report import citations
 from navsim.report.compare import TEXTS, differences, settings_of
 from navsim.report.page.marks import Drawing, Named, colour
+from navsim.report.provenance import Read, provenance
 from navsim.report.table import ABSENT, Table
 from navsim.report.view import View, view
 
@@ -35,21 +34,6 @@ GENERATOR = "navsim report"
 """What the page says of who made it: by this a page may be overwritten."""
 _MODEL = re.compile("p[0-9]+")
 """How Bokeh names its models."""
-_HEADS = {
-    "kind": "kind", "method": "method", "seed": "seed", "epoch": "epoch", "created": "computed at",
-    "navsim_version": "navsim", "schema_version": "version of the layout", "scenario_sha256": "SHA-256 of the scenario",
-}  # fmt: skip
-"""Root attributes of provenance, and what they are called."""
-"""Root attributes with settings as YAML: what a result was computed from."""
-
-
-@dataclass(frozen=True)
-class Read:
-    """A result of the page. name: what it is called there. path: the file."""
-
-    name: str
-    path: Path
-    result: Result
 
 
 def page(read: Sequence[Read]) -> str:
@@ -85,7 +69,7 @@ def page(read: Sequence[Read]) -> str:
                   for name, result in results],
         tables=_parts(here.tables(results)),
         drawings=drawings,
-        provenance=_provenance(read),
+        provenance=provenance(read),
         methods=[(method, citations.numbered(method, number)) for method in methods],
         sources=sources,
         bibtex=citations.bibtex(methods),
@@ -135,24 +119,6 @@ def _glance(here: View, results: Sequence[Named], colours: Sequence[str]) -> lis
             shown.append({"label": label, "number": number, "more": more})
         out.append({"name": name, "colour": colours[i], "shown": shown})
     return out if any(each["shown"] for each in out) else []
-
-
-def _provenance(read: Sequence[Read]) -> Table:
-    """What files the page is made from, and what made them."""
-    out = Table("", ("", *(each.name for each in read)), labelled=True)
-    out.add("file", *(str(each.path) for each in read))
-    out.add("SHA-256 of the file", *(_sum(each.path) for each in read))
-    for attribute, said in _HEADS.items():
-        if any(attribute in each.result.attributes for each in read):
-            out.add(said, *(str(each.result.attributes.get(attribute, ABSENT)) for each in read))
-    return out
-
-
-def _sum(path: Path) -> str:
-    try:
-        return files.checksum(path)
-    except OSError as error:  # too large to be summed now
-        return f"{ABSENT} ({error.strerror})"
 
 
 def _embedded(drawings: Sequence[Drawing]) -> tuple[str, str]:

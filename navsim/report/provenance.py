@@ -1,0 +1,56 @@
+"""Where results come from: their files, what made them, and of what."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from navsim.io import files
+from navsim.io.results import Result
+from navsim.report.table import ABSENT, Table
+
+_HEADS = {
+    "kind": "kind", "title": "title", "method": "method", "seed": "seed", "epoch": "epoch", "created": "computed at",
+    "navsim_version": "navsim", "schema_version": "version of the layout", "scenario_sha256": "SHA-256 of the scenario",
+    "combinations": "combinations", "objective": "objective", "replaced_block": "replaced by a stream",
+}  # fmt: skip
+"""Root attributes of provenance, and what they are called."""
+
+
+@dataclass(frozen=True)
+class Read:
+    """A result that was read. name: what it is called. path: the file."""
+
+    name: str
+    path: Path
+    result: Result
+
+
+def provenance(read: Sequence[Read]) -> Table:
+    """What files results are, and what made them; a column a result."""
+    caption = "Where the results come from; times are UTC"
+    out = Table("", ("", *(each.name for each in read)), labelled=True, caption=caption)
+    out.add("file", *(str(each.path) for each in read))
+    out.add("SHA-256 of the file", *(_sum(each.path) for each in read))
+    for attribute, said in _HEADS.items():
+        if any(attribute in each.result.attributes for each in read):
+            out.add(said, *(str(each.result.attributes.get(attribute, ABSENT)) for each in read))
+    if any("/run" in each.result for each in read):
+        out.add("runs", *(_runs(each.result) for each in read))
+    return out
+
+
+def _runs(result: Result) -> str:
+    """Which runs a result holds: their number, the first and the last."""
+    if "/run" not in result or result.attributes.get("method") == "covariance" or not result["/run"].size:
+        return ABSENT
+    numbers = result["/run"]
+    return f"{numbers.size} ({numbers[0]} to {numbers[-1]})"
+
+
+def _sum(path: Path) -> str:
+    try:
+        return files.checksum(path)
+    except OSError as error:  # too large to be summed now
+        return f"{ABSENT} ({error.strerror})"
