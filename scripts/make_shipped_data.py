@@ -1,5 +1,5 @@
 """The data beside the shipped scenarios, all of it navsim's own: almanacs and messages of the nominal constellations,
-and a recorded flight.
+a recorded flight, and the places of another.
 
     python scripts/make_shipped_data.py [FOLDER]          # default: scenarios/data
 
@@ -7,6 +7,7 @@ nominal.agl, nominal.alm  GLONASS (the IAC's format) and GPS (YUMA) almanacs of 
 nominal.rnx               broadcast messages of both (RINEX 3.04), usable from 11:00 to 13:00 UTC of that day
 flight_imu.csv.gz         inertial samples of two minutes of S-turns, sensors of the consumer class
 flight_gnss.csv           the fixes of the same flight, two a second, 0.1 s late, antenna off the IMU
+circuit_track.csv         places, one a second, of base and landing of `scenarios/circuit.yaml`, off by 0.3 m an axis
 
 The scenario of the flight is `scenarios/s_turn.yaml` with the settings below; the script draws from navsim's own random
 streams, so it writes the same files again.
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 import navsim
+from navsim.core.arrays import earth
 from navsim.core.streams import generator
 from navsim.io.rinex_write import navigation_lines
 from navsim.models import glonass, glonass_broadcast, gps, imu, timescales
@@ -47,6 +49,8 @@ SETTINGS = (
     "signals.range_sigma_m=0.2",
     "signals.range_rate_sigma_m_s=0.05",
 )
+TRACK_SIGMA = 0.3
+"""Of the places of the circuit, 1 sigma an axis, m."""
 LATENCY = 0.1
 """From the time a fix is valid to its time in the file, s."""
 
@@ -134,6 +138,19 @@ def flight() -> tuple[bytes, str]:
     return gzip.compress(samples.getvalue().encode(), mtime=0), fixes.getvalue()
 
 
+def track() -> str:
+    """Places of a landing off a circuit, as a logger might have them."""
+    moving = read(SCENARIOS / "circuit.yaml", ())[0].trajectory()
+    time = np.arange(60.0, 211.0)
+    ned = np.random.default_rng(SEED).normal(0.0, TRACK_SIGMA, (time.size, 3))
+    motion = moving.motion(time)
+    ecef = motion.position_ecef + np.einsum("nji,nj->ni", earth.ned_matrix(motion.llh), ned)
+    llh = earth.llh_from_ecef(ecef)
+    cells = zip(time, np.degrees(llh[:, 0]), np.degrees(llh[:, 1]), llh[:, 2], strict=True)
+    rows = [f"{t:.0f},{lat:.7f},{lon:.7f},{h:.2f}" for t, lat, lon, h in cells]
+    return "\n".join(["t_s,lat_deg,lon_deg,h_m", *rows]) + "\n"
+
+
 def write(folder: Path) -> None:
     """Write all files. Raises OSError."""
     (folder / "nominal.agl").write_text(agl())
@@ -142,6 +159,7 @@ def write(folder: Path) -> None:
     samples, fixes = flight()
     (folder / "flight_imu.csv.gz").write_bytes(samples)
     (folder / "flight_gnss.csv").write_text(fixes)
+    (folder / "circuit_track.csv").write_text(track())
 
 
 if __name__ == "__main__":

@@ -73,6 +73,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "runway.threshold={lat_deg: 56.02, lon_deg: 37.0}",
             "pseudolites={frame: runway, count: 0}",
         )),
+        ("track", ("approach.sigma_vertical_m=0.5",)),
     ),
     "sweep": (
         ("placement_sweep", (

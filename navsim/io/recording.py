@@ -22,6 +22,8 @@ from navsim.models.conventions import (
     GNSS_COLUMNS,
     IMU_AS_DUE,
     IMU_COLUMNS,
+    TRACK_ATTITUDE,
+    TRACK_COLUMNS,
     GnssConvention,
     ImuConvention,
 )
@@ -30,6 +32,8 @@ from navsim.models.recording import Fixes, Samples
 _MAY_BE_EMPTY = ("vn_m_s", "ve_m_s", "vd_m_s", "nsat")
 _IMU_LIMITS = ((-1e12, 1e12), *((-100.0, 100.0),) * 3, *((-2000.0, 2000.0),) * 3)
 _GNSS_LIMITS = ((-1e12, 1e12), (-90.0, 90.0), (-180.0, 360.0), (-1e4, 1e5), *((-2000.0, 2000.0),) * 3, (0, 1000))
+
+_TRACK_LIMITS = (*_GNSS_LIMITS[:4], *((-360.0, 360.0),) * 3)
 
 
 def read_imu(
@@ -120,6 +124,21 @@ def read_fixes(
         raise _too_few(path, table, "fixes", dropped)
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     return Fixes(table[:, 0], llh, table[:, 4:7].copy()), dropped
+
+
+def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, Dropped]:
+    """A trajectory of a table: times (n,), s, ascending; places (n, 3), rad, rad, m; roll, pitch, yaw (n, 3), rad,
+    where the table has them; and what was left out. Raises FileError, naming the line; OSError."""
+    dropped = Dropped(False)
+    lines = read_lines(path, dropped)
+    header = [name.strip() for name in lines[0].lstrip("\ufeff").split(",")]
+    turned = any(name in header for name in TRACK_ATTITUDE)
+    names = (*TRACK_COLUMNS, *TRACK_ATTITUDE) if turned else TRACK_COLUMNS
+    table, numbers = _table(path, lines, names, (), dropped, {})
+    table = _limited(path, table, numbers, names, _TRACK_LIMITS[: len(names)], dropped, True)
+    table = _in_order(table, dropped, "places")
+    llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
+    return table[:, 0].copy(), llh, np.radians(table[:, 4:]) if turned else None, dropped
 
 
 def is_nmea(path: Path, lenient: bool = False) -> bool:

@@ -121,6 +121,7 @@ def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str)
 _FLOWN = (LANDING, COVARIANCE)
 _KEPT = "unless `--keep none`"
 _WIND = "where there is a mean wind"
+_TRACK = "with `approach.profile: track`"
 _ALL = "with `--keep all`, which is the default for one run"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
@@ -323,6 +324,10 @@ _SUMMARY = Chapter(
            LANDING, axis=_RUNWAY),
         _a("/summary/at/{axis}_percentile", "height percentile", "m",
            "percentiles over runs of the size of the {axis} position error", _FLOWN, axis=_RUNWAY),
+        _a("/summary/track/rms_smoothed", "", "m",
+           "rms distance of the smoothed trajectory from the places of the table", _FLOWN, when=_TRACK),
+        _a("/summary/track/specific_force", "", "m/s2", "its largest specific force", _FLOWN, when=_TRACK),
+        _a("/summary/track/rate", "", "rad/s", "its largest rate against inertial space", _FLOWN, when=_TRACK),
         _a("/summary/at/headwind", "height", "m/s", "mean wind against the course, at the heights", _FLOWN,
            when=_WIND),
         _a("/summary/at/crosswind", "height", "m/s", "mean wind across the course, from the left positive", _FLOWN,

@@ -16,6 +16,8 @@ import numpy as np
 IMU_COLUMNS = ("t_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
 GNSS_COLUMNS = ("t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s")
 """Names of the columns of both tables; fixes may also have `nsat`."""
+TRACK_COLUMNS, TRACK_ATTITUDE = ("t_s", "lat_deg", "lon_deg", "h_m"), ("roll_deg", "pitch_deg", "yaw_deg")
+"""Names of the columns of trajectories, and of those that they may have."""
 STANDARD_GRAVITY = 9.80665
 KNOT = 1852.0 / 3600.0
 """In m/s."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
-from navsim.scenario.approach import RecordedApproach
+from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, KeyedError, utc_text, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.rewrite import Rewritten, rewritten
@@ -45,7 +45,7 @@ class PlannedScenario:
         document.data = copy.deepcopy(data)
         scenario = validated(Landing, document)
         trajectory, scenario = trajectory_of(scenario, document)
-        if isinstance(scenario.approach, RecordedApproach):  # of others the scenario itself has looked
+        if isinstance(scenario.approach, FileApproach):  # of others the scenario itself has looked
             try:
                 scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
             except KeyedError as error:
@@ -62,7 +62,7 @@ class PlannedScenario:
     def file_names(self) -> list[str]:
         """Of the files that the scenario names, as it does."""
         approach = self.scenario.approach
-        flown = [approach.file] if isinstance(approach, RecordedApproach) else []
+        flown = [approach.file] if isinstance(approach, FileApproach) else []
         sky = self.scenario.sky
         return [*flown, *(getattr(sky, sky.source) if sky.source in SOURCES_FROM_FILES else ())]
 

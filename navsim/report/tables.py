@@ -484,6 +484,14 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         section("Mean wind at height", lambda r: "against, from the left; airspeed, m/s; crab, deg")
         for i, label in enumerate(labels):
             row(f"  {label}", lambda r, i=i: _wind(r, i))
+    if any("/summary/track/rms_smoothed" in r for _, r in results):
+        section("Trajectory of the table, smoothed")
+        for path, label, scale, digits in (
+            ("rms_smoothed", "rms distance from its places, m", 1.0, 2),
+            ("specific_force", "largest specific force, m/s2", 1.0, 2),
+            ("rate", "largest rate, deg/s", _DEGREE, 1),
+        ):
+            row(f"  {label}", lambda r, p=path, s=scale, d=digits: _of_track(r, p, s, d))
     boxed = [r for _, r in results if "/summary/box/limit" in r]
     if boxed:
         section("Outside the box", lambda r: box_head(r, "/summary/box/probability" in r))
@@ -513,6 +521,12 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _budget(r, n))
     requirements(table, results)
     return table
+
+
+def _of_track(result: Result, name: str, scale: float, digits: int) -> Cell | str:
+    """A number of the smoothed trajectory of a table."""
+    path = f"/summary/track/{name}"
+    return number(scale * float(result[path]), digits) if path in result else ABSENT
 
 
 def _wind(result: Result, height: int) -> Cell | str:

@@ -16,6 +16,7 @@ from navsim.scenario.base import (
     LogTime,
     Longitude,
     Section,
+    Sigma,
     Size,
     Stretch,
     list_of,
@@ -397,13 +398,13 @@ class WaypointApproach(_Captured):
         return self._ended(path)
 
 
-class RecordedApproach(Section):
-    """A real flight, as `navsim replay` found it, with simulated sensors, satellites and pseudolites."""
+class FileApproach(Section):
+    """A motion that a file has."""
 
-    profile: Literal["recorded"]
-    """a real flight, as `navsim replay` found it"""
     file: str
-    """result of a replay; smoothed (filter.kind: rts) it is smoothest"""
+    """the file: with `profile: recorded` a result of a replay, smoothed (filter.kind: rts) the smoothest; with
+    `profile: track` a table with the columns t_s, lat_deg, lon_deg, h_m (above the ellipsoid or the geoid, as
+    runway.height_above says), or also roll_deg, pitch_deg, yaw_deg"""
     file_sha256: Checksum | None = None
     """its checksum; when given, another file is refused"""
     start_s: LogTime | None = None
@@ -415,3 +416,29 @@ class RecordedApproach(Section):
     def start(self) -> Point | None:
         """Nothing: the recording says where it starts."""
         return None
+
+
+class RecordedApproach(FileApproach):
+    """A real flight, as `navsim replay` found it, with simulated sensors, satellites and pseudolites."""
+
+    profile: Literal["recorded"]
+    """a real flight, as `navsim replay` found it"""
+
+
+class TrackApproach(FileApproach):
+    """A recorded or planned trajectory of a table, smoothed."""
+
+    profile: Literal["track"]
+    """a recorded or planned trajectory of a table, smoothed"""
+    sigma_m: Sigma
+    """1 sigma of the places in the table, horizontally, an axis: the curve is as near to them; of a plan, how far it
+    may be rounded off"""
+    sigma_vertical_m: Sigma | None = None
+    """1 sigma of their heights; null: sigma_m"""
+    angle_of_attack_deg: Annotated[float, Field(ge=-10.0, le=30.0)] = 3.0
+    """constant angle of attack of an aircraft that flies coordinated, where the table has no attitudes"""
+
+    @property
+    def sigmas(self) -> tuple[float, float]:
+        """Horizontal and vertical, m."""
+        return self.sigma_m, self.sigma_m if self.sigma_vertical_m is None else self.sigma_vertical_m

@@ -14,11 +14,13 @@ from pydantic import Field, model_validator
 
 from navsim.scenario.air import WindSection
 from navsim.scenario.approach import (
+    FileApproach,
     PaperApproach,
     RecordedApproach,
     Runway,
     SmoothApproach,
     STurn,
+    TrackApproach,
     WaypointApproach,
 )
 from navsim.scenario.base import (
@@ -80,7 +82,8 @@ class Landing(Section):
     runway: Runway = Runway()
     """the runway, and where on it the aircraft touches down"""
     approach: Annotated[
-        PaperApproach | SmoothApproach | STurn | WaypointApproach | RecordedApproach, Field(discriminator="profile")
+        PaperApproach | SmoothApproach | STurn | WaypointApproach | RecordedApproach | TrackApproach,
+        Field(discriminator="profile")
     ]
     """the way of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
@@ -172,7 +175,7 @@ class Landing(Section):
                 text = "smoothed ranges are correlated in time, which levels of the filter are not for; use 0, or mhss"
                 raise reject(text, "receiver", "smoothing_s")
             station = None if self.integrity.comparison is None else self.integrity.comparison.gbas
-            if station is not None and station.glide_path_deg is None and isinstance(self.approach, RecordedApproach):
+            if station is not None and station.glide_path_deg is None and isinstance(self.approach, FileApproach):
                 text = "a recorded flight has no slope of its own: give the angle"
                 raise reject(text, "integrity", "comparison", "gbas", "glide_path_deg")
             for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
@@ -195,10 +198,10 @@ class Landing(Section):
                 raise reject(f"is not within duration_s, {self.duration_s:g} s", "events", i, "at_s")
         if self.duration_s * self.imu.rate_hz < 2.0:
             raise reject("shorter than two samples of the IMU", "duration_s")
-        if isinstance(self.approach, RecordedApproach):
+        if isinstance(self.approach, FileApproach):
             if self.pseudolites.frame == "table1":
                 raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
-            if self.wind.blows:
+            if self.wind.blows and isinstance(self.approach, RecordedApproach):
                 raise reject("a recorded flight has had its wind", "wind", "speed_m_s")
             return self
         if isinstance(self.approach, WaypointApproach):
@@ -359,7 +362,7 @@ class Landing(Section):
 
     def slant(self) -> float:
         """Length of the paper's glide path, m: start height over the sine of the slope."""
-        assert not isinstance(self.approach, RecordedApproach)
+        assert not isinstance(self.approach, FileApproach)
         return self.approach.start_height_m / math.sin(self.approach.glide_slope_deg * DEG)
 
     def glide_path(self) -> float:
@@ -370,7 +373,7 @@ class Landing(Section):
         assert station is not None
         if station.glide_path_deg is not None:
             return station.glide_path_deg * DEG
-        assert not isinstance(self.approach, RecordedApproach)
+        assert not isinstance(self.approach, FileApproach)
         return self.approach.glide_slope_deg * DEG
 
     def effects(self, pseudolites: Pseudolites) -> Effects:
@@ -428,7 +431,7 @@ class Landing(Section):
         Raises ValueError where there is none, AirError where there is none in this wind."""
         from navsim.models.retimed import held_airspeed
 
-        assert not isinstance(self.approach, RecordedApproach)
+        assert not isinstance(self.approach, FileApproach)
         if isinstance(self.approach, WaypointApproach):
             path = self.approach.path(self._waypoints(self.approach))
         else:
@@ -456,19 +459,27 @@ class Landing(Section):
         """The aircraft's motion over the Earth; recorded approaches are read elsewhere."""
         import numpy as np
 
-        from navsim.models.air import WindAlong
-        from navsim.models.approach import FLARE, ROLL_OUT, TOUCHDOWN
-        from navsim.models.kinematics import Blowing, Trajectory, Wind, touchdown_from_start
+        from navsim.models.kinematics import touchdown_from_start
 
-        assert not isinstance(self.approach, RecordedApproach)
+        assert not isinstance(self.approach, FileApproach)
         path = self.path()
-        heading = self.runway.heading_deg * DEG
         if self.approach.start is not None:
-            begin = path.jet(np.zeros(1))[0, 0]
+            begin, heading = path.jet(np.zeros(1))[0, 0], self.runway.heading_deg * DEG
             frame = touchdown_from_start(self.approach.start.radians, self.runway.ellipsoidal_m, heading, begin)
         else:
             frame = self._frame_of_threshold()
-        events = path.events
+        return self.trajectory_along(path, frame)
+
+    def trajectory_along(self, path: AnyPath, frame: Frame) -> Trajectory:
+        """Coordinated flight along a path in the axes of a frame, in the scenario's wind."""
+        import numpy as np
+
+        from navsim.models.air import WindAlong
+        from navsim.models.approach import FLARE, ROLL_OUT, TOUCHDOWN
+        from navsim.models.kinematics import Blowing, Trajectory, Wind
+
+        assert not isinstance(self.approach, RecordedApproach)
+        heading, events = self.runway.heading_deg * DEG, path.events
         decrab = (events.get(FLARE), events[TOUCHDOWN] if FLARE in events else None)
         wind: Blowing
         if self.wind.profile == "constant":
@@ -482,7 +493,7 @@ class Landing(Section):
             frame,
             wind,
             self.approach.angle_of_attack_deg * DEG,
-            self.approach.pitch == "path",
+            isinstance(self.approach, TrackApproach) or self.approach.pitch == "path",
             events.get(ROLL_OUT, math.inf),
         )
 

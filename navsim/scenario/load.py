@@ -88,7 +88,7 @@ def read_replay(path: Path, assignments: Sequence[str] = ()) -> tuple[Replay, Do
     return _read(path, assignments, ("replay",))
 
 
-NO_RECORDED = "a recorded approach (approach.profile: recorded) is flown by `navsim run`, but by no study"
+NO_RECORDED = "an approach of a file (approach.profile: recorded or track) is flown by `navsim run`, but by no study"
 
 
 def read_study(path: Path, kind: type[S], assignments: Sequence[str] = ()) -> tuple[S, Document, Document]:
@@ -112,7 +112,7 @@ def base_of(study: Sweep | Optimize, document: Document) -> Document:
     if base.data.get("kind") != "landing":
         message = f"the base of a study is a landing scenario; {study.base} is of kind {base.data.get('kind')!r}"
         raise InputError([Problem(document.place(("base",)), "base", message)])
-    if isinstance(base.data.get("approach"), dict) and base.data["approach"].get("profile") == "recorded":
+    if isinstance(base.data.get("approach"), dict) and base.data["approach"].get("profile") in ("recorded", "track"):
         raise InputError([Problem(document.place(("base",)), "base", f"{study.base}: {NO_RECORDED}")])
     return base
 

@@ -26,7 +26,7 @@ from navsim.io.schema import HEIGHTS, OUTCOMES, SWEEP, VERDICTS
 from navsim.models.kinematics import Frame
 from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
-from navsim.scenario.approach import RecordedApproach
+from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import NO_RECORDED, resolved_yaml
@@ -159,7 +159,7 @@ class Plan:
         """The scenario of one combination. Raises InputError where it is not a valid one, or none for a study."""
         document = self._changed(settings)
         scenario = validated(Landing, document)
-        if isinstance(scenario.approach, RecordedApproach):
+        if isinstance(scenario.approach, FileApproach):
             key = ("approach", "profile")
             raise InputError([Problem(document.place(key), dotted(key), NO_RECORDED)])
         return scenario, document

@@ -202,6 +202,7 @@ ALIKE = {
     "wind.roughness_m": "of wind.profile", "wind.exponent": "the same", "wind.levels": "the same",
     "approach.profile": "by the shipped scenarios", "approach.points": "a circuit is of them",
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",
+    "approach.sigma_m": "the same", "approach.sigma_vertical_m": "the same",
     "approach.go_around.at_s": "approach.go_around.height_m", "approach.go_around.ease_s": "a pull-up's shape",
     "approach.brake_ease_s": "how taxiing begins", "approach.taxi_s": "how long it lasts",
     "approach.start_s": "the same", "approach.touchdown_s": "the same",

@@ -38,7 +38,7 @@ def test_error_free_sensors_return_the_recording() -> None:
     time = np.arange(0.0, 60.0, 0.1)
     motion = flight.motion(time)
     again = recorded_trajectory(time, motion.llh, motion.c_nb, tangent_frame(motion.llh[0], 0.0), {})
-    assert again.rms_residual < 1e-3
+    assert again.path.rms_residual < 1e-3
     t = np.arange(5.0, 45.0, 0.01)
     dtheta, dv = again.increments(t)
     exact = again.motion(t)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -16,19 +17,23 @@ from navsim.core.lanes import WIDTH
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io import files
+from navsim.io.recording import read_track
 from navsim.io.results import ResultError, read
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.io.text import FileError
 from navsim.models.approach import GLIDE_START, TOUCHDOWN
+from navsim.models.conventions import STANDARD_GRAVITY, TRACK_ATTITUDE
 from navsim.models.events import EVERY, PSEUDOLITES
 from navsim.models.go_around import GO_AROUND
 from navsim.models.imu import Triad
 from navsim.models.interference import radio_horizon
 from navsim.models.jamming import LOWEST
-from navsim.models.kinematics import Moving, touchdown_from_threshold
-from navsim.models.recorded_trajectory import recorded_trajectory
+from navsim.models.kinematics import Moving, Trajectory, touchdown_from_threshold
+from navsim.models.recorded_trajectory import largest, recorded_trajectory, smoothed_path, track_trajectory
+from navsim.models.retimed import SLOWEST
 from navsim.models.signals import Environment, Pseudolites, Satellites
 from navsim.models.systems import CLOCKS
-from navsim.scenario.approach import RecordedApproach
+from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.events import EventSection
 from navsim.scenario.landing import Landing
@@ -54,6 +59,8 @@ from navsim.study.statistics import gate_limits
 FOOT = 0.3048
 PERCENTILES = (50, 95, 99)
 _ROUGH = 50
+HARDEST, FASTEST = 20.0, 1000.0
+"""Largest specific force, in units of standard gravity, and rate, deg/s, of a motion that a table is taken for."""
 
 
 @dataclass(frozen=True)
@@ -191,10 +198,9 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
     Raises InputError for a recording that cannot be used.
     """
     approach = scenario.approach
-    if not isinstance(approach, RecordedApproach):
+    if not isinstance(approach, FileApproach):
         return scenario.trajectory(), scenario
-    key = ("approach", "file")
-    path = document.resolve(key, approach.file)
+    path = document.resolve(("approach", "file"), approach.file)
 
     def wrong(message: str, name: str = "file") -> InputError:
         place = document.place(("approach", name))
@@ -204,19 +210,16 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         checksum = files.checksum(path)
         if approach.file_sha256 not in (None, checksum):
             raise wrong(f"has the checksum {checksum}, not the one of approach.file_sha256", "file_sha256")
-        result = read(path)
-        if result.attributes["kind"] != "replay":
-            raise wrong(f"is a result of kind {result.attributes['kind']}; a replay is needed")
-        time, llh = result["/filter/time"], result["/filter/position_llh"]
-        attitude = result["/filter/attitude_rpy"]
-    except (ResultError, KeyError) as error:
+        time, llh, attitude = (
+            _read_table(path, scenario) if isinstance(approach, TrackApproach) else _read_replay(path)
+        )
+    except (ResultError, KeyError, FileError, ValueError) as error:
         raise wrong(str(error)) from None
     except OSError as error:
         raise wrong(f"cannot be read: {error.strerror or error}") from None
-    if time.ndim != 1 or llh.shape != (time.size, 3) or attitude.shape != llh.shape or not time.size:
-        raise wrong("damaged: times, positions and attitudes do not belong together")
-    if any(a.dtype.kind != "f" or not np.isfinite(a).all() for a in (time, llh, attitude)):
-        raise wrong("damaged: times, positions and attitudes are finite numbers in a recording")
+    if attitude is not None and scenario.wind.blows:
+        text = "a recorded flight with its attitudes has had its wind"
+        raise InputError([Problem(document.place(("wind", "speed_m_s")), "wind.speed_m_s", text)])
     start = float(time[0]) if approach.start_s is None else approach.start_s
     if not time[0] - 1e-9 <= start < time[-1]:
         raise wrong(f"the recording lasts from {time[0]:g} to {time[-1]:g} s", "start_s")
@@ -224,20 +227,72 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         raise wrong(
             f"the recording ends {time[-1] - start:.1f} s after the start; duration_s is {scenario.duration_s:g}"
         )
-    keep = (time >= start - 1.0) & (time <= start + scenario.duration_s + 1.0)
     threshold = scenario.runway.threshold
     assert threshold is not None
     frame = touchdown_from_threshold(
         threshold.radians, scenario.runway.ellipsoidal_m, scenario.runway.heading_deg * DEG, scenario.runway.aim_point_m
     )
     events = {} if approach.touchdown_s is None else {TOUCHDOWN: approach.touchdown_s - start}
+    moving: Moving
     try:
-        c_nb = dcm_from_rpy(attitude[keep])
-        moving = recorded_trajectory(time[keep] - start, llh[keep], c_nb, frame, events)
+        if isinstance(approach, TrackApproach):
+            way = smoothed_path(time - start, llh, approach.sigmas, frame, events)
+            if attitude is None:
+                moving = scenario.trajectory_along(way, frame)
+            else:
+                moving = track_trajectory(way, time - start, llh, dcm_from_rpy(attitude))
+            _check_flyable(moving, scenario)
+        else:
+            assert attitude is not None
+            keep = (time >= start - 1.0) & (time <= start + scenario.duration_s + 1.0)
+            moving = recorded_trajectory(time[keep] - start, llh[keep], dcm_from_rpy(attitude[keep]), frame, events)
     except ValueError as error:
         raise wrong(str(error)) from None
     pinned = approach.model_copy(update={"file_sha256": checksum})
     return moving, scenario.model_copy(update={"approach": pinned})
+
+
+def _read_replay(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Times (n,), s, places (n, 3), rad, rad, m, and roll, pitch, yaw (n, 3), rad, of a replay. Raises ResultError,
+    KeyError, ValueError."""
+    result = read(path)
+    if result.attributes["kind"] != "replay":
+        raise ValueError(f"is a result of kind {result.attributes['kind']}; a replay is needed")
+    time, llh, attitude = (result[f"/filter/{name}"] for name in ("time", "position_llh", "attitude_rpy"))
+    if time.ndim != 1 or llh.shape != (time.size, 3) or attitude.shape != llh.shape or not time.size:
+        raise ValueError("damaged: times, positions and attitudes do not belong together")
+    if any(a.dtype.kind != "f" or not np.isfinite(a).all() for a in (time, llh, attitude)):
+        raise ValueError("damaged: times, positions and attitudes are finite numbers in a recording")
+    return time, llh, attitude
+
+
+def _read_table(path: Path, scenario: Landing) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """The same of a table, heights above the ellipsoid; None without attitudes. Raises FileError, ValueError."""
+    time, llh, attitude, dropped = read_track(path)
+    if said := dropped.said():
+        raise ValueError(f"a trajectory has each time once, in order: {'; '.join(said)}")
+    if scenario.runway.height_above == "geoid":
+        llh[:, 2] += scenario.runway.undulation_m
+    return time, llh, attitude
+
+
+def _check_flyable(moving: Moving, scenario: Landing) -> None:
+    """Raise ValueError for a motion that is none of an aircraft."""
+    if isinstance(moving, Trajectory):
+        t = np.linspace(0.0, scenario.duration_s, 2000)
+        speed = np.linalg.norm(moving.path.jet(t)[:, 1], axis=1)
+        if (slowest := float(speed.min())) < SLOWEST:
+            text = f"moves at {slowest:.2f} m/s {t[int(np.argmin(speed))]:.1f} s after the start"
+            columns = ", ".join(TRACK_ATTITUDE)
+            raise ValueError(f"{text}; below {SLOWEST:g} m/s attitudes are needed: columns {columns}")
+    most = largest(moving, scenario.duration_s)
+    wider = "give places with a larger sigma_m, or better ones"
+    if most.force > HARDEST * STANDARD_GRAVITY:
+        text = f"needs {most.force / STANDARD_GRAVITY:.1f} g {most.force_time:.2f} s after the start"
+        raise ValueError(f"{text}, {HARDEST:g} are allowed; {wider}")
+    if most.rate > FASTEST * DEG:
+        text = f"turns at {most.rate / DEG:.0f} deg/s {most.rate_time:.2f} s after the start"
+        raise ValueError(f"{text}, {FASTEST:g} are allowed; {wider}")
 
 
 def files_of(scenario: Landing) -> dict[str, str]:
@@ -306,7 +361,7 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     Raises InputError for a file of satellites that cannot be used, and what `ask` raises.
     """
     trajectory, scenario = trajectory_of(scenario, document)
-    if isinstance(scenario.approach, RecordedApproach):  # of others the scenario itself knows the track
+    if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track
         try:
             scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
         except KeyedError as error:

@@ -13,7 +13,9 @@ from navsim.io.schema import COVARIANCE, HEIGHTS, SKY_TIMES
 from navsim.models import timescales
 from navsim.models.air import triangle_along
 from navsim.models.kinematics import Trajectory
+from navsim.models.recorded_trajectory import largest
 from navsim.models.systems import CLOCKS
+from navsim.scenario.approach import TrackApproach
 from navsim.study.landing.case import FOOT, Case, crossing_times, on_glide
 from navsim.study.root import root_attributes
 
@@ -28,6 +30,7 @@ def base(case: Case, layout: str) -> Draft:
     )
     _truth(draft, case)
     _wind(draft, case)
+    _track(draft, case)
     _geometry(draft, case)
     _geometry_summary(draft, case)
     _navigation(draft, case)
@@ -70,6 +73,16 @@ def _wind(draft: Draft, case: Case) -> None:
         values = np.full(passed.size, np.nan)
         values[known] = getattr(at, name)
         draft[f"/summary/at/{name}"] = values
+
+
+def _track(draft: Draft, case: Case) -> None:
+    """What became of a trajectory of a table by being smoothed."""
+    if not isinstance(case.scenario.approach, TrackApproach):
+        return
+    most = largest(case.trajectory, case.scenario.duration_s)
+    draft["/summary/track/rms_smoothed"] = case.trajectory.path.rms_residual
+    draft["/summary/track/specific_force"] = most.force
+    draft["/summary/track/rate"] = most.rate
 
 
 def _geometry(draft: Draft, case: Case) -> None:
