@@ -68,7 +68,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "accelerometer: {bias_fixed_mg: [0, 0, 0], vrw_m_s_sqrt_h: 0.06}}",
         )),
         ("landing", (
-            f"sky={{source: orbits, orbits: [COD0OPSFIN.SP3], orbits_sha256: [{_SUM}]}}",
+            f"sky={{source: orbits, orbits: [COD0OPSFIN.SP3], orbits_sha256: [{_SUM}], horizon: ridge.csv, "
+            f"horizon_sha256: {_SUM}}}",
             f"approach={{profile: recorded, file: flight.h5, file_sha256: {_SUM}, start_s: 540, touchdown_s: 580}}",
             "runway.threshold={lat_deg: 56.02, lon_deg: 37.0}",
             "pseudolites={frame: runway, count: 0}",

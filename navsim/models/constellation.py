@@ -41,6 +41,9 @@ class Constellation(Protocol):
         """Satellite clocks less the system's time for a user of L1 alone, s, and their rates (m, n); nan where nothing
         tells them."""
 
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """What satellites tell of the accuracy of their orbits and clocks, 1 sigma, m (m, n); nan without."""
+
     def using_unhealthy(self) -> Constellation:
         """The same with the satellites and messages that are marked as unhealthy."""
 
@@ -67,6 +70,7 @@ class Remembering:
         self.system, self.names = constellation.system, constellation.names
         self.channels, self.usable = constellation.channels, constellation.usable
         self.age, self.clock, self.messages = constellation.age, constellation.clock, constellation.messages
+        self.accuracy = constellation.accuracy
         self.using_unhealthy, self.broadcast = constellation.using_unhealthy, constellation.broadcast
 
     def state(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

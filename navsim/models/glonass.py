@@ -136,6 +136,10 @@ class GlonassAlmanac:
         unknown = np.full(for_each(gpst, self.slot.size).shape, np.nan)
         return unknown, unknown.copy()
 
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): almanacs do not tell it."""
+        return np.full(for_each(gpst, self.slot.size).shape, np.nan)
+
     def using_unhealthy(self) -> GlonassAlmanac:
         """The same with satellites that are not healthy."""
         return replace(self, use_unhealthy=True)
@@ -203,6 +207,10 @@ class Glonass24Slots:
         """Perfect (m, n): zeros."""
         shape = for_each(gpst, self.slot.size).shape
         return np.zeros(shape), np.zeros(shape)
+
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): a design has none."""
+        return np.full(for_each(gpst, self.slot.size).shape, np.nan)
 
     def using_unhealthy(self) -> Glonass24Slots:
         """Itself: all are healthy."""

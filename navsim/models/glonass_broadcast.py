@@ -126,6 +126,10 @@ class StateVectorEphemerides:
         offset = -tau + gamma * (gpst - self._time[index])
         return np.where(lost, np.nan, offset), np.where(lost, np.nan, gamma)
 
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): what messages tell of it is not read."""
+        return np.full(for_each(gpst, self.slot.size).shape, np.nan)
+
     def using_unhealthy(self) -> StateVectorEphemerides:
         """The same with records marked as unhealthy."""
         return replace(self, use_unhealthy=True)

@@ -254,6 +254,11 @@ class KeplerianEphemerides:
         lost = index < 0
         return np.where(lost, np.nan, offset - records.tgd), np.where(lost, np.nan, rate)
 
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """User range accuracies of the messages, m (m, n); nan without a record, and where a record tells none."""
+        ura = self.records.ura[(index := self._select(gpst)[1])]
+        return np.where((index < 0) | (ura <= 0.0), np.nan, ura)
+
     def using_unhealthy(self) -> KeplerianEphemerides:
         """The same with records marked as unhealthy."""
         return replace(self, use_unhealthy=True)

@@ -99,6 +99,10 @@ class PreciseOrbits:
         # the velocity in rotating axes will do: the Earth's rate is across the position
         return self.offset[low, column] + rate * (gpst - self.time[low]) + relativity, rate
 
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): tables have none that is read."""
+        return np.full(for_each(gpst, len(self.names)).shape, np.nan)
+
     def using_unhealthy(self) -> PreciseOrbits:
         """Itself."""
         return self

@@ -1,4 +1,4 @@
-"""What of the sky a receiver can use: elevation mask, jammed sectors, directions to and from ECEF."""
+"""What of the sky a receiver can use: elevation mask, horizon, jammed sectors, directions to and from ECEF."""
 
 from __future__ import annotations
 
@@ -27,18 +27,34 @@ class Sector:
 
 
 @dataclass(frozen=True)
+class Horizon:
+    """Elevations (n,) of the horizon at azimuths (n,), growing, rad; between them it is straight over the azimuth, from
+    the last one on to the first."""
+
+    azimuth: np.ndarray
+    elevation: np.ndarray
+
+    def at(self, azimuth: np.ndarray) -> np.ndarray:
+        """Its elevation at azimuths, rad."""
+        return np.interp(azimuth, self.azimuth, self.elevation, period=2 * np.pi)
+
+
+@dataclass(frozen=True)
 class Mask:
-    """Usable elevations (rad, both ends included) and the sectors taken out of them."""
+    """Usable elevations (rad, both ends included), the sectors taken out of them, and a horizon that is over them."""
 
     low: float
     high: float
     sectors: tuple[Sector, ...] = ()
+    horizon: Horizon | None = None
 
     def passes(self, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
         """Whether signals from these directions (rad) are used."""
         usable = (elevation >= self.low) & (elevation <= self.high)
         for sector in self.sectors:
             usable &= ~sector.covers(azimuth, elevation)
+        if self.horizon is not None:
+            usable &= elevation >= self.horizon.at(azimuth)
         return usable
 
 

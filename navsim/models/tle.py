@@ -143,6 +143,10 @@ class TwoLineElements:
         unknown = np.full(for_each(gpst, len(self.names)).shape, np.nan)
         return unknown, unknown.copy()
 
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): elements are of orbits alone."""
+        return np.full(for_each(gpst, len(self.names)).shape, np.nan)
+
     def using_unhealthy(self) -> TwoLineElements:
         """Itself."""
         return self

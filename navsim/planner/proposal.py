@@ -64,7 +64,8 @@ class PlannedScenario:
         approach = self.scenario.approach
         flown = [approach.file] if isinstance(approach, FileApproach) else []
         sky = self.scenario.sky
-        return [*flown, *(getattr(sky, sky.source) if sky.source in SOURCES_FROM_FILES else ())]
+        around = [] if sky.horizon is None else [sky.horizon]
+        return [*flown, *around, *(getattr(sky, sky.source) if sky.source in SOURCES_FROM_FILES else ())]
 
     @property
     def plane(self) -> RunwayPlane:

@@ -23,7 +23,7 @@ from navsim.scenario.base import (
 
 if TYPE_CHECKING:
     from navsim.models.signals import Listed
-    from navsim.models.sky import Mask
+    from navsim.models.sky import Horizon, Mask
 
 
 LENIENT = ("navigation", "orbits")
@@ -105,6 +105,10 @@ class Sky(Section):
     """lowest usable elevation"""
     mask_upper_deg: Elevation = 90.0
     """highest usable elevation"""
+    horizon: str | None = None
+    """file with a table azimuth_deg,elevation_deg of what stands around: nothing below its lines is received"""
+    horizon_sha256: Checksum | None = None
+    """checksum of that file; when given, another file is refused"""
     interference: list_of(Interference) = ()  # type: ignore[valid-type]
     """sectors of the sky in which nothing is received"""
     exclude: list_of(str) = ()  # type: ignore[valid-type]
@@ -123,6 +127,8 @@ class Sky(Section):
             raise reject(f"is for `source: {'` and `'.join(LENIENT)}`, not for `{self.source}`", "lenient")
         if self.source == "directions" and not self.directions:
             raise reject("`source: directions` needs a list of azimuth_deg and elevation_deg here", "directions")
+        if self.horizon is None and self.horizon_sha256 is not None:
+            raise reject("there is no horizon it could be of", "horizon_sha256")
         if self.mask_deg >= self.mask_upper_deg:
             raise reject("must lie below mask_upper_deg", "mask_deg")
         for index, name in enumerate(self.exclude):
@@ -158,8 +164,8 @@ class Sky(Section):
             np.array([name not in self.exclude for name in names]),
         )
 
-    def mask(self) -> Mask:
-        """The mask in radians."""
+    def mask(self, horizon: Horizon | None = None) -> Mask:
+        """The mask in radians, with the horizon of the file that is named."""
         from navsim.models.sky import Mask, Sector
 
         sectors = tuple(
@@ -169,4 +175,4 @@ class Sky(Section):
             )
             for s in self.interference
         )
-        return Mask(self.mask_deg * DEG, self.mask_upper_deg * DEG, sectors)
+        return Mask(self.mask_deg * DEG, self.mask_upper_deg * DEG, sectors, horizon)

@@ -1,12 +1,14 @@
 """Single-point positioning of recorded pseudoranges with broadcast or precise orbits.
 
-Source: [1] IS-GPS-200, sections 20.3.3.3.3, 20.3.3.4.3. [2] Kaplan & Hegarty (2017), section 11.2.
+Source: [1] IS-GPS-200, sections 20.3.3.3.3, 20.3.3.4.3. [2] Kaplan & Hegarty (2017), section 11.2. [3] RTKLIB 2.4.3,
+`pntpos.c` (the parts of a range's error).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -27,13 +29,18 @@ _PASSES = 4
 class PositioningOptions:
     """How to position: mask (rad), 1 sigma of a range overhead (m), it grows as 1 / sin(elevation); klobuchar: alpha
     and beta (4,) or None for no ionosphere; troposphere: whether to take Saastamoinen's; channels: frequency channels
-    of GLONASS satellites, by name, that neither the orbits nor the observation file tell."""
+    of GLONASS satellites, by name, that neither the orbits nor the observation file tell. weights: of ranges, by the
+    elevation alone, or by an error budget [3] of what the satellites tell of their accuracy, half of the ionosphere's
+    delay, 0.3 m of the troposphere's and 0.3 m of biases overhead, and the code's noise; untold: accuracy of satellites
+    that tell none, 1 sigma, m."""
 
     mask: float = np.radians(10.0)
     sigma: float = 1.0
     klobuchar: tuple[np.ndarray, np.ndarray] | None = None
     troposphere: bool = True
     channels: Mapping[str, int] = field(default_factory=dict)
+    weights: Literal["elevation", "budget"] = "elevation"
+    untold: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +84,9 @@ def solve(
     covariance = np.empty((e, 6, 6))
     travel = code / SPEED_OF_LIGHT
     sigma, delay, visible = np.full((e, s), settings.sigma), np.zeros((e, s)), np.ones((e, s), dtype=bool)
+    told = [c.accuracy(observations.time - 0.075)[:, own] for c, own in zip(constellations, members, strict=True)]
+    accuracy = np.concatenate(told, axis=1)
+    accuracy[np.isnan(accuracy)] = settings.untold
     los = np.full((e, s, 3), np.nan)
     turned, believed = position, np.full((e, 3), np.nan)
     start = np.zeros(3)
@@ -94,8 +104,11 @@ def solve(
         travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
         visible = elevation >= settings.mask
         # both nan where the direction is, and the delay below the horizon: satellites that are not visible
+        ionosphere, troposphere = _delays(observations.time, llh, azimuth, elevation, ratio2, settings)
+        delay = ionosphere + troposphere
         sigma = settings.sigma * _slant(elevation)
-        delay = _delays(observations.time, llh, azimuth, elevation, ratio2, settings)
+        if settings.weights == "budget":
+            sigma = _budget(accuracy, ionosphere, elevation)
     usable = np.isfinite(ranges - delay) & visible & np.isfinite(believed[:, :1])
     los[~usable] = np.nan
     residual = ranges - delay - np.linalg.norm(turned - believed[:, None], axis=2) - clocks[:, clock]
@@ -144,7 +157,7 @@ def _ranges(
     # 3 mm/s at most hang on the receiver's own motion, and none on a place without a velocity
     moving = np.einsum("eji,ej->ei", ned_matrix(here), np.where(np.isfinite(speed), speed, 0.0))
     apparent = apparent_velocity(turned, turned_with_earth(velocity, travel), ecef_from_llh(here), moving)
-    delay = _delays(time, here, azimuth, elevation, ratio2, settings)
+    delay = np.add(*_delays(time, here, azimuth, elevation, ratio2, settings))
     there = (elevation >= settings.mask) & np.isfinite(turned[..., 0])
     return Ranges(
         time, names, clock, scales, turned, apparent, distance, np.where(there, pseudorange - delay, np.nan),
@@ -233,12 +246,19 @@ def _delays(
     elevation: np.ndarray,
     ratio2: np.ndarray,
     settings: PositioningOptions,
-) -> np.ndarray:
-    """Atmospheric delays (e, s), m."""
-    total = np.zeros_like(elevation)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Delays of the ionosphere and the troposphere (e, s), m."""
+    ionosphere, troposphere = np.zeros_like(elevation), np.zeros_like(elevation)
     if settings.klobuchar is not None:
         alpha, beta = settings.klobuchar
-        total += ratio2 * atmosphere.klobuchar(alpha, beta, time[:, None], llh[:, None], azimuth, elevation)
+        ionosphere += ratio2 * atmosphere.klobuchar(alpha, beta, time[:, None], llh[:, None], azimuth, elevation)
     if settings.troposphere:
-        total += atmosphere.saastamoinen(llh[:, None], elevation)
-    return total
+        troposphere += atmosphere.saastamoinen(llh[:, None], elevation)
+    return ionosphere, troposphere
+
+
+def _budget(accuracy: np.ndarray, ionosphere: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+    """1 sigma of ranges (e, s), m, by their parts [3]."""
+    sine = np.sin(np.maximum(elevation, np.radians(5.0)))
+    noise2 = 0.3**2 * (1.0 + 1.0 / sine)
+    return np.sqrt(accuracy**2 + (0.5 * ionosphere) ** 2 + (0.3 / (sine + 0.1)) ** 2 + 0.3**2 + noise2)

@@ -15,9 +15,9 @@ from navsim.io.rinex_nav import read_nav
 from navsim.io.rinex_obs import Observations, read_obs
 from navsim.io.sp3 import read_sp3
 from navsim.models import glonass_broadcast, gps
-from navsim.models.systems import GLONASS, GPS
+from navsim.models.systems import GALILEO, GLONASS, GPS, SYSTEMS
 from navsim.study.single_point import PositioningOptions, solve
-from tests.conftest import Within
+from tests.conftest import DATA, Within
 
 FOLDER = "data/esbc_2020177"
 LIMITS = {"G H": "1.5 m", "G V": "1.6 m", "R H": "2.4 m", "R V": "3.4 m", "GR H": "1.3 m", "GR V": "1.9 m"}
@@ -199,3 +199,67 @@ def _blank(observations: Observations, table: np.ndarray, name: str) -> np.ndarr
     table = table.copy()
     table[:, observations.satellites.index(name)] = np.nan
     return table
+
+
+# --- all systems of the station's own file
+
+
+WITHOUT_DELAY = (11, 21)
+"""Galileo satellites whose group delay RTKLIB does not take off: it takes those of each satellite's first record, which
+of these two is one of F/NAV, that has no BGD(E1, E5b). E11's is -5.0 m."""
+SETS = {"GPS": "G", "GAL": "E", "GPS_GAL": "GE", "GPS_BDS": "GC"}
+
+
+@pytest.fixture(scope="module")
+def all_systems(shared: Path) -> tuple[Any, Observations, np.ndarray]:
+    folder = shared / FOLDER
+    known = json.loads((folder / "truth.json").read_text())
+    marker = np.array(known["marker_ITRF2014_at_2020.48_interpolated_m"])
+    up = -ned_matrix(llh_from_ecef(marker))[2]
+    navigation = read_nav(folder / "ESBC00DNK_R_20201770000_01D_MN.rnx.gz", systems=SYSTEMS)
+    whole = read_obs(folder / "ESBC00DNK_R_20201770000_01D_30S_MO.crx.gz")
+    codes = {code for system in SYSTEMS for code in (*system.codes, *system.dopplers)}
+    values = {code: table[::2].copy() for code, table in whole.values.items() if code in codes}
+    return navigation, replace(whole, time=whole.time[::2], values=values), marker + known["antenna_up_m"] * up
+
+
+def figures(
+    navigation: Any, observations: Observations, antenna: np.ndarray, letters: str, settings: PositioningOptions
+) -> list[float]:
+    """Epochs, mean number of satellites, rms horizontal and vertical, 95 % in space."""
+    known = {c.system.letter: c for c in navigation.constellations()}
+    solution = solve(observations, [known[letter] for letter in letters], settings)
+    error = errors(solution.position, antenna)
+    assert np.isfinite(error).all()
+    return [
+        len(error), solution.satellites.mean(), np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)),
+        np.sqrt(np.mean(error[:, 2] ** 2)), np.percentile(np.linalg.norm(error, axis=1), 95),
+    ]  # fmt: skip
+
+
+@pytest.mark.validates(
+    "Single-point positions of a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou, weighed by an error budget",
+    "RTKLIB rnx2rtkp 2.4.3 on the same file", "(rms horizontal, vertical, 95 %)", figures="10 %", satellites="0.1",
+)  # fmt: skip
+@pytest.mark.parametrize("name", SETS)
+def test_every_set_of_systems_as_rtklib(
+    name: str, all_systems: tuple[Any, Observations, np.ndarray], within: Within
+) -> None:
+    navigation, observations, antenna = all_systems
+    settings = PositioningOptions(klobuchar=navigation.klobuchar, weights="budget")
+    records = navigation.elements[GALILEO, GALILEO.message]
+    bare = replace(records, tgd=np.where(np.isin(records.prn, WITHOUT_DELAY), 0.0, records.tgd))
+    like = replace(navigation, elements={**navigation.elements, (GALILEO, GALILEO.message): bare})
+    given = json.loads((DATA / "sky.json").read_text())["spp_rtklib"][name]
+    found = figures(like, observations, antenna, SETS[name], settings)
+    assert found[0] == given[0]
+    assert found[1] == pytest.approx(given[1], abs=within["satellites"])
+    np.testing.assert_allclose(found[2:], given[2:], rtol=within["figures"])
+    # with all group delays, and by the elevation alone
+    whole = figures(navigation, observations, antenna, SETS[name], settings)
+    plain = figures(navigation, observations, antenna, SETS[name], replace(settings, weights="elevation"))
+    limits = {"GPS": (1.15, 1.4), "GAL": (0.55, 0.9), "GPS_GAL": (0.8, 1.1), "GPS_BDS": (0.85, 0.85)}[name]
+    assert whole[2] < limits[0]
+    assert whole[3] < limits[1]
+    assert plain[2] < (1.4 if name == "GPS" else 0.85)
+    assert plain[3] < (1.4 if name == "GPS" else 0.85)

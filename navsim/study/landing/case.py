@@ -53,7 +53,7 @@ from navsim.simulation.landing import (
 from navsim.simulation.landing import prepare as prepare_flight
 from navsim.simulation.sensors import followed
 from navsim.study.landing.faults import watching
-from navsim.study.landing.sky import read_satellites
+from navsim.study.landing.sky import horizon_of, read_satellites
 from navsim.study.statistics import gate_limits
 
 FOOT = 0.3048
@@ -296,10 +296,11 @@ def _check_flyable(moving: Moving, scenario: Landing) -> None:
 
 
 def files_of(scenario: Landing) -> dict[str, str]:
-    """Checksums of the files of satellites by the names a scenario gives them, once they are written into it."""
+    """Checksums of the files of its sky by the names a scenario gives them, once they are written into it."""
     sky = scenario.sky
+    around = {} if sky.horizon is None or sky.horizon_sha256 is None else {sky.horizon: sky.horizon_sha256}
     names, checksums = getattr(sky, sky.source, ()), getattr(sky, f"{sky.source}_sha256", ())
-    return dict(zip(names, checksums, strict=True)) if sky.source in SOURCES_FROM_FILES else {}
+    return around | (dict(zip(names, checksums, strict=True)) if sky.source in SOURCES_FROM_FILES else {})
 
 
 def environment(
@@ -317,12 +318,13 @@ def environment(
     listed = scenario.sky.listed() if scenario.sky.source == "directions" else None
     if listed is None:
         satellites, scenario = read_satellites(scenario, document, warnings)
+    horizon, scenario = horizon_of(scenario, document)
     warnings += scenario.sky.unused()
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
     sources = Environment(
         satellites,
         listed,
-        scenario.sky.mask(),
+        scenario.sky.mask(horizon),
         pseudolites,
         scenario.signals.law(),
         lever_arm,

@@ -12,6 +12,7 @@ from navsim.models import timescales
 from navsim.models.constellation import Constellation
 from navsim.models.design import design
 from navsim.models.signals import Satellites
+from navsim.models.sky import Horizon
 from navsim.models.systems import CLOCKS, NAMES, SYSTEMS
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES, Sky
@@ -61,6 +62,34 @@ def read_satellites(
         where = document.place(("sky", key))
         raise InputError([Problem(where, f"sky.{key}", f"more than one file has {', '.join(twice)}")])
     return groups, scenario
+
+
+def horizon_of(scenario: Landing, document: Document) -> tuple[Horizon | None, Landing]:
+    """The horizon that a scenario names, if any, and the scenario with its file's checksum written into it.
+
+    Raises InputError for a file that cannot be used.
+    """
+    sky = scenario.sky
+    if sky.horizon is None:
+        return None, scenario
+    from navsim.io.horizon import read_horizon
+    from navsim.io.text import FileError
+
+    key = ("sky", "horizon")
+    path, place = document.resolve(key, sky.horizon), document.place(key)
+    try:
+        checksum, horizon = files.checksum(path), read_horizon(path)
+    except FileError as error:
+        at = Place(str(path), error.line, 1) if error.line else place
+        raise InputError([Problem(at, "sky.horizon", f"{sky.horizon}: {error.message} (named at {place})")]) from None
+    except OSError as error:
+        message = f"{sky.horizon}: cannot be read: {error.strerror or error} ({path})"
+        raise InputError([Problem(place, "sky.horizon", message)]) from None
+    if sky.horizon_sha256 not in (None, checksum):
+        message = f"{sky.horizon} has the checksum {checksum}, not this one"
+        raise InputError([Problem(document.place(("sky", "horizon_sha256")), "sky.horizon_sha256", message)])
+    pinned = sky.model_copy(update={"horizon_sha256": checksum})
+    return horizon, scenario.model_copy(update={"sky": pinned})
 
 
 _Read = tuple[Sequence[Constellation], Sequence[str]]
