@@ -255,6 +255,10 @@ def _contents(scenario: Any) -> list[str]:
         )
     if signals["gps_offset_ns"]:
         lines.append(f"GPS time less GLONASS time: {signals['gps_offset_ns']:g} ns")
+    for name, offset in signals.get("system_offsets_ns", {}).items():
+        lines.append(f"{name} time less GLONASS time: {offset:g} ns")
+    if signals.get("system_offset_sigma_ns"):
+        lines.append(f"offsets between systems as drawn, 1 sigma {signals['system_offset_sigma_ns']:g} ns")
     if scenario["receiver"]["smoothing_s"]:
         lines.append(f"code smoothed by the carrier, memory {scenario['receiver']['smoothing_s']:g} s")
     return lines

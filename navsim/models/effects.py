@@ -68,11 +68,11 @@ class Effects:
     """All that is not as in an ideal world; None or nothing for what is left out.
 
     thermal: whether the noise of satellite ranges is that of the code loop at their carrier to noise density;
-    horizon_db: gain of the receiving antenna at the
-    horizon. cn0_reference: distance from a pseudolite, m, of its stated C/N0, which then falls with distance. offsets:
-    by clock number, m, of the systems' time scales against the first. one_clock: the receiver takes all time scales for
-    one. smoothing: memory of the carrier-smoothed code, s. heavier: what the noise of ranges is drawn from, where that
-    is not the Gaussian of their sigmas.
+    horizon_db: gain of the receiving antenna at the horizon. cn0_reference: distance from a pseudolite, m, of its
+    stated C/N0, which then falls with distance. offsets: by clock number, m, of the systems' time scales against the
+    first; offset_sigma: 1 sigma, m, of what is drawn of them for each run, against the first of the sky. one_clock:
+    the receiver takes all time scales for one. smoothing: memory of the carrier-smoothed code, s. heavier: what the
+    noise of ranges is drawn from, where that is not the Gaussian of their sigmas.
     """
 
     ionosphere: Ionosphere | None = None
@@ -85,6 +85,7 @@ class Effects:
     reflection: code_loop.GroundReflection | None = None
     cn0_reference: float | None = None
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
+    offset_sigma: float = 0.0
     one_clock: bool = False
     smoothing: float = 0.0
     heavier: HeavierNoise | None = None

@@ -39,7 +39,8 @@ class Signals:
     rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
     of the delay. space: (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None.
     fix_sigma: (e, s) 1 sigma of the pseudoranges that fixes are made from; smoothing: (e, s) int, counts of the carrier
-    smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB.
+    smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB. offset: (s, k) change by
+    one sigma of the offset of each of k time scales, m, which are drawn for each run, or None.
     """
 
     time: np.ndarray
@@ -64,6 +65,7 @@ class Signals:
     fix_sigma: np.ndarray
     smoothing: np.ndarray | None
     js: np.ndarray
+    offset: np.ndarray | None = None
 
     def unfinished(self) -> list[tuple[str, str]]:
         """What breaks the promise of finite numbers: names of source and field."""
@@ -95,6 +97,7 @@ class Signals:
             space=None if self.space is None else self.space[:, kept],
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
             js=self.js[:, :, kept],
+            offset=None if self.offset is None else self.offset[kept],
             **each,
         )
 

@@ -357,7 +357,17 @@ def _affected(
         space=space,
         fix_sigma=fix_sigma,
         smoothing=smoothing,
+        offset=_drawn_offsets(environment, signals.clock),
     )
+
+
+def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | None:
+    """`Signals.offset` of sources by their time scales (s,): those of the sky's systems but for the first."""
+    sky = {CLOCKS.index(name) for name in environment.systems if name not in (PSEUDOLITES, OWN)}
+    drawn = sorted(sky)[1:]
+    if environment.effects.offset_sigma == 0.0 or not drawn:
+        return None
+    return environment.effects.offset_sigma * (clock[:, None] == np.array(drawn)).astype(float)
 
 
 def fixed_with(

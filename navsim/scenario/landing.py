@@ -155,6 +155,9 @@ class Landing(Section):
             if given is not None:
                 believed(getattr(self.imu, sensor), given).check_markov("filter", "imu", sensor)
         self._checked_aiding()
+        if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
+            text = "a receiver with a clock unknown for each system does not notice: for `receiver.one_clock: true`"
+            raise reject(text, "signals", "system_offset_sigma_ns")
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
         if self.method != "monte-carlo":
@@ -378,6 +381,7 @@ class Landing(Section):
 
     def effects(self, pseudolites: Pseudolites) -> Effects:
         """What becomes of the signals of satellites and of these pseudolites, on their way and in the receiver."""
+        from navsim.core.arrays.earth import SPEED_OF_LIGHT
         from navsim.models.effects import Effects
 
         signals, section, tracking = self.signals, self.pseudolites, self.signals.tracking
@@ -396,6 +400,7 @@ class Landing(Section):
             else multipath.model(self.runway.ellipsoidal_m, tracking.gain_horizon_db),
             cn0_reference=section.cn0_reference_m,
             offsets=signals.offsets(),
+            offset_sigma=SPEED_OF_LIGHT * signals.system_offset_sigma_ns * 1e-9,
             one_clock=self.receiver.one_clock,
             smoothing=self.receiver.smoothing_s,
             heavier=watched.heavier.model() if watched is not None and watched.error_model == "heavier" else None,

@@ -23,7 +23,7 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
-from navsim.scenario.sky import Clock
+from navsim.scenario.sky import Clock, Name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -287,6 +287,17 @@ class SignalsSection(Section):
     """errors of orbits and clocks; left out: none"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
+    system_offsets_ns: dict[Name, Annotated[float, Field(ge=-1e9, le=1e9)]] = Field(default_factory=dict)
+    """time of other systems less GLONASS time, by name; the receiver's own bias between their signals is in it"""
+    system_offset_sigma_ns: NonNegative = 0.0
+    """1 sigma of what is drawn for each run of the offset of each system to the first of the sky; for `one_clock`"""
+
+    @model_validator(mode="after")
+    def _others(self) -> Self:
+        for system, why in ((GLONASS, "the others are counted from it"), (GPS, "that of GPS is signals.gps_offset_ns")):
+            if system.name in self.system_offsets_ns:
+                raise reject(why, "system_offsets_ns", system.name)
+        return self
 
     def law(self) -> ErrorLaw:
         """How the noise of satellite signals grows towards the horizon."""
@@ -300,7 +311,8 @@ class SignalsSection(Section):
         from navsim.core.arrays.earth import SPEED_OF_LIGHT
 
         # a clock ahead of the other makes its signals seem to come earlier
-        return tuple(-SPEED_OF_LIGHT * self.gps_offset_ns * 1e-9 if c == GPS.name else 0.0 for c in CLOCKS)
+        ahead = {**self.system_offsets_ns, GPS.name: self.gps_offset_ns}
+        return tuple(-SPEED_OF_LIGHT * ahead[c] * 1e-9 if c in ahead else 0.0 for c in CLOCKS)
 
 
 class ClockNoise(Section):

@@ -296,6 +296,10 @@ def _measure(
         of_space = (generator(seed, run, "space").standard_normal((s, 4)) for run in runs)
         late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in of_space]
         delay = np.stack(late, axis=-1)
+    if signals.offset is not None:
+        scales = signals.offset.shape[1]
+        apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
+        delay = delay + np.stack(apart, axis=-1)[None]
     sigma = signals.sigma[..., None]
     if world.heavier is not None:
         # of a branch: the stream itself is that of Gaussian noise

@@ -75,6 +75,8 @@ _EPHEMERIS = SOURCES.index("satellite_ephemeris")
 _RANGES = (SOURCES.index("satellite_range"), SOURCES.index("pseudolite_range"))
 _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range_rate"))
 
+OFFSET = "system_offset"
+"""The source that drawn offsets of time scales are to a receiver that takes all for one."""
 CLOCK = "receiver_clock"
 """The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
@@ -393,6 +395,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     _, lin, by_range, by_rate, epoch, true = along
     s, events, e, outputs = world.signals, flight.events, world.signals.time.size, world.filter_time.size
     own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
+    own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     carried, route = _route(flight, along)
@@ -433,8 +436,11 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     messages = _messages(s, by_range, epoch)
     messages = messages[:, :, messages.any(axis=(0, 1))]
     first = columns.shape[1]
-    columns = np.pad(columns, ((0, 0), (0, messages.shape[2])))
     owner = np.append(owner, np.full(messages.shape[2], _EPHEMERIS))
+    if s.offset is not None:
+        messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
+        owner = np.append(owner, np.full(s.offset.shape[1], sources.index(OFFSET)))
+    columns = np.pad(columns, ((0, 0), (0, messages.shape[2])))
     off = np.zeros((*there.shape, owner.size))
     off[:, :, 0] = lin.z
     off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
@@ -462,7 +468,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     analysis = Analysis(
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
-    white = s.smoothing is None and s.space is None and beliefs.sigma_scale == 1.0
+    white = s.smoothing is None and s.space is None and s.offset is None and beliefs.sigma_scale == 1.0
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()

@@ -139,6 +139,12 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         delay = np.einsum("esc,ksc->kes", size, np.einsum("kes,esc->ksc", both, size))
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
+    if signals.offset is not None:
+        both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
+        delay = np.where(signals.used, both, 0.0).sum(axis=1) @ signals.offset @ signals.offset.T
+        delay = np.where(signals.used, delay[:, None], 0.0)
+        ranges = ranges + delay
+        phases = None if phases is None else phases + delay
     return Slopes(
         initial,
         _of_triad(flight.gyro, slopes.dtheta, world.dtheta, dt),

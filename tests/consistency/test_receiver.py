@@ -13,7 +13,9 @@ from navsim.core.streams import generator
 from navsim.estimation.receiver import fixes
 from navsim.models.kinematics import Motion
 from navsim.models.systems import CLOCKS
-from navsim.simulation.landing import World
+from navsim.scenario.source import InputError
+from navsim.simulation.landing import World, measured
+from navsim.simulation.landing_covariance import Analysis, analyse
 from tests.helpers import case
 
 FIXES = 5000
@@ -166,6 +168,52 @@ def test_every_system_has_a_clock_of_its_own() -> None:
     assert (unknowns == 6).all()
     offset = 299792458.0 * (100e-6 + 50e-9 * s.time)
     np.testing.assert_allclose(np.mean(run.fix_clock[:, known] - offset[:, None], axis=0), 0.0, atol=1.0)
+
+
+SHARED_CLOCK = ("sky.source=nominal", "sky.systems=[gps, galileo]", "receiver.one_clock=true", "pseudolites.count=0")
+BRIEFLY = ("duration_s=20", "receiver.rate_hz=2")
+
+
+def analysis_of(*assignments: str) -> Analysis:
+    flown = case(*SHARED_CLOCK, *BRIEFLY, *assignments)
+    return analyse(flown.flight, np.zeros(len(flown.world.signals.names), dtype=bool))
+
+
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+def test_a_drawn_offset_between_systems_does_what_a_constant_one_does(coupling: str) -> None:
+    """To a receiver that takes both for one: its 1 sigma in the covariance analysis is the mean error by that much."""
+    mode = f"filter.coupling={coupling}"
+    drawn = analysis_of(mode, "signals.system_offset_sigma_ns=10")
+    given, none = analysis_of(mode, "signals.system_offsets_ns={galileo: 10}"), analysis_of(mode)
+    sigma = np.sqrt(drawn.variance[drawn.sources.index("system_offset")])[:, :6]
+    mean = np.abs(given.mean - none.mean)[:, :6]
+    assert mean[:, :3].max() > 0.2
+    np.testing.assert_allclose(sigma, mean, atol=1e-6)
+
+
+def test_offsets_between_systems_are_drawn_for_each_run() -> None:
+    """The same for all satellites of a system at all times, none of the first system, of the size asked for."""
+    flown, plain = (case(*SHARED_CLOCK, *BRIEFLY, *more) for more in (("signals.system_offset_sigma_ns=10",), ()))
+    of_galileo = np.array([CLOCKS[c] == "galileo" for c in plain.environment.satellites[1].clock])
+    assert of_galileo.all()
+    names = flown.world.signals.names
+    second = np.isin(names, plain.environment.satellites[1].names)
+    drawn = []
+    for run in range(400):
+        apart = measured(flown.world, 1, run)[0] - measured(plain.world, 1, run)[0]
+        assert np.nanmax(np.abs(apart[:, ~second])) == 0.0
+        assert np.ptp(apart[:, second][np.isfinite(apart[:, second])]) < 1e-7
+        drawn.append(np.nanmean(apart[:, second]))
+    assert abs(np.mean(drawn)) < 4.0 * 3.0 / 20.0
+    assert np.std(drawn) == pytest.approx(299792458.0 * 10e-9, rel=0.15)
+
+
+def test_offsets_between_systems_are_for_one_clock() -> None:
+    with pytest.raises(InputError, match="a clock unknown for each system does not notice"):
+        case("sky.source=nominal", "signals.system_offset_sigma_ns=10")
+    for system, why in (("glonass", "the others are counted from it"), ("gps", "signals.gps_offset_ns")):
+        with pytest.raises(InputError, match=why):
+            case(f"signals.system_offsets_ns={{{system}: 10}}")
 
 
 def test_survey_error_and_clock_offset_bias_the_fixes() -> None:

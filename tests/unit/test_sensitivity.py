@@ -33,6 +33,10 @@ CASES = {
         "imu.gyro.drift_deg_h=0", "imu.gyro.markov_deg_h=300", "imu.gyro.markov_time_s=15", "imu.gyro.noise_deg_h=0",
         "receiver.rate_hz=1",
     ),
+    "offsets": (
+        "sky.source=nominal", "sky.systems=[glonass, gps, galileo]", "receiver.one_clock=true",
+        "signals.system_offset_sigma_ns=10", "receiver.smoothing_s=20", "receiver.rate_hz=2",
+    ),
     "few fixes": ("receiver.rate_hz=0.5",),
     "sensors": (
         "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "imu.accelerometer.scale_ppm=3000",
@@ -108,7 +112,7 @@ def test_the_variance_is_that_of_the_covariance_analysis(name: str) -> None:
     np.testing.assert_allclose(np.sqrt(variance), np.sqrt(expected), rtol=5e-3)
 
 
-@pytest.mark.parametrize("name", ["altimeter", "smoothed", "sensors", "Markov alone"])
+@pytest.mark.parametrize("name", ["altimeter", "smoothed", "sensors", "Markov alone", "offsets"])
 def test_the_variance_is_that_of_drawn_inputs(name: str) -> None:
     """2000 draws: variances of the sum over each kind of input, and of all, within 4.5 sigma of the sampling; means
     too."""
