@@ -42,6 +42,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300}, "
             "accelerometer: {bias_mg: 1, noise_mg: 10, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300}}}",
             "box={lateral_m: 0.8, along_m: 5, vertical_m: 1.2}", "approach.go_around={at_s: 40}",
+            "runway={bearing_deg: 353, bearing_is: magnetic, declination_deg: 11.2, bearing_year: 2018.7, tch_m: 15.2, "
+            "geoid_undulation_m: 15.5}",
             "integrity={limits: {operation: LPV-200, tta_s: 6}, tails: {at_s: [30, 55]}, decision_height_m: 30, "
             "comparison: {gbas: {receivers: 4, ground_sigma_m: 0.2, b_m: 0.1, glide_path_deg: 5}}, "
             "p_constellations: {glonass: 1e-4}, ground_groups: [{members: [PL1, PL2]}]}",
@@ -53,7 +55,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "approach.circuit=~",
             "approach.points=[{lat_deg: 56.03, lon_deg: 36.99, height_m: 200, speed_kmh: 120}, "
             "{along_m: -3000, right_m: -900}, {along_m: -3000, right_m: 0}]",
-            "approach.taxi_speed_kmh=18", "approach.taxi_s=20",
+            "runway.end={lat_deg: 56.0278, lon_deg: 37.0180}", "approach.taxi_speed_kmh=18", "approach.taxi_s=20",
             "approach.go_around={height_m: 30, load_factor: 1.2, climb_deg: 5}",
         )),
         ("landing", (

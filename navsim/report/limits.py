@@ -11,7 +11,6 @@ import numpy as np
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.quantities import event_time, touchdown
-from navsim.report.tables import setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +58,7 @@ def passes(result: Result, height: str) -> float:
     if not HEIGHTS[height]:
         return touchdown(result)
     time = result["/truth/time"]
-    above = result["/truth/position_llh"][:, 2] - setting(result, "runway", "height_m") - _FOOT * HEIGHTS[height]
+    above = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2] - _FOOT * HEIGHTS[height]
     down = np.flatnonzero((above[:-1] >= 0.0) & (above[1:] < 0.0))
     if not down.size:
         return math.nan

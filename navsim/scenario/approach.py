@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from navsim.scenario.aerodrome import turned
 from navsim.scenario.base import (
     DEG,
     KMH,
@@ -50,7 +51,16 @@ class Runway(Section):
     """The runway and where on it the aircraft touches down."""
 
     heading_deg: Azimuth = 0.0
-    """direction of landing, clockwise from true north"""
+    """direction of landing, clockwise from true north; with runway.end or runway.bearing_deg it follows from them"""
+    bearing_deg: Azimuth | None = None
+    """direction of landing as it is published; null: heading_deg"""
+    bearing_is: Literal["true", "magnetic"] = "true"
+    """what bearing_deg is counted from; magnetic north needs declination_deg"""
+    declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | Literal["auto"] | None = None
+    """magnetic north from true north, east positive, when bearing_deg was measured; auto: of the World Magnetic Model,
+    which needs the extra `magnetic`; the stored scenario has the number"""
+    bearing_year: Annotated[float, Field(ge=1990.0, le=2100.0)] | None = None
+    """decimal year of bearing_deg, for `declination_deg: auto`; null: that of epoch"""
     height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] = 0.0
     """height above the WGS-84 ellipsoid, or above the geoid, as height_above says"""
     height_above: Literal["ellipsoid", "geoid"] = "ellipsoid"
@@ -63,15 +73,40 @@ class Runway(Section):
     width_m: Size = 30.0
     """width of the runway, for drawings only"""
     aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
-    """distance of the touchdown point beyond the threshold"""
+    """distance of the touchdown point beyond the threshold; with tch_m it follows from it"""
+    tch_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """height above the threshold of the straight line down the glide slope to the touchdown point; null: aim_point_m"""
     threshold: Point | None = None
     """where the runway begins; leave out to derive it from approach.start"""
+    end: Point | None = None
+    """threshold of the other direction: heading_deg is the direction to it, whatever was published; null: none"""
 
     @model_validator(mode="after")
     def _above_geoid(self) -> Self:
         if self.height_above == "geoid" and self.geoid_undulation_m is None:
             raise reject("a height above the geoid needs the geoid's own above the ellipsoid", "geoid_undulation_m")
         return self
+
+    @model_validator(mode="after")
+    def _derived(self) -> Self:
+        if self.end is not None and self.threshold is None:
+            raise reject("is counted from the threshold: give runway.threshold", "end")
+        if self.bearing_deg is None:
+            for key in ("declination_deg", "bearing_year"):
+                if getattr(self, key) is not None:
+                    raise reject("is for a published direction: give bearing_deg", key)
+        elif self.bearing_is == "magnetic" and not isinstance(self.declination_deg, float):
+            raise reject("a direction from magnetic north needs the declination there", "declination_deg")
+        return self
+
+    @property
+    def misprint_deg(self) -> float:
+        """By how much the published direction is off that between the thresholds, deg; 0 where it is not known."""
+        if self.bearing_deg is None or self.end is None:
+            return 0.0
+        magnetic = self.declination_deg if self.bearing_is == "magnetic" else 0.0
+        assert isinstance(magnetic, float)
+        return turned(self.heading_deg, self.bearing_deg + magnetic)
 
     @property
     def undulation_m(self) -> float:

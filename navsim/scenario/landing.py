@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from navsim.scenario.aerodrome import with_published
 from navsim.scenario.air import WindSection
 from navsim.scenario.approach import (
     FileApproach,
@@ -121,24 +122,9 @@ class Landing(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _with_undulation(cls, data: Any) -> Any:
-        """Write the geoid's undulation where the scenario says `auto`, so that the resolved scenario has it."""
-        runway = data.get("runway") if isinstance(data, dict) else None
-        if not isinstance(runway, dict) or runway.get("geoid_undulation_m") != "auto":
-            return data
-        approach = data.get("approach")
-        place = runway.get("threshold") or (approach.get("start") if isinstance(approach, dict) else None)
-        if not isinstance(place, dict) or not all(
-            isinstance(place.get(key), int | float) for key in ("lat_deg", "lon_deg")
-        ):
-            return data  # told of by the section that has the place
-        from navsim.models.geoid import NoGeoid, undulation
-
-        try:
-            found = round(undulation(place["lat_deg"], place["lon_deg"]), 2)
-        except NoGeoid as error:
-            raise reject(str(error), "runway", "geoid_undulation_m") from None
-        return {**data, "runway": {**runway, "geoid_undulation_m": found}}
+    def _with_published(cls, data: Any) -> Any:
+        """Write out what follows from the runway's published data."""
+        return with_published(data)
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

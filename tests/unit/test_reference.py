@@ -79,7 +79,7 @@ WITHOUT_UNIT = {
     "p_fa", "p_md", "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max",
     "p_satellite", "p_constellation", "p_constellations",
     "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
-    "band", "duty", "sigma_share", "load_factor",  # of one
+    "band", "duty", "sigma_share", "load_factor", "bearing_year",  # of one
     "exponent",
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",

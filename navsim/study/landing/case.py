@@ -59,6 +59,8 @@ from navsim.study.statistics import gate_limits
 FOOT = 0.3048
 PERCENTILES = (50, 95, 99)
 _ROUGH = 50
+MISPRINT = 1.0
+"""Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
 HARDEST, FASTEST = 20.0, 1000.0
 """Largest specific force, in units of standard gravity, and rate, deg/s, of a motion that a table is taken for."""
 
@@ -83,6 +85,12 @@ class Case:
             out.append(
                 f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
                 f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined"
+            )
+        if abs(off := self.scenario.runway.misprint_deg) > MISPRINT:
+            side = "right" if off > 0.0 else "left"
+            out.append(
+                f"runway.bearing_deg: the published direction is {abs(off):.1f} deg {side} of that between the "
+                f"thresholds, {self.scenario.runway.heading_deg:.2f} deg, which is flown"
             )
         if (broken_off := self.trajectory.path.events.get(GO_AROUND, math.inf)) <= self.scenario.duration_s:
             out.append(

@@ -1,0 +1,27 @@
+"""The magnetic declination, where the extra `magnetic` is installed.
+
+Source: `docs/theory/landing.md`, section 1.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+
+class NoDeclination(Exception):
+    """There is no model of the magnetic field, or none of the time."""
+
+
+def declination(lat: float, lon: float, height: float, year: float) -> float:
+    """Of the World Magnetic Model of a time, deg, east positive, at a place, deg and m above the ellipsoid, in a
+    decimal year. Raises NoDeclination where the package `pygeomag` is not there or has no model of that time."""
+    try:
+        model = importlib.import_module("pygeomag")
+    except ImportError:
+        text = "needs the extra `magnetic` (pip install 'navsim-landing[magnetic]'); or give the number"
+        raise NoDeclination(text) from None
+    try:
+        field = model.GeoMag(base_year=year)
+        return float(field.calculate(glat=lat, glon=lon, alt=0.001 * height, time=year).d)
+    except ValueError as error:
+        raise NoDeclination(f"no declination in {year:.1f}: {error}") from None

@@ -1,0 +1,118 @@
+"""What follows from published data of a runway, before a scenario is read: `auto` and derived numbers written out.
+
+The resolved scenario has the numbers, so that it reads back to the same flight without the extras that they came from.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from navsim.scenario.base import DEG, reject
+
+_SAME = 1e-6
+"""Numbers that agree so are one, deg or m."""
+
+
+def with_published(data: Any) -> Any:
+    """The data of a landing with the runway's derived numbers. Raises ValueError (`reject`) where there are none; data
+    that the sections will refuse are left to them."""
+    runway = data.get("runway") if isinstance(data, dict) else None
+    if not isinstance(runway, dict):
+        return data
+    approach = data.get("approach")
+    approach = approach if isinstance(approach, dict) else {}
+    place = _point(runway.get("threshold")) or _point(approach.get("start"))
+    runway = dict(runway)
+    if runway.get("geoid_undulation_m") == "auto" and place is not None:
+        from navsim.models.geoid import NoGeoid, undulation
+
+        try:
+            runway["geoid_undulation_m"] = round(undulation(*place), 2)
+        except NoGeoid as error:
+            raise reject(str(error), "runway", "geoid_undulation_m") from None
+    if runway.get("declination_deg") == "auto" and place is not None:
+        from navsim.models.magnetic import NoDeclination, declination
+
+        year = runway.get("bearing_year") or _year(data.get("epoch"))
+        try:
+            if year is not None and _number(runway.get("height_m", 0.0)):
+                found = declination(*place, float(runway.get("height_m", 0.0)), float(year))
+                runway["declination_deg"] = round(found, 3)
+        except NoDeclination as error:
+            raise reject(str(error), "runway", "declination_deg") from None
+    _write_heading(runway)
+    if _number(runway.get("tch_m")):
+        slope = approach.get("glide_slope_deg", 5.0)
+        if approach.get("profile") in ("recorded", "track"):
+            raise reject("a flight of a file has no slope that an aim point follows from", "runway", "tch_m")
+        if _number(slope) and 0.0 < slope < 90.0:
+            _write(runway, "aim_point_m", runway["tch_m"] / math.tan(slope * DEG), "tch_m")
+    return {**data, "runway": runway}
+
+
+def _write_heading(runway: dict[str, Any]) -> None:
+    """The direction of landing from both thresholds, or from the published bearing."""
+    first, end = _point(runway.get("threshold")), _point(runway.get("end"))
+    if first is not None and end is not None:
+        heading = between(first, end)
+        given = runway.get("heading_deg")
+        if _number(given) and "bearing_deg" not in runway and abs(turned(given, heading)) > _SAME:
+            # what was given is the published one, which the thresholds overrule
+            runway["bearing_deg"], runway["bearing_is"] = given, "true"
+        runway["heading_deg"] = heading
+        return
+    bearing = runway.get("bearing_deg")
+    if not _number(bearing):
+        return
+    if runway.get("bearing_is", "true") == "magnetic":
+        if not _number(runway.get("declination_deg")):
+            return
+        bearing = bearing + runway["declination_deg"]
+    _write(runway, "heading_deg", bearing % 360.0, "bearing_deg")
+
+
+def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
+    given = runway.get(key)
+    if _number(given) and abs(given - value) > _SAME:
+        raise reject(f"is {value:.6g} by {source}; leave one of them out", "runway", key)
+    runway[key] = value
+
+
+def between(first: tuple[float, float], end: tuple[float, float]) -> float:
+    """Direction from a place to another, latitudes and longitudes, deg; clockwise from true north, 0 to 360 deg."""
+    from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+
+    a, b = (np.array([*(math.radians(value) for value in each), 0.0]) for each in (first, end))
+    north, east, _ = ned_matrix(a) @ (ecef_from_llh(b) - ecef_from_llh(a))
+    return math.degrees(math.atan2(east, north)) % 360.0
+
+
+def turned(a: float, b: float) -> float:
+    """Angle from one direction to another, deg, -180 to 180."""
+    return (b - a + 180.0) % 360.0 - 180.0
+
+
+def _point(value: Any) -> tuple[float, float] | None:
+    if not isinstance(value, dict) or not all(_number(value.get(key)) for key in ("lat_deg", "lon_deg")):
+        return None
+    return float(value["lat_deg"]), float(value["lon_deg"])
+
+
+def _number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _year(epoch: Any) -> float | None:
+    """The decimal year of an epoch as a file has it."""
+    if isinstance(epoch, str):
+        try:
+            epoch = datetime.datetime.fromisoformat(epoch)
+        except ValueError:
+            return None
+    if not isinstance(epoch, datetime.datetime):
+        return None
+    return epoch.year + (epoch.timetuple().tm_yday - 1) / 365.25

@@ -1,0 +1,130 @@
+"""Published data of runways: aim points, declinations, directions between thresholds."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import sys
+import types
+from typing import Any
+
+import pytest
+from pymap3d.vincenty import vdist
+
+from navsim.models.magnetic import declination
+from navsim.scenario.aerodrome import between
+from navsim.scenario.source import InputError
+from tests.conftest import DATA, Within
+from tests.helpers import case, scenario
+
+HAS_FIELD = importlib.util.find_spec("pygeomag") is not None
+ODENSE = ((55.479801177978516, 10.340499877929688), (55.471500396728516, 10.315299987792969))
+"""Thresholds 24 and 06 of EKOD, as OurAirports' runways.csv has them, whose heading of 24 is 239.8 deg."""
+
+
+def published() -> dict[str, Any]:
+    return dict(json.loads((DATA / "paths.json").read_text()))
+
+
+def point(place: tuple[float, float]) -> str:
+    return f"{{lat_deg: {place[0]!r}, lon_deg: {place[1]!r}}}"
+
+
+BOTH = f"runway={{threshold: {point(ODENSE[0])}, end: {point(ODENSE[1])}%s}}"
+
+
+@pytest.mark.validates("aim points from threshold crossing heights", "TCH / tan(glide)", distance="5e-3 m")
+@pytest.mark.parametrize("glide", [3, 5])
+def test_aim_point(glide: int, within: Within) -> None:
+    given = published()["runway"]
+    landing = scenario(f"runway.tch_m={given['tch_m']}", f"approach.glide_slope_deg={glide}")
+    assert landing.runway.aim_point_m == pytest.approx(given[f"aim_{glide}deg_m"], abs=within["distance"])
+    # the line down the slope passes the threshold at that height
+    frame = landing.trajectory().frame
+    up = -((0.0 - landing.runway.aim_point_m) * math.tan(math.radians(glide)))
+    assert up == pytest.approx(given["tch_m"])
+    assert frame is not None
+
+
+@pytest.mark.validates("magnetic declinations", "pygeomag 1.1.0 with WMM2015v2, WMM2020, WMM2025", angle="1e-3 deg")
+def test_declinations(within: Within) -> None:
+    if not HAS_FIELD:
+        pytest.skip("the extra `magnetic` (pygeomag) is not installed")
+    for lat, lon, height, year, expected in published()["magnetic_declination"]["rows"]:
+        assert declination(lat, lon, 1000.0 * height, year) == pytest.approx(expected, abs=within["angle"])
+
+
+@pytest.mark.validates("directions between thresholds", "pymap3d's geodesics; OurAirports' heading", angle="1e-4 deg")
+def test_direction_between_thresholds(within: Within) -> None:
+    _, azimuth = vdist(*ODENSE[0], *ODENSE[1])
+    found = between(*ODENSE)
+    assert found == pytest.approx(float(azimuth), abs=within["angle"])
+    assert found == pytest.approx(239.8, abs=0.15)
+
+
+def test_thresholds_overrule_what_is_published() -> None:
+    """A wrong direction is warned of beyond 1 deg, and the stored scenario reads back to the same."""
+    flown = between(*ODENSE)
+    for printed, warned in ((239.0, False), (241.5, True)):
+        for extra in (f", heading_deg: {printed}", f", bearing_deg: {printed}"):
+            ready = case("approach={profile: paper}", BOTH % extra, "pseudolites={count: 0}")
+            assert ready.scenario.runway.heading_deg == flown
+            assert any("published direction is" in text for text in ready.warnings) == warned
+            again = type(ready.scenario).model_validate(ready.scenario.model_dump(mode="json", exclude_none=True))
+            assert again == ready.scenario
+
+
+def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = ("runway={bearing_deg: 355, bearing_is: magnetic}",)
+    assert scenario(*settings, "runway.declination_deg=11.2").runway.heading_deg == pytest.approx(6.2)
+    seen: list[Any] = []
+
+    class GeoMag:
+        def __init__(self, base_year: float) -> None:
+            seen.append(base_year)
+
+        def calculate(self, glat: float, glon: float, alt: float, time: float) -> Any:
+            seen.append((glat, glon, alt, time))
+            return types.SimpleNamespace(d=11.2434)
+
+    model = types.ModuleType("pygeomag")
+    model.GeoMag = GeoMag  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pygeomag", model)
+    auto = scenario(*settings, "runway.declination_deg=auto", "runway.bearing_year=2018.5", "runway.height_m=150")
+    assert (auto.runway.declination_deg, auto.runway.heading_deg) == (11.243, pytest.approx(6.243))
+    assert seen == [2018.5, (56.0, 37.0, 0.15, 2018.5)]
+    assert scenario(*settings, "runway.declination_deg=auto") is not None
+    assert seen[-2] == pytest.approx(2018.7, abs=0.01)
+    monkeypatch.setitem(sys.modules, "pygeomag", None)
+    with pytest.raises(InputError, match=r"navsim-landing\[magnetic\]"):
+        scenario(*settings, "runway.declination_deg=auto")
+
+
+@pytest.mark.parametrize(
+    ("settings", "place", "words"),
+    [
+        (("runway.bearing_deg=355", "runway.bearing_is=magnetic"), "runway.declination_deg", "needs the declination"),
+        (("runway.declination_deg=3",), "runway.declination_deg", "give bearing_deg"),
+        (("runway.bearing_deg=5", "runway.heading_deg=7"), "runway.heading_deg", "is 5 by bearing_deg"),
+        (("runway.tch_m=15.24", "runway.aim_point_m=300"), "runway.aim_point_m", "is 174.194 by tch_m"),
+        ((f"runway.end={point(ODENSE[0])}",), "runway.end", "give runway.threshold"),
+    ],
+)
+def test_what_does_not_go_together(settings: tuple[str, ...], place: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        scenario(*settings)
+    assert place in {problem.key for problem in refused.value.problems}
+
+
+def test_a_real_aerodrome() -> None:
+    """The shipped plan: direction, aim point and heights of its published data, nothing to warn of."""
+    ready = case(name="odense")
+    assert ready.warnings == []
+    runway = ready.scenario.runway
+    assert runway.heading_deg == pytest.approx(239.9, abs=0.01)
+    assert runway.aim_point_m == pytest.approx(15.24 / math.tan(math.radians(4.5)), abs=1e-9)
+    threshold = ready.scenario.threshold(ready.trajectory.frame)
+    assert threshold[2] == pytest.approx(14.0 + 39.41, abs=1e-9)
+    assert [math.degrees(each) for each in threshold[:2]] == pytest.approx([55.4798, 10.3405], abs=1e-7)
+    assert {name[0] for name in ready.environment.names if name != "PL1"} == {"E", "G"}
