@@ -76,6 +76,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "runway.threshold={lat_deg: 56.02, lon_deg: 37.0}",
             "pseudolites={frame: runway, count: 0}", "receiver.one_clock=true",
             "signals={system_offsets_ns: {galileo: 2.4}, system_offset_sigma_ns: 10}",
+            "signals.errors={orbit_clock: {sigma_m: 1, time_s: 9000, mapping: none}, "
+            "ionosphere: {sigma_m: 2, time_s: 1800, mapping: ionosphere}, "
+            "troposphere: {sigma_m: 0.2, time_s: 1800, mapping: troposphere}, "
+            "multipath: {sigma_m: 0.5, time_s: 100, mapping: multipath}}",
         )),
         ("track", ("approach.sigma_vertical_m=0.5",)),
     ),

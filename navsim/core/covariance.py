@@ -4,7 +4,8 @@ Error model, truth minus estimate, in the local-level frame (r in metres NED, C_
     r' = F_rr r + v
     v' = F_vr r + F_vv v - [f x] theta - C b_a
     theta' = F_tr r + F_tv v - [omega_in x] theta - C b_g
-    x' = -x / tau for each sensor state x; a bias enters as b above, a scale factor as s times what its axis feels
+    x' = -x / tau for each sensor state x; a bias enters as b above, a scale factor as s times what its axis feels, a
+    lasting error of measurements not at all
 Sources: [1] Groves (2013), section 14.2.4 (local-navigation-frame error states, with position in metres and
 signs of truth minus estimate). [2] Bucy & Joseph (1968), the update that keeps P symmetric and positive;
 `docs/theory/filter.md`, eq. (23). [3] Mueller, Hehn & D'Andrea, Covariance correction step for Kalman filtering with an
@@ -29,6 +30,7 @@ from navsim.core.states import (
     ATT,
     CONSTANT,
     GYRO,
+    GYROS,
     MOST,
     POS,
     R_D,
@@ -218,7 +220,7 @@ def transition(mid, dt, increments, declared, phi):
             phi[V_N, column] = -size * x + second * (oe * z - od * y)
             phi[V_E, column] = -size * y + second * (od * x - on * z)
             phi[V_D, column] = -size * z + second * (on * y - oe * x)
-        else:
+        elif declared[c].triad == GYROS:
             # [f x] C h on v;  -C size + [w x] C h on theta
             phi[V_N, column] = second * (fe * z - fd * y)
             phi[V_E, column] = second * (fd * x - fn * z)

@@ -1,13 +1,14 @@
 """The one table of states: order, slices, names, units. Nothing else in navsim counts them.
 
 Error state (filter, results): truth minus estimate. Nine errors of navigation in the order of the landing paper's
-equation (1), then errors of the inertial sensors, which are declared: a filter follows the blocks it is given, the
-biases of both triads first. A tightly coupled filter has the receiver's clock behind them, the bias of each time scale
+equation (1), then errors of the sensors, which are declared: a filter follows the blocks it is given, the biases of
+both inertial triads first. A tightly coupled filter has the receiver's clock behind them, the bias of each time scale
 that its sources keep and the one drift. Navigation state (strapdown): one flat array, the `NAV_*` offsets below.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -45,13 +46,15 @@ CONSTANT = -1
 
 DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
 """A sensor state of a filter, or of a truth, as kernels take an array of them (k,): a state x adds x to what its triad
-measures along `axis`, or x times what the triad feels along the axis `signal` where that is no `CONSTANT`. It decays by
-`decay` (1/s) and is driven by white noise of the density `drive` (unit2/s)."""
+measures along `axis`, or x times what the triad feels along the axis `signal` where that is no `CONSTANT`. In place of
+a triad may stand a kind of measurements (`estimation.observations`), of which `axis` then counts the lasting errors. It
+decays by `decay` (1/s) and is driven by white noise of the density `drive` (unit2/s)."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Three like states of a triad: name, unit, and as of `DECLARED`; scaled: each multiplies its own axis."""
+    """Three like states of a triad: name, unit, and as of `DECLARED`; scaled: each multiplies its own axis; first: the
+    number of the first among the lasting errors of a kind of measurements."""
 
     name: str
     unit: str
@@ -59,6 +62,12 @@ class Block:
     scaled: bool = False
     decay: float = 0.0
     drive: float = 0.0
+    first: int = 0
+
+    @property
+    def axes(self) -> tuple[str, str, str]:
+        """What tells the three from each other: axes of the body, or of the ground."""
+        return ("x", "y", "z") if self.triad <= ACCELEROMETERS else ("north", "east", "down")
 
 
 def biases(gyro: tuple[float, float] = (0.0, 0.0), accel: tuple[float, float] = (0.0, 0.0)) -> tuple[Block, Block]:
@@ -76,10 +85,24 @@ SCALE_FACTORS = (
 """Blocks of constant scale factors."""
 
 
+def lasting(name: str, kind: int, time: float, step: float, first: int = 0) -> Block:
+    """Three errors of measurements of a kind (`estimation.observations`) that last, each a Gauss-Markov process with a
+    1 sigma of one; what one of each does to a measurement is the business of the measurement's table.
+
+    time: their correlation time, s, may be inf. step: s, that the filter goes at a time, of which the drive keeps the
+    variance. first: see `Block`.
+    """
+    return Block(name, "1", kind, decay=1.0 / time, drive=-math.expm1(-2.0 * step / time) / step, first=first)
+
+
 def declared(blocks: Sequence[Block]) -> np.ndarray:
     """The states of the blocks as kernels take them (k,), see `DECLARED`."""
     return np.array(
-        [(b.triad, axis, axis if b.scaled else CONSTANT, b.decay, b.drive) for b in blocks for axis in range(3)],
+        [
+            (b.triad, b.first + axis, axis if b.scaled else CONSTANT, b.decay, b.drive)
+            for b in blocks
+            for axis in range(3)
+        ],
         dtype=DECLARED,
     )
 
@@ -99,11 +122,11 @@ def clock_states(scales: int) -> int:
 
 
 def names(blocks: Sequence[Block], scales: Sequence[str] = ()) -> tuple[str, ...]:
-    """Names of the error states: of navigation along north, east, down, of sensors along the body axes x, y, z, of the
-    receiver's clock against these time scales."""
+    """Names of the error states: of navigation along north, east, down, of sensors along their axes (`Block.axes`), of
+    the receiver's clock against these time scales."""
     return (
         *(f"{name}_{axis}" for name, _ in _NAVIGATION for axis in ("north", "east", "down")),
-        *(f"{b.name}_{axis}" for b in blocks for axis in ("x", "y", "z")),
+        *(f"{b.name}_{axis}" for b in blocks for axis in b.axes),
         *(f"clock_bias_{scale}" for scale in scales),
         *(["clock_drift"] if scales else []),
     )

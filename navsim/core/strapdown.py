@@ -19,6 +19,7 @@ from navsim.core.jit import inlined, kernel
 from navsim.core.lanes import any_lane, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import copy, identity, invert3
 from navsim.core.states import (
+    ACCELEROMETERS,
     NAV_ACCEL,
     NAV_GYRO,
     NAV_HELD,
@@ -52,10 +53,13 @@ def unmixing(nav, declared, out):
         invert3(m, out[triad])
 
 
-@inlined
+@kernel
 def is_mixed(declared):
-    """Whether anything is declared beside biases, so that `unmixing` is needed."""
-    return declared.shape[0] > N - SENSORS
+    """Whether the inertial sensors have anything declared beside biases, so that `unmixing` is needed."""
+    mixed = False
+    for c in range(N - SENSORS, declared.shape[0]):
+        mixed |= declared[c].triad <= ACCELEROMETERS
+    return mixed
 
 
 @inlined

@@ -18,6 +18,7 @@ STREAMS = {
     "subsets": 10,
     "clock": 11,
     "integrity": 12,
+    "lasting": 13,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 

@@ -32,6 +32,17 @@ class SensorBeliefs:
 
 
 @dataclass(frozen=True)
+class LastingBelief:
+    """What a filter makes of errors of ranges that last: followed: whether as states, of fixes; groups: numbers of the
+    kinds of errors that each block of these states stands for, in order; factor: (k,) by which the variance of each
+    kind is larger as noise, where they are none."""
+
+    followed: bool
+    groups: tuple[tuple[int, ...], ...]
+    factor: np.ndarray
+
+
+@dataclass(frozen=True)
 class Beliefs:
     """What a filter is and believes.
 
@@ -39,7 +50,7 @@ class Beliefs:
     come, s. lever_arm: (3,) IMU -> antenna, body, m. sigma_scale: factor on the 1 sigma that the receiver gives its
     fixes. gate: limits by the number of measurements; components, widest: of a Gaussian sum; see `FilterModel`.
     clock: densities of the noises of the receiver's clock, phase (m2/s) and frequency (m2/s3), where ranges are
-    measurements instead of fixes; None where they are not.
+    measurements instead of fixes; None where they are not. lasting: what it makes of errors that last, None without.
     """
 
     kind: int
@@ -53,6 +64,7 @@ class Beliefs:
     components: int
     widest: float
     clock: tuple[float, float] | None = None
+    lasting: LastingBelief | None = None
 
     @property
     def tight(self) -> bool:

@@ -2,7 +2,9 @@
 
 A chart says how an estimate is fed back and the covariance carried to the new one, `correct`; how an error is judged,
 `own_error`; and what a turn does to its axes, `turn_axes`: see `error_state`, `invariant`, `tfg`. It is a class to
-kernels, so that only the one in use is compiled.
+kernels, so that only the one in use is compiled. Those of groups turn positions with attitude, unless they are
+`straight`: as far as fixes have lasting errors, positions are known less well than what positions and these errors add
+up to, which a turn of the one without the other would spoil.
 
 Source: `docs/theory/filter.md`, sections 4 to 6.
 """
@@ -14,31 +16,36 @@ from typing import NamedTuple
 from navsim.core.jit import in_kernels
 from navsim.core.linear import copy
 from navsim.estimation import error_state, invariant, tfg
-from navsim.estimation.records import ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG
+from navsim.estimation.observations import FIX
+from navsim.estimation.records import ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
 
 
 class Eskf(NamedTuple):
     """The chart of `kind: eskf`."""
 
     kind: int = ESKF
+    straight: int = 0
 
 
 class LeftInvariant(NamedTuple):
     """The chart of `kind: left-invariant`."""
 
     kind: int = LEFT_INVARIANT
+    straight: int = 0
 
 
 class Tfg(NamedTuple):
     """The chart of `kind: tfg`."""
 
     kind: int = TFG
+    straight: int = 0
 
 
 class GaussianSum(NamedTuple):
     """The chart of the components of `kind: gaussian-sum`, and of their sum: that of `tfg`, whose axes are not held."""
 
     kind: int = GAUSSIAN_SUM
+    straight: int = 0
 
 
 CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
@@ -47,6 +54,11 @@ CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
 """The charts of `records.FILTERS`."""
 PLAIN = CHARTS[ESKF]
 """The chart of plain errors, in which all kinds predict."""
+
+
+def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
+    """The chart of a filter."""
+    return CHARTS[model.kind]._replace(straight=int((model.declared["triad"] == FIX).any()))
 
 
 def turn_axes(chart, nav, p, increments, dt):
@@ -99,5 +111,5 @@ def _own_error(chart, nav, error, out):
     if chart.instance_class is Eskf:
         return lambda chart, nav, error, out: copy(error, out)
     if chart.instance_class is LeftInvariant:
-        return lambda chart, nav, error, out: invariant.own_error(error, out)
-    return lambda chart, nav, error, out: tfg.own_error(nav, error, out)
+        return lambda chart, nav, error, out: invariant.own_error(error, out, chart.straight)
+    return lambda chart, nav, error, out: tfg.own_error(nav, error, out, chart.straight)

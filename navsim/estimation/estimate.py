@@ -15,7 +15,7 @@ import numpy as np
 
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation import filter_loop, gaussian_sum, records, smoother
-from navsim.estimation.charts import CHARTS
+from navsim.estimation.charts import chart_of
 from navsim.estimation.judge import judge_into
 from navsim.estimation.observations import Measurements
 from navsim.estimation.records import (
@@ -82,7 +82,7 @@ def fly(
                 getattr(account, name)[...] = getattr(history, name)
         return
     _engine(model, state).run(
-        CHARTS[model.kind], ImuData(imu.time, in_lanes(imu.dtheta), in_lanes(imu.dv)), measurements.each(in_lanes),
+        chart_of(model), ImuData(imu.time, in_lanes(imu.dtheta), in_lanes(imu.dv)), measurements.each(in_lanes),
         events, lanes_of(state), _set_out(state.navigation.shape[-1]).each(in_lanes), model, account.each(in_lanes),
     )  # fmt: skip
 
@@ -146,7 +146,7 @@ def fly_in_pieces(
         row = events.row[part] - is_output[part] * output
         way.cursor[0] -= first
         engine.run(
-            CHARTS[model.kind],
+            chart_of(model),
             ImuData(imu.time[first : last + 1], *sensed),
             tables,
             Events(events.time[part], events.kind[part], row, events.ahead[part]),

@@ -45,7 +45,7 @@ from navsim.estimation.weighing import decide, errors_from, numbers_in, update, 
 
 class Workshop(NamedTuple):
     """Work space: mid (MID_N,), phi (9, n), a (n, 9), c_nb (3, 3), inverse (2, 3, 3) of `advance`; diagonal, column
-    (n / 3, 3, 3), square (n, n), columns (n, 3) of `correct`."""
+    (n / 3, 3, 3), square (n, n), columns (n, 3) of `correct`; straight: as of `charts`."""
 
     mid: np.ndarray
     phi: np.ndarray
@@ -56,10 +56,11 @@ class Workshop(NamedTuple):
     column: np.ndarray
     square: np.ndarray
     columns: np.ndarray
+    straight: int
 
 
 @within
-def workshop(nav, n):
+def workshop(nav, n, straight):
     """Work space for a filter of n states, of what `nav` holds."""
     phi = room(nav, (SENSORS, n))
     for i in range(SENSORS):
@@ -68,6 +69,7 @@ def workshop(nav, n):
     return Workshop(
         room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
         room(nav, (n // 3, 3, 3)), room(nav, (n // 3, 3, 3)), room(nav, (n, n)), room(nav, (n, 3)),
+        straight,
     )  # fmt: skip
 
 
@@ -162,7 +164,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     left = opened(account)
     n = state_p.shape[0]
     gauge = weighing(state_nav, n)
-    space = workshop(state_nav, n)
+    space = workshop(state_nav, n, chart.straight)
     epoch, first = range_epoch(state_nav, n, 1, events, model.clock.scales.shape[0]), 0
     # the filter itself, and its copy that runs ahead
     navs, ps = room(state_nav, (2, state_nav.shape[0])), room(state_nav, (2, n, n))

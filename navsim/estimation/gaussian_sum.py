@@ -30,7 +30,7 @@ from navsim.core.elementary import exp_of_negative
 from navsim.core.jit import kernel, within
 from navsim.core.lanes import any_lane, no, registers, room, select, small_matrix, small_vector
 from navsim.core.linear import cholesky, copy, copy_matrix, invert3
-from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, POS
+from navsim.core.states import A_D, ATT, MOST, NAV_GYRO, NAV_HELD, NAV_QUAT, POS, VEL
 from navsim.estimation import tfg
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.clock import forget_clock, has_jumped
@@ -204,11 +204,11 @@ def _invert_blocks(diagonal, column):
 
 
 @kernel
-def _apart(component, nav, flat, error, x):
+def _apart(component, nav, flat, straight, error, x):
     """How far a component (NAV,) is from nav, x (n,), in the chart at nav, or, where `flat`, as far as positions and
-    velocities go, as they are. error (n,): work space."""
+    velocities go, as they are. straight: of the chart. error (n,): work space."""
     between(component, nav, error)
-    tfg.own_error(nav, error, x)
+    tfg.own_error(nav, error, x, straight)
     if flat:
         for i in range(POS, ATT):
             x[i] = error[i]
@@ -220,7 +220,7 @@ def _unturned(space, x):
     jac, inverse, moved = space.c_nb, small_matrix(x, 3, 3), small_vector(x, 3)
     left_jacobian(x[ATT], x[ATT + 1], x[ATT + 2], jac)
     invert3(jac, inverse)
-    for first in range(POS, ATT, 3):
+    for first in range(VEL if space.straight else POS, ATT, 3):
         turned(inverse, x[first : first + 3], moved)
         copy(moved, x[first : first + 3])
 
@@ -252,7 +252,7 @@ def moments(mixture, nav, p, flat, space, bench):
         for i in range(n):
             bench.mean[i] = 0.0
         for j in range(count):
-            _apart(mixture.navigation[j], nav, flat, error, x)
+            _apart(mixture.navigation[j], nav, flat, space.straight, error, x)
             for i in range(n):
                 bench.mean[i] += select(weight[j] > 0.0, weight[j] * x[i], 0.0)
         if flat:
@@ -265,7 +265,7 @@ def moments(mixture, nav, p, flat, space, bench):
             p[a, b] = select(several, 0.0, p[a, b])
     for j in range(count):
         there = several & (weight[j] > 0.0)
-        _apart(mixture.navigation[j], nav, flat, error, x)
+        _apart(mixture.navigation[j], nav, flat, space.straight, error, x)
         # the reset that leads from the mean to the component, backwards; of what is as it is there is none
         copy(nav, other)
         tfg.feed_back(other, x, space)
@@ -512,7 +512,7 @@ def run(chart, imu, measurements, events, state, way, model, account):
     zs, ss, ks = room(state_nav, (most, MOST)), room(state_nav, (most, MOST, MOST)), room(state_nav, (most, n, MOST))
     squares, sizes, numbers = room(state_nav, (most,)), room(state_nav, (most,)), room(state_nav, (most,))
     there = room(state_nav, (MOST,))
-    space, bench = workshop(state_nav, n), _bench(state_nav, n)
+    space, bench = workshop(state_nav, n, chart.straight), _bench(state_nav, n)
     epoch, first = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0]), 0
     # the copy that runs ahead
     runs_ahead = False

@@ -12,7 +12,7 @@ from navsim.core.attitude import left_jacobian, left_jacobian_derivative, rotate
 from navsim.core.covariance import transport
 from navsim.core.jit import kernel
 from navsim.core.lanes import small_matrix, small_vector
-from navsim.core.linear import copy_matrix, identity, invert3
+from navsim.core.linear import copy, copy_matrix, identity, invert3
 from navsim.core.states import A_D, A_E, A_N, ATT, NAV_HELD, NAV_QUAT, NAV_SENSORS, NAV_VEL, POS, SENSORS, VEL
 from navsim.estimation.error_state import move
 
@@ -25,11 +25,11 @@ def turned(jac, u, out):
 
 
 @kernel
-def blocks_of_motion(x, diagonal, column):
+def blocks_of_motion(x, diagonal, column, straight):
     """The parts of the reset matrix that position, velocity and attitude have in both group filters.
 
-    x: (n,) the estimate. diagonal, column: (n / 3, 3, 3) out; those of the sensor states say that they stay as they
-    are.
+    x: (n,) the estimate. diagonal, column: (n / 3, 3, 3) out; those of the sensor states, and where it is `straight`
+    (`charts`) of position, say that they stay as they are.
     """
     a, b, c = x[A_N], x[A_E], x[A_D]
     for block in range(diagonal.shape[0]):
@@ -37,19 +37,24 @@ def blocks_of_motion(x, diagonal, column):
         for i in range(3):
             for j in range(3):
                 column[block, i, j] = 0.0
-    left_jacobian(a, b, c, diagonal[0])
-    copy_matrix(diagonal[0], diagonal[1])
-    copy_matrix(diagonal[0], diagonal[2])
-    left_jacobian_derivative(a, b, c, x[POS:VEL], column[0])
+    left_jacobian(a, b, c, diagonal[2])
+    copy_matrix(diagonal[2], diagonal[1])
+    if not straight:
+        copy_matrix(diagonal[2], diagonal[0])
+        left_jacobian_derivative(a, b, c, x[POS:VEL], column[0])
     left_jacobian_derivative(a, b, c, x[VEL:ATT], column[1])
 
 
 @kernel
-def move_rigidly(nav, x, jac):
-    """Move position and velocity by J_l(theta) y and turn the attitude by theta, in place."""
+def move_rigidly(nav, x, jac, straight):
+    """Move position and velocity by J_l(theta) y, a `straight` position by y, and turn the attitude by theta, in
+    place."""
     u = small_vector(nav, 3)
-    turned(jac, x[POS:VEL], u)
-    move(nav, u[0], u[1], u[2])
+    if straight:
+        move(nav, x[POS], x[POS + 1], x[POS + 2])
+    else:
+        turned(jac, x[POS:VEL], u)
+        move(nav, u[0], u[1], u[2])
     turned(jac, x[VEL:ATT], u)
     for i in range(3):
         nav[NAV_VEL + i] += u[i]
@@ -69,19 +74,21 @@ def feed_back(nav, x, space):
     `core.covariance.transport` takes it."""
     n = x.shape[0]
     diagonal, column = space.diagonal, space.column
-    blocks_of_motion(x, diagonal, column)
-    move_rigidly(nav, x, diagonal[0])
+    blocks_of_motion(x, diagonal, column, space.straight)
+    move_rigidly(nav, x, diagonal[2], space.straight)
     for c in range(n - SENSORS):
         nav[NAV_SENSORS + c] += x[SENSORS + c]
 
 
 @kernel
-def own_error(error, out):
+def own_error(error, out, straight):
     """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,)."""
     jac, inverse = small_matrix(error, 3, 3), small_matrix(error, 3, 3)
     left_jacobian(error[A_N], error[A_E], error[A_D], jac)
     invert3(jac, inverse)
     turned(inverse, error[POS:VEL], out[POS:VEL])
     turned(inverse, error[VEL:ATT], out[VEL:ATT])
+    if straight:
+        copy(error[POS:VEL], out[POS:VEL])
     for i in range(ATT, error.shape[0]):
         out[i] = error[i]

@@ -257,7 +257,7 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     declared = model.declared
     h, z, r, s = np.empty((MOST, n)), np.empty(MOST), np.empty((MOST, MOST)), np.empty((MOST, MOST))
     pht, work = np.empty((n, MOST)), np.empty((n, MOST))
-    space, k = workshop(state.navigation, n), both.shape[0]
+    space, k = workshop(state.navigation, n, PLAIN.straight), both.shape[0]
     past = np.empty((imu.time.shape[0] + 1, _PAST_N))
     lanes = registers(like)
     groups = (SENSORS + ROWS - 1) // ROWS

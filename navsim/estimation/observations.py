@@ -5,7 +5,8 @@
 A new kind is a number (counted in `KIND_COUNT`), a table and a function here, with a line in `Measurements` and one in
 `observe`.
 Sources: [1] Groves (2013), section 14.3 (loosely coupled update with lever arm, eqs. 14.102-14.108; tightly coupled
-update, section 14.3.2). [2] `docs/theory/filter.md`, section 10. [3] `docs/theory/altimeters.md`, sections 1, 2.
+update, section 14.3.2). [2] `docs/theory/filter.md`, section 10. [3] `docs/theory/altimeters.md`, sections 1, 2. [4]
+`docs/theory/lasting-errors.md`, section 3.
 """
 
 from __future__ import annotations
@@ -54,17 +55,21 @@ _NEAR = 0.1
 
 class FixTable(NamedTuple):
     """Fixes of a receiver's antenna, m of them: llh (m, 3) rad, rad, m, nan without a fix; velocity (m, 3) NED m/s, its
-    components that are nan are not used; covariance (m, 6, 6) of both, NED; lever_arm (3,) IMU -> antenna, body, m,
-    in all lanes."""
+    components that are nan are not used; covariance (m, 6, 6) of what is new in both each time, NED. In all lanes:
+    lever_arm (3,) IMU -> antenna, body, m; lasting (m, 6, k) what each of the filter's k lasting errors of fixes does
+    to them [4]."""
 
     llh: np.ndarray
     velocity: np.ndarray
     covariance: np.ndarray
     lever_arm: np.ndarray
+    lasting: np.ndarray = np.empty((0, MOST, 0))
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> FixTable:
         """The table with every array changed that differs between runs."""
-        return FixTable(change(self.llh), change(self.velocity), change(self.covariance), self.lever_arm)
+        return self._replace(
+            llh=change(self.llh), velocity=change(self.velocity), covariance=change(self.covariance)
+        )
 
 
 class AltitudeTable(NamedTuple):
@@ -353,6 +358,12 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         fixes = measurements.fixes
         llh, velocity, covariance = registers(fixes.llh), registers(fixes.velocity), registers(fixes.covariance)
         _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
+        for c in range(declared.shape[0]):
+            if declared[c].triad == FIX:
+                for a in range(MOST):
+                    effect = fixes.lasting[row, a, declared[c].axis]
+                    z[a] -= effect * nav[NAV_SENSORS + c]
+                    h[a, SENSORS + c] = effect
         fixed = no(math.isnan(llh[row, 0]))
         for a in range(MOST):
             there = fixed & no(math.isnan(z[a]))

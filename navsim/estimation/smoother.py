@@ -178,7 +178,7 @@ def run(imu, measurements, events, state, model, passes, history):
         room(navigation, (n, MOST)),
     )  # fmt: skip
     jac, columns = small_matrix(navigation, 3, 3), room(navigation, (n, 3))
-    space = workshop(navigation, n)
+    space = workshop(navigation, n, PLAIN.straight)
     increments, cursor = small_vector(navigation, 6), np.zeros(3)
     here, x, start = room(navigation, (size,)), room(navigation, (n,)), room(navigation, (size,))
 

@@ -22,7 +22,7 @@ from navsim.core.attitude import dcm, left_jacobian, left_jacobian_derivative, r
 from navsim.core.covariance import transport
 from navsim.core.jit import kernel
 from navsim.core.lanes import any_lane, no, select, small_matrix, small_vector
-from navsim.core.linear import invert3
+from navsim.core.linear import copy, invert3
 from navsim.core.states import (
     A_D,
     A_E,
@@ -106,9 +106,9 @@ def feed_back(nav, x, space):
     before, after, slope = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     y, big, moved = small_vector(nav, 3), small_vector(nav, 3), small_vector(nav, 3)
     bias_axes(nav, before)
-    blocks_of_motion(x, diagonal, column)
+    blocks_of_motion(x, diagonal, column, space.straight)
     jac = diagonal[2]
-    move_rigidly(nav, x, jac)
+    move_rigidly(nav, x, jac, space.straight)
     bias_axes(nav, after)
     t0, t1, t2 = x[A_N], x[A_E], x[A_D]
 
@@ -148,7 +148,7 @@ def feed_back(nav, x, space):
 
 
 @kernel
-def own_error(nav, error, out):
+def own_error(nav, error, out, straight):
     """The error in the filter's own coordinates, expressed as the plain error of the same tangent: (n,).
 
     y_u = J_l(theta)^-1 (u_true - u), then db = C' y_B + [b x] C' theta, so that P of the plain errors weighs it.
@@ -166,6 +166,8 @@ def own_error(nav, error, out):
     invert3(jac, inverse)
     turned(inverse, error[POS:VEL], out[POS:VEL])
     turned(inverse, error[VEL:ATT], out[VEL:ATT])
+    if straight:
+        copy(error[POS:VEL], out[POS:VEL])
     for i in range(ATT, error.shape[0]):
         out[i] = error[i]
     # C_true = exp(theta x) C = (I + [theta x] J_l) C

@@ -19,6 +19,7 @@ from navsim.core.arrays.earth import ecef_from_llh
 from navsim.models import atmosphere, code_loop
 from navsim.models.constellation import Constellation
 from navsim.models.heavier import HeavierNoise
+from navsim.models.lasting import LastingError
 from navsim.models.pseudorange import satellites_at_reception
 from navsim.models.sky import azimuth_elevation, enu_matrix
 from navsim.models.systems import CLOCKS
@@ -71,8 +72,9 @@ class Effects:
     horizon_db: gain of the receiving antenna at the horizon. cn0_reference: distance from a pseudolite, m, of its
     stated C/N0, which then falls with distance. offsets: by clock number, m, of the systems' time scales against the
     first; offset_sigma: 1 sigma, m, of what is drawn of them for each run, against the first of the sky. one_clock:
-    the receiver takes all time scales for one. smoothing: memory of the carrier-smoothed code, s. heavier: what the
-    noise of ranges is drawn from, where that is not the Gaussian of their sigmas.
+    the receiver takes all time scales for one. smoothing: memory of the carrier-smoothed code, s. lasting: errors of
+    satellites that last, as they are in the pseudoranges that the receiver uses. heavier: what the noise of ranges is
+    drawn from, where that is not the Gaussian of their sigmas.
     """
 
     ionosphere: Ionosphere | None = None
@@ -88,6 +90,7 @@ class Effects:
     offset_sigma: float = 0.0
     one_clock: bool = False
     smoothing: float = 0.0
+    lasting: tuple[LastingError, ...] = ()
     heavier: HeavierNoise | None = None
 
     @property

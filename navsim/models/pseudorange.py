@@ -15,6 +15,7 @@ import numpy as np
 
 from navsim.core.arrays import earth
 from navsim.models.constellation import Constellation
+from navsim.models.lasting import LastingErrors
 
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
@@ -38,9 +39,10 @@ class Signals:
     los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
     rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
     of the delay. space: (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None.
-    fix_sigma: (e, s) 1 sigma of the pseudoranges that fixes are made from; smoothing: (e, s) int, counts of the carrier
-    smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB. offset: (s, k) change by
-    one sigma of the offset of each of k time scales, m, which are drawn for each run, or None.
+    lasting: errors with a memory that are drawn for each run, or None. fix_sigma: (e, s) 1 sigma of the pseudoranges
+    that fixes are made from, of all that is drawn anew or lasts but for `space`; smoothing: (e, s) int, counts of the
+    carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB. offset: (s, k)
+    change by one sigma of the offset of each of k time scales, m, which are drawn for each run, or None.
     """
 
     time: np.ndarray
@@ -62,10 +64,24 @@ class Signals:
     cn0: np.ndarray
     divergence: np.ndarray
     space: np.ndarray | None
+    lasting: LastingErrors | None
     fix_sigma: np.ndarray
     smoothing: np.ndarray | None
     js: np.ndarray
     offset: np.ndarray | None = None
+
+    @property
+    def noise_sigma(self) -> np.ndarray:
+        """1 sigma of what is drawn anew each time in the pseudoranges that fixes are made from (e, s), m."""
+        if self.lasting is None:
+            return self.fix_sigma
+        return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.lasting.total**2, 0.0)))
+
+    def with_noise(self, share: float) -> np.ndarray:
+        """`fix_sigma` where `noise_sigma` is `share` of what it is (e, s), m."""
+        if self.lasting is None:
+            return share * self.fix_sigma
+        return np.hypot(share * self.noise_sigma, self.lasting.total)
 
     def unfinished(self) -> list[tuple[str, str]]:
         """What breaks the promise of finite numbers: names of source and field."""
@@ -85,7 +101,8 @@ class Signals:
             for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "space", "smoothing")
             if getattr(self, name) is not None
         }
-        return replace(self, js=self.js[:, epochs], **each)
+        lasting = None if self.lasting is None else self.lasting.at(epochs)
+        return replace(self, js=self.js[:, epochs], lasting=lasting, **each)
 
     def select(self, kept: np.ndarray) -> Signals:
         """Of the sources, those marked in `kept` (s,) bool."""
@@ -95,6 +112,7 @@ class Signals:
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
             clock=self.clock[kept],
             space=None if self.space is None else self.space[:, kept],
+            lasting=None if self.lasting is None else self.lasting.select(kept),
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
             js=self.js[:, :, kept],
             offset=None if self.offset is None else self.offset[kept],

@@ -20,6 +20,7 @@ from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, s
 from navsim.models.events import PSEUDOLITES, Event, Scene, happened
 from navsim.models.jamming import Jamming, Received
 from navsim.models.kinematics import Motion
+from navsim.models.lasting import LastingErrors
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.models.systems import CLOCKS, GPS, OWN
 
@@ -242,6 +243,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
         divergence=np.zeros((e, s)),
         space=None,
+        lasting=None,
         fix_sigma=np.empty((e, s)),
         smoothing=None,
         js=np.empty((0, e, s)),
@@ -342,6 +344,14 @@ def _affected(
         used = used & held
         los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
+    lasting = None
+    if effects.lasting:
+        sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.lasting])
+        lasting = LastingErrors(
+            tuple(one.name for one in effects.lasting), np.array([one.time for one in effects.lasting]), sizes
+        )
+        # a receiver weighs ranges by all that it knows of their errors
+        fix_sigma = np.hypot(fix_sigma, lasting.total)
     return replace(
         signals,
         clock=clock_unknowns(effects, signals.clock),
@@ -355,6 +365,7 @@ def _affected(
         # the ionosphere delays the code as much as it advances the carrier
         divergence=2.0 * ionosphere + signals.divergence,
         space=space,
+        lasting=lasting,
         fix_sigma=fix_sigma,
         smoothing=smoothing,
         offset=_drawn_offsets(environment, signals.clock),

@@ -80,6 +80,10 @@ class FilterSection(Section):
     """latency of the fixes that the filter believes in; default: receiver.latency_s"""
     lever_arm_m: Triple | None = None
     """lever arm that the filter believes in; default: receiver.lever_arm_m"""
+    fix_errors: Literal["states", "inflate", "none"] | None = None
+    """what it does about errors that last (`signals.errors`): follow those of the fixes as states; take fixes or ranges
+    for noisier than they are; none: take them for noise of their size. Left out: states, with `coupling: tight`
+    inflate"""
     fix_sigma_scale: Sigma = 1.0
     """factor on the receiver's own 1 sigma, of its fixes or of its ranges"""
     initial: FilterInitial = FilterInitial()
@@ -103,9 +107,15 @@ class FilterSection(Section):
         """Whether it is tightly coupled."""
         return self.coupling == "tight"
 
-    def states(self, scales: int) -> int:
-        """How many errors it follows where sources keep so many time scales."""
+    def about_lasting_errors(self) -> Literal["states", "inflate", "none"]:
+        """What it does about errors that last, where there are any."""
+        return self.fix_errors or ("inflate" if self.tight else "states")
+
+    def states(self, scales: int, lasting: int = 0) -> int:
+        """How many errors it follows where sources keep so many time scales, and fixes have so many errors that it can
+        follow."""
         from navsim.core import states
 
         blocks = (*states.biases(), *(states.SCALE_FACTORS if self.scale_factors else ()))
-        return len(states.names(blocks)) + (states.clock_states(scales) if self.tight else 0)
+        followed = lasting if self.about_lasting_errors() == "states" else 0
+        return len(states.names(blocks)) + followed + (states.clock_states(scales) if self.tight else 0)

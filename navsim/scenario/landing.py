@@ -141,6 +141,7 @@ class Landing(Section):
             if given is not None:
                 believed(getattr(self.imu, sensor), given).check_markov("filter", "imu", sensor)
         self._checked_aiding()
+        self._checked_lasting()
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
             text = "a receiver with a clock unknown for each system does not notice: for `receiver.one_clock: true`"
             raise reject(text, "signals", "system_offset_sigma_ns")
@@ -235,6 +236,31 @@ class Landing(Section):
         elif any(of_filter):
             sensor = ("gyro", "accelerometer")[of_filter.index(True)]
             raise reject("is for `filter.scale_factors: true`", "filter", "imu", sensor, "scale_ppm")
+
+    def _checked_lasting(self) -> None:
+        """What a filter can do about errors that last."""
+        if not self.signals.errors.models():
+            if self.filter.fix_errors is not None:
+                text = "there are none: give signals.errors, or a signals.preset that has them"
+                raise reject(text, "filter", "fix_errors")
+            return
+        if self.filter.about_lasting_errors() == "states":
+            if self.filter.tight:
+                text = "a tightly coupled filter has no fixes to follow the errors of; use inflate or none"
+                raise reject(text, "filter", "fix_errors")
+            if self.integrity is not None and self.integrity.exclusion != "none":
+                text = "fixes without what is excluded have other errors than those that states follow; use inflate"
+                raise reject(text, "filter", "fix_errors")
+        watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
+        if watched and not self.filter.tight and self.filter.fix_errors != "none":
+            text = "each filter that watches has other errors of fixes; use `fix_errors: none`, or `coupling: tight`"
+            raise reject(text, "filter", "fix_errors")
+
+    @property
+    def lasting_states(self) -> int:
+        """How many errors of fixes a filter can follow."""
+        kinds = self.signals.errors.models()
+        return 3 * len({kind.time >= self.duration_s for kind in kinds})
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""
@@ -377,6 +403,7 @@ class Landing(Section):
             ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
             troposphere=None if signals.troposphere is None else signals.troposphere.model(),
             space=None if space is None else space.model(),
+            lasting=signals.errors.models(),
             reference=None if station is None else station.model(pseudolites),
             loop=tracking.loop(),
             thermal=signals.range_law == "cn0",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
     # The landing paper, list of initial data: constant gyro drift 700 deg/h with a
     # random part of 30 deg/h, accelerometer error 1e-3 g with a random part of 1e-2 g. "Random part" is read
@@ -17,6 +19,47 @@ IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
         "accelerometer": {"bias_mg": 0.0, "noise_mg": 0.0},
     },
 }
+
+SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
+    # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), nothing that lasts.
+    "white": {},
+    # A receiver of one frequency by itself: sizes at the zenith of the simulation program of Groves (2013) (satellites
+    # 1 m, ionosphere 2 m, troposphere 0.2 m, code 1 m), multipath of Langel, Garcia Crespillo & Joerger (2021); where
+    # the times come from, `docs/theory/lasting-errors.md`, section 2.
+    "open-sky": {
+        "range_sigma_m": 1.0,
+        "range_law": "constant",
+        "errors": {
+            "orbit_clock": {"sigma_m": 1.0, "time_s": 9000.0},
+            "ionosphere": {"sigma_m": 2.0, "time_s": 1800.0},
+            "troposphere": {"sigma_m": 0.2, "time_s": 1800.0},
+            "multipath": {"sigma_m": 0.5, "time_s": 100.0},
+        },
+    },
+    # What the corrections of a satellite-based augmentation leave: sized so that fixes have the errors that the FAA
+    # reports of WAAS; section 2.
+    "sbas": {
+        "range_sigma_m": 0.3,
+        "range_law": "constant",
+        "errors": {
+            "orbit_clock": {"sigma_m": 0.3, "time_s": 1800.0},
+            "ionosphere": {"sigma_m": 0.3, "time_s": 1800.0},
+            "troposphere": {"sigma_m": 0.12, "time_s": 1800.0},
+            "multipath": {"sigma_m": 0.13, "time_s": 100.0},
+        },
+    },
+    # What the corrections of a station at the aerodrome leave: its own multipath and the aircraft's, and 10 parts in a
+    # million of 5 km of way; section 2.
+    "differential": {
+        "range_sigma_m": 0.3,
+        "range_law": "constant",
+        "errors": {
+            "ionosphere": {"sigma_m": 0.05, "time_s": 1800.0},
+            "multipath": {"sigma_m": 0.18, "time_s": 100.0},
+        },
+    },
+}
+"""Ranging errors of satellites, keys of section `signals`."""
 
 SENSOR_CLASSES: dict[str, dict[str, dict[str, float]]] = {
     # Groves (2013), tables 4.1 and section 4.4: grades of inertial sensors. `drift` and `bias` are what is left of the

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from navsim.models.systems import CLOCKS, GLONASS, GPS
 from navsim.scenario.base import (
     DEG,
+    CorrelationTime,
     Latitude,
     Longitude,
     NonNegative,
@@ -23,6 +24,7 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
+from navsim.scenario.presets import SIGNAL_PRESETS
 from navsim.scenario.sky import Clock, Name
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
     from navsim.models import effects
     from navsim.models.code_loop import CodeLoop, GroundReflection
+    from navsim.models.lasting import LastingError, Mapping
     from navsim.models.receiver import Receiver
     from navsim.models.signals import ErrorLaw, Pseudolites
 
@@ -113,6 +116,46 @@ class Ephemeris(Section):
         from navsim.models import effects
 
         return effects.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
+
+
+class LastingErrorSection(Section):
+    """Errors of one kind, of each satellite its own, drawn per run: a Gauss-Markov process."""
+
+    sigma_m: NonNegative
+    """1 sigma at the zenith"""
+    time_s: CorrelationTime
+    """correlation time"""
+    mapping: Literal["none", "ionosphere", "troposphere", "multipath"] | None = None
+    """how it grows towards the horizon: not at all, as the ionosphere's, the troposphere's or the multipath of an
+    aircraft does; left out: as its name says, orbits and clocks not at all"""
+
+
+class LastingErrorsSection(Section):
+    """Errors of satellites that last, as they are in the pseudoranges that the receiver uses; what is left out there is
+    not, but for the preset's."""
+
+    orbit_clock: LastingErrorSection | None = None
+    """what the message leaves of orbits and clocks"""
+    ionosphere: LastingErrorSection | None = None
+    """what the receiver's model leaves of the ionosphere"""
+    troposphere: LastingErrorSection | None = None
+    """what the receiver's model leaves of the troposphere"""
+    multipath: LastingErrorSection | None = None
+    """reflections, of the aircraft itself and of the ground"""
+
+    def models(self) -> tuple[LastingError, ...]:
+        """The kinds that there are."""
+        from navsim.models.lasting import LastingError
+
+        own: dict[str, Mapping] = {
+            "orbit_clock": "none", "ionosphere": "ionosphere", "troposphere": "troposphere", "multipath": "multipath",
+        }  # fmt: skip
+        out = []
+        for name, mapping in own.items():
+            section: LastingErrorSection | None = getattr(self, name)
+            if section is not None and section.sigma_m > 0.0:
+                out.append(LastingError(name, section.sigma_m, section.time_s, section.mapping or mapping))
+        return tuple(out)
 
 
 class CodeTrackingSection(Section):
@@ -267,6 +310,9 @@ class PseudolitesSection(Section):
 class SignalsSection(Section):
     """Errors of the ranging signals of satellites."""
 
+    preset: Literal["white", "open-sky", "sbas", "differential"] = "white"
+    """sizes of range_sigma_m, range_law and errors where they are left out: the paper's white noise; a receiver by
+    itself; one with the corrections of a satellite-based augmentation; one with those of a station at the aerodrome"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of pseudoranges at the zenith (the paper's variance of 5 m2)"""
     range_law: Literal["constant", "inverse-sine", "exponential", "cn0"] = "inverse-sine"
@@ -285,6 +331,8 @@ class SignalsSection(Section):
     """delay of the troposphere; left out: none"""
     ephemeris: Ephemeris | None = None
     """errors of orbits and clocks; left out: none"""
+    errors: LastingErrorsSection = LastingErrorsSection()
+    """errors that last, whatever they come from, in place of the preset's"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
     system_offsets_ns: dict[Name, Annotated[float, Field(ge=-1e9, le=1e9)]] = Field(default_factory=dict)
@@ -298,6 +346,25 @@ class SignalsSection(Section):
             if system.name in self.system_offsets_ns:
                 raise reject(why, "system_offsets_ns", system.name)
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, data: Any) -> Any:
+        """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
+        if not isinstance(data, dict):
+            return data
+        preset = SIGNAL_PRESETS.get(str(data.get("preset", "white")))  # anything may stand there, a list too
+        if not preset:
+            return data
+        errors = data.get("errors", {})
+        filled = {**preset, **data}
+        if isinstance(errors, dict):
+            filled["errors"] = {
+                name: {**values, **errors.get(name, {})} if isinstance(errors.get(name, {}), dict) else errors[name]
+                for name, values in preset["errors"].items()
+            }
+            filled["errors"] |= {name: given for name, given in errors.items() if name not in preset["errors"]}
+        return filled
 
     def law(self) -> ErrorLaw:
         """How the noise of satellite signals grows towards the horizon."""

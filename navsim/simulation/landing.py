@@ -50,6 +50,7 @@ from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.exclusion import Excluder, SettledFixes
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
+from navsim.simulation.lasting import FixErrors
 from navsim.simulation.sensors import true_values
 
 CARRIER_SIGMA = 3e-3
@@ -108,6 +109,11 @@ class World:
     def dop(self) -> np.ndarray:
         """`dops` of the signals (e, 5)."""
         return dops(self.signals.los, self.signals.clock)
+
+    @cached_property
+    def fix_errors(self) -> FixErrors:
+        """What errors of ranges do to fixes."""
+        return FixErrors.of(self.start, self.signals, *believed_measurements(self))
 
     @cached_property
     def antenna_enu(self) -> np.ndarray:
@@ -271,7 +277,9 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
-    ranges, rates, phases = _measure(world, seed, (run,), 1, Wander.of(world, seed, (run,), 1))
+    ranges, rates, phases = _measure(
+        world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,))
+    )
     return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
 
 
@@ -283,10 +291,18 @@ def smoothed(world: World, ranges: np.ndarray, phases: np.ndarray | None) -> np.
     return np.stack([code_loop.smooth(ranges[..., k], phases[..., k], world.signals.smoothing) for k in each], axis=-1)
 
 
+def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray | None:
+    """Errors of ranges that last, in terms of the sigma of their kinds (k, e, s, W), of as many runs; None without."""
+    if world.signals.lasting is None:
+        return None
+    return world.signals.lasting.drawn(world.signals.time, [generator(seed, run, "lasting") for run in runs])
+
+
 def _measure(
-    world: World, seed: int, runs: Sequence[int], lanes: int, wandered: Wander | None
+    world: World, seed: int, runs: Sequence[int], lanes: int, wandered: Wander | None, lasting: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`."""
+    """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`; lasting:
+    `lasting_errors`."""
     signals = world.signals
     e, s = signals.range.shape
     # what is added below goes to idle lanes, too, where no noise does
@@ -300,6 +316,10 @@ def _measure(
         scales = signals.offset.shape[1]
         apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
         delay = delay + np.stack(apart, axis=-1)[None]
+    if lasting is not None and signals.lasting is not None:
+        # as they are after smoothing: in code and carrier alike
+        late = [np.sum(signals.lasting.sigma * lasting[..., lane], axis=0) for lane in range(len(runs))]
+        delay = delay + np.stack(late, axis=-1)
     sigma = signals.sigma[..., None]
     if world.heavier is not None:
         # of a branch: the stream itself is that of Gaussian noise
@@ -430,6 +450,24 @@ class Flight:
             return None
         return Excluder(self.watching, self.world.signals, self.world.start, self.world.antenna_enu)
 
+    @cached_property
+    def lasting_roots(self) -> np.ndarray:
+        """What lasting errors that the filter follows do to fixes (e, MOST, k)."""
+        lasting = self.beliefs.lasting
+        if lasting is None or not lasting.followed:
+            return np.empty((0, MOST, 0))
+        return self.beliefs.sigma_scale * self.world.fix_errors.roots(lasting.groups)
+
+    @property
+    def range_sigma(self) -> np.ndarray:
+        """1 sigma of pseudoranges (e, s), m, that a tightly coupled filter takes for noise."""
+        signals, lasting = self.world.signals, self.beliefs.lasting
+        if lasting is None or signals.lasting is None:
+            return signals.fix_sigma
+        return np.asarray(np.sqrt(
+            signals.noise_sigma**2 + np.einsum("k,kes->es", lasting.factor, signals.lasting.sigma**2)
+        ))  # fmt: skip
+
     def over(self, world: World) -> Flight:
         """The same in another world."""
         return prepare(world, self.initial, self.gyro, self.accel, self.beliefs, self.start, self.watching)
@@ -475,6 +513,22 @@ def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, cova
     return FixTable(llh, used, believed, beliefs.lever_arm)
 
 
+def table_of_all_fixes(flight: Flight, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
+    """The fixes of a flight (e, 3), (e, 3), (e, 6, 6), of one run, or of lanes, with what the filter knows of errors
+    that last."""
+    lasting, lanes = flight.beliefs.lasting, covariance.ndim == 4
+    if lasting is None:
+        return table_of_fixes(flight.beliefs, llh, velocity, covariance)
+    errors = flight.world.fix_errors
+    if lasting.followed:
+        covariance = in_all_lanes(errors.noise) if lanes else errors.noise
+    else:
+        more = errors.of_kinds(lasting.factor - 1.0)
+        covariance = covariance + (more[..., None] if lanes else more)
+    table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
+    return table._replace(lasting=flight.lasting_roots)
+
+
 def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:
     """Pseudoranges and range rates (e, s) of one run, or of lanes, as a tightly coupled filter takes them."""
     signals, beliefs, heard = flight.world.signals, flight.beliefs, flight.world.signals.used
@@ -483,7 +537,7 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     source = np.nonzero(heard)[1]
     return RangeTable(
         signals.position[heard], signals.velocity[heard], signals.range[heard],
-        beliefs.sigma_scale * signals.fix_sigma[heard], beliefs.sigma_scale * signals.rate_sigma[heard], source,
+        beliefs.sigma_scale * flight.range_sigma[heard], beliefs.sigma_scale * signals.rate_sigma[heard], source,
         bias[signals.clock[source]], ranges[heard], rates[heard] if beliefs.velocity else np.full_like(rates[heard],
         np.nan), beliefs.lever_arm,
     )  # fmt: skip
@@ -539,11 +593,30 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
     )  # fmt: skip
     sensors = true_values(beliefs.sensors.blocks, errors)
     wandered = Wander.of(world, seed, runs, WIDTH)
-    ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered)
+    lasting = lasting_errors(world, seed, runs)
+    ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered, lasting)
+    if lasting is not None:
+        sensors = np.concatenate([sensors, _lasting_of(flight, lasting)], axis=1)
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
     for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided, clock):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
     return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors)
+
+
+def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
+    """What the lasting errors that the filter follows really are at its outputs (o, k, W), of `lasting_errors`: those
+    of the last fix, and at the start of the first."""
+    believed = flight.beliefs.lasting
+    outputs = flight.world.filter_time.size
+    if believed is None or not believed.followed:
+        return np.empty((outputs, 0, WIDTH))
+    effect, epoch = flight.world.fix_errors.projections(believed.groups), np.maximum(np.arange(outputs) - 1, 0)
+    out = np.empty((outputs, effect.shape[1], WIDTH))
+    for lane in range(errors.shape[-1]):
+        # one run at a time: sums over its numbers have one order
+        own = np.ascontiguousarray(np.moveaxis(errors[..., lane], 0, 1))
+        out[..., lane] = np.sum(effect * own[:, None], axis=(2, 3))[epoch]
+    return out
 
 
 def _clock_of(
@@ -596,7 +669,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
     else:
         given = np.where((watched.status == monitoring.ALARM)[:, None], np.nan, llh) if flight.drops else llh
-        tables = measurements(flight, table_of_fixes(beliefs, given, velocity, cov), inputs.aided)
+        tables = measurements(flight, table_of_all_fixes(flight, given, velocity, cov), inputs.aided)
 
     truth = world.at_filter
     account = empty_account(

@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.core import states
-from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
 from navsim.core.defect import Defect
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.states import MOST, Block
@@ -34,19 +33,20 @@ from navsim.estimation.carried_errors import Route, carry_columns, carry_covaria
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
+from navsim.models.lasting import LastingErrors
 from navsim.models.pseudorange import Signals
+from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
     Flight,
     InitialErrors,
-    World,
     begun,
     believed_measurements,
     exact_clock,
     exact_start,
     measurements,
     receiver_fixes,
-    table_of_fixes,
+    table_of_all_fixes,
     table_of_ranges,
     with_clock,
     without_noise,
@@ -77,6 +77,8 @@ _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range
 
 OFFSET = "system_offset"
 """The source that drawn offsets of time scales are to a receiver that takes all for one."""
+LASTING = "satellite_lasting_"
+"""Begins the names of the sources that ranging errors of satellites are which last."""
 CLOCK = "receiver_clock"
 """The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
@@ -119,74 +121,66 @@ class Analysis:
         return np.trace(np.linalg.solve(believed, second[:, states_, states_]), axis1=1, axis2=2) / believed.shape[1]
 
 
-def _slopes(
-    world: World, ranges: np.ndarray, rates: np.ndarray, fixes: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of position and velocity fixes (e, 6) by each pseudorange and each range rate, (e, 6, s) each.
+class _Lasting:
+    """Ranging errors that last with what they have done to the state, (S + s)^2 for each kind: those of the sources of
+    variance one behind the state.
 
-    ranges, rates: (e, s). fixes: llh, velocity and clocks of `receiver_fixes` from them. A fix is where H' W r = 0, r
-    being the residuals, and stays there. Unit vectors in H turn with the place, which counts where residuals are not
-    small beside the way to a source. Zero for what is not used, and where there is no fix.
+    shown: (e, n, k, s) what the filter's states, its own lasting ones, are by them.
     """
-    s = world.signals
-    llh, velocity, clocks = fixes
-    e, n = ranges.shape
-    by_range, by_rate = np.zeros((e, 6, n)), np.zeros((e, 6, n))
-    here = np.isfinite(ranges) & np.isfinite(llh[:, :1])
-    c_ne = ned_matrix(np.nan_to_num(llh))
-    way = np.where(here[:, :, None], (s.position - ecef_from_llh(llh)[:, None]) @ np.swapaxes(c_ne, 1, 2), 1.0)
-    distance = np.linalg.norm(way, axis=2)
-    u = way / distance[:, :, None]
-    # what the place does to -u, for each source (e, s, 3, 3)
-    turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
 
-    weight = np.where(here, s.fix_sigma, np.inf) ** -2.0
-    kept = np.unique(s.clock)
-    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == kept, (e, n, kept.size))], axis=2)
-    residual = np.where(here, ranges - distance - clocks[:, s.clock], 0.0)
-    normal, weighed = _normal(h, weight)
-    normal[:, :3, :3] -= np.einsum("es,esij->eij", weight * residual, turning)
-    by_range[:, :3] = np.linalg.solve(normal, weighed)[:, :3]
+    def __init__(self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray, shown: np.ndarray):
+        """size: S of the state carried; errors, used (e, s), time (e,) of `Signals`."""
+        self.size, self.shown = size, shown
+        self.sigma = np.where(used, errors.sigma, 0.0)
+        self.kept, self.new = errors.steps(time)
+        self.epoch = -1
+        self.cov = np.zeros((len(errors.names), size + used.shape[1], size + used.shape[1]))
 
-    here &= np.isfinite(rates) & np.isfinite(velocity[:, :1])
-    weight = np.where(here, s.rate_sigma, np.inf) ** -2.0
-    h = np.concatenate([-u, np.ones((e, n, 1))], axis=2)
-    relative = np.where(here[:, :, None], s.velocity @ np.swapaxes(c_ne, 1, 2) - velocity[:, None], 0.0)
-    residual = np.where(here, rates - np.sum(u * relative, axis=2), 0.0)
-    # the clock's drift takes the mean
-    total = weight.sum(axis=1, keepdims=True)
-    residual -= np.sum(weight * residual, axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
-    normal, weighed = _normal(h, weight)
-    by_rate[:, 3:] = np.linalg.solve(normal, weighed)[:, :3]
-    by_place = weighed @ np.einsum("esi,esij->esj", relative, turning)
-    by_place[:, :3] += np.einsum("es,esij->eij", weight * residual, turning)
-    by_place = np.linalg.solve(normal, by_place)[:, :3]
-    # and the axes that the velocity is given along turn with the place
-    by_place += np.cross(velocity[:, :, None], _turn_of_axes(llh), axis=1)
-    by_range[:, 3:] = np.where(np.isfinite(velocity[:, :1, None]), by_place, 0.0) @ by_range[:, :3]
-    return by_range, by_rate
+    def copied(self) -> _Lasting:
+        """The same, to go on by itself."""
+        out = copying.copy(self)
+        out.cov = self.cov.copy()
+        return out
 
+    def carry(self, phi: np.ndarray) -> None:
+        """On by what changes the state by `phi` (S, S)."""
+        self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
+        self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
 
-def _normal(h: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """H' W H (e, k, k), with a 1 for an unknown of which no source says anything, and H' W (e, k, s); h: (e, s, k),
-    weight: (e, s)."""
-    weighed = np.swapaxes(h, 1, 2) * weight[:, None, :]
-    normal = weighed @ h
-    unknown = np.arange(normal.shape[1])
-    normal[:, unknown, unknown] += normal[:, unknown, unknown] == 0.0
-    return normal, weighed
+    def measure(self, i: int) -> None:
+        """The errors become those of epoch i, if they are not yet."""
+        at = self.size + np.arange(self.cov.shape[1] - self.size)
+        while self.epoch < i:
+            self.epoch += 1
+            kept = self.kept[self.epoch][:, None, None]
+            self.cov[:, self.size :] *= kept
+            self.cov[:, :, self.size :] *= kept
+            self.cov[:, at, at] += self.new[self.epoch][:, None] ** 2
 
+    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, s) by the
+        ranges; returns what it adds to E[z z'] (m, m)."""
+        out = np.zeros((slope.shape[0],) * 2)
+        for cov, sigma in zip(self.cov, self.sigma[:, i], strict=True):
+            seen = np.hstack([here, slope * sigma])
+            by = seen @ cov
+            out += by @ seen.T
+            cov[: self.size] -= gain @ by
+            cov[:, : self.size] -= (cov @ seen.T) @ gain.T
+        return out
 
-def _turn_of_axes(llh: np.ndarray) -> np.ndarray:
-    """The turn of north, east, down along themselves, rad, by a step of 1 m along each (e, 3, 3); llh: (e, 3)."""
-    w = 1.0 - E2 * np.sin(llh[:, 0]) ** 2
-    transverse = A / np.sqrt(w)
-    east = 1.0 / (transverse + llh[:, 2])
-    out = np.zeros((llh.shape[0], 3, 3))
-    out[:, 0, 1] = east
-    out[:, 1, 0] = -1.0 / (transverse * (1.0 - E2) / w + llh[:, 2])
-    out[:, 2, 1] = -east * np.tan(llh[:, 0])
-    return out
+    def state(self) -> np.ndarray:
+        """Covariance of the state by all kinds (S, S)."""
+        return np.asarray(self.cov[:, : self.size, : self.size].sum(axis=0))
+
+    def errors(self) -> np.ndarray:
+        """Covariances of the errors of the filter's states by each kind (k, S, S)."""
+        turn = np.eye(self.size, self.cov.shape[1])
+        out = np.empty((self.cov.shape[0], self.size, self.size))
+        for k, cov in enumerate(self.cov):
+            turn[:, self.size :] = self.shown[max(self.epoch, 0), :, k]
+            out[k] = turn @ cov @ turn.T
+        return out
 
 
 def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.ndarray, epoch: np.ndarray) -> np.ndarray:
@@ -361,8 +355,8 @@ def _along(flight: Flight, ranges: np.ndarray, rates: np.ndarray, noisy: bool = 
     else:
         llh, velocity, clocks, cov = receiver_fixes(world, ranges, rates)
         epoch = np.arange(world.signals.time.size)
-        by_range, by_rate = _slopes(world, ranges, rates, (llh, velocity, clocks))
-        own = table_of_fixes(beliefs, llh, velocity, cov)
+        by_range, by_rate = slopes(world.signals, ranges, rates, (llh, velocity, clocks))
+        own = table_of_all_fixes(flight, llh, velocity, cov)
     true = true_states(gyro, accel)
     truth = states.declared([state.block for state in true])
     mine = flight.model.declared
@@ -397,6 +391,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
+    own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     carried, route = _route(flight, along)
     n = carried.n
@@ -430,6 +425,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
             _carry_noises(route.of(chosen), lin.added, some, density[some], [noise.get(k) for k in some], out)
     if s.smoothing is not None:
         _carry_smoothed(flight, along, route, of_pseudolites, out)
+    if s.lasting is not None:
+        _carry_lasting(flight, along, route, [sources.index(LASTING + name) for name in s.lasting.names], out)
 
     # a column for what is systematic, then one for each thing that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
@@ -468,7 +465,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     analysis = Analysis(
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
-    white = s.smoothing is None and s.space is None and s.offset is None and beliefs.sigma_scale == 1.0
+    white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None
+    white &= beliefs.sigma_scale == 1.0
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
@@ -660,6 +658,46 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
                 moments = h @ here.state().sum(axis=0) @ h.T
                 here.carry(np.eye(n) - gain @ h)
             out.second[w][np.ix_(there, there)] += moments
+
+
+def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[int], out: _Sums) -> None:
+    """Add what ranging errors that last do, each kind to the variance of its row."""
+    s, events, lin = flight.world.signals, flight.events, along.lin
+    assert s.lasting is not None
+    n, e = lin.believed.shape[1], s.time.size
+    shown, believed = np.zeros((e, n, *s.lasting.sigma.shape[::2])), flight.beliefs.lasting
+    if believed is not None and believed.followed:
+        first = n - flight.model.clock_states - 3 * len(believed.groups)
+        shown[:, first : first + 3 * len(believed.groups)] = flight.world.fix_errors.projections(believed.groups)
+    own = copy = _Lasting(n, s.lasting, s.used, s.time, shown)
+    own.measure(0)
+    kind = RANGE if flight.beliefs.tight else FIX
+    was_ahead = False
+    for i in range(events.time.size):
+        ahead = bool(events.ahead[i])
+        if ahead and not was_ahead:
+            copy = own.copied()
+        was_ahead = ahead
+        here = copy if ahead else own
+        if route.interval[i] >= 0:
+            here.carry(lin.transition[route.interval[i]])
+        row, w = events.row[i], route.weighed[i]
+        if events.kind[i] == OUTPUT:
+            errors = here.errors()
+            out.variance[rows, row] += np.diagonal(errors, axis1=1, axis2=2)
+            out.covariance[row] += errors.sum(axis=0)
+        if events.kind[i] == kind:
+            here.measure(int(along.epoch[row]))
+        if w >= 0:
+            there = np.flatnonzero(lin.have[w])
+            h, gain = lin.h[w, there], lin.gain[w][:, there]
+            if events.kind[i] == kind:
+                out.second[w][np.ix_(there, there)] += here.fixed(
+                    int(along.epoch[row]), h, gain, along.by_range[row, there]
+                )
+            else:
+                out.second[w][np.ix_(there, there)] += h @ here.state() @ h.T
+                here.carry(np.eye(n) - gain @ h)
 
 
 def _carry_columns(route: Route, start_: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,6 +19,7 @@ from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, TIME_TOLERANCE
 from navsim.models import code_loop
 from navsim.models.imu import Triad
+from navsim.models.pseudorange import Signals
 from navsim.simulation.landing import CARRIER_SIGMA, Flight, Inputs, expected_measurements
 from navsim.simulation.landing_covariance import AlongTruth
 
@@ -145,6 +146,11 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         delay = np.where(signals.used, delay[:, None], 0.0)
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
+    if signals.lasting is not None:
+        both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
+        delay = _of_lasting(signals, both)
+        ranges = ranges + delay
+        phases = None if phases is None else phases + delay
     return Slopes(
         initial,
         _of_triad(flight.gyro, slopes.dtheta, world.dtheta, dt),
@@ -154,6 +160,24 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         phases,
         tuple(a * aid.sigma**2 for a, aid in zip(slopes.aided, world.aids, strict=True)),
     )
+
+
+def _of_lasting(signals: Signals, slopes: np.ndarray) -> np.ndarray:
+    """The covariance of the errors of ranges that last times their slopes (K, e, s)."""
+    lasting = signals.lasting
+    assert lasting is not None
+    kept, _ = lasting.steps(signals.time)
+    out = np.zeros_like(slopes)
+    for k, sigma in enumerate(np.where(signals.used, lasting.sigma, 0.0)):
+        # the covariance of unit errors at epochs i and j is the product of what is kept between them
+        own = slopes * sigma
+        before, after = own.copy(), own.copy()
+        for t in range(1, own.shape[1]):
+            before[:, t] += kept[t, k] * before[:, t - 1]
+        for t in range(own.shape[1] - 2, -1, -1):
+            after[:, t] += kept[t + 1, k] * after[:, t + 1]
+        out += sigma * (before + after - own)
+    return out
 
 
 def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) -> np.ndarray:

@@ -71,9 +71,12 @@ def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
 
 
 def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
-    """What the states that a filter follows really are (o, k, W): of errors with a bias (o, 6, W)."""
+    """What the states of inertial sensors that a filter follows really are (o, k, W): of errors with a bias (o, 6,
+    W)."""
     columns = []
     for block in blocks:
+        if block.triad not in (states.GYROS, states.ACCELEROMETERS):
+            continue  # an error of measurements
         part = slice(3 * block.triad, 3 * block.triad + 3)
         bias = errors.bias[:, part]
         columns.append(np.broadcast_to(errors.scale[part], bias.shape) if block.scaled else bias)

@@ -46,14 +46,14 @@ def jacobian(theta: np.ndarray) -> np.ndarray:
     return out
 
 
-def retract(kind: str, nav: np.ndarray, x: np.ndarray) -> np.ndarray:
+def retract(kind: str, nav: np.ndarray, x: np.ndarray, straight: int = 0) -> np.ndarray:
     """The state reached from `nav` by the plain tangent x, by the definition of each kind."""
     theta = x[6:9]
     j = jacobian(theta)
     c = rotation(nav)
     after = Rotation.from_rotvec(theta) * c
     out = nav.copy()
-    shift = j @ x[0:3] if kind != "eskf" else x[0:3]
+    shift = j @ x[0:3] if kind != "eskf" and not straight else x[0:3]
     error_state.move(out, *shift)
     out[3:6] += j @ x[3:6] if kind != "eskf" else x[3:6]
     out[6:10] = after.as_quat()[[3, 0, 1, 2]]
@@ -77,43 +77,46 @@ KINDS: dict[str, Callable[..., None]] = {
 X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.5e-3, 0.02, 0.01, -0.03])
 
 
-def workshop() -> filter_loop.Workshop:
+def workshop(straight: int = 0) -> filter_loop.Workshop:
     shapes = ((MID_N,), (9, N), (N, 9), (3, 3), (2, 3, 3), (5, 3, 3), (5, 3, 3), (N, N), (N, 3))
-    return filter_loop.Workshop(*(np.empty(shape) for shape in shapes))
+    return filter_loop.Workshop(*(np.empty(shape) for shape in shapes), straight)
 
 
-def own(kind: str, nav: np.ndarray, plain: np.ndarray) -> np.ndarray:
+def own(kind: str, nav: np.ndarray, plain: np.ndarray, straight: int = 0) -> np.ndarray:
     out = np.empty(N)
     if kind == "eskf":
         return plain
     if kind == "left-invariant":
-        invariant.own_error(plain, out)
+        invariant.own_error(plain, out, straight)
     else:
-        tfg.own_error(nav, plain, out)
+        tfg.own_error(nav, plain, out, straight)
     return out
 
 
+@pytest.mark.parametrize("straight", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_feedback_is_the_retraction(kind: str) -> None:
+def test_feedback_is_the_retraction(kind: str, straight: int) -> None:
     nav = start()
-    expected = retract(kind, nav, X)
-    KINDS[kind](nav, some_covariance(), X, workshop())
+    expected = retract(kind, nav, X, straight)
+    KINDS[kind](nav, some_covariance(), X, workshop(straight))
     sign = np.sign(nav[6] * expected[6])
     np.testing.assert_allclose(nav[6:10], sign * expected[6:10], atol=1e-12)
     np.testing.assert_allclose(np.delete(nav, range(6, 10)), np.delete(expected, range(6, 10)), rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.parametrize("straight", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_own_error_inverts_the_retraction(kind: str) -> None:
+def test_own_error_inverts_the_retraction(kind: str, straight: int) -> None:
     nav = start()
-    truth = retract(kind, nav, X)
-    np.testing.assert_allclose(own(kind, nav, error(truth, nav)), X, rtol=1e-6, atol=2e-6)
+    truth = retract(kind, nav, X, straight)
+    np.testing.assert_allclose(own(kind, nav, error(truth, nav), straight), X, rtol=1e-6, atol=2e-6)
 
 
+@pytest.mark.parametrize("straight", [0, 1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_reset_is_the_derivative_of_the_error_left(kind: str) -> None:
+def test_reset_is_the_derivative_of_the_error_left(kind: str, straight: int) -> None:
     """G by central differences: truth = nav + (X + epsilon), estimate = nav + X, error left in own coordinates."""
-    estimate = retract(kind, start(), X)
+    estimate = retract(kind, start(), X, straight)
     g = np.empty((N, N))
     sizes = np.repeat([1e-2, 1e-3, 1e-5, 1e-6, 1e-5], 3)
     for i in range(N):
@@ -121,12 +124,12 @@ def test_reset_is_the_derivative_of_the_error_left(kind: str) -> None:
         for sign in (1, -1):
             x = X.copy()
             x[i] += sign * sizes[i]
-            truth = retract(kind, start(), x)
-            ends.append(own(kind, estimate, error(truth, estimate)))
+            truth = retract(kind, start(), x, straight)
+            ends.append(own(kind, estimate, error(truth, estimate), straight))
         g[:, i] = (ends[0] - ends[1]) / (2 * sizes[i])
     p = some_covariance(7)
     ours = p.copy()
-    KINDS[kind](start(), ours, X, workshop())
+    KINDS[kind](start(), ours, X, workshop(straight))
     expected = g @ p @ g.T
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(ours / scale / scale[:, None], expected / scale / scale[:, None], atol=3e-5)

@@ -110,7 +110,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     scales = 1 if sources.effects.one_clock else len(clocks)
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
-        scenario.filter.states(scales),
+        scenario.filter.states(scales, scenario.lasting_states),
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
         0 if scenario.integrity is None else fixes.size,
@@ -261,7 +261,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 def _analysed(scenario: Landing, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (4 + len(SOURCES)) * here.states) + 101 * VARIABLE
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (8 + len(SOURCES)) * here.states) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,

@@ -51,6 +51,7 @@ from navsim.simulation.landing import (
     fly,
 )
 from navsim.simulation.landing import prepare as prepare_flight
+from navsim.simulation.lasting import followed_errors
 from navsim.simulation.sensors import followed
 from navsim.study.landing.faults import watching
 from navsim.study.landing.sky import horizon_of, read_satellites
@@ -445,10 +446,16 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
         gyro = believed(scenario.imu.gyro, section.imu.gyro).triad(rate)
     if section.imu.accelerometer is not None:
         accel = believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
+    sensors, lasting = followed(gyro, accel, section.scale_factors), None
+    if kinds := scenario.signals.errors.models():
+        lasting, blocks = followed_errors(
+            section.about_lasting_errors(), kinds, scenario.duration_s, 1.0 / scenario.receiver.rate_hz, 1.0 / rate
+        )
+        sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(
         kind=FILTER_KINDS[section.kind],
-        sensors=followed(gyro, accel, section.scale_factors),
+        sensors=sensors,
         velocity=section.velocity,
         latency=scenario.receiver.latency_s if section.latency_s is None else section.latency_s,
         lever_arm=np.array(lever_arm),
@@ -458,6 +465,7 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
         components=section.gaussian_sum.components,
         widest=section.gaussian_sum.heading_deg * DEG,
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
+        lasting=lasting,
     )
     return beliefs, initial
 

@@ -1,0 +1,83 @@
+"""How a receiver's fixes follow from each pseudorange and each range rate, to first order.
+
+Source: Groves (2013), section 9.4.1 (the least-squares solution that is differentiated).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from navsim.core.arrays.earth import E2, A, ecef_from_llh, ned_matrix
+from navsim.models.pseudorange import Signals
+
+
+def slopes(
+    signals: Signals, ranges: np.ndarray, rates: np.ndarray, fixes: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of position and velocity fixes (e, 6) by each pseudorange and each range rate, (e, 6, s) each.
+
+    ranges, rates: (e, s). fixes: llh, velocity and clocks of the receiver from them. A fix is where H' W r = 0, r
+    being the residuals, and stays there. Unit vectors in H turn with the place, which counts where residuals are not
+    small beside the way to a source. Zero for what is not used, and where there is no fix.
+    """
+    s = signals
+    llh, velocity, clocks = fixes
+    e, n = ranges.shape
+    by_range, by_rate = np.zeros((e, 6, n)), np.zeros((e, 6, n))
+    here = np.isfinite(ranges) & np.isfinite(llh[:, :1])
+    c_ne = ned_matrix(np.nan_to_num(llh))
+    way = np.where(here[:, :, None], (s.position - ecef_from_llh(llh)[:, None]) @ np.swapaxes(c_ne, 1, 2), 1.0)
+    distance = np.linalg.norm(way, axis=2)
+    u = way / distance[:, :, None]
+    # what the place does to -u, for each source (e, s, 3, 3)
+    turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
+
+    weight = np.where(here, s.fix_sigma, np.inf) ** -2.0
+    kept = np.unique(s.clock)
+    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == kept, (e, n, kept.size))], axis=2)
+    residual = np.where(here, ranges - distance - clocks[:, s.clock], 0.0)
+    normal, weighed = _normal(h, weight)
+    normal[:, :3, :3] -= np.einsum("es,esij->eij", weight * residual, turning)
+    by_range[:, :3] = np.linalg.solve(normal, weighed)[:, :3]
+
+    here &= np.isfinite(rates) & np.isfinite(velocity[:, :1])
+    weight = np.where(here, s.rate_sigma, np.inf) ** -2.0
+    h = np.concatenate([-u, np.ones((e, n, 1))], axis=2)
+    relative = np.where(here[:, :, None], s.velocity @ np.swapaxes(c_ne, 1, 2) - velocity[:, None], 0.0)
+    residual = np.where(here, rates - np.sum(u * relative, axis=2), 0.0)
+    # the clock's drift takes the mean
+    total = weight.sum(axis=1, keepdims=True)
+    residual -= np.sum(weight * residual, axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
+    normal, weighed = _normal(h, weight)
+    by_rate[:, 3:] = np.linalg.solve(normal, weighed)[:, :3]
+    by_place = weighed @ np.einsum("esi,esij->esj", relative, turning)
+    by_place[:, :3] += np.einsum("es,esij->eij", weight * residual, turning)
+    by_place = np.linalg.solve(normal, by_place)[:, :3]
+    # and the axes that the velocity is given along turn with the place
+    by_place += np.cross(velocity[:, :, None], _turn_of_axes(llh), axis=1)
+    by_range[:, 3:] = np.where(np.isfinite(velocity[:, :1, None]), by_place, 0.0) @ by_range[:, :3]
+    return by_range, by_rate
+
+
+def _normal(h: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """H' W H (e, k, k), with a 1 for an unknown of which no source says anything, and H' W (e, k, s); h: (e, s, k),
+    weight: (e, s)."""
+    weighed = np.swapaxes(h, 1, 2) * weight[:, None, :]
+    normal = weighed @ h
+    unknown = np.arange(normal.shape[1])
+    normal[:, unknown, unknown] += normal[:, unknown, unknown] == 0.0
+    return normal, weighed
+
+
+def _turn_of_axes(llh: np.ndarray) -> np.ndarray:
+    """The turn of north, east, down along themselves, rad, by a step of 1 m along each (e, 3, 3); llh: (e, 3)."""
+    w = 1.0 - E2 * np.sin(llh[:, 0]) ** 2
+    transverse = A / np.sqrt(w)
+    east = 1.0 / (transverse + llh[:, 2])
+    out = np.zeros((llh.shape[0], 3, 3))
+    out[:, 0, 1] = east
+    out[:, 1, 0] = -1.0 / (transverse * (1.0 - E2) / w + llh[:, 2])
+    out[:, 2, 1] = -east * np.tan(llh[:, 0])
+    return out

@@ -1,0 +1,231 @@
+"""Ranging errors that last: how they are drawn, what fixes and filters make of them, against closed forms and runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.core import states
+from navsim.core.streams import generator
+from navsim.estimation import records
+from navsim.estimation.estimate import estimate
+from navsim.estimation.observations import FIX, FixTable, Measurements
+from navsim.io.results import read
+from navsim.models.lasting import LastingErrors, mapped
+from navsim.scenario.source import InputError
+from navsim.simulation.landing import exact_start, fly
+from navsim.study.executor import threads
+from navsim.study.landing import covariance_analysis, fly_all
+from tests.conftest import SCENARIOS, Within
+from tests.helpers import case, cross
+from tests.layout import as_declared
+from tests.product.test_run import navsim
+
+OPEN = "signals={preset: open-sky}"
+GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
+ALONE = ("sky.source=nominal", "signals.range_law=constant", "filter.velocity=false", "receiver.rate_hz=1")
+"""Without pseudolites and range rates, and with satellites that are all alike, fixes weigh the same whatever lasts."""
+PV = slice(0, 6)
+
+
+def test_errors_are_gauss_markov_processes_of_each_satellite() -> None:
+    """Variance 1, correlation exp(-d / tau) over unequal steps, and none between kinds and sources: 4.5 sigma."""
+    time = np.array([0.0, 0.3, 5.0, 40.0])
+    errors = LastingErrors(("a", "b"), np.array([4.0, 60.0]), np.ones((2, 4, 3)))
+    runs = 4000
+    drawn = errors.drawn(time, [generator(5, run, "lasting") for run in range(runs)])
+    assert drawn.shape == (2, 4, 3, runs)
+    flat = drawn.transpose(0, 2, 1, 3).reshape(-1, runs)
+    found = flat @ flat.T / runs
+    expected = np.zeros((24, 24))
+    for k, tau in enumerate(errors.time):
+        for s in range(3):
+            here = slice((3 * k + s) * 4, (3 * k + s) * 4 + 4)
+            expected[here, here] = np.exp(-np.abs(time[:, None] - time) / tau)
+    assert np.abs(found - expected).max() < 4.5 * np.sqrt(2.0 / runs)
+
+
+def test_errors_grow_towards_the_horizon_as_their_sources_say() -> None:
+    """Groves (2013), eqs. 9.79 and 9.80, at 90, 30 and 5 degrees; multipath by its law."""
+    elevation = np.radians([90.0, 30.0, 5.0])
+    np.testing.assert_array_equal(mapped("none", elevation), 1.0)
+    np.testing.assert_allclose(mapped("ionosphere", elevation), [1.0, 1.752, 3.045], rtol=1e-3)
+    np.testing.assert_allclose(mapped("troposphere", elevation), [1.0, 1.994, 10.216], rtol=1e-3)
+    np.testing.assert_allclose(mapped("multipath", elevation), [1.0013, 1.1303, 1.8917], rtol=1e-3)
+
+
+def test_presets_give_what_is_left_out() -> None:
+    plain = case().scenario.signals
+    assert plain.errors.models() == ()
+    assert plain.range_sigma_m == pytest.approx(np.sqrt(5.0))
+    given = case(OPEN, "signals.errors.ionosphere.sigma_m=3", "signals.errors.multipath=null").scenario.signals
+    kinds = {kind.name: kind for kind in given.errors.models()}
+    assert list(kinds) == ["orbit_clock", "ionosphere", "troposphere"]
+    assert (kinds["ionosphere"].sigma, kinds["ionosphere"].time) == (3.0, 1800.0)
+    assert (given.range_sigma_m, given.range_law) == (1.0, "constant")
+    assert case(OPEN, "signals.range_sigma_m=0.4").scenario.signals.range_sigma_m == 0.4
+
+
+@pytest.mark.parametrize(
+    ("settings", "key"),
+    [
+        (("filter.fix_errors=states",), "fix_errors"),
+        ((OPEN, "filter.coupling=tight", "filter.fix_errors=states"), "fix_errors"),
+        ((OPEN, "integrity={exclusion: residual}"), "fix_errors"),
+        ((OPEN, "integrity={method: filter}"), "fix_errors"),
+        (("signals.errors.ionosphere={sigma_m: 1}",), "time_s"),
+    ],
+)
+def test_what_cannot_be_is_refused(settings: tuple[str, ...], key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        case(*settings)
+
+
+@pytest.mark.validates("errors that last for ever", "constant errors of messages", variance="1e-4")
+def test_for_ever_they_are_constant(within: Within) -> None:
+    """A correlation time of 30 years does what a constant error of each satellite's clock does."""
+    lasting = case(
+        *ALONE, "signals.range_sigma_m=1", "pseudolites.count=0",
+        "signals.errors.orbit_clock={sigma_m: 1.5, time_s: 1.0e9}", "filter.fix_errors=none",
+    )  # fmt: skip
+    # the filter of the other believes what this one's receiver says
+    scale = np.hypot(1.0, 1.5)
+    constant = case(
+        *ALONE, "signals.range_sigma_m=1", "pseudolites.count=0", f"filter.fix_sigma_scale={scale}",
+        "signals.ephemeris={orbit_sigma_m: [0, 0, 0], clock_sigma_m: 1.5}",
+    )  # fmt: skip
+    one, other = covariance_analysis(lasting), covariance_analysis(constant)
+    mine = one.variance[one.sources.index("satellite_lasting_orbit_clock")]
+    its = other.variance[other.sources.index("satellite_ephemeris")]
+    assert its[-1, 0] > 0.5
+    np.testing.assert_allclose(mine[1:, PV], its[1:, PV], rtol=within["variance"], atol=1e-9)
+
+
+@pytest.mark.validates("errors that last for no time", "white noise", variance="1e-9")
+def test_for_no_time_they_are_noise(within: Within) -> None:
+    short = ("signals.errors.orbit_clock={sigma_m: 1.5, time_s: 0.001}", "signals.range_sigma_m=1")
+    white = covariance_analysis(case(*ALONE, "pseudolites.count=0", f"signals.range_sigma_m={np.hypot(1.0, 1.5)}"))
+    for how in ("none", "inflate"):
+        analysis = covariance_analysis(case(*ALONE, "pseudolites.count=0", *short, f"filter.fix_errors={how}"))
+        np.testing.assert_allclose(
+            np.diagonal(analysis.covariance, axis1=1, axis2=2), np.diagonal(white.covariance, axis1=1, axis2=2),
+            rtol=within["variance"],
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["landing", "landing_gnss_only", "s_turn"])
+def test_a_filter_that_follows_them_is_true(name: str) -> None:
+    """To first order: expected NEES of position and velocity within 3 %, where fixes taken for white are off by tens;
+    its innovations have the size that it expects."""
+    analysis = covariance_analysis(case(OPEN, "receiver.rate_hz=2", name=name))
+    square = analysis.expected_square(PV)[4:]
+    assert np.abs(square - 1.0).max() < 0.03
+    some = analysis.degrees > 0
+    assert np.abs(analysis.nis[some] / analysis.degrees[some] - 1.0).max() < 0.02
+    told = covariance_analysis(case(OPEN, "receiver.rate_hz=2", "filter.fix_errors=none", name=name))
+    assert told.expected_square(PV)[-1] > 5.0
+
+
+def test_noise_of_their_size_is_cautious_at_first_and_right_at_last() -> None:
+    square = covariance_analysis(case(OPEN, "filter.fix_errors=inflate")).expected_square(PV)
+    assert np.all(square[100:] > 0.5)
+    assert np.all(square[100:] < 1.15)
+
+
+def test_a_tightly_coupled_filter_takes_ranges_for_noisier() -> None:
+    settings = (OPEN, "filter.coupling=tight", "receiver.rate_hz=2")
+    assert covariance_analysis(case(*settings)).expected_square(PV)[20:].max() < 1.2
+    assert covariance_analysis(case(*settings, "filter.fix_errors=none")).expected_square(PV)[-1] > 5.0
+
+
+@pytest.mark.parametrize("how", ["states", "inflate"])
+def test_runs_are_as_analysed(how: str) -> None:
+    """RMS of position and velocity at every 10 s over 300 runs within 17 % of the analysis (4.2 sigma of the sampling;
+    the page of theory has 2000 runs), and NEES as it says."""
+    flown = case(*GENTLE, OPEN, f"filter.fix_errors={how}")
+    flights = fly_all(flown, 3, 0, 300, threads())
+    analysis = covariance_analysis(flown)
+    at = [int(np.argmin(np.abs(flown.world.filter_time - t))) for t in range(10, 121, 10)]
+    predicted = np.sqrt(np.diagonal(analysis.covariance, axis1=1, axis2=2))[at, PV]
+    measured = np.sqrt(np.mean(flights["error"][:, at, PV] ** 2, axis=0))
+    assert np.abs(measured / predicted - 1.0).max() < 0.17
+    nees = flights["nees_position_velocity"][:, at].mean(axis=0) / 6.0
+    np.testing.assert_allclose(nees, analysis.expected_square(PV)[at], rtol=0.15)
+
+
+def test_a_run_is_the_same_beside_others() -> None:
+    flown = case(OPEN, "duration_s=20", "signals.errors.multipath.time_s=5")
+    alone, beside = fly(flown.flight, 4, [5]).one(0), fly(flown.flight, 4, range(4, 8)).one(1)
+    for name in ("pseudorange", "error", "sigma", "nees"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(beside, name))
+    assert len(flown.states) == 21
+    assert flown.states[-6:] == tuple(f"fix_error_{s}_{a}" for s in ("slow", "fast") for a in ("north", "east", "down"))
+
+
+KINDS = (*records.FILTERS, *records.SMOOTHERS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_follows_them_as_a_dense_filter_does(kind: int) -> None:
+    """Perfect sensors, position unknown, fixes with an error that lasts through a matrix that changes: estimate and
+    covariance at the end are those of a Kalman filter of six states, to a hundredth of a sigma."""
+    world = case("imu.preset=perfect", "duration_s=20").world
+    time, step, tau = np.arange(1.0, 16.0), 0.01, 7.0
+    random = np.random.default_rng(8)
+    turn = np.array([np.eye(3) + 0.02 * t * cross(np.array([0.3, -0.5, 0.8])) for t in time])
+    root = turn @ np.array([[2.0, 0.3, 0.0], [0.3, 1.5, -0.4], [0.0, -0.4, 3.0]])
+    lasting = np.zeros((time.size, 6, 3))
+    lasting[:, :3] = root
+    noise, off = 0.3, random.standard_normal((time.size, 3)) * 2.0
+    # metres north, east, down off the truth
+    at = [round(100 * t) for t in time]
+    llh = world.truth.llh[at] + off * np.array([1 / 6.37e6, 1 / (6.37e6 * np.cos(world.truth.llh[0, 0])), -1.0])
+    blocks = (*states.biases(), states.lasting("fix_error", FIX, tau, step))
+    p = np.diag(np.repeat([10.0, 1e-5, 1e-9, 1e-12, 1e-12, 1.0], 3) ** 2)
+    state = records.start(exact_start(world.at_filter), p, components=3 if kind == records.GAUSSIAN_SUM else 0)
+    cov = np.tile(np.diag([noise**2] * 3 + [1.0] * 3), (time.size, 1, 1))
+    history = estimate(
+        records.ImuData(world.imu_time, world.dtheta, world.dv),
+        Measurements.of({FIX: FixTable(llh, np.full((time.size, 3), np.nan), cov, np.zeros(3), lasting)}),
+        records.schedule(time, (FIX, time, time)),
+        state,
+        records.FilterModel(
+            kind, np.zeros((1, 2)), states.declared(blocks), np.full(7, np.inf), 0,
+            3 if kind == records.GAUSSIAN_SUM else 0, 3.0,
+        ),
+    )  # fmt: skip
+    x, dense = np.zeros(6), np.diag([100.0] * 3 + [1.0] * 3)
+    kept = np.diag([1.0] * 3 + [np.exp(-1.0 / tau)] * 3)
+    for i in range(time.size):
+        x, dense = kept @ x, kept @ dense @ kept.T + np.diag([0.0] * 3 + [1.0 - np.exp(-2.0 / tau)] * 3)
+        h = np.hstack([np.eye(3), root[i]])
+        s = h @ dense @ h.T + noise**2 * np.eye(3)
+        k = dense @ h.T @ np.linalg.inv(s)
+        x, dense = x + k @ (off[i] - h @ x), dense - k @ h @ dense
+    both = [0, 1, 2, 15, 16, 17]
+    sigma = np.sqrt(np.diag(dense))
+    found = history.covariance[-1][np.ix_(both, both)]
+    np.testing.assert_allclose(found / sigma / sigma[:, None], dense / sigma / sigma[:, None], atol=0.01)
+    nav, truth = history.navigation[-1], world.truth.llh[at[-1]]
+    moved = (nav[:3] - truth) / np.array([1 / 6.37e6, 1 / (6.37e6 * np.cos(truth[0])), -1.0])
+    np.testing.assert_allclose(np.concatenate([moved, nav[-3:]]) / sigma, x / sigma, atol=0.02)
+
+
+def test_results_name_them(tmp_path: Path) -> None:
+    settings = ("duration_s=20", OPEN, "signals.errors.multipath.time_s=5", "receiver.rate_hz=2")
+    brief = (*(part for setting in settings for part in ("--set", setting)), "-q")
+    navsim("run", SCENARIOS / "landing.yaml", *brief, "--runs", 3, "--figures", "none", "-o", "a.h5", cwd=tmp_path)
+    flown = read(tmp_path / "a.h5")
+    as_declared(flown)
+    assert list(flown["/summary/consistency/group"])[-2:] == ["fix_error_slow", "fix_error_fast"]
+    more = ("--method", "covariance", "-o", "c.h5", "--figures", ".")
+    navsim("run", SCENARIOS / "landing.yaml", *brief, *more, cwd=tmp_path)
+    analysed = read(tmp_path / "c.h5")
+    as_declared(analysed)
+    named = [name for name in analysed["/budget/source"] if name.startswith("satellite_lasting_")]
+    assert [name.removeprefix("satellite_lasting_") for name in named] == [
+        "orbit_clock", "ionosphere", "troposphere", "multipath",
+    ]  # fmt: skip
+    assert (tmp_path / "c_budget.png").exists()
