@@ -15,6 +15,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -55,13 +56,14 @@ class Navigation:
         """Elements of GPS; None where the file has none."""
         return self.elements.get((GPS, GPS.message))
 
-    def constellations(self) -> list[Constellation]:
-        """Those that fly by these messages, each by the one that its system is flown by."""
+    def constellations(self, others: Mapping[System, str] = MappingProxyType({})) -> list[Constellation]:
+        """Those that fly by these messages, each by the one that its system is flown by; others: of which systems by
+        another one."""
         out: list[Constellation] = []
         if self.glonass is not None:
             out.append(StateVectorEphemerides(self.glonass))
         for system in SYSTEMS:
-            if (records := self.elements.get((system, system.message))) is not None:
+            if (records := self.elements.get((system, others.get(system, system.message)))) is not None:
                 out.append(gps.KeplerianEphemerides.sent(records, system))
         return out
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.models.systems import CLOCKS, GLONASS, NAMES, SYSTEMS, USUAL, System
+from navsim.models.systems import CLOCKS, GALILEO, GLONASS, NAMES, SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     DEG,
     Azimuth,
@@ -96,6 +96,8 @@ class Sky(Section):
     """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
     systems: list_of(Name) = ()  # type: ignore[valid-type]
     """use these alone, each with a clock unknown of its own; left out: GPS and GLONASS, or that of `nominal-...`"""
+    galileo_message: Literal["inav", "fnav"] = "inav"
+    """for `source: navigation`: what Galileo satellites fly by, I/NAV (of E1, E5b) or F/NAV (of E5a)"""
     broadcast: bool = False
     """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
     do; so that files exported from the run are exact"""
@@ -143,11 +145,18 @@ class Sky(Section):
         usual = () if named else (*USUAL, *(s for s in SYSTEMS if s.name == self.almanac_system))
         return tuple(s for s in SYSTEMS if s.name in named or s in usual)
 
+    def messages(self) -> dict[System, str]:
+        """Systems that fly by another message than their usual one."""
+        return {GALILEO: GALILEO.other_messages[0]} if self.galileo_message == "fnav" else {}
+
     def unused(self) -> list[str]:
         """What is given and changes nothing, in words."""
         names = (*SOURCES_FROM_FILES, "directions")
         given = [name for name in names if name != self.source and getattr(self, name)]
-        return [f"sky.{name} is not used: sky.source is {self.source}" for name in given]
+        out = [f"sky.{name} is not used: sky.source is {self.source}" for name in given]
+        if self.messages() and (self.source != "navigation" or GALILEO not in self.wanted()):
+            out.append(f"sky.galileo_message is not used: no {GALILEO.title} satellite flies by messages")
+        return out
 
     def listed(self) -> Listed:
         """The sources in fixed directions."""

@@ -216,6 +216,7 @@ ALIKE = {
     "sky.almanac_sha256": "a checksum", "sky.navigation_sha256": "a checksum", "sky.orbits_sha256": "a checksum",
     "signals.system_offsets_ns": "signals.gps_offset_ns of other systems",
     "signals.system_offset_sigma_ns": "what each run draws",
+    "sky.galileo_message": "a constellation as the other message makes one",
     "sky.horizon": "a mask of more sectors", "sky.horizon_sha256": "a checksum",
     "sky.almanac_system": "read as an almanac is", "sky.orbits": "a constellation as the messages make one",
     "sky.lenient": "how files are read", "sky.almanac_warning_days": "a warning",

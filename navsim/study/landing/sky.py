@@ -118,7 +118,7 @@ def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     from navsim.io.rinex_nav import read_nav
 
     found = read_nav(path, sky.lenient, sky.wanted())
-    return found.constellations(), found.left_out
+    return found.constellations(sky.messages()), found.left_out
 
 
 def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
