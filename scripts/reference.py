@@ -28,7 +28,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "bias_fixed_mg: [1, -1, 0.5]}",
             "altimeter={sigma_m: 0.5, believed_sigma_m: 1}",
             "radio_altimeter={sigma_floor_m: 0.5, sigma_share: 0.02, ground: [[-600, -6], [0, 0]]}",
-            "barometric_altimeter={sigma_m: 0.5, lag_s: 0.3, isa_deviation_k: -10}", "runway.geoid_undulation_m=15.5",
+            "barometric_altimeter={sigma_m: 0.5, lag_s: 0.3, isa_deviation_k: -10, drift_m: 2}",
+            "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "
             "{what: ramp, sources: [glonass], rate_m_s: 0.5}, {what: survey, sources: [PL1], ned_m: [1, 0, 0]}, "

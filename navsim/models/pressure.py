@@ -81,8 +81,9 @@ class BarometricAltimeter:
     """The height above sea level that the static pressure at the IMU stands for.
 
     rate: Hz. sigma: m, 1 sigma of white noise. lag: s, of first order, of the pressure in its tubes. air: that there
-    is. undulation: m, of the geoid above the ellipsoid. wrong_setting: hPa by which it is set too high, of which the
-    filter knows nothing. believed: by the filter.
+    is. undulation: m, of the geoid above the ellipsoid. wrong_setting: hPa by which it is set too high, and
+    setting_sigma: 1 sigma of what comes to that in each run; drift, drift_time: 1 sigma, m, and correlation time, s, of
+    a Gauss-Markov error; of all that the filter knows nothing. believed: by the filter.
     """
 
     rate: float
@@ -92,6 +93,9 @@ class BarometricAltimeter:
     undulation: float
     wrong_setting: float
     believed: PressureBeliefs
+    setting_sigma: float = 0.0
+    drift: float = 0.0
+    drift_time: float = 1.0
     latency: float = 0.0
 
     def shown(self, time: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -101,12 +105,30 @@ class BarometricAltimeter:
         set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
         return pressure_altitude(late(time, outside, self.lag)) - pressure_altitude(set_to)
 
+    def lasting(self, time: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+        """What a run adds to what is shown (n,), m, at ascending times (n,), s: its setting, and a stationary drift."""
+        out = np.zeros(time.size)
+        if self.setting_sigma > 0.0:
+            set_to = SEA_LEVEL + HECTOPASCAL * self.wrong_setting
+            off = HECTOPASCAL * self.setting_sigma * float(draw.standard_normal())
+            out += float(pressure_altitude(np.array(set_to)) - pressure_altitude(np.array(set_to + off)))
+        if self.drift > 0.0:
+            kept = np.exp(-np.diff(time) / self.drift_time)
+            new = self.drift * draw.standard_normal(time.size)
+            value = np.empty(time.size)
+            value[:1] = new[:1]
+            for i, share in enumerate(kept):
+                value[i + 1] = share * value[i] + np.sqrt(1.0 - share**2) * new[i + 1]
+            out += value
+        return out
+
     @property
     def as_believed(self) -> bool:
         """Whether the filter takes it for what it is."""
         its = self.believed
         mine = self.sigma, self.lag, self.air, self.undulation
-        return self.wrong_setting == 0.0 and mine == (its.sigma, its.lag, its.air, its.undulation)
+        right = self.wrong_setting == self.setting_sigma == self.drift == 0.0
+        return right and mine == (its.sigma, its.lag, its.air, its.undulation)
 
 
 def late(time: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:

@@ -60,10 +60,12 @@ def _write_heading(runway: dict[str, Any]) -> None:
     if first is not None and end is not None:
         heading = between(first, end)
         given = runway.get("heading_deg")
-        if _number(given) and "bearing_deg" not in runway and abs(turned(given, heading)) > _SAME:
-            # what was given is the published one, which the thresholds overrule
-            runway["bearing_deg"], runway["bearing_is"] = given, "true"
-        runway["heading_deg"] = heading
+        if _number(given) and 0.0 <= given <= 360.0 and "bearing_deg" not in runway:
+            if abs(turned(given, heading)) > _SAME:
+                # what was given is the published one, which the thresholds overrule
+                runway["bearing_deg"], runway["bearing_is"] = given, "true"
+            runway["heading_deg"] = heading
+        _write(runway, "heading_deg", heading, "end")
         return
     bearing = runway.get("bearing_deg")
     if not _number(bearing):
@@ -77,9 +79,10 @@ def _write_heading(runway: dict[str, Any]) -> None:
 
 def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
     given = runway.get(key)
-    if _number(given) and abs(given - value) > _SAME:
+    if given is None:
+        runway[key] = value
+    elif _number(given) and abs(given - value) > _SAME:
         raise reject(f"is {value:.6g} by {source}; leave one of them out", "runway", key)
-    runway[key] = value
 
 
 def between(first: tuple[float, float], end: tuple[float, float]) -> float:

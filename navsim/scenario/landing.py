@@ -271,6 +271,13 @@ class Landing(Section):
                 "integrity",
                 "error_model",
             )
+        if self.barometric_altimeter is not None and self.barometric_altimeter.lasts:
+            raise reject(
+                "the covariance analysis, on which method rare rests too, has no errors of it that last; use method "
+                "monte-carlo, or qnh_sigma_hpa and drift_m of 0",
+                "barometric_altimeter",
+                "drift_m" if self.barometric_altimeter.drift_m > 0.0 else "qnh_sigma_hpa",
+            )
         if self.filter.tight and self.method == "rare":
             raise reject(
                 "method rare pushes fixes, not yet the clock of a tightly coupled filter; use method monte-carlo or "

@@ -333,6 +333,17 @@ class BarometricAltimeterSection(Section):
     """by how much the air is warmer than the standard atmosphere, at all heights"""
     qnh_error_hpa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     """by how much it is set too high, about 8.3 m each; the filter knows nothing of it"""
+    qnh_sigma_hpa: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    """1 sigma of what comes to qnh_error_hpa in each run; the filter knows nothing of it"""
+    drift_m: NonNegative = 0.0
+    """1 sigma of a Gauss-Markov error that drifts; the filter knows nothing of it"""
+    drift_time_s: CorrelationTime = 600.0
+    """its correlation time"""
+
+    @property
+    def lasts(self) -> bool:
+        """Whether runs have errors that last."""
+        return self.qnh_sigma_hpa > 0.0 or self.drift_m > 0.0
 
     def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
         """The sensor in SI units at a runway, and what a filter takes it for."""
@@ -347,8 +358,9 @@ class BarometricAltimeterSection(Section):
         )
         air = AirColumn(runway.elevation_m, self.isa_deviation_k)
         return BarometricAltimeter(
-            self.rate_hz, self.sigma_m, self.lag_s, air, runway.undulation_m, self.qnh_error_hpa, believed
-        )
+            self.rate_hz, self.sigma_m, self.lag_s, air, runway.undulation_m, self.qnh_error_hpa, believed,
+            self.qnh_sigma_hpa, self.drift_m, self.drift_time_s,
+        )  # fmt: skip
 
 
 class FilterBarometricAltimeter(Section):

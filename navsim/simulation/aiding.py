@@ -34,7 +34,8 @@ class Sensor:
     it would measure on a flight at times (m,), s, without noise (m, k), nan where it measures nothing; sigma:
     1 sigma (m, k) of the white noise there; table: what was measured (m, k) as that kind's table; slope: of the
     innovation by a number; as_believed: whether a filter takes a model for what it is; believed_latency:
-    how old it takes the measurements for when they come, s."""
+    how old it takes the measurements for when they come, s; lasting: what a run adds beside the white noise, from a
+    model, times (m,) and a generator (m, k), None: nothing."""
 
     name: str
     kind: int
@@ -46,6 +47,7 @@ class Sensor:
     slope: Callable[[Any], float]
     as_believed: Callable[[Any], bool]
     believed_latency: Callable[[Any], float] = lambda model: 0.0
+    lasting: Callable[[Any, np.ndarray, np.random.Generator], np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,9 @@ class Aid:
 
     def measured(self, seed: int, run: int) -> np.ndarray:
         """What it measures in a run (m, k)."""
-        return self.exact + self.sigma * generator(seed, run, "aids", self.sensor.kind).standard_normal(
-            self.exact.shape
-        )
+        draw = generator(seed, run, "aids", self.sensor.kind)
+        measured: np.ndarray = self.exact + self.sigma * draw.standard_normal(self.exact.shape)
+        return measured if self.sensor.lasting is None else measured + self.sensor.lasting(self.model, self.time, draw)
 
     def table(self, measured: np.ndarray) -> Any:
         """Measurements (m, k), or of lanes, as the filter takes them."""
@@ -151,6 +153,7 @@ _SENSORS: Mapping[type, Sensor] = {
         _of_pressure,
         lambda model: 1.0 / model.believed.air.stretch,
         lambda model: model.as_believed,
+        lasting=lambda model, time, draw: model.lasting(time, draw)[:, None],
     ),
 }
 """The sensor of each model."""

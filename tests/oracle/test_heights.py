@@ -77,6 +77,29 @@ def test_what_it_shows() -> None:
     assert not wrong.as_believed
 
 
+def test_errors_of_a_run_that_last() -> None:
+    """A setting and a drift drawn for each run, beside the same white noise; their sizes and how they last."""
+    (plain,) = case(*GENTLE, UNDULATION, BARO % "rate_hz: 1").world.aids
+    runs = range(2000)
+
+    def added(*settings: str) -> np.ndarray:
+        flown = case(*GENTLE, UNDULATION, BARO % ", ".join(("rate_hz: 1", *settings)))
+        (aid,) = flown.world.aids
+        assert not aid.as_believed
+        with pytest.raises(InputError, match="errors of it that last"):
+            case(*GENTLE, UNDULATION, BARO % ", ".join(settings), "method=covariance")
+        return np.array([(aid.measured(1, run) - plain.measured(1, run))[:, 0] for run in runs])
+
+    setting = added("qnh_sigma_hpa: 0.5")
+    np.testing.assert_allclose(setting, setting[:, :1] * np.ones(setting.shape[1]), atol=1e-9)
+    assert setting[:, 0].std() == pytest.approx(0.5 * pressure.SLOPE, rel=0.05)  # 3 sigma of 2000 runs
+    drift = added("drift_m: 3", "drift_time_s: 40")
+    np.testing.assert_allclose(drift.std(axis=0), 3.0, rtol=0.07)
+    for lag in (10, 40):
+        found = np.mean(drift[:, lag:] * drift[:, :-lag]) / np.mean(drift**2)
+        assert found == pytest.approx(np.exp(-lag / 40.0), abs=0.05)
+
+
 def test_both_altimeters_fly_together() -> None:
     """Every vertical error below 30 m as large as the filter believes; less than with either alone."""
     both = ("radio_altimeter.sigma_floor_m=0.3", UNDULATION, BARO % "lag_s: 0.4, isa_deviation_k: -15, rate_hz: 5")
