@@ -219,9 +219,10 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     ax.set_facecolor("#dddddd")
     ax.grid(visible=False)
     tied = alike(cube, found)[_slice(cube.ndim, others, tuple(found[i] for i in others))]
-    at = np.argwhere(tied & ~tied.all())  # no star where any place is as good as the others
+    everywhere = bool(tied[np.isfinite(values)].all())
+    at = np.argwhere(tied & ~everywhere)  # no star where any place is as good as the others
     ax.plot(x[at[:, 1]], y[at[:, 0]], "*" if at.size else "", color=COLOURS[1], ms=9, mec="white", mew=0.6, ls="",
-            clip_on=False, label=f"{'any' if tied.all() else 'best'}: {cube[found]:.4g}")  # fmt: skip
+            clip_on=False, label=f"{'any' if everywhere else 'best'}: {cube[found]:.4g}")  # fmt: skip
     hollow = "; grey: no value" if not np.isfinite(values).all() else ""
     ax.locator_params(axis="x", nbins=5)
     ax.ticklabel_format(useOffset=False)
@@ -280,7 +281,8 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
         here, title, star = best(values, better), "", None
         if here is not None:
             tied = alike(values, here)
-            if not tied.all():
+            everywhere = bool(tied[np.isfinite(values)].all())
+            if not everywhere:
                 along, right = (result[f"/plan/site_{axis}"][place][tied].ravel() for axis in ("along", "right"))
                 star = along, right
             text = ", ".join(f"{dims[axis]} = {as_text(_axis_value(result, axis, i))}"
@@ -290,14 +292,20 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
                 index[axis] = int(i)
             ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane and tied.sum() == 1]
             where = f", on the border of the map ({', '.join(ends)}): better may lie beyond" if ends else ""
-            found_there = "any place" if tied.all() else "best"
+            found_there = "any place" if everywhere else "best"
             title = f"{text + ': ' if text else ''}{found_there} {values[here]:.4g}{where}"
         out.append(Panel(values, sites, corners, star, title))
     return out
 
 
 def colours(cube: np.ndarray, better: bool) -> tuple[float, float]:
-    """The ends of the colours of a map; the bad end, where next to nothing is solved, is cut."""
+    """The ends of the colours of a map; the bad end, where next to nothing is solved, is cut. What is the same
+    everywhere has the colour of the best."""
+    known = cube[np.isfinite(cube)]
+    if alike(known, (0,)).all():
+        value = float(known[0])
+        step = abs(value) or 1.0
+        return (value - step, value) if better else (value, value + step)
     low, high = np.percentile(cube[np.isfinite(cube)], [2, 100] if better else [0, 98]).tolist()
     return low, max(high, low + 1e-12)
 

@@ -90,7 +90,8 @@ class Row:
 @dataclass
 class Table:
     """heads: of the columns, with units. notes: what stands below. lines: between rows; labelled: the first column
-    names the rows and is not broken. caption: what the table says, for paper, where nothing else says it."""
+    names the rows and is not broken, unless it is wide. caption: what the table says, for paper, where nothing else
+    says it."""
 
     title: str
     heads: tuple[str, ...]
@@ -117,6 +118,10 @@ def console(parts: Sequence[Table | str]) -> RenderableType:
     return Group(*(_drawn(part) if isinstance(part, Table) else plain(part) for part in parts))
 
 
+_LABEL = 60
+"""Width up to which labels are not broken."""
+
+
 def _drawn(table: Table) -> RenderableType:
     from rich import box
     from rich import table as rich
@@ -126,8 +131,10 @@ def _drawn(table: Table) -> RenderableType:
         title=plain(table.title) or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
         show_lines=table.lines, caption=plain(table.notes) or None,
     )  # fmt: skip
+    # a label that is a sentence is broken before values vanish
+    longest = max((len(line) for row in table.rows for line in row.texts()[0].splitlines()), default=0)
     for i, head in enumerate(table.heads):
-        out.add_column(plain(head), no_wrap=table.labelled and i == 0)
+        out.add_column(plain(head), no_wrap=table.labelled and i == 0 and longest <= _LABEL)
     for row in table.rows:
         first, *others = map(plain, row.texts())
         if row.heading:

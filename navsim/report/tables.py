@@ -310,7 +310,7 @@ _INTEGRITY = {
     "epochs available": "availability",
     "approaches available throughout": "approaches",
     "continuity risk in 15 s": "continuity_risk",
-    "misleading information, of runs": "hmi",
+    "hazardously misleading information, of runs": "hmi",
 }
 """Labels of shares, and their names in the result."""
 

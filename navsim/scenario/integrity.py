@@ -246,6 +246,11 @@ class IntegritySection(Section):
         """The largest probability of an alarm at an epoch without a fault."""
         return self.p_fa if self.method == "chi2" else (self.p_fa_v + self.p_fa_h) / self.effective_samples
 
+    def risk_of_levels(self) -> float:
+        """Probability, for an approach, that errors are beyond their levels without an alarm; 1 where levels are
+        computed for none: `chi2` has that of a fault that is there."""
+        return 1.0 if self.method == "chi2" else self.p_hmi_v + self.p_hmi_h + self.p_unmonitored_max
+
     def unused(self, systems: Collection[str] | None = None) -> list[str]:
         """What is given and changes nothing, in words. systems: of the satellites there are, None where they are not
         known."""

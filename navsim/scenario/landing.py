@@ -181,7 +181,9 @@ class Landing(Section):
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
         for i, requirement in enumerate(self.requirements):
             if not there[requirement.needs]:
-                text = f"speaks of `{requirement.needs}`, which the scenario does not have"
+                of_limits = requirement.needs == "integrity.limits"
+                example = "; for example limits: {operation: LPV-200, tta_s: 6}" if of_limits else ""
+                text = f"speaks of `{requirement.needs}`, which the scenario does not have{example}"
                 raise reject(text, "requirements", i, "what")
         for i, event in enumerate(self.events):
             if event.at_s >= self.duration_s:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.base import Section, reject
-from navsim.scenario.integrity import OPERATIONS, LimitsSection, Operation
+from navsim.scenario.integrity import OPERATIONS, IntegritySection, LimitsSection, Operation
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 """Of runs, or of epochs, that is asked for."""
@@ -118,7 +118,8 @@ class RiskRequirement(RequirementSection):
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["continuity", "misleading"]
-    """risk of losing continuity within 15 s (continuity), or of a run with misleading information (misleading)"""
+    """risk of losing continuity within 15 s (continuity), or of a run with hazardously misleading information
+    (misleading)"""
     at_most: Risk
     """probability that is allowed"""
 
@@ -139,19 +140,26 @@ the larger end of the range)."""
 
 
 EMT = 15.0
-ACCURACY = {0.05: 4.0, 1e-7: 10.0}
-"""What LPV-200 asks for beside its alert limits, m: the effective monitor threshold, and the vertical error without a
-fault by the probability of being beyond: WG-C ARAIM TSG, Reference Airborne Algorithm Description, version 3.0
-(2017)."""
+"""Effective monitor threshold that LPV-200 asks for, m: WG-C ARAIM TSG, Reference Airborne Algorithm Description,
+version 3.0 (2017)."""
+ACCURACY: dict[Operation, dict[float, float]] = {
+    "APV-I": {0.05: 20.0},
+    "APV-II": {0.05: 8.0},
+    "LPV-200": {0.05: 4.0, 1e-7: 10.0},
+    "CAT-I": {0.05: 4.0},
+}
+"""Vertical error without a fault, m, by the probability of being beyond: doi:10.1186/s43020-020-00010-2, table 1 (95 %;
+of CAT I the smaller of 4 to 6 m), and for LPV-200 the same description of ARAIM."""
 
 
 class PresetRequirement(RequirementSection):
-    """All that an operation asks for: its alert limits at a share of the epochs, continuity, integrity; of LPV-200
-    the effective monitor threshold and the accuracy without a fault, too."""
+    """What an operation asks for: its alert limits at a share of the epochs, vertical accuracy without a fault,
+    continuity, integrity, and LPV-200 the effective monitor threshold. Horizontal accuracy (16 m, 95 %) and the time to
+    alert are not in it."""
 
     needs: ClassVar[str] = "integrity.limits"
     what: Literal["preset"]
-    """all that an operation asks for"""
+    """what an operation asks for: alert limits, vertical accuracy, continuity, integrity; LPV-200 also emt"""
     operation: Operation
     """the operation"""
     availability: Share = 0.99
@@ -168,8 +176,12 @@ class PresetRequirement(RequirementSection):
         return self
 
     def counts_by(self, limits: LimitsSection | None) -> bool:
-        """Whether continuity and misleading information, which are counted by these limits, are so by its own."""
+        """Whether what these limits count, continuity and hazardously misleading information, is counted by its own."""
         return limits is not None and limits.limits() == OPERATIONS[self.operation]
+
+    def levels_are_its_own(self, section: IntegritySection) -> bool:
+        """Whether levels are computed for no more risk than its integrity allows an approach."""
+        return section.risk_of_levels() <= INTEGRITY * (1.0 + 1e-9)
 
     def parts(self) -> tuple[AnySingle, ...]:
         """The single requirements."""
@@ -180,10 +192,10 @@ class PresetRequirement(RequirementSection):
         further: list[AnySingle] = []
         if self.operation == "LPV-200":
             further.append(ThresholdRequirement(what="emt", below_m=EMT, share=self.availability))
-            further += [
-                AccuracyRequirement(what="accuracy", below_m=size, at_most=risk, share=self.availability)
-                for risk, size in ACCURACY.items()
-            ]
+        further += [
+            AccuracyRequirement(what="accuracy", below_m=size, at_most=risk, share=self.availability)
+            for risk, size in ACCURACY.get(self.operation, {}).items()
+        ]
         return (
             *levels,
             *further,

@@ -68,6 +68,12 @@ _REGION = 4.0
 """Every second round stays around the best: how far, in distances that new placements keep from the old."""
 
 
+_DIGITS = 2
+"""Digits behind the point, of metres, that places have in tables and files."""
+_ASIDE = (0.01, 0.02, 0.05, 0.1, 0.2)
+"""How far places are moved where rounding makes them break what they kept, m."""
+
+
 @dataclass(frozen=True)
 class _Pace:
     """How much is analysed coarsely. first: times 16, and 8 a pseudolite, to begin with. learning: a round of the
@@ -175,8 +181,8 @@ def _pace(here: PlacementProblem) -> _Pace:
 
 
 def _decisions(here: PlacementProblem) -> int:
-    """Full analyses at the end."""
-    return (here.study.effort + 1) * (1 if here.requirements is None else 1 + _AGAIN)
+    """Full analyses at the end, the last of the placement at whole centimetres."""
+    return (here.study.effort + 1) * (1 if here.requirements is None else 1 + _AGAIN) + 1
 
 
 def named(count: int) -> str:
@@ -274,11 +280,32 @@ def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarra
         what = "protection level" if here.study.objective in LEVEL_OBJECTIVES else "fix"
         reason = "breaks a rule" if value >= BROKEN else f"leaves epochs of the glide without a {what}"
         raise NoPlacement(f"{count} pseudolite(s): every placement tried {reason}")
+    if not here.study.sites:
+        judge = (lambda some: trials.full(some).value) if here.analysed else trials.at_once
+        places, value = _printed(places, value, judge)
     if here.requirements is None:
         return Found(places, value, watch.tried_since(), every, finished=True)
     best = here.judged(places[None])
     objective, load = float(best.objective[0]), float(best.load[0])
     return Found(places, objective, watch.tried_since(), every, finished=True, load=load)
+
+
+def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray, float]:
+    """A placement at whole centimetres, as tables and files of sites have it, and its value: the nearest, or the best
+    of those beside it where that breaks a rule or misses a requirement that the placement itself does not."""
+    nearest = np.round(places, _DIGITS)
+    worst = next(limit for limit in (UNMET, UNSOLVED, BROKEN) if value < limit)
+    moves = np.eye(places.size).reshape(-1, *places.shape)
+    best, lowest = nearest, float(judge(nearest[None])[0])
+    for size in _ASIDE:
+        if lowest < worst:
+            break
+        beside = np.round(nearest + size * np.concatenate([moves, -moves]), _DIGITS)
+        values = judge(beside)
+        i = int(np.argmin(values))
+        if values[i] < lowest:
+            best, lowest = beside[i], float(values[i])
+    return best, lowest
 
 
 # --- objectives of geometry

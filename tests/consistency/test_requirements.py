@@ -107,13 +107,16 @@ def test_runs_are_judged(tmp_path: Path) -> None:
         for text in (
             "HPL within 40 m at 99 % of epochs of the glide",
             "VPL within 50 m at 99 % of epochs of the glide",
+            "vertical error without a fault within 20 m but for 0.05 at 99 % of epochs of the glide",
             "continuity lost in 15 s with a risk of at most 8e-06",
-            "misleading information with a risk of at most 2e-07",
+            "hazardously misleading information with a risk of at most 2e-07",
         )
     ]
-    assert np.isnan(values[11:]).all()  # counted by other limits than those of APV-I
-    assert verdicts[11:] == [UNDECIDED, UNDECIDED]
-    assert "requirements[9]: continuity and misleading information are counted by integrity.limits" in said
+    np.testing.assert_array_equal(values[11], 1.0)
+    assert np.isnan(values[12:]).all()  # counted by other limits than those of APV-I
+    assert verdicts[11:] == [MET, UNDECIDED, UNDECIDED]
+    assert "requirements[9]: levels are not those of APV-I, which allows a risk of 2e-07 an approach" in said
+    assert "requirements[9]: continuity and hazardously misleading information are counted by integrity.limits" in said
     assert float(result[f"{branch}/more_runs"][7]) == pytest.approx(-np.log(0.025) / 1e-6, rel=0.02)
     assert "lateral error at 100 ft below 0.6 m in 50 % of runs" in said
     assert "met: " in said
@@ -248,11 +251,49 @@ def test_a_preset_is_counted_by_its_own_limits(tmp_path: Path) -> None:
     asked = [{"what": "preset", "operation": "APV-I"}]
     by_own, said = flown(tmp_path, asked, "--runs", 8, *alone, "--set", own)
     assert "counted by" not in said
-    assert list(by_own["/summary/requirements/verdict"][2:]) == [UNDECIDED, NOT_MET]
+    assert list(by_own["/summary/requirements/verdict"][3:]) == [UNDECIDED, NOT_MET]
     other = "integrity={method: chi2, limits: {hal_m: 200, val_m: 200, tta_s: 6}}"
     by_others, said = flown(tmp_path, asked, "--runs", 8, *alone, "--set", other, "--force")
     assert "give limits: {operation: APV-I" in said
-    assert list(by_others["/summary/requirements/verdict"][2:]) == [UNDECIDED, UNDECIDED]
+    assert list(by_others["/summary/requirements/verdict"][3:]) == [UNDECIDED, UNDECIDED]
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("integrity.p_hmi_v=1.2e-7", "p_hmi_v, p_hmi_h and p_unmonitored_max allow 2.02e-07"),
+        ("integrity.method=chi2", "integrity.method chi2 computes them for a fault that is there"),
+        ("integrity.p_hmi_v=1.1e-7", None),
+    ],
+)
+def test_levels_of_a_preset_are_for_its_risk(setting: str, said: str | None, tmp_path: Path) -> None:
+    asked = [{"what": "preset", "operation": "LPV-200"}]
+    _, heard = flown(tmp_path, asked, "--set", MHSS, "--set", setting, "--method", "covariance")
+    assert ("levels are not those of LPV-200" in heard) == (said is not None)
+    assert said is None or said in heard
+
+
+def test_levels_without_a_test_are_not_within_anything(tmp_path: Path) -> None:
+    """Of a filter that is given nothing, though it has levels; and where no fault is expected."""
+    level, emt = {"what": "level", "of": "hpl", "below_m": 1000.0}, {"what": "emt", "below_m": 1000.0}
+    asked: list[dict[str, Any]] = [level, emt]
+    branch, silence = "/summary/requirements/value", "events=[{what: silence, sources: [all], at_s: 40}]"
+    watched = MHSS.replace("mhss", "filter")
+    result, said = flown(tmp_path, asked, "--set", watched, "--set", silence, "--method", "covariance")
+    time = result["/integrity/time"]
+    assert np.isfinite(result["/integrity/hpl"][1:]).all()
+    np.testing.assert_allclose(result[branch], np.mean(time[time <= 60.2] < 40.0))
+    assert "nothing is received at" in said
+    none = "integrity={p_satellite: 0, p_constellation: 0, p_pseudolite: 0, ground_groups: []}"
+    result, said = flown(tmp_path, asked, "--set", none, "--method", "covariance", "--force")
+    np.testing.assert_array_equal(result[branch], 0.0)
+    assert "no fault is expected" in said
+
+
+def test_a_flight_that_ends_on_the_glide_is_judged_as_far_as_it_goes(tmp_path: Path) -> None:
+    asked = [{"what": "level", "of": "hpl", "below_m": 1000.0}]
+    _, said = flown(tmp_path, asked, "--set", "duration_s=30", "--set", "box=null", "--method", "covariance")
+    assert "requirements judge the part of the glide that is flown" in said
 
 
 def test_more_runs_are_told_where_an_interval_is_cut_off_at_nothing() -> None:

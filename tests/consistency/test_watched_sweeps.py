@@ -96,7 +96,7 @@ def test_requirements_are_judged_as_in_single_landings(tmp_path: Path, method: s
     path = study(tmp_path, f"method: {method}\nruns: 8\noutputs: [requirements]", WATCHED | REQUIRED)
     done = navsim("sweep", path, "--figures", "none", "-o", "s.h5", "--require", cwd=tmp_path, code=3)
     assert "VPL within 45 m at 90 % of epochs of the glide" in done.stdout
-    assert "requirement_7: not met, or undecided, in 2 of 2 combinations" in done.stderr
+    assert "requirement_8: not met, or undecided, in 2 of 2 combinations" in done.stderr
     swept = read(tmp_path / "s.h5")
     as_declared(swept)
     runs = method == "monte-carlo"
@@ -104,7 +104,7 @@ def test_requirements_are_judged_as_in_single_landings(tmp_path: Path, method: s
     for i, count in enumerate((0, 2)):
         asked = ("--set", f"requirements={json.dumps(REQUIRED['requirements'])}", "--method", method)
         one = single(tmp_path, count, *asked, *(("--runs", 8, "--keep", "none") if runs else ()))
-        for k in range(8):
+        for k in range(9):
             name = f"requirement_{k + 1}"
             ends = [f"{name}{end}" for end in (("", "_low", "_high") if runs else ("",))]
             found = [swept[f"/sweep/{each}"][i] for each in ends]
@@ -129,7 +129,7 @@ def test_geometry_judges_the_levels_among_requirements(tmp_path: Path) -> None:
     as_declared(swept)
     assert swept["/outcome/combination"].tolist() == [2, 0]
     assert swept["/sweep/requirement_1"][0] == 0.0
-    assert [int(swept[f"/sweep/requirement_{i}_verdict"][0]) for i in (1, 2, 3, 4, 7)] == [0, 1, 1, 0, 1]
+    assert [int(swept[f"/sweep/requirement_{i}_verdict"][0]) for i in (1, 2, 3, 4, 7, 8)] == [0, 1, 1, 0, 0, 1]
 
 
 def test_availability_by_levels_is_what_runs_have_but_for_alarms(tmp_path: Path) -> None:

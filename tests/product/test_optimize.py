@@ -156,7 +156,7 @@ def test_requirements_are_told_with_every_number(place: Path) -> None:
     assert result["/requirements/decided"].tolist() == [1, 0]
     assert f"met: 1 ({100 * (1 - used[1]):.1f} %)" in done.stdout
     assert "the fewest pseudolites with which the requirements are met: 2" in done.stdout
-    assert "runs alone decide (navsim run) are no constraint here: misleading information" in done.stderr
+    assert "runs alone decide (navsim run) are no constraint here: hazardously misleading information" in done.stderr
     assert (
         "1 pseudolite: no placement meets the requirements (every choice of sites was tried); the nearest"
         in done.stderr
@@ -202,7 +202,7 @@ def test_requirements_that_need_no_pseudolites(place: Path) -> None:
         (["set.integrity=null", "constraints={}", "set.requirements=[]"], "objective: vpl_p95 needs `integrity`"),
         (
             ["set.requirements=[{what: misleading, at_most: 1.0e-6}]"],
-            "constraints.requirements: levels and covariance analysis decide none of them: misleading information",
+            "constraints.requirements: levels and covariance analysis decide none of them: hazardously misleading",
         ),
         (
             ["period={hours: 2, count: 4}"],

@@ -494,6 +494,16 @@ outputs: [pdop]
 """
 
 
+@pytest.mark.parametrize("better", [True, False])
+def test_what_is_the_same_everywhere_has_the_colour_of_the_best(better: bool) -> None:
+    for value in (1.0, 0.0, -3.0):
+        cube = np.full((3, 4), value)
+        cube[0, 0] = np.nan
+        low, high = sweep.colours(cube, better)
+        assert (low < value == high) if better else (low == value < high)
+        assert high - low >= 1.0
+
+
 def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Path) -> None:
     """One pseudolite near the threshold: best as far out as the map goes, refused under the wheels."""
     file = tmp_path / "map.yaml"
@@ -518,6 +528,11 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     corners = ax.collections[0].get_coordinates()  # type: ignore[attr-defined]
     assert np.ptp(np.diff(corners[:, :, 0], axis=1)) < 1e-6
     assert sweep.best_plain(result)["pdop"]["at_end_of_range"] == ["l1_m"]  # type: ignore[index]
+    flat = np.where(np.isnan(values), np.nan, 1.0)
+    pdop = replace(result.variables["/sweep/pdop"], data=flat)
+    alike = Result(result.attributes, result.variables | {"/sweep/pdop": pdop})
+    (panel,) = sweep.panels(alike, "pdop", (0, 1))
+    assert (panel.best, panel.title) == (None, "any place 1")
     text = printed(console(sweep.tables(result)))
     assert "500 *" in text
     assert "the best may lie beyond" in text

@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from navsim.cli.common import called
+from navsim.report import table
 from navsim.report.compare import _widened
 from navsim.report.table import (
     TIDY,
@@ -55,6 +56,20 @@ def made() -> Table:
     out.add("S1", interval([1.0, 0.5, 2.0], 1))
     out.add("short")
     return out
+
+
+@pytest.mark.parametrize("width", [80, 100, 116])
+def test_labels_give_way_to_values(width: int) -> None:
+    """A statement as a label, and the values of two results, however narrow the terminal."""
+    wide = Table("", ("", "one", "other"), labelled=True)
+    statement = "LPV-200: vertical error without a fault within 10 m but for 1e-07 at 99 % of epochs of the glide"
+    wide.add(statement, "met", "1")
+    wide.add("NEES", interval([1.0, 0.5, 2.0], 3), interval([3.0, 2.5, 4.0], 3))
+    said = table.text([wide], width)
+    assert "1.000  [0.500, 2.000]" in said
+    assert "3.000  [2.500, 4.000]" in said
+    assert "1e-07" in said
+    assert "…" not in said
 
 
 def test_in_the_terminal() -> None:

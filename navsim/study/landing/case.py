@@ -36,8 +36,9 @@ from navsim.models.systems import CLOCKS
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.events import EventSection
+from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
-from navsim.scenario.requirements import PresetRequirement
+from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sensors import believed
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
@@ -86,6 +87,7 @@ class Case:
             out.append(
                 f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
                 f"(duration_s: {self.scenario.duration_s:g}); figures at touchdown are not defined"
+                + (", and requirements judge the part of the glide that is flown" if self.scenario.requirements else "")
             )
         if abs(off := self.scenario.runway.misprint_deg) > MISPRINT:
             side = "right" if off > 0.0 else "left"
@@ -112,10 +114,17 @@ class Case:
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
             out += [
-                f"requirements[{i}]: continuity and misleading information are counted by integrity.limits, which are "
-                f"not those of {each.operation}: undecided; give limits: {{operation: {each.operation}, tta_s: ...}}"
+                f"requirements[{i}]: continuity and hazardously misleading information are counted by "
+                f"integrity.limits, which are not those of {each.operation}: undecided; give limits: "
+                f"{{operation: {each.operation}, tta_s: ...}}"
                 for i, each in enumerate(self.scenario.requirements)
                 if isinstance(each, PresetRequirement) and not each.counts_by(section.limits)
+            ]
+            out += [
+                f"requirements[{i}]: levels are not those of {each.operation}, which allows a risk of {INTEGRITY:g} an "
+                f"approach: {self._risk_of_levels(section)}"
+                for i, each in enumerate(self.scenario.requirements)
+                if isinstance(each, PresetRequirement) and not each.levels_are_its_own(section)
             ]
         out += [
             f"events[{i}]: {event.what} of {', '.join(event.sources)}: none of them is received then"
@@ -134,6 +143,13 @@ class Case:
                 text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
                 out.append(f"interference.front_end_mhz: {text}")
         return out
+
+    @staticmethod
+    def _risk_of_levels(section: IntegritySection) -> str:
+        if section.method == "chi2":
+            return "integrity.method chi2 computes them for a fault that is there (p_md); mhss does for a risk"
+        risk = section.risk_of_levels()
+        return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {risk:.3g}"
 
     def _out_of_sight(self) -> list[str]:
         """Pseudolites that are heard although the Earth is between them and the whole flight."""

@@ -405,10 +405,13 @@ def share_of_alike(value: float, runs: int) -> np.ndarray:
 def told(case: Case) -> list[str]:
     """What the user must hear of levels that are not there."""
     monitor, glide = case.flight.monitor, glide_of(case)
-    if monitor is None or not glide.any():
+    section = case.scenario.integrity
+    if monitor is None or section is None or not glide.any():
         return []
     lacking = glide & ~np.isfinite(monitor.levels).all(axis=1)
     if not lacking.any():
+        if not case.flight.expected and section.method != "chi2":
+            return ["integrity: no fault is expected (probabilities 0): nothing is tested, and no level counts"]
         return _by_inertial_sensors(case, glide)
     many = f"integrity: no protection level at {lacking.sum()} of {glide.sum()} epochs of the glide"
     if not isinstance(monitor, SeparationWatch):
@@ -417,8 +420,6 @@ def told(case: Case) -> list[str]:
     worst = int(np.argmax(unmonitored))
     there = monitor.found.monitored[:, np.flatnonzero(lacking)[worst]]
     unseen = _named(case, ~there)
-    section = case.scenario.integrity
-    assert section is not None
     if unmonitored[worst] <= section.p_unmonitored_max:
         budget = (section.p_hmi_v + section.p_hmi_h) / section.effective_samples
         if unmonitored[worst] >= budget:
@@ -445,6 +446,12 @@ def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
     bank = case.flight.bank
     if not isinstance(bank, FilterBank):
         return []
+    silent = glide & ~bank.aided
+    if silent.any():
+        return [
+            f"integrity: nothing is received at {silent.sum()} of {glide.sum()} epochs of the glide: an alert, and no "
+            "level counts there"
+        ]
     said = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))
     if not said:
         return []

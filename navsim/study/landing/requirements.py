@@ -180,8 +180,9 @@ def _found(one: AnySingle, draft: Draft, case: Case, runs: int, moments: Moments
     if draft.layout == RARE:
         return nothing
     if isinstance(one, LevelRequirement):
-        path = f"/integrity/{one.of}"
-        return _of_epochs(one, nothing, draft[path], case) if path in draft else nothing
+        monitor = case.flight.monitor
+        levels = None if monitor is None else tested_levels(monitor)[:, ("hpl", "vpl").index(one.of)]
+        return _of_epochs(one, nothing, levels, case)
     if isinstance(one, ThresholdRequirement | AccuracyRequirement):
         return _of_epochs(one, nothing, sizes_of(one, case.flight.watching, case.flight.monitor), case)
     if draft.layout == COVARIANCE and isinstance(one, AvailabilityRequirement):
@@ -220,7 +221,7 @@ def _statement(one: AnySingle) -> tuple[str, float, bool]:
         what = "epochs of the glide" if one.what == "availability" else "approaches throughout"
         return f"{100 * one.at_least:g} % of {what} available", one.at_least, True
     if isinstance(one, RiskRequirement):
-        what = "continuity lost in 15 s" if one.what == "continuity" else "misleading information"
+        what = "continuity lost in 15 s" if one.what == "continuity" else "hazardously misleading information"
         return f"{what} with a risk of at most {one.at_most:g}", one.at_most, False
     return f"an alarm within {one.within_s:g} s", one.within_s, False
 
@@ -316,7 +317,8 @@ def sizes_of(
     if watching is None or monitor is None:
         return None
     if isinstance(one, ThresholdRequirement):
-        return threshold_by_faults(monitor)
+        threshold = threshold_by_faults(monitor)
+        return None if threshold is None else np.where(monitor.tested, threshold, np.nan)
     return -normal.quantile(0.5 * one.at_most) * vertical_sigma(watching, monitor)
 
 
