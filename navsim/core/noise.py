@@ -24,12 +24,13 @@ def corrupt(
 ):  # fmt: skip
     """Add sensor errors to exact increments, in the first `count` lanes.
 
-    rngs: numpy Generators, W of them. dtheta, dv: (n, 3) rad, m/s over intervals of dt s. constant: (6, W) gyro, then
-    accelerometer bias; factor: (6, W) what true rates are multiplied by. white: (2,) 1 sigma of the increments' noise,
-    rad and m/s. markov_sigma: (2,). markov_decay: (2,) exp(-dt / tau). at: (o,) intervals in order. Out: out_dtheta,
-    out_dv (n, 3, W); bias (o, 6, W) the bias at the start of the intervals `at`, n for the end of the last.
+    rngs: numpy Generators, W of them. dtheta, dv: (n, 3, W), or (n, 3, 1) of all runs, rad, m/s over intervals of dt s.
+    constant: (6, W) gyro, then accelerometer bias; factor: (6, W) what true rates are multiplied by. white: (2,) 1
+    sigma of the increments' noise, rad and m/s. markov_sigma: (2,). markov_decay: (2,) exp(-dt / tau). at: (o,)
+    intervals in order. Out: out_dtheta, out_dv (n, 3, W); bias (o, 6, W) the bias at the start of the intervals `at`, n
+    for the end of the last.
     """
-    n = dtheta.shape[0]
+    n, own = dtheta.shape[0], dtheta.shape[2] - 1
     drift = np.zeros((6, count))
     for lane in range(count):
         rng = rngs[lane]
@@ -41,7 +42,7 @@ def corrupt(
     for first in range(0, n, _INTERVALS):
         kept = row
         for lane in range(count):
-            rng, row = rngs[lane], kept
+            rng, row, way = rngs[lane], kept, min(lane, own)
             for k in range(first, min(first + _INTERVALS, n)):
                 while row < at.shape[0] and at[row] == k:
                     for axis in range(6):
@@ -50,8 +51,8 @@ def corrupt(
                 for axis in range(3):
                     gyro = constant[axis, lane] + drift[axis, lane]
                     accel = constant[3 + axis, lane] + drift[3 + axis, lane]
-                    out_dtheta[k, axis, lane] = factor[axis, lane] * dtheta[k, axis] + gyro * dt
-                    out_dv[k, axis, lane] = factor[3 + axis, lane] * dv[k, axis] + accel * dt
+                    out_dtheta[k, axis, lane] = factor[axis, lane] * dtheta[k, axis, way] + gyro * dt
+                    out_dv[k, axis, lane] = factor[3 + axis, lane] * dv[k, axis, way] + accel * dt
                 if white[0] > 0.0:
                     for axis in range(3):
                         out_dtheta[k, axis, lane] += white[0] * rng.standard_normal()
@@ -76,23 +77,57 @@ def measure(
 ):  # fmt: skip
     """Draw the measurements of the first `count` lanes.
 
-    rngs: numpy Generators, W of them. range_, range_rate, rate_sigma: (e, s). delay, sigma: (e, s, W), or (e, s, 1) of
-    all runs. used: (e, s) bool. clock: (e, 2) receiver clock offset (m) and drift (m/s) at each epoch. Out: out_range,
-    out_rate (e, s, W), nan where not used. Every source draws at every epoch, so a mask does not shift the numbers of
-    the others.
+    rngs: numpy Generators, W of them. rate_sigma: (e, s). range_, range_rate: (e, s, W), or (e, s, 1) of all runs.
+    delay, sigma: the same. used: (e, s) bool. clock: (e, 2) receiver clock offset (m) and drift (m/s) at each epoch.
+    Out: out_range, out_rate (e, s, W), nan where not used. Every source draws at every epoch, so a mask does not shift
+    the numbers of the others.
     """
-    epochs, own, spread = range_.shape[0], delay.shape[2] - 1, sigma.shape[2] - 1
+    epochs, own, spread, ways = range_.shape[0], delay.shape[2] - 1, sigma.shape[2] - 1, range_.shape[2] - 1
     for first in range(0, epochs, _INTERVALS):
         for lane in range(count):
-            rng, late, wide = rngs[lane], min(lane, own), min(lane, spread)
+            rng, late, wide, way = rngs[lane], min(lane, own), min(lane, spread), min(lane, ways)
             for e in range(first, min(first + _INTERVALS, epochs)):
                 for s in range(range_.shape[1]):
                     a = rng.standard_normal()
                     b = rng.standard_normal()
                     if used[e, s]:
-                        exact = range_[e, s] + delay[e, s, late] + clock[e, 0]
+                        exact = range_[e, s, way] + delay[e, s, late] + clock[e, 0]
                         out_range[e, s, lane] = exact + sigma[e, s, wide] * a
-                        out_rate[e, s, lane] = range_rate[e, s] + clock[e, 1] + rate_sigma[e, s] * b
+                        out_rate[e, s, lane] = range_rate[e, s, way] + clock[e, 1] + rate_sigma[e, s] * b
                     else:
                         out_range[e, s, lane] = np.nan
                         out_rate[e, s, lane] = np.nan
+
+
+@kernel
+def walk(rngs, count, transition, root, which, start, out):
+    """Draw a linear process in exact steps (`core.arrays.processes`), in the first `count` lanes.
+
+    rngs: numpy Generators, W of them. transition, root: (m, n, n) of steps; which: (k,) the step from each time to the
+    next. start: (n, n) root of the covariance at the first. Out: (k + 1, n, W) states at all times.
+    """
+    steps, n = which.shape[0], transition.shape[1]
+    drawn = np.empty(n)
+    for lane in range(count):
+        rng = rngs[lane]
+        for j in range(n):
+            drawn[j] = rng.standard_normal()
+        for i in range(n):
+            x = 0.0
+            for j in range(i + 1):
+                x += start[i, j] * drawn[j]
+            out[0, i, lane] = x
+    for first in range(0, steps, _INTERVALS):
+        for lane in range(count):
+            rng = rngs[lane]
+            for k in range(first, min(first + _INTERVALS, steps)):
+                step = which[k]
+                for j in range(n):
+                    drawn[j] = rng.standard_normal()
+                for i in range(n):
+                    x = 0.0
+                    for j in range(i + 1):
+                        x += root[step, i, j] * drawn[j]
+                    for j in range(n):
+                        x += transition[step, i, j] * out[k, j, lane]
+                    out[k + 1, i, lane] = x

@@ -19,6 +19,7 @@ STREAMS = {
     "clock": 11,
     "integrity": 12,
     "lasting": 13,
+    "air": 14,
 }
 """Random streams of a run; a stream's number never changes, whatever comes beside it."""
 

@@ -60,7 +60,9 @@ def _opened_account(left):
     truth, judgement, sigma = left.truth, left.judgement, registers(left.sigma)
     n = sigma.shape[1]
     return Judging(
-        Truth(truth.llh, truth.velocity, truth.quaternion, registers(truth.sensors)),
+        Truth(
+            registers(truth.llh), registers(truth.velocity), registers(truth.quaternion), registers(truth.sensors)
+        ),
         Judgement(
             registers(judgement.error), registers(judgement.nees), registers(judgement.nees_position_velocity),
             registers(judgement.nees_group),

@@ -11,9 +11,8 @@ from navsim.estimation.records import FILTERS, SMOOTHERS, TFG, Account, History,
 def judge(kind: int, history: History, truth: Truth, clock: int = 0) -> Judgement:
     """What a history of an estimator of `kind` is worth, at all its outputs; a smoother's errors are those of `tfg`.
 
-    history: of one run, or of lanes; truth: of them all, but for its sensors (o, k, W); clock: how many states are the
-    receiver clock's. Raises ValueError for a kind
-    that is none of `records.FILTERS` or `records.SMOOTHERS`.
+    history, truth: of one run, or of lanes; clock: how many states are the receiver clock's. Raises ValueError for a
+    kind that is none of `records.FILTERS` or `records.SMOOTHERS`.
     """
     _, n, _, *lanes = history.covariance.shape
     account = empty_account(truth, n, 0, *lanes, clock=clock)

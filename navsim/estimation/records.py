@@ -6,8 +6,8 @@ The truth is in what comes out alone: an account is what a history would be wort
 list says in what order things happen; a measurement is a row of the table of its kind (`estimation.observations`).
 
 Numbers are those of one run, or of W runs in the lanes of a register (`core.lanes`): then what differs between runs has
-a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model, lever arms
-and the route of the truth are the same for all.
+a last axis more, of length W, and kernels take it without that axis (`lanes_of`). Times, events, the model and lever
+arms are the same for all.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class History(NamedTuple):
 
 class Truth(NamedTuple):
     """What a history is judged by, at its outputs (o,): llh, velocity NED (o, 3), quaternion (o, 4) b -> n, sensors (o,
-    k) the true values of the declared sensor states, and of the clock's."""
+    k) the true values of the declared sensor states, and of the clock's; of lanes all with a last axis more."""
 
     llh: np.ndarray
     velocity: np.ndarray
@@ -152,8 +152,8 @@ class Truth(NamedTuple):
     sensors: np.ndarray
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Truth:
-        """The truth with the array changed that differs between runs."""
-        return self._replace(sensors=change(self.sensors))
+        """The truth with every array changed."""
+        return Truth(*map(change, self))
 
 
 class Judgement(NamedTuple):

@@ -123,6 +123,7 @@ _KEPT = "unless `--keep none`"
 _WIND = "where there is a mean wind"
 _TRACK = "with `approach.profile: track`"
 _ALL = "with `--keep all`, which is the default for one run"
+_WAYS = "where runs deviate from the route"
 _TIGHT = f"{_ALL}, of a tightly coupled filter"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
@@ -133,7 +134,8 @@ HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
 SKY_TIMES = 25
 """Most instants at which the directions to all sources are kept."""
 _HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
-_RUNWAY = ("lateral", "along", "vertical")
+RUNWAY_AXES = ("lateral", "along", "vertical")
+"""Axes of the runway: to the right, along the landing, up."""
 _BAND = ("band_low", "band_high", "degrees_of_freedom")
 _LATE = f"over {RMS_WINDOW:g} s to touchdown"
 _RMS = f"root mean square over runs and {_LATE}"
@@ -197,6 +199,8 @@ _RECEIVER = Chapter(
            "that stand in the log", (*_FLOWN, REPLAY)),
         _a("/receiver/position_llh", "run time llh", "rad, rad, m", "fixes of the antenna", (LANDING, REPLAY),
            when={LANDING: _ALL}),
+        _a("/receiver/true_position_llh", "run time llh", "rad, rad, m", "where the antenna truly was", LANDING,
+           when=f"{_WAYS}, {_ALL}"),
         _a("/receiver/velocity_ned", "run time ned", "m/s", "velocity fixes of the antenna, nan where there is none",
            (LANDING, REPLAY), when={LANDING: _ALL}),
         _a("/receiver/clock_name", "clock_name", "1", "time scales", LANDING, TEXT, when=_ALL),
@@ -234,6 +238,8 @@ _FILTER = Chapter(
         _a("/filter/nees_position_velocity", "run time", "1",
            "normalised estimation error squared of position and velocity", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),
+        _a("/filter/deviation_{axis}", "run time", "m", "how far the way of a run is off the route, {axis}", LANDING,
+           when=f"{_WAYS}, {_KEPT}", axis=RUNWAY_AXES),
         _a("/filter/epoch", "epoch", "s", "fix epochs, time of validity", LANDING, when=_KEPT),
         _a("/filter/innovation_squared", "run epoch", "1",
            "normalised innovation squared, nan where nothing is weighed", LANDING, when=_KEPT,
@@ -318,16 +324,27 @@ _SUMMARY = Chapter(
         _a("/summary/percentile", "percentile", "1", "percentiles over runs of the size of an error", _FLOWN, WHOLE),
         _a("/summary/at/height", "height", "m", f"true height above the runway: {_HEIGHTS}", _FLOWN),
         _a("/summary/at/{axis}", "height interval", "m", "root mean square over runs of the {axis} position error",
-           _FLOWN, axis=_RUNWAY),
-        _a("/summary/at/{axis}_sigma", "height", "m", f"{{axis}} position, {_SIGMA}", _FLOWN, axis=_RUNWAY),
+           _FLOWN, axis=RUNWAY_AXES),
+        _a("/summary/at/{axis}_sigma", "height", "m", f"{{axis}} position, {_SIGMA}", _FLOWN, axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_run", "run height", "m", "{axis} position error of each run, truth minus estimate",
-           LANDING, axis=_RUNWAY),
+           LANDING, axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_percentile", "height percentile", "m",
-           "percentiles over runs of the size of the {axis} position error", _FLOWN, axis=_RUNWAY),
+           "percentiles over runs of the size of the {axis} position error", _FLOWN, axis=RUNWAY_AXES),
         _a("/summary/track/rms_smoothed", "", "m",
            "rms distance of the smoothed trajectory from the places of the table", _FLOWN, when=_TRACK),
         _a("/summary/track/specific_force", "", "m/s2", "its largest specific force", _FLOWN, when=_TRACK),
         _a("/summary/track/rate", "", "rad/s", "its largest rate against inertial space", _FLOWN, when=_TRACK),
+        _a("/summary/at/{axis}_fte", "height interval", "m",
+           "root mean square over runs of the {axis} flight-technical error, of the way flown from the route", LANDING,
+           when=_WAYS, axis=RUNWAY_AXES),
+        _a("/summary/at/{axis}_fte_run", "run height", "m",
+           "{axis} flight-technical error of each run, when the route passes the height", LANDING, when=_WAYS,
+           axis=RUNWAY_AXES),
+        _a("/summary/at/{axis}_tse", "height interval", "m",
+           "root mean square over runs of the {axis} total system error", LANDING, when=_WAYS, axis=RUNWAY_AXES),
+        _a("/summary/at/{axis}_tse_run", "run height", "m",
+           "{axis} total system error of each run: its flight-technical error plus its position error", LANDING,
+           when=_WAYS, axis=RUNWAY_AXES),
         _a("/summary/at/headwind", "height", "m/s", "mean wind against the course, at the heights", _FLOWN,
            when=_WIND),
         _a("/summary/at/crosswind", "height", "m/s", "mean wind across the course, from the left positive", _FLOWN,
@@ -386,7 +403,7 @@ _BOX = Chapter(
     "How often a landing ends outside the scenario's box: counted, by the covariance analysis, or by runs that were "
     "pushed towards its edge and weighed.",
     (
-        _labels("/axis", _BOX_AXES, RARE, *_RUNWAY),
+        _labels("/axis", _BOX_AXES, RARE, *RUNWAY_AXES),
         _a("/rare/error", "run axis", "m", "position error at the height of the box, truth minus estimate", RARE),
         _a("/rare/first_order", "run axis", "m", "the same error to first order, from all that was drawn", RARE),
         _a("/rare/log_weight", "run", "1",
@@ -721,7 +738,7 @@ FILTER_QUANTITIES = {
     **{part: ("m", f"root mean square {part} position error {_LATE}") for part in ("horizontal", "vertical")},
     **{
         f"{axis}_{height}": ("m", f"root mean square {axis} position error at {height}")
-        for axis in _RUNWAY
+        for axis in RUNWAY_AXES
         for height in HEIGHTS
     },
 }

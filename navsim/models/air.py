@@ -336,6 +336,17 @@ def felt(gust: Process, row: np.ndarray, sigma: float, lag: float, loop: float |
     return Process(a, b)
 
 
+def smoothed(process: Process, row: np.ndarray, lag: float) -> Process:
+    """A process with two states more: what a row (n,) of its states makes, behind two first-order lags of `lag` s each,
+    and the rate of that."""
+    n = process.a.shape[0]
+    a, b = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
+    a[:n, :n], b[:n] = process.a, process.b
+    a[n, n + 1] = 1.0
+    a[n + 1, :n], a[n + 1, n:] = row / lag**2, [-1.0 / lag**2, -2.0 / lag]
+    return Process(a, b)
+
+
 def heave_lag(wing_loading: float, speed: float, lift_slope: float) -> float:
     """Time within which the lift of a gust has carried an aircraft along, s: 2 (W/S) / (rho g V C_La); wing loading
     N/m2, speed m/s, lift slope 1/rad."""
@@ -344,13 +355,15 @@ def heave_lag(wing_loading: float, speed: float, lift_slope: float) -> float:
 
 @dataclass(frozen=True)
 class Response:
-    """How an aircraft answers to gusts. nose_lag: s, of the nose behind gusts along and across. wing_loading N/m2,
-    lift_slope 1/rad: of the heave. loop: time constant of the guidance that brings the heave back, s."""
+    """How an aircraft answers. bank_lag: s, of each of two lags of the bank behind the acceleration across; nose_lag:
+    the same of the nose behind gusts across. wing_loading N/m2, lift_slope 1/rad: of the heave. loop: time constant of
+    the guidance that brings the heave back, s."""
 
-    nose_lag: float
-    wing_loading: float
-    lift_slope: float
-    loop: float
+    bank_lag: float = 0.3
+    nose_lag: float = 0.5
+    wing_loading: float = 200.0
+    lift_slope: float = 5.0
+    loop: float = 5.0
 
 
 # --- flight-technical error
@@ -358,7 +371,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Deviation:
-    """A flight-technical error across the path or in height: third-order Gauss-Markov.
+    """A flight-technical error across the path, along it or in height: third-order Gauss-Markov.
 
     sigma: m, far from `height`, m, where it is that; it shrinks in proportion to the height above the runway, and to no
     less than `floor`, m, which adds in squares; height inf: it stays. time: correlation time, s, the integral of the
@@ -401,13 +414,10 @@ def third_order(beta: float) -> Process:
 
 @dataclass(frozen=True)
 class Air:
-    """What makes the way of each run its own: gusts, turbulence by the wind at 20 ft, m/s, how the aircraft answers to
-    both, flight-technical error across and in height. wind: where `wind` gusts go, a unit vector (3,) along path
-    axes."""
+    """What makes the way of each run its own: flight-technical error across the course, along it and in height, and how
+    the aircraft answers."""
 
     response: Response
-    gusts: tuple[Gust, ...] = ()
-    wind: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    turbulence: float | None = None
     lateral: Deviation | None = None
+    along: Deviation | None = None
     vertical: Deviation | None = None

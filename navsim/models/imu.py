@@ -84,9 +84,9 @@ def simulate_lanes(
     accel: Triad,
     at: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
-    """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), and the errors
-    behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W). Raises ValueError for intervals
-    out of order, or that are none."""
+    """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), or those of each
+    run (n, 3, W), and the errors behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W).
+    Raises ValueError for intervals out of order, or that are none."""
     if at.size and (at[0] < 0 or at[-1] > dtheta.shape[0] or np.any(np.diff(at) < 0)):
         raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
@@ -103,10 +103,11 @@ def simulate_lanes(
     white = math.sqrt(dt) * np.array([gyro.noise_density, accel.noise_density])
     markov = np.array([gyro.markov, accel.markov])
     decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
-    out_dtheta, out_dv = np.empty((*dtheta.shape, lanes)), np.empty((*dv.shape, lanes))
+    exact = [m.reshape(m.shape[0], 3, -1) for m in (dtheta, dv)]
+    out_dtheta, out_dv = (np.empty((m.shape[0], 3, lanes)) for m in exact)
     bias = np.empty((at.size, 6, lanes))
     corrupt(
-        rngs, count, dtheta, dv, dt, constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
+        rngs, count, *exact, dt, constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
     )  # fmt: skip
     return out_dtheta, out_dv, SensorErrors(bias, scale)
 

@@ -160,6 +160,23 @@ def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
     return motion.position_ecef + np.einsum("nji,nj->ni", ned_matrix(motion.llh), arm)
 
 
+def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the antenna is along a motion, and its velocity, ECEF (n, 3), m, m/s; lever_arm as of `antenna_ecef`."""
+    c_ne = ned_matrix(motion.llh)
+    # the antenna swings around the IMU as the body turns against the Earth
+    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
+    swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, lever_arm))
+    return antenna_ecef(motion, lever_arm), motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
+
+
+def true_positions(environment: Environment, position: np.ndarray) -> np.ndarray:
+    """Where sources really are (e, s, 3), ECEF, m, that a receiver believes at these positions, pseudolites last."""
+    out, pseudolites = position.copy(), environment.pseudolites
+    for i, llh in enumerate(pseudolites.llh):
+        out[:, position.shape[1] - len(pseudolites.names) + i] += ned_matrix(llh).T @ pseudolites.survey_error
+    return out
+
+
 def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
     """All sources at the times of `motion`, s after `utc` (POSIX s), seen from the antenna; see
     `pseudorange.Signals`."""
@@ -167,11 +184,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     when = timescales.gps_from_utc(utc) + motion.time
     listed, pseudolites, law = environment.listed, environment.pseudolites, environment.law
     c_ne = ned_matrix(motion.llh)
-    antenna = antenna_ecef(motion, environment.lever_arm)
-    # the antenna swings around the IMU as the body turns against the Earth
-    earth_rate_b = np.einsum("nji,njk,k->ni", motion.c_nb, c_ne, [0.0, 0.0, EARTH_RATE])
-    swing = np.einsum("nij,nj->ni", motion.c_nb, np.cross(motion.angular_rate - earth_rate_b, environment.lever_arm))
-    antenna_velocity = motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
+    antenna, antenna_velocity = antenna_motion(motion, environment.lever_arm)
     c_ue = enu_matrix(motion.llh)
 
     names: list[str] = []

@@ -73,7 +73,9 @@ def true_for(result: Result) -> str:
 
 def fix_errors(result: Result) -> np.ndarray:
     """Fixes minus the antenna's true positions, NED, m: (run, e, 3); nan without a fix."""
-    difference = ecef_from_llh(result["/receiver/position_llh"]) - true_antenna(result)
+    own = "/receiver/true_position_llh"
+    true = ecef_from_llh(result[own]) if own in result else true_antenna(result)
+    difference = ecef_from_llh(result["/receiver/position_llh"]) - true
     here = np.stack([np.interp(result["/receiver/time"], result["/truth/time"], column)
                      for column in unturned(result["/truth/position_llh"]).T], axis=1)  # fmt: skip
     return np.einsum("eij,rej->rei", ned_matrix(here), difference)

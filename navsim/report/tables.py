@@ -480,6 +480,12 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             for name in ("lateral", "along", "vertical"):
                 path = f"/summary/at/{name}_percentile"
                 row(f"  {label}, {name}", lambda r, p=path, i=i: _percentiles(r, p, i))
+    if any("/summary/at/lateral_tse" in r for _, r in results):
+        errors = "Navigation, flight-technical, total system error at height, m"
+        section(errors, lambda r: "of the run" if single(r) else "RMS")
+        for i, label in enumerate(labels):
+            for name in ("lateral", "along", "vertical"):
+                row(f"  {label}, {name}", lambda r, n=name, i=i: _total(r, n, i))
     if any("/summary/at/headwind" in r for _, r in results):
         section("Mean wind at height", lambda r: "against, from the left; airspeed, m/s; crab, deg")
         for i, label in enumerate(labels):
@@ -527,6 +533,19 @@ def _of_track(result: Result, name: str, scale: float, digits: int) -> Cell | st
     """A number of the smoothed trajectory of a table."""
     path = f"/summary/track/{name}"
     return number(scale * float(result[path]), digits) if path in result else ABSENT
+
+
+def _total(result: Result, axis: str, height: int) -> Cell | str:
+    """Navigation, flight-technical and total system error at a height."""
+    path = f"/summary/at/{axis}"
+    if f"{path}_tse" not in result:
+        return ABSENT
+    kinds = ("", "_fte", "_tse")
+    one = [float(result[f"{path}{kind}_run"][0, height]) for kind in kinds]
+    found = one if single(result) else [float(result[f"{path}{kind}"][height, 0]) for kind in kinds]
+    if not np.isfinite(found).all():
+        return ABSENT
+    return Cell("{:.3f}  {:.3f}  {:.3f}", tuple(found), names=("nse", "fte", "tse"))
 
 
 def _wind(result: Result, height: int) -> Cell | str:

@@ -25,6 +25,7 @@ from navsim.scenario.base import (
 )
 
 if TYPE_CHECKING:
+    from navsim.models.air import Deviation
     from navsim.models.approach import Taxi
     from navsim.models.path import Path
     from navsim.models.waypoints import Waypoint
@@ -126,6 +127,64 @@ class Runway(Section):
         return self.height_m - (self.undulation_m if self.height_above == "ellipsoid" else 0.0)
 
 
+MOST_ACCELERATION = 3.0
+"""1 sigma of the acceleration of a flight-technical error, m/s2, beyond which it is none."""
+
+
+class DeviationSection(Section):
+    """A flight-technical error along one axis: third-order Gauss-Markov, of finite acceleration."""
+
+    sigma_m: Annotated[float, Field(ge=1e-3, le=200.0)]
+    """1 sigma; with reference_height_m that at this height"""
+    correlation_time_s: Annotated[float, Field(ge=1.0, le=300.0)] = 10.0
+    """integral of the normalised autocorrelation"""
+    reference_height_m: Annotated[float, Field(ge=1.0, le=5000.0)] | None = None
+    """height above the runway where 1 sigma is sigma_m, in proportion to which it shrinks, as by angular guidance;
+    null: it is the same at all heights"""
+    floor_m: Annotated[float, Field(ge=0.0, le=200.0)] = 0.0
+    """1 sigma that is left at no height, with reference_height_m; adds in squares"""
+
+    @model_validator(mode="after")
+    def _flyable(self) -> Self:
+        if self.floor_m and self.reference_height_m is None:
+            raise reject("is for an error that shrinks: give reference_height_m", "floor_m")
+        acceleration = self.sigma_m * self.model().beta ** 2
+        if acceleration > MOST_ACCELERATION:
+            raise reject(
+                f"an error of {self.sigma_m:g} m that lasts {self.correlation_time_s:g} s has accelerations of 1 sigma "
+                f"{acceleration:.1f} m/s2; at most {MOST_ACCELERATION:g} are taken",
+                "correlation_time_s",
+            )
+        return self
+
+    def model(self) -> Deviation:
+        """The process."""
+        from navsim.models.air import Deviation
+
+        if self.reference_height_m is None:
+            return Deviation(self.sigma_m, self.correlation_time_s)
+        return Deviation(self.sigma_m, self.correlation_time_s, self.floor_m, self.reference_height_m)
+
+
+class FlightTechnicalErrorSection(Section):
+    """How far an aircraft is off its route, in each run anew; what is left out is none."""
+
+    lateral: DeviationSection | None = None
+    """to the right of the course; null: none"""
+    along: DeviationSection | None = None
+    """along the course; null: none"""
+    vertical: DeviationSection | None = None
+    """in height; it ends on the ground; null: none"""
+    bank_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.3
+    """time constant of each of the two lags by which the bank is behind the acceleration to the side"""
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if self.lateral is None and self.along is None and self.vertical is None:
+            raise reject("there is none: give lateral, along or vertical")
+        return self
+
+
 class _Approach(Section):
     start: Point | None = None
     """where the simulation begins; leave out to derive it from runway.threshold"""
@@ -143,6 +202,8 @@ class _Approach(Section):
     """constant angle of attack; pitch = path angle relative to the air + angle of attack"""
     pitch: Literal["path", "level"] = "path"
     """path: the nose follows the path; level: it keeps angle_of_attack_deg above the horizon"""
+    flight_technical_error: FlightTechnicalErrorSection | None = None
+    """how far the way of each run is off the route; null: all fly the route"""
 
 
 class STurn(_Approach):

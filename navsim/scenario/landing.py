@@ -55,6 +55,7 @@ from navsim.scenario.sky import Sky
 if TYPE_CHECKING:
     import numpy as np
 
+    from navsim.models.air import Air
     from navsim.models.effects import Effects
     from navsim.models.kinematics import Frame, Moving, Trajectory
     from navsim.models.path import AnyPath
@@ -266,6 +267,11 @@ class Landing(Section):
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""
+        if self.method == "rare" and (air := self.air()) is not None:
+            raise reject(
+                "method rare pushes what sensors draw, not yet the way that is flown; use method monte-carlo",
+                *air[1],
+            )
         if self.integrity is not None and self.integrity.error_model != "gaussian":
             raise reject(
                 "covariance analysis and method rare are of Gaussian noise with the sigmas that are believed; use "
@@ -329,6 +335,11 @@ class Landing(Section):
         from navsim.models.approach import ROLL_OUT
 
         times = np.linspace(0.0, self.duration_s, 400)
+        if (air := self.air()) is not None:
+            slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
+            if slowest < 2.0:
+                text = f"a route that falls to {slowest:.1f} m/s within duration_s has no course to be off; 2 m/s has"
+                raise reject(text, *air[1])
         # on the ground the nose stays where it is
         times = times[times < path.events.get(ROLL_OUT, math.inf)]
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
@@ -466,6 +477,28 @@ class Landing(Section):
         if self.approach.speed_is == "ground" or not self.wind.blows:
             return path
         return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
+
+    def air(self) -> tuple[Air, tuple[str, ...]] | None:
+        """What makes the way of each run its own, and a key that says so; None where all fly the route."""
+        from navsim.models.air import Air, Response
+
+        technical = None if isinstance(self.approach, FileApproach) else self.approach.flight_technical_error
+        if technical is None:
+            return None
+        parts = {
+            name: None if part is None else part.model()
+            for name, part in (("lateral", technical.lateral), ("along", technical.along),
+                               ("vertical", technical.vertical))
+        }  # fmt: skip
+        return Air(Response(bank_lag=technical.bank_lag_s), **parts), ("approach", "flight_technical_error")
+
+    def draws_of_way(self) -> int:
+        """Numbers that are drawn at each sample of the IMU for the way of a run."""
+        found = self.air()
+        if found is None:
+            return 0
+        air = found[0]
+        return 5 * (air.lateral is not None) + 3 * ((air.along is not None) + (air.vertical is not None))
 
     def _waypoints(self, approach: WaypointApproach) -> list[Waypoint]:
         """The waypoints in the axes of the touchdown point."""

@@ -80,10 +80,14 @@ class Aid:
         """Whether the filter takes it for what it is."""
         return self.sensor.as_believed(self.model)
 
-    def measured(self, seed: int, run: int) -> np.ndarray:
-        """What it measures in a run (m, k)."""
+    def measured(self, seed: int, run: int, flight: Any = None) -> np.ndarray:
+        """What it measures in a run (m, k), on its own flight where it has one."""
+        exact, sigma = self.exact, self.sigma
+        if flight is not None:
+            exact = self.sensor.exact(self.model, flight, self.time)
+            sigma = self.sensor.sigma(self.model, exact)
         draw = generator(seed, run, "aids", self.sensor.kind)
-        measured: np.ndarray = self.exact + self.sigma * draw.standard_normal(self.exact.shape)
+        measured: np.ndarray = exact + sigma * draw.standard_normal(exact.shape)
         return measured if self.sensor.lasting is None else measured + self.sensor.lasting(self.model, self.time, draw)
 
     def table(self, measured: np.ndarray) -> Any:

@@ -59,19 +59,21 @@ class Excluder:
         taken = [np.isin(names, one.sources) for one in self.watching.candidates(self.signals)]
         return np.array(taken, bool).reshape(-1, names.size)
 
-    def settle(self, alarm: np.ndarray, ranges: np.ndarray, rates: np.ndarray, settled: SettledFixes) -> None:
+    def settle(
+        self, alarm: np.ndarray, ranges: np.ndarray, rates: np.ndarray, antenna: np.ndarray, settled: SettledFixes
+    ) -> None:
         """Puts fixes made without a candidate where there is an alarm (e, W) and one is excluded; measurements
-        (e, s, W)."""
+        (e, s, W), antenna (e, 3, W)."""
         for number, first in enumerate(range(0, alarm.shape[0], STRETCH)):
             part = slice(first, first + STRETCH)
             if alarm[part].any():
                 heard = [np.ascontiguousarray(m[part, self._heard]) for m in (ranges, rates)]
-                self._settle_stretch(number, part, alarm[part], heard, settled)
+                self._settle_stretch(number, part, alarm[part], [*heard, antenna[part]], settled)
 
     def _settle_stretch(
         self, number: int, part: slice, alarm: np.ndarray, measured: list[np.ndarray], settled: SettledFixes
     ) -> None:
-        ranges, rates = measured
+        ranges, rates, antenna = measured
         signals = self.signals.at(np.arange(self.signals.time.size)[part]).select(self._heard)
         taken = (self._candidates[:, None] & signals.used).any(axis=2)
         tried = np.flatnonzero(taken.any(axis=1))
@@ -81,7 +83,7 @@ class Excluder:
         for i, c in enumerate(tried):
             kept = np.where(self._candidates[c][:, None], np.nan, ranges)
             fixes = solved(self.start, signals, kept, rates)
-            residual, error = left_over(signals, self.axes[part], kept, fixes.llh, fixes.clocks)
+            residual, error = left_over(signals, antenna, self.axes[part], kept, fixes.llh, fixes.clocks)
             monitor = self._monitor(number, int(c), signals)
             there = (taken[c] & monitor.tested)[:, None] & ~np.isnan(fixes.llh[:, 0])
             passes[i] = alarm & there & (monitor.statistic(residual) <= monitor.threshold[:, None])

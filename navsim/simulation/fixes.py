@@ -37,12 +37,14 @@ def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.nd
 
 
 def left_over(
-    signals: Signals, axes: np.ndarray, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray
+    signals: Signals, antenna: np.ndarray, axes: np.ndarray, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) leave of their ranges (e, s, W), m, and the sizes of their
-    errors, horizontal and vertical (e, 2, W), m. axes: (e, 3, 3) rows east, north, up at the antenna."""
+    errors, horizontal and vertical (e, 2, W), m. antenna: (e, 3, W) where it truly is, ECEF, m. axes: (e, 3, 3) rows
+    east, north, up at the antenna."""
     left, off = np.empty_like(ranges), np.empty_like(llh)
     residuals(
-        signals.position, signals.clock, signals.antenna, axes, *(in_lanes(m) for m in (ranges, llh, clocks, left, off))
-    )
+        signals.position, signals.clock, in_lanes(antenna), axes,
+        *(in_lanes(m) for m in (ranges, llh, clocks, left, off)),
+    )  # fmt: skip
     return left, np.stack([np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2), np.abs(off[:, 2])], axis=1)

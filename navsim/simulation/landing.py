@@ -3,7 +3,8 @@
     route -> signal simulator with pseudolites -> receiver -> fix ┐
     route -> inertial sensors -> SINS ────────────────────────────┴-> Kalman filter -> accuracy
 
-`World` is what all runs of a scenario share: the route, and the signals (`models.signals`). `fly` is one run.
+`World` is what all runs of a scenario share: the route, and the signals (`models.signals`). `fly` is one run. Where the
+air makes the way of each its own (`simulation.flown`), the route is what they deviate from.
 """
 
 from __future__ import annotations
@@ -41,15 +42,17 @@ from navsim.estimation.records import (
 )
 from navsim.integrity.exclusion import NOTHING
 from navsim.models import code_loop, imu, pseudorange
+from navsim.models.air import Air
 from navsim.models.heavier import HeavierNoise
-from navsim.models.kinematics import Motion, Moving
+from navsim.models.kinematics import Motion, Moving, Trajectory
 from navsim.models.receiver import Receiver, wander
-from navsim.models.signals import Environment, build_signals
+from navsim.models.signals import Environment, build_signals, true_positions
 from navsim.models.sky import enu_matrix
 from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.exclusion import Excluder, SettledFixes
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
+from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.lasting import FixErrors
 from navsim.simulation.sensors import true_values
 
@@ -77,7 +80,8 @@ class World:
     the IMU sample at or just before them. clock, clock_at_filter: (e, 2), (e + 1, 2) receiver clock offset (m) and
     drift (m/s) without noise; clock_density: of its noises (`models.receiver.wander`). scale_offsets: (MAX_CLOCKS,)
     what each time scale adds to the pseudoranges of its sources, m. aids: sensors beside the receiver. heavier: what
-    the noise of ranges is drawn from, where that is not the Gaussian of their sigmas.
+    the noise of ranges is drawn from, where that is not the Gaussian of their sigmas. ways: what the ways of runs have
+    in common that deviate from the route, None where all fly the route itself.
     """
 
     imu_time: np.ndarray
@@ -94,6 +98,7 @@ class World:
     filter_index: np.ndarray
     aids: tuple[Aid, ...]
     heavier: HeavierNoise | None
+    ways: Ways | None = None
 
     @property
     def filter_time(self) -> np.ndarray:
@@ -136,22 +141,29 @@ def build_world(
     duration: float,
     imu_rate: float,
     aiding: Sequence[Any] = (),
+    air: Air | None = None,
 ) -> World:
     """Route and geometry of the signals.
 
     utc: of time 0, s from 1970-01-01. duration: s. imu_rate: Hz. Fixes that would come after the end are left out.
-    aiding: models of sensors beside the receiver.
+    aiding: models of sensors beside the receiver. air: what makes the way of each run its own, around a `Trajectory`.
     """
     imu_time = np.arange(int(np.floor(duration * imu_rate + 1e-9)) + 1) / imu_rate
     dtheta, dv = trajectory.increments(imu_time)
     fix_time = receiver.epochs(duration, imu_rate)
     at_filter = trajectory.motion(np.concatenate([[0.0], fix_time + receiver.latency]))
+    at_fixes = trajectory.motion(fix_time)
+    signals, ways = build_signals(at_fixes, utc, environment), None
+    if air is not None:
+        assert isinstance(trajectory, Trajectory)
+        sources = true_positions(environment, signals.position)
+        ways = Ways.of(air, trajectory, imu_time, at_filter, at_fixes, signals, sources, environment.lever_arm)
     return World(
         imu_time=imu_time,
         dtheta=dtheta,
         dv=dv,
         truth=trajectory.motion(imu_time),
-        signals=build_signals(trajectory.motion(fix_time), utc, environment),
+        signals=signals,
         clock=receiver.clock(fix_time),
         clock_density=receiver.clock_density,
         clock_at_filter=receiver.clock(at_filter.time),
@@ -161,6 +173,7 @@ def build_world(
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
         aids=aids_of(aiding, trajectory, duration, imu_rate),
         heavier=environment.effects.heavier,
+        ways=ways,
     )
 
 
@@ -195,7 +208,10 @@ class Run:
     the receiver measured, one after the other in the order of `World.aids`, nan behind their numbers; aided_squared,
     aided_degrees, aided_status (a,): as those of the fixes; monitor_excluded (e,), monitor_level (e, 2): numbers of the
     candidates that fixes are made without, -1 for none, and levels of those fixes, nan where there is no test; of no
-    size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none."""
+    size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none;
+    deviation (o, 3): of the way that was flown from the route, lateral, along, vertical, m, its true roll, pitch, yaw,
+    attitude (o, 3), rad, and where the antenna truly was at fixes (e, 3), ECEF, m; of no size where all runs fly the
+    route."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -222,6 +238,9 @@ class Run:
     monitor_excluded: np.ndarray
     monitor_level: np.ndarray
     innovation_ratio: np.ndarray
+    deviation: np.ndarray
+    attitude: np.ndarray
+    antenna: np.ndarray
 
     def one(self, which: int) -> Run:
         """One of several runs."""
@@ -242,9 +261,13 @@ def initial_clock_errors(flight: Flight, seed: int, run: int) -> np.ndarray:
     return generator(seed, run, "clock", 1).standard_normal(sigma.size) * sigma
 
 
-def initial_estimate(flight: Flight, errors: np.ndarray) -> np.ndarray:
-    """The navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W)."""
+def initial_estimate(flight: Flight, errors: np.ndarray, flown: Flown | None = None) -> np.ndarray:
+    """The navigation states at time 0 (NAV_N, W) of runs with these `initial_errors` (9, W), on their ways."""
     nav = in_all_lanes(exact_start(flight.world.at_filter))
+    if flown is not None:
+        nav[states.NAV_LLH : states.NAV_VEL] = flown.llh[0]
+        nav[states.NAV_VEL : states.NAV_QUAT] = flown.velocity[0]
+        nav[states.NAV_QUAT : states.NAV_HELD] = flown.quaternion[0]
     error_state.displace(in_lanes(nav), in_lanes(-errors))
     return nav
 
@@ -276,9 +299,9 @@ def exact_start(truth: Motion) -> np.ndarray:
 
 
 def measured(world: World, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pseudoranges (m) and range rates (m/s) of a run (e, s), nan where there are none."""
+    """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan where there are none."""
     ranges, rates, phases = _measure(
-        world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,))
+        world, seed, (run,), 1, Wander.of(world, seed, (run,), 1), lasting_errors(world, seed, (run,)), None
     )
     return smoothed(world, ranges, phases)[..., 0], rates[..., 0]
 
@@ -299,7 +322,13 @@ def lasting_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray |
 
 
 def _measure(
-    world: World, seed: int, runs: Sequence[int], lanes: int, wandered: Wander | None, lasting: np.ndarray | None
+    world: World,
+    seed: int,
+    runs: Sequence[int],
+    lanes: int,
+    wandered: Wander | None,
+    lasting: np.ndarray | None,
+    flown: Flown | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`; lasting:
     `lasting_errors`."""
@@ -325,9 +354,10 @@ def _measure(
         # of a branch: the stream itself is that of Gaussian noise
         of_runs = (generator(seed, run, "measurements", 1) for run in runs)
         sigma = sigma * np.stack([world.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
+    true = (signals.range[..., None], signals.range_rate[..., None]) if flown is None else (flown.ranges, flown.rates)
     noise.measure(
-        _generators(seed, runs, "measurements", lanes), len(runs), signals.range, delay, sigma,
-        signals.range_rate, signals.rate_sigma, signals.used, world.clock, ranges, rates,
+        _generators(seed, runs, "measurements", lanes), len(runs), true[0], delay, sigma, true[1], signals.rate_sigma,
+        signals.used, world.clock, ranges, rates,
     )  # fmt: skip
     if wandered is not None:
         ranges += wandered.at_fixes[:, None, 0]
@@ -337,7 +367,10 @@ def _measure(
     phases = np.zeros((e, s, lanes))
     for lane, run in enumerate(runs):
         drawn = generator(seed, run, "carrier").standard_normal((e, s))
-        phases[..., lane] = carrier(world, delay[..., min(lane, delay.shape[2] - 1)]) + CARRIER_SIGMA * drawn
+        longer = delay[..., min(lane, delay.shape[2] - 1)]
+        if flown is not None:
+            longer = longer + (flown.ranges[..., lane] - signals.range)
+        phases[..., lane] = carrier(world, longer) + CARRIER_SIGMA * drawn
     if wandered is not None:
         phases += wandered.at_fixes[:, None, 0]
     return ranges, rates, phases
@@ -560,7 +593,8 @@ class Inputs:
     increments. ranges, rates: (e, s, W) pseudoranges (m) and range rates (m/s), nan where there are none. phases:
     (e, s, W) carrier phases (m) where they smooth the code, else None. aided: (m, k, W) of each sensor beside the
     receiver. clock: (c, W) estimates of the clock's states at time 0. sensors: (o, k, W) true values of the sensor
-    states that the filter follows, and of the clock's, by which it is judged.
+    states that the filter follows, and of the clock's, by which it is judged. flown: the ways of the runs, None where
+    all fly the route.
     """
 
     initial: np.ndarray
@@ -572,6 +606,7 @@ class Inputs:
     aided: tuple[np.ndarray, ...]
     clock: np.ndarray
     sensors: np.ndarray
+    flown: Flown | None = None
 
 
 def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
@@ -580,27 +615,29 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     world, beliefs = flight.world, flight.beliefs
+    flown = None if world.ways is None else world.ways.flown(seed, runs, WIDTH)
     initial = np.empty((states.SENSORS, WIDTH))
     aided = tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids)
     for lane, run in enumerate(runs):
         initial[:, lane] = initial_errors(flight, seed, run)
+        way = None if world.ways is None or flown is None or not aided else world.ways.of_run(flown, lane)
         for aid, of_aid in zip(world.aids, aided, strict=True):
-            of_aid[..., lane] = aid.measured(seed, run)
+            of_aid[..., lane] = aid.measured(seed, run, way)
     dt = world.imu_time[1] - world.imu_time[0]
+    exact = (world.dtheta, world.dv) if flown is None else (flown.dtheta, flown.dv)
     dtheta, dv, errors = imu.simulate_lanes(
-        _generators(seed, runs, "imu", WIDTH), len(runs), world.dtheta, world.dv, dt, flight.gyro, flight.accel,
-        world.filter_index,
-    )  # fmt: skip
+        _generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, world.filter_index
+    )
     sensors = true_values(beliefs.sensors.blocks, errors)
     wandered = Wander.of(world, seed, runs, WIDTH)
     lasting = lasting_errors(world, seed, runs)
-    ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered, lasting)
+    ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered, lasting, flown)
     if lasting is not None:
         sensors = np.concatenate([sensors, _lasting_of(flight, lasting)], axis=1)
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
     for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided, clock):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
-    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors)
+    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors, flown)
 
 
 def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
@@ -660,10 +697,11 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     """The landings with these inputs; the first `count` of them are kept, their measurements where they are wanted."""
     world, beliefs = flight.world, flight.beliefs
     n = flight.covariance.shape[0]
-    nav = with_clock(flight, initial_estimate(flight, inputs.initial), inputs.clock)
+    nav = with_clock(flight, initial_estimate(flight, inputs.initial, inputs.flown), inputs.clock)
     ranges, rates = smoothed(world, inputs.ranges, inputs.phases), inputs.rates
     fixes = receiver_fixes(world, ranges, rates)
-    watched = Watched.of_fixes(flight, ranges, fixes.llh, fixes.clocks).settled(flight, ranges, rates, fixes)
+    antenna = in_all_lanes(world.signals.antenna) if inputs.flown is None else inputs.flown.antenna
+    watched = Watched.of_fixes(flight, antenna, ranges, fixes).settled(flight, antenna, ranges, rates, fixes)
     llh, velocity, clocks, cov = fixes
     if beliefs.tight:
         tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
@@ -671,9 +709,8 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         given = np.where((watched.status == monitoring.ALARM)[:, None], np.nan, llh) if flight.drops else llh
         tables = measurements(flight, table_of_all_fixes(flight, given, velocity, cov), inputs.aided)
 
-    truth = world.at_filter
     account = empty_account(
-        Truth(truth.llh, truth.velocity_ned, truth.quaternion, inputs.sensors), n, flight.events.time.size, WIDTH,
+        _truth(world, inputs), n, flight.events.time.size, WIDTH,
         clock=flight.model.clock_states, innovations=flight.bank is not None,
     )  # fmt: skip
     start_ = begun(flight, nav, in_all_lanes(flight.covariance))
@@ -689,6 +726,10 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
     def of_signals(lanes: np.ndarray) -> np.ndarray:
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
+    none = np.empty((0, 3, WIDTH))
+    own = {"deviation": none, "attitude": none, "antenna": none}
+    if inputs.flown is not None:
+        own = {"deviation": inputs.flown.deviation, "attitude": inputs.flown.rpy, "antenna": inputs.flown.antenna}
     of_events = _of_events(
         flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
         of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
@@ -707,7 +748,17 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         monitor_statistic=of_runs(watched.statistic), monitor_status=status, innovation_ratio=ratio,
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
+        **{name: of_runs(lanes) for name, lanes in own.items()},
     )  # fmt: skip
+
+
+def _truth(world: World, inputs: Inputs) -> Truth:
+    """What runs are judged by."""
+    route, flown = world.at_filter, inputs.flown
+    if flown is not None:
+        return Truth(flown.llh, flown.velocity, flown.quaternion, inputs.sensors)
+    llh, velocity, quaternion = (in_all_lanes(m) for m in (route.llh, route.velocity_ned, route.quaternion))
+    return Truth(llh, velocity, quaternion, inputs.sensors)
 
 
 def begun(flight: Flight, nav: np.ndarray, covariance: np.ndarray) -> State:
@@ -748,25 +799,28 @@ class Watched:
         return cls(statistic, said.astype(float), off, *none)
 
     @classmethod
-    def of_fixes(cls, flight: Flight, ranges: np.ndarray, llh: np.ndarray, clocks: np.ndarray) -> Watched:
-        """Of fixes llh (e, 3, W), clocks (e, MAX_CLOCKS, W) from ranges (e, s, W)."""
+    def of_fixes(cls, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, fixes: ReceiverFixes) -> Watched:
+        """Of fixes from ranges (e, s, W); antenna: (e, 3, W) where it truly is, ECEF, m."""
         monitor, none = flight.snapshot, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
         if monitor is None:
             return cls(none[0], *none, *none)
-        left, error = left_over(flight.world.signals, flight.world.antenna_enu, ranges, llh, clocks)
-        fixed = ~np.isnan(llh[:, 0])
+        signals, axes = flight.world.signals, flight.world.antenna_enu
+        left, error = left_over(signals, antenna, axes, ranges, fixes.llh, fixes.clocks)
+        fixed = ~np.isnan(fixes.llh[:, 0])
         statistic = np.where(fixed, monitor.statistic(left), np.nan)
         said = monitoring.status(monitor.tested, monitor.threshold, statistic, fixed)
         return cls(statistic, said.astype(float), error, *none)
 
-    def settled(self, flight: Flight, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes) -> Watched:
+    def settled(
+        self, flight: Flight, antenna: np.ndarray, ranges: np.ndarray, rates: np.ndarray, fixes: ReceiverFixes
+    ) -> Watched:
         """After exclusions, which change the fixes."""
         excluder, monitor = flight.excluder, flight.snapshot
         if excluder is None or monitor is None:
             return self
         levels = np.repeat(monitoring.tested_levels(monitor)[..., None], WIDTH, axis=2)
         now = SettledFixes(fixes, self.error.copy(), levels, np.full(self.status.shape, float(NOTHING)))
-        excluder.settle(self.status == monitoring.ALARM, ranges, rates, now)
+        excluder.settle(self.status == monitoring.ALARM, ranges, rates, antenna, now)
         status = np.where(now.excluded == NOTHING, self.status, monitoring.EXCLUDED)
         return Watched(self.statistic, status, now.error, now.excluded, now.level)
 

@@ -203,6 +203,7 @@ ALIKE = {
     "initial_errors.": "of the filter", "filter.": "the filter",
     "receiver.clock.": "noise that each run draws",
     "signals.errors.": "those of signals.preset",
+    "approach.flight_technical_error.": "the ways of runs, whose route is the same",
     "wind.roughness_m": "of wind.profile", "wind.exponent": "the same", "wind.levels": "the same",
     "approach.profile": "by the shipped scenarios", "approach.points": "a circuit is of them",
     "approach.file": "studies take no recorded flight", "approach.file_sha256": "the same",

@@ -46,6 +46,8 @@ SUMS = 8 * NUMBER
 
 SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
 """Seconds a sample, and a fix, of a run of a filter among as many as fly at once."""
+WAY_TIME, WAY = 0.05e-6, 40
+"""Seconds a draw at a sample of a run's own way, and numbers that its way has at a sample."""
 SMOOTHING = {"rts": 4.0, "map": 10.0}
 """Times as long a run of a smoother takes."""
 COMPONENTS = 0.25
@@ -70,7 +72,8 @@ class Extent:
     """The numbers of a landing: samples of the inertial sensors, fix epochs, sources of signals, the clock unknowns of
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
     while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
-    whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about."""
+    whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
+    each sample of the ways of runs that deviate from the route."""
 
     samples: int
     epochs: int
@@ -84,6 +87,7 @@ class Extent:
     ranged: int = 0
     tried: int = 0
     filters: int = 0
+    deviating: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -94,6 +98,7 @@ class Extent:
             "settled": self.settled,
             "ranged": self.ranged,
             "tried": self.tried,
+            "deviating": self.epochs + 1 if self.deviating else 0, "met": self.epochs if self.deviating else 0,
         }  # fmt: skip
 
 
@@ -119,6 +124,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes.size,
         # one for each source that is received, about half of a sky, for each system, and some for two at once
         0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
+        scenario.draws_of_way(),
     )  # fmt: skip
 
 
@@ -141,9 +147,11 @@ def landing(
     if away:  # what a task brings back, twice
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
-    part = runs * COLUMNS * NUMBER + _blocks(runs) * SUMS * (here.epochs + 1)
+    part = runs * (COLUMNS + (36 if here.deviating else 0)) * NUMBER + _blocks(runs) * SUMS * (here.epochs + 1)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
     variables = {"none": 104, "errors": 113, "all": 122}[keep] + (27 if runs > 1 else 0)
+    if here.deviating:
+        variables += {"none": 16, "errors": 19, "all": 20}[keep]
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
@@ -177,6 +185,7 @@ def run_time(scenario: Landing, here: Extent) -> float:
     weighed = here.epochs * max(1.0, 0.5 * here.ranged) + here.aided + here.ahead
     flown = here.samples + here.epochs * _waiting(scenario) * scenario.imu.rate_hz
     once = SAMPLE_TIME * flown + FIX_TIME * weighed
+    once += WAY_TIME * here.deviating * here.samples
     if not here.ranged:
         once *= 1.0 + _WATCHED_TIME * here.filters
     return times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
@@ -191,6 +200,8 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
     """What a worker holds of the runs that it flies at once, bytes."""
     kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
     of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
+    if here.deviating:
+        of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
     if scenario.filter.kind in SMOOTHING:  # its whole flight: five covariances at every instant
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
     if scenario.filter.kind == SUM:
@@ -231,7 +242,7 @@ def _stored(here: Extent, keep: str) -> float:
         return 0
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
-        + of("monitor_statistic", "watched_error", "monitor_level", "innovation_ratio")
+        + of("deviation", "monitor_statistic", "watched_error", "monitor_level", "innovation_ratio")
         + here.epochs
         + here.aided
         + here.watched
@@ -245,7 +256,7 @@ def _stored(here: Extent, keep: str) -> float:
         errors
         + ranges
         + here.epochs * here.ranged
-        + of("fix_llh", "fix_velocity", "aided")
+        + of("fix_llh", "fix_velocity", "aided", "antenna")
         + NUMBER * here.epochs * here.clocks
     )
 

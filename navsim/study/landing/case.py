@@ -435,6 +435,7 @@ def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> Wor
         duration=scenario.duration_s,
         imu_rate=scenario.imu.rate_hz,
         aiding=scenario.aiding(),
+        air=None if (air := scenario.air()) is None else air[0],
     )
 
 

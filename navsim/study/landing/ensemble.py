@@ -57,6 +57,7 @@ HISTORIES = {
         "innovation_ratio",
         "monitor_excluded",
         "monitor_level",
+        "deviation",
     ),
     "all": tuple(Run.__dataclass_fields__),
 }
@@ -71,7 +72,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
     "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
-    "innovation_ratio": ("tried",),
+    "innovation_ratio": ("tried",), "deviation": ("deviating", 3), "attitude": ("deviating", 3),
+    "antenna": ("met", 3),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -118,7 +120,7 @@ class LandingStudy:
     def batch(self, first: int, count: int) -> tuple[Arrays, Arrays, Arrays]:
         """Fly runs first ... first + count - 1 and reduce them, in order."""
         window, crossings = self.window, self.crossings
-        rpy, to_rpy = self.attitude
+        route_rpy, to_rpy = self.attitude
         rows: list[Arrays] = []
         sums = Sums()
         n = len(self.case.states)
@@ -129,7 +131,10 @@ class LandingStudy:
             fixes = fix_flaws(runs, self.solvable, self.case.beliefs, self.case.flight.drops)
             outputs = output_flaws(runs)
             error = runs.error[:, window]
-            squares = _mean_square(error)
+            squares, rpy, turn = _mean_square(error), route_rpy, to_rpy
+            if self.case.world.ways is not None:
+                rpy = runs.attitude[:, window]
+                turn = rpy_jacobian(rpy)
             rows.append(
                 {
                     "position_square": squares[:, states.SLICES["position"]],
@@ -147,13 +152,14 @@ class LandingStudy:
                     **integrity.tally(self.case, runs),
                     "degrees": runs.degrees.max(axis=1, initial=0),
                     "inside": _inside(runs),
+                    **technical(self.case, crossings, runs),
                 }
             )
             added = {
                 "mean_square": squares,
                 "rpy_square": _mean_square(rpy_error(rpy, error[..., states.SLICES["attitude"]])),
                 "variance": _mean_square(runs.sigma[:, window]),
-                "rpy_variance": _mean(turned_variances(to_rpy, covariances(runs, "attitude", window))),
+                "rpy_variance": _mean(turned_variances(turn, covariances(runs, "attitude", window))),
                 "at_variance": variances_at_heights(self.case, crossings, covariances(runs, "position")),
             }
             for i in range(runs.nees.shape[0]):
@@ -454,6 +460,11 @@ def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndar
     3), m2."""
     flat = at_times(case, crossings, covariance.reshape(*covariance.shape[:-2], 9))
     return turned_variances(to_runway(case), flat.reshape(*flat.shape[:-1], 3, 3))
+
+
+def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
+    """Deviations from the route (run, h, 3) at the crossings of the route, where runs deviate from it."""
+    return {} if case.world.ways is None else {"at_deviation": at_times(case, crossings, runs.deviation)}
 
 
 def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:

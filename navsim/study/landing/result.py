@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from navsim.core import states
+from navsim.core.arrays.earth import llh_from_ecef
 from navsim.io.draft import Draft
 from navsim.io.findings import kept
 from navsim.io.results import Result, Stream
-from navsim.io.schema import LANDING
+from navsim.io.schema import LANDING, RUNWAY_AXES
 from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing import integrity, requirements, tails
@@ -82,6 +83,8 @@ def _receiver(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
     draft["/receiver/position_llh"] = _history(ensemble, "fix_llh")
     draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")
+    if case.world.ways is not None:
+        draft["/receiver/true_position_llh"] = _history(ensemble, "antenna", llh_from_ecef)
     draft["/receiver/clock"] = _history(ensemble, "fix_clock", lambda block: block[..., clocks])
 
 
@@ -93,6 +96,9 @@ def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
     draft["/filter/sigma"] = _history(ensemble, "sigma")
     for name, degrees in (("nees", len(case.states)), ("nees_position_velocity", 6)):
         draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
+    if world.ways is not None:
+        for i, axis in enumerate(RUNWAY_AXES):
+            draft[f"/filter/deviation_{axis}"] = _history(ensemble, "deviation", lambda block, i=i: block[..., i])  # type: ignore[misc]
     draft["/filter/epoch"] = world.signals.time
     most = int(ensemble.per_run("degrees").max())
     name = "innovation_squared"
@@ -158,13 +164,20 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     )
     belief(draft, *(ensemble.mean(name) for name in ("variance", "rpy_variance", "at_variance")))
     draft["/summary/percentile"] = np.array(PERCENTILES)
-    for i, name in enumerate(("lateral", "along", "vertical")):
+    for i, name in enumerate(RUNWAY_AXES):
         draft[f"/summary/at/{name}_run"] = at[:, :, i]
         draft[f"/summary/at/{name}_percentile"] = np.percentile(np.abs(at[:, :, i]), PERCENTILES, axis=0).T
     for name, first, last in (("horizontal", 0, 2), ("vertical", 2, 3)):
         size = np.sqrt(squares[:, first:last].sum(axis=1))
         draft[f"/summary/rms/{name}_percentile"] = np.percentile(size, PERCENTILES)
 
+    if case.world.ways is not None:
+        technical = ensemble.per_run("at_deviation")
+        for i, name in enumerate(RUNWAY_AXES):
+            for kind, values in (("fte", technical[..., i]), ("tse", technical[..., i] + at[..., i])):
+                draft[f"/summary/at/{name}_{kind}_run"] = values
+                each_height = [rms_interval(values[:, [h]] ** 2) for h in range(values.shape[1])]
+                draft[f"/summary/at/{name}_{kind}"] = np.stack(each_height)
     if (box := box_of(case)) is not None:
         counted(draft, box, ensemble.per_run("at_box")[:, 0])
     inside = ensemble.per_run("inside")

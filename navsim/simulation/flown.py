@@ -1,0 +1,153 @@
+"""Truth that differs from run to run: the ways of runs that deviate from the route, and what their sensors meet there.
+
+The route stays what satellites are picked, weights formed and errors told by; what is measured, and what the filter is
+judged by, is of the way that is flown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from navsim.core.deviated import deviate, ranges_from
+from navsim.core.lanes import in_lanes
+from navsim.core.streams import generator
+from navsim.models.air import Air
+from navsim.models.deviation import Departure, Disturbance, deviated
+from navsim.models.kinematics import EARTH_RATE, Frame, Motion, Trajectory
+from navsim.models.pseudorange import Signals
+from navsim.models.signals import antenna_motion
+
+
+@dataclass(frozen=True)
+class FlownWay:
+    """The flight of one run, as sensors beside the receiver meet it (`aiding`)."""
+
+    trajectory: Trajectory
+    departure: Departure
+
+    @property
+    def frame(self) -> Frame:
+        """Axes of the path."""
+        return self.trajectory.frame
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+        return deviated(self.trajectory.motion(t), self.frame, *self.departure.at(t))
+
+
+class Flown(NamedTuple):
+    """What runs (lanes) meet on their ways: exact increments dtheta, dv (n, 3, W); llh, velocity (o, 3, W), quaternion
+    (o, 4, W), rpy (o, 3, W) at the filter's outputs, and how far off the route that is, deviation (o, 3, W), m, along
+    axes of the runway: lateral (right), along, vertical (up); antenna (e, 3, W) ECEF and ranges, rates (e, s, W) at
+    fixes; departure."""
+
+    dtheta: np.ndarray
+    dv: np.ndarray
+    llh: np.ndarray
+    velocity: np.ndarray
+    quaternion: np.ndarray
+    rpy: np.ndarray
+    deviation: np.ndarray
+    antenna: np.ndarray
+    ranges: np.ndarray
+    rates: np.ndarray
+    departure: Departure
+
+
+@dataclass(frozen=True)
+class Ways:
+    """What the ways of all runs have in common.
+
+    half: of the route at samples of the IMU and between, axes_half (2n + 1, 3, 3) its body axes in those of the path.
+    increments: its own (n, 3). at_filter, at_fixes: of the route. sources: (e, s, 3) where they really are, ECEF.
+    """
+
+    trajectory: Trajectory
+    disturbance: Disturbance
+    half: Motion
+    axes_half: np.ndarray
+    increments: tuple[np.ndarray, np.ndarray]
+    at_filter: Motion
+    at_fixes: Motion
+    signals: Signals
+    sources: np.ndarray
+    lever_arm: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        air: Air,
+        trajectory: Trajectory,
+        imu_time: np.ndarray,
+        at_filter: Motion,
+        at_fixes: Motion,
+        signals: Signals,
+        sources: np.ndarray,
+        lever_arm: np.ndarray,
+    ) -> Ways:
+        """Those in some air around a trajectory."""
+        half = trajectory.motion(np.linspace(imu_time[0], imu_time[-1], 2 * imu_time.size - 1))
+        return cls(
+            trajectory, Disturbance.of(air, trajectory, imu_time), half, np.ascontiguousarray(trajectory.frame.axes.T @
+            half.c_eb), trajectory.increments(imu_time), at_filter, at_fixes, signals, sources, lever_arm,
+        )  # fmt: skip
+
+    def flown(self, seed: int, runs: Sequence[int], lanes: int) -> Flown:
+        """The ways of runs, in the first of so many lanes; lanes that are left over fly that of the last one."""
+        frame, others = self.trajectory.frame, lanes - len(runs)
+        rngs = {}
+        for number in self.disturbance.walks:
+            own = [generator(seed, run, "air", number) for run in runs]
+            rngs[number] = (*own, *(own[-1] for _ in range(others)))
+        departure = self.disturbance.drawn(rngs, len(runs))
+        for each in (departure.way, departure.turn):
+            each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
+        dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)
+        along, step = self.disturbance, float(self.disturbance.time[1] - self.disturbance.time[0])
+        deviate(
+            step, self.half.specific_force, self.half.angular_rate, self.axes_half, along.gradient,
+            frame.axes.T @ EARTH_RATE, in_lanes(departure.way), in_lanes(departure.turn), *self.increments,
+            in_lanes(dtheta), in_lanes(dv),
+        )  # fmt: skip
+        way, turn = departure.at(self.at_filter.time)
+        there = deviated(self.at_filter, frame, way, turn)
+        at_fixes = deviated(self.at_fixes, frame, *departure.at(self.at_fixes.time))
+        antenna, antenna_velocity = (_lanes(m, lanes) for m in antenna_motion(at_fixes, self.lever_arm))
+        ranges, rates = self._ranges(antenna, antenna_velocity)
+        return Flown(
+            dtheta,
+            dv,
+            llh=_lanes(there.llh, lanes),
+            velocity=_lanes(there.velocity_ned, lanes),
+            quaternion=_lanes(there.quaternion, lanes),
+            rpy=_lanes(there.rpy, lanes),
+            deviation=np.stack([way[:, 1], way[:, 0], -way[:, 2]], axis=1),
+            antenna=antenna,
+            ranges=ranges,
+            rates=rates,
+            departure=departure,
+        )
+
+    def of_run(self, flown: Flown, lane: int) -> FlownWay:
+        """The flight of one run."""
+        of_all, one = flown.departure, slice(lane, lane + 1)
+        return FlownWay(self.trajectory, Departure(of_all.time, of_all.way[..., one], of_all.turn[..., one]))
+
+    def _ranges(self, antenna: np.ndarray, antenna_velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """True ranges and range rates (e, s, W): those of the route, and by how much the distances differ."""
+        signals = self.signals
+        e, s, lanes = *signals.range.shape, antenna.shape[2]
+        ranges, rates = np.empty((e, s, lanes)), np.empty((e, s, lanes))
+        ranges_from(self.sources, signals.velocity, *(in_lanes(m) for m in (antenna, antenna_velocity, ranges, rates)))
+        old, faster = np.empty((e, s)), np.empty((e, s))
+        ranges_from(self.sources, signals.velocity, signals.antenna, signals.antenna_velocity, old, faster)
+        return ranges + (signals.range - old)[..., None], rates + (signals.range_rate - faster)[..., None]
+
+
+def _lanes(values: np.ndarray, lanes: int) -> np.ndarray:
+    """Numbers of runs one after the other (W m, k) as lanes (m, k, W)."""
+    return np.ascontiguousarray(values.reshape(lanes, -1, *values.shape[1:]).transpose(1, 2, 0))
