@@ -83,7 +83,7 @@ def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> 
     set: values for keys, dotted. Raises BadInput, with all that is wrong.
     """
     with of_python():
-        section, _ = opening.checked(_source(scenario, "scenario"), _assignments(set))
+        section, _, _ = opening.checked(_source(scenario, "scenario"), _assignments(set))
         return section.model_dump(mode="json", exclude_none=True)
 
 

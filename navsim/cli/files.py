@@ -29,8 +29,8 @@ def validate(
 ) -> None:
     """Check a scenario, study or log and say what is wrong with it."""
     with leaving():
-        section, document = checked(scenario, set_ or [])
-    for text in getattr(section, "unused", list)():
+        section, document, warnings = checked(scenario, set_ or [])
+    for text in (*getattr(section, "unused", list)(), *warnings):
         AT_TERMINAL.warn(text)
     kind = str(document.data["kind"])
     print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")

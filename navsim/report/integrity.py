@@ -85,8 +85,8 @@ def levels(result: Result) -> Figure:
 
 
 def stanford(result: Result) -> Figure:
-    """How often errors of fixes, or of the filter, met protection levels, but for epochs with an alarm, or after
-    touchdown."""
+    """How often errors of fixes, or of the filter, met protection levels on the glide, but for epochs with an
+    alarm."""
     fig = new_figure(2 * COLUMN, 3.2)
     fig.set_layout_engine("compressed")  # square panels leave room otherwise
     axes = abreast(fig, 2)

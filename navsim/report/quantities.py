@@ -264,8 +264,10 @@ class Stanford:
 
 
 def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
-    """Of an axis of `LEVELS`, epochs with an alarm, or after touchdown, left out."""
-    flying = ~(result["/integrity/time"] > touchdown(result))
+    """Of an axis of `LEVELS`, epochs of the glide, those with an alarm left out."""
+    time = result["/integrity/time"]
+    # as the summary counts them: a path without a start of a glide is on it from the beginning
+    flying = ~((time < event_time(result, "glide_start") - 1e-9) | (time > touchdown(result) + 1e-9))
     values = result[f"/integrity/{level}"]
     most = limit(result, name)
     top = 1.5 * most if np.isfinite(most) else 1.2 * float(np.max(values, where=np.isfinite(values), initial=1.0))
@@ -284,11 +286,18 @@ def stanford(result: Result, axis: str, level: str, name: str) -> Stanford:
 
 def stanford_words(result: Result) -> str:
     """What a Stanford diagram counts."""
-    until = " until touchdown" if np.isfinite(touchdown(result)) else ""
     return (
-        f"{runs_of(result)}; epochs{until} by error and level, without those with an alarm; what is beyond the frame "
-        "is at its edge"
+        f"{runs_of(result)}; epochs {_span(result)} by error and level, without those with an alarm; what is beyond "
+        "the frame is at its edge"
     )
+
+
+def _span(result: Result) -> str:
+    """Of which part of a flight a Stanford diagram is, in words."""
+    begun, landed = (np.isfinite(event_time(result, name)) for name in ("glide_start", "touchdown"))
+    if begun:
+        return f"of the glide alone, from its start to {'touchdown' if landed else 'the end of the flight'},"
+    return "until touchdown" if landed else "of the whole flight, which has no glide"
 
 
 def one_run(result: Result, number: int) -> Result:

@@ -123,7 +123,7 @@ class Store:
                 )
             if fresh:
                 discard(folder)
-            if any(file.stat().st_size for kind in ("*.npz", JOURNAL) for file in folder.glob(kind)):
+            if _has_work(folder):
                 _compare(folder, mine, key)
             else:  # at most a key, perhaps cut: nobody's work
                 folder.mkdir(parents=True, exist_ok=True)
@@ -203,6 +203,32 @@ class Store:
                 start = member.header_offset + _LOCAL_HEADER.size + sum(lengths)
                 found[member.filename.removesuffix(".npy")] = Kept(self.file(name), start, member.file_size, member.CRC)
         return found
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What an earlier attempt has left. pieces: finished ones. analyses: lines of the journal of a search."""
+
+    pieces: int
+    analyses: int
+
+
+def begun_before(folder: Path, key: dict[str, Any]) -> Begun | None:
+    """What of a study lies in its folder, which stays as it is; None where nothing does. Whether each piece is whole is
+    left to who uses it. Raises PartialError where another study's work lies there, or it cannot be read."""
+    try:
+        if not _has_work(folder):
+            return None
+        _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
+        journal = folder / JOURNAL
+        analyses = journal.read_bytes().count(b"\n") if journal.exists() else 0
+        return Begun(sum(1 for _ in folder.glob("*.npz")), analyses)
+    except OSError as error:
+        raise PartialError(f"{folder}: partial work cannot be read there: {error.strerror or error}") from None
+
+
+def _has_work(folder: Path) -> bool:
+    return any(file.stat().st_size for kind in ("*.npz", JOURNAL) for file in folder.glob(kind))
 
 
 def _write_array(file: IO[bytes], array: np.ndarray) -> None:

@@ -187,6 +187,23 @@ class Plan:
         assert error is not None
         raise error
 
+    def invalid(self, most: int) -> tuple[int, list[tuple[dict[str, Any], InputError]]]:
+        """How many combinations were looked at, and those of them that are no valid scenario, each with what is wrong:
+        all combinations, or about `most` spread evenly, and every point of every axis beside the first points of the
+        others."""
+        few = min(most, self.size)
+        chosen = {i * (self.size - 1) // max(few - 1, 1) for i in range(few)}
+        steps = np.cumprod((1, *self.shape[:0:-1]))[::-1]
+        alone = {int(step) * i for step, points in zip(steps, self.shape, strict=True) for i in range(points)}
+        wrong = []
+        looked = sorted({*chosen, *alone})
+        for index in looked:
+            try:
+                self.scenario(self.settings(index))
+            except InputError as error:
+                wrong.append((self.settings(index), error))
+        return len(looked), wrong
+
     @property
     def asked(self) -> list[Statement]:
         """The requirements that every combination is judged by; none where they are no output."""

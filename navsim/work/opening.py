@@ -43,19 +43,46 @@ def opened(command: str, source: Source, assignments: Sequence[Assignment], opti
     return job, job.suffix or suffix
 
 
-def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document]:
-    """A scenario, study or log that is right as far as can be told without computing it. Raises BadInput."""
-    from navsim.scenario.load import base_of, read_any
+_LOOKED_AT = 1000
+"""Combinations of a sweep that are checked one by one."""
+
+
+def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document, list[str]]:
+    """A scenario, study or log that is right as far as can be told without computing it, and warnings of what a study
+    would leave out. Raises BadInput."""
+    from navsim.scenario.load import read_any
 
     with misread():
         section, document = read_any(source, assignments)
-        if document.data["kind"] == "sweep":
-            from navsim.scenario.sweep import Sweep
-            from navsim.study.sweep import plan
+        return section, document, _of_study(section, document)
 
-            assert isinstance(section, Sweep)
-            plan(section, document, base_of(section, document), seed=1)
-    return section, document
+
+def _of_study(section: Section, document: Document) -> list[str]:
+    """Check a study's base scenario with what the study sets, and its combinations; none of other kinds. Returns
+    warnings. Raises InputError."""
+    from navsim.scenario.load import base_of
+
+    if document.data["kind"] == "sweep":
+        from navsim.scenario.sweep import Sweep
+        from navsim.study.sweep import plan
+
+        assert isinstance(section, Sweep)
+        whole = plan(section, document, base_of(section, document), seed=1)
+        looked, wrong = whole.invalid(_LOOKED_AT)
+        if not wrong:
+            return []
+        settings, error = wrong[0]
+        where = ", ".join(f"{key} = {value}" for key, value in settings.items())
+        of = f"all {looked}" if looked == whole.size else f"{looked} looked at, of {whole.size}"
+        count = f"{len(wrong)} of {of} combinations are no valid scenario and would be left out"
+        return [f"{count}; the first, with {where}: {'; '.join(map(str, error.problems))}"]
+    if document.data["kind"] == "optimize":
+        from navsim.scenario.optimize import Optimize
+        from navsim.study.objective import problem
+
+        assert isinstance(section, Optimize)
+        problem(section, document, base_of(section, document))
+    return []
 
 
 def target_of(output: Path | None, default: str) -> Path:

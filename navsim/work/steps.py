@@ -117,6 +117,35 @@ def _told(name: object, job: Job, target: Path, order: Order, listener: Listener
     if not jit.is_warm(job.kernels):
         listener.speech.say("compiling the kernels, once, takes up to a minute more")
     listener.speech.say(f"{name}: {job.described()}; would write {target}")
+    if kept := _begun_before(job, target, budget.time_s, order.options.fresh):
+        listener.speech.say(kept)
+
+
+def _begun_before(job: Job, target: Path, seconds: float, fresh: bool) -> str:
+    """What of a job was finished before, and what is left of it, in words; "" where nothing lies there. seconds: that
+    all of it takes."""
+    from navsim.io.whole import partial_folder
+    from navsim.study.budget.estimate import duration
+    from navsim.study.partial import PartialError, begun_before
+
+    folder = partial_folder(target)
+    if not job.pieces or not folder.exists():
+        return ""
+    if fresh:
+        return f"{folder}: work of an earlier attempt lies there and would be discarded"
+    try:
+        begun = begun_before(folder, job.key())
+    except PartialError as error:
+        raise BadInput(said(error)) from None
+    if begun is None:
+        return ""
+    if not job.even:
+        parts = f"{begun.pieces} finished steps and {begun.analyses} analyses"
+        return f"{folder}: begun before; {parts} are kept, and are not made again"
+    left = max(job.pieces - begun.pieces, 0)
+    remaining = duration(seconds * left / job.pieces)
+    parts = f"{begun.pieces} of {job.pieces} pieces of the {job.work}"
+    return f"{folder}: begun before; {parts} are kept, what remains to be computed takes {remaining}"
 
 
 def _computed(

@@ -302,6 +302,10 @@ def test_the_result_says_what_was_counted(tmp_path: Path, keep: str) -> None:
     assert int(result[f"{branch}/stanford_vertical"].sum()) == tested
     assert int(result[f"{branch}/stanford_vertical"][5]) == alarms
     assert float(result[f"{branch}/availability"][0]) == pytest.approx(1.0 - alarms / tested, abs=1e-12)
+    if keep != "none":  # the diagram is of the same epochs, those with an alarm left out
+        for axis in quantities.LEVELS:
+            assert quantities.stanford(result, *axis).counts.sum() == tested - alarms
+        assert "epochs of the glide alone, from its start to touchdown" in quantities.stanford_words(result)
     value, low, high = result[f"{branch}/hmi"]
     assert value == 0.0
     assert low == 0.0
