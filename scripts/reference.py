@@ -23,9 +23,17 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "landing": (
         ("landing", (
             "imu.gyro={arw_deg_sqrt_h: 0.05, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "
-            "drift_fixed_deg_h: [700, -300, 100]}",
+            "drift_fixed_deg_h: [700, -300, 100], rate_random_walk_deg_h_sqrt_h: 5, "
+            "misalignment_mrad: 1, asymmetry_ppm: 200, nonlinearity_ppm_deg_s: 5, g_sensitivity_deg_h_g: 10, "
+            "ramp_deg_h_h: 30, temperature_deg_h_k: 10, rectification_deg_h_g2: 1, sine_deg_h: 20, sine_hz: 0.1, "
+            "quantum_urad: 10, range_deg_s: 125, bandwidth_hz: 50, damping: 0.7}",
             "imu.accelerometer={vrw_m_s_sqrt_h: 0.06, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300, "
-            "bias_fixed_mg: [1, -1, 0.5]}",
+            "bias_fixed_mg: [1, -1, 0.5], bias_random_walk_mg_sqrt_h: 0.1, "
+            "misalignment_mrad: 1, asymmetry_ppm: 200, nonlinearity_ug_g2: 50, ramp_mg_h: 1, temperature_mg_k: 0.1, "
+            "rectification_ug_g2: 100, sine_mg: 0.5, sine_hz: 0.1, quantum_mm_s: 0.5, range_g: 8, bandwidth_hz: 50, "
+            "damping: 0.7}",
+            "imu.vibration={lines: [{amplitude_g: 0.5, frequency_hz: 80}], psd: [[20, 0.001], [200, 0.001]]}",
+            "imu.temperature={ramp_k_min: 1, warm_up_k: 15, warm_up_time_s: 200}",
             "altimeter={sigma_m: 0.5, believed_sigma_m: 1}",
             "radio_altimeter={sigma_floor_m: 0.5, sigma_share: 0.02, ground: [[-600, -6], [0, 0]]}",
             "barometric_altimeter={sigma_m: 0.5, lag_s: 0.3, isa_deviation_k: -10, drift_m: 2}",
@@ -40,8 +48,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "ground: [], from_m: 0}, barometric_altimeter: {sigma_m: 1, lag_s: 0, isa_deviation_k: 0, "
             "geoid_undulation_m: 16}, scale_factors: true, latency_s: 0.1, lever_arm_m: [0.5, 0, -0.3], "
             "initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
-            "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300}, "
-            "accelerometer: {bias_mg: 1, noise_mg: 10, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300}}}",
+            "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "
+            "rate_random_walk_deg_h_sqrt_h: 5}, "
+            "accelerometer: {bias_mg: 1, noise_mg: 10, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300, "
+            "bias_random_walk_mg_sqrt_h: 0.1}}}",
             "box={lateral_m: 0.8, along_m: 5, vertical_m: 1.2}", "approach.go_around={at_s: 40}",
             "runway={bearing_deg: 353, bearing_is: magnetic, declination_deg: 11.2, bearing_year: 2018.7, tch_m: 15.2, "
             "geoid_undulation_m: 15.5}",
@@ -54,6 +64,11 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "requirements=[{what: error, of: lateral, at: 100ft, below_m: 0.5, share: 0.95}, "
             "{what: rms, of: horizontal, below_m: 0.4}, {what: box, at_most: 1e-6}, "
             "{what: level, of: hpl, below_m: 40}, {what: time_to_alert, within_s: 6}]",
+        )),
+        ("landing", (
+            "imu.gyro={arw_deg_sqrt_h: 0.1, bias_instability_deg_h: 8}",
+            "imu.accelerometer={vrw_m_s_sqrt_h: 0.06, bias_instability_mg: 0.1}",
+            "filter.imu={gyro: {bias_instability_deg_h: 10}, accelerometer: {bias_instability_mg: 0.2}}",
         )),
         ("circuit", (
             "approach.circuit=~",
@@ -111,12 +126,13 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "imu.accelerometer_axes=BLU", "imu.longest_gap_s=0.5", "start_s=10", "end_s=100",
             "alignment.heading_deg=90",
             "imu.gyro={drift_deg_h: 100, drift_fixed_deg_h: [10, 0, 0], arw_deg_sqrt_h: 0.3, markov_deg_h: 10, "
-            "markov_time_s: 300}",
+            "markov_time_s: 300, rate_random_walk_deg_h_sqrt_h: 5}",
             "imu.accelerometer={bias_mg: 5, bias_fixed_mg: [1, 0, 0], vrw_m_s_sqrt_h: 0.15, markov_mg: 0.3, "
-            "markov_time_s: 300}",
+            "markov_time_s: 300, bias_random_walk_mg_sqrt_h: 0.1}",
             f"gnss.file_sha256={_SUM}", "gnss.columns={h_m: Alt}", "gnss.latency_s=0.1",
             "gnss.velocity_sigma_m_s=[0.3, 0.5]", "gnss.position_sigma_m=[1.5, 2.5]",
         )),
+        ("recorded_flight", ("imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3")),
         ("recorded_flight", (
             f"gnss={{file: flight.obs, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}], range_sigma_m: 1, "
             "range_rate_sigma_m_s: 0.1}",

@@ -28,3 +28,11 @@ def generator(seed: int, run: int, stream: str, *branch: int) -> np.random.Gener
     """The random numbers of one stream of one run, or of a branch of it."""
     key = (run, STREAMS[stream], *branch)
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def branch(rng: np.random.Generator, *number: int) -> np.random.Generator:
+    """The branch of a stream that `generator` would give by these numbers, from the stream's own generator."""
+    seeds = rng.bit_generator.seed_seq
+    assert isinstance(seeds, np.random.SeedSequence)
+    own = np.random.SeedSequence(seeds.entropy, spawn_key=(*seeds.spawn_key, *number))
+    return np.random.Generator(np.random.PCG64(own))

@@ -388,6 +388,8 @@ _SUMMARY = Chapter(
            WHOLE),
         _a("/summary/aiding/{sensor}/missing", "", "1",
            "times at which it measured nothing (height, attitude), of all runs", LANDING, WHOLE),
+        _a("/summary/count/clipped_{inertial}", "", "1", "samples of the {inertial}s beyond their range, of all runs",
+           LANDING, WHOLE, when="where an inertial sensor has a range", inertial=("gyro", "accelerometer")),
         _a("/summary/count/runs", "", "1", "number of runs; 0 in a covariance analysis", _FLOWN, WHOLE),
         _a("/summary/count/fixes", "", "1", "number of fixes, of all runs", (*_FLOWN, REPLAY), WHOLE),
         _a("/summary/count/epochs_without_fix", "", "1", "epochs without a fix, of all runs", _FLOWN, WHOLE),

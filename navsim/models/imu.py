@@ -1,7 +1,8 @@
 """Inertial sensor errors on top of exact increments: scale factor, constant bias, white noise, Gauss-Markov bias.
 
 Measured rate = (1 + scale) true rate + bias + Markov process + white noise, for each axis alike; the same for specific
-force. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their Allan variances).
+force; what else there may be is in `imperfections`. Sources: [1] IEEE Std 952-1997, annex C (noise terms and their
+Allan variances).
 [2] Titterton & Weston (2004), section 12.5 (datasheet units).
 """
 
@@ -12,6 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.models import imperfections
+from navsim.models.imperfections import NOTHING, Gains, Imperfections
+
 
 @dataclass(frozen=True)
 class Triad:
@@ -20,7 +24,7 @@ class Triad:
     bias: 1 sigma of the constant bias drawn per run and axis; fixed_bias: (3,) instead of it.
     noise_density: root of the white density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW).
     markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias.
-    scale: 1 sigma of the error of the scale factor, drawn per run and axis.
+    scale: 1 sigma of the error of the scale factor, drawn per run and axis. further: what else there is.
     """
 
     bias: float
@@ -29,6 +33,7 @@ class Triad:
     markov_time: float = math.inf
     fixed_bias: tuple[float, float, float] | None = None
     scale: float = 0.0
+    further: Imperfections = NOTHING
 
     def drive(self) -> float:
         """Density of the white noise that drives the Markov bias, unit2/s."""
@@ -39,7 +44,12 @@ class Triad:
         constant = self.bias
         if self.fixed_bias is not None:
             constant = math.sqrt(sum(b * b for b in self.fixed_bias) / 3.0)
-        return math.hypot(constant, self.markov)
+        shaken = self.further.rectification * self.further.vibration.mean_square()
+        return math.hypot(constant, self.markov) if shaken == 0.0 else math.hypot(constant, self.markov, shaken)
+
+    def white(self) -> float:
+        """Density of the white noise, unit2 s, with what a vibration is taken for."""
+        return self.noise_density**2 + self.further.shaken
 
 
 def density_from_sample_sigma(sigma: float, rate: float) -> float:
@@ -58,10 +68,15 @@ def sample_sigma_from_density(density: float, rate: float) -> float:
 @dataclass(frozen=True)
 class SensorErrors:
     """The errors that measured increments have, but for white noise: bias (o, 6) of gyros and accelerometers, at the
-    start of some intervals, rad/s, m/s2; scale (6,) of their scale factors. Of several runs along a last axis."""
+    start of some intervals, rad/s, m/s2; scale (6,) of their scale factors; cross (2, 3, 3) gains across the axes of
+    each; force (3, 3) gains of the gyros from specific force, rad/s/(m/s2); clipped (2,): samples beyond the range of
+    each. Of several runs along a last axis."""
 
     bias: np.ndarray
     scale: np.ndarray
+    cross: np.ndarray
+    force: np.ndarray
+    clipped: np.ndarray
 
 
 def simulate(
@@ -71,7 +86,8 @@ def simulate(
     at the end (n + 1, 6)."""
     every = np.arange(dtheta.shape[0] + 1)
     out_dtheta, out_dv, errors = simulate_lanes((rng,), 1, dtheta, dv, dt, gyro, accel, every)
-    return out_dtheta[..., 0], out_dv[..., 0], SensorErrors(errors.bias[..., 0], errors.scale[..., 0])
+    fields = {name: getattr(errors, name)[..., 0] for name in SensorErrors.__dataclass_fields__}
+    return out_dtheta[..., 0], out_dv[..., 0], SensorErrors(**fields)
 
 
 def simulate_lanes(
@@ -85,13 +101,14 @@ def simulate_lanes(
     at: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
     """Measured increments (n, 3, W) of the first `count` of W runs, from exact ones dtheta, dv (n, 3), or those of each
-    run (n, 3, W), and the errors behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W).
-    Raises ValueError for intervals out of order, or that are none."""
+    run (n, 3, W), and the errors behind them at the start of the intervals `at` (o,): bias (o, 6, W), scale (6, W)
+    and so on. Raises ValueError for intervals out of order, or that are none."""
     if at.size and (at[0] < 0 or at[-1] > dtheta.shape[0] or np.any(np.diff(at) < 0)):
         raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
 
     lanes = len(rngs)
+    dtheta, dv = (imperfections.felt_through(m, dt, t.further) for m, t in ((dtheta, gyro), (dv, accel)))
     constant, scale = np.zeros((6, lanes)), np.zeros((6, lanes))
     for lane, rng in enumerate(rngs[:count]):
         for first, triad in ((0, gyro), (3, accel)):
@@ -109,17 +126,81 @@ def simulate_lanes(
     corrupt(
         rngs, count, *exact, dt, constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
     )  # fmt: skip
-    return out_dtheta, out_dv, SensorErrors(bias, scale)
+    errors = SensorErrors(bias, scale, np.zeros((2, 3, 3, lanes)), np.zeros((3, 3, lanes)), np.zeros((2, lanes)))
+    if gyro.further.there or accel.further.there:
+        felt, force = (m[..., :count] for m in exact)
+        _go_on(rngs[:count], felt, force, dt, (gyro, accel), at, (out_dtheta, out_dv), errors)
+    return out_dtheta, out_dv, errors
+
+
+def _go_on(
+    rngs: tuple[np.random.Generator, ...],
+    dtheta: np.ndarray,
+    dv: np.ndarray,
+    dt: float,
+    triads: tuple[Triad, Triad],
+    at: np.ndarray,
+    measured: tuple[np.ndarray, np.ndarray],
+    errors: SensorErrors,
+) -> None:
+    """Add the `imperfections` of sensors to increments measured without them (n, 3, W), and to their errors, in place;
+    dtheta, dv (n, 3, W or 1): as they are felt."""
+    count, lanes = dtheta.shape[0], len(rngs)
+    middle = dt * (np.arange(count) + 0.5)
+    shaken = imperfections.shaking(triads[1].further.vibration, rngs, count, dt)
+    force = dv if shaken is None else dv + shaken
+    for number, (triad, felt, all_out) in enumerate(zip(triads, (dtheta, dv), measured, strict=True)):
+        what, out, part = triad.further, all_out[..., :lanes], slice(3 * number, 3 * number + 3)
+        gains = Gains.drawn(what, number, rngs)
+        errors.cross[number, ..., :lanes] = gains.cross
+        if number == 0:
+            errors.force[..., :lanes] = gains.force
+        out += gains.adds(felt, force, dt)
+        if what.drifts:
+            out += dt * gains.drift(what, middle)
+            errors.bias[:, part, :lanes] += gains.drift(what, dt * at)
+        if what.walk > 0.0:
+            walk = imperfections.walks(what, number, rngs, count, dt)
+            out += dt * walk[:-1]
+            errors.bias[:, part, :lanes] += walk[at]
+        if number == 1 and shaken is not None:
+            out += shaken
+        if what.lines:
+            out += imperfections.periodic(what, number, rngs, count, dt)
+        if what.quantum > 0.0:
+            imperfections.in_quanta(out, what, number, rngs)
+        if math.isfinite(what.largest):
+            errors.clipped[number, :lanes] = imperfections.within_range(out, what, dt)
 
 
 def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:
-    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s [1].
+    """Closed form of the Allan variance of the modelled rate error at the cluster times tau, s [1], on average over
+    runs.
 
-    White noise N^2 / tau plus the exponentially correlated term; a constant bias does not show.
+    White noise, the exponentially correlated term, quantum, random walk and ramp of the bias, lines. A constant bias
+    does not show; the vibration of the place is left out.
     """
-    tau = np.asarray(tau, dtype=float)
-    white = triad.noise_density**2 / tau
+    tau, what = np.asarray(tau, dtype=float), triad.further
+    out = triad.noise_density**2 / tau + what.quantum**2 / 4.0 / tau**2 + what.walk**2 * tau / 3.0
+    out += 0.5 * (what.ramp * tau) ** 2
+    for amplitude, frequency in what.lines:
+        x = np.pi * frequency * tau
+        out += amplitude**2 * (np.sin(x) ** 2 / x) ** 2
     if triad.markov == 0.0:
-        return white
+        return np.asarray(out)
     x = tau / triad.markov_time
-    return white + 2.0 * triad.markov**2 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
+    return np.asarray(
+        out + 2.0 * triad.markov**2 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
+    )
+
+
+MARKOV_PEAK = 1.892618, 0.617364
+"""Where the Allan deviation of a Markov bias is largest, in correlation times, and how large, in its 1 sigma [1]."""
+
+
+def markov_of_lowest(lowest: float, density: float, time: float) -> float:
+    """1 sigma of the Markov bias of a correlation time, s, whose Allan deviation, with white noise of a density beside
+    it, is `lowest` at its peak: what data sheets print as bias instability. nan where the white noise alone is more."""
+    at, height = MARKOV_PEAK
+    left = lowest**2 - density**2 / (at * time)
+    return math.sqrt(left) / height if left > 0.0 else math.nan

@@ -140,7 +140,7 @@ class Landing(Section):
         for sensor in ("gyro", "accelerometer"):
             given = getattr(self.filter.imu, sensor)
             if given is not None:
-                believed(getattr(self.imu, sensor), given).check_markov("filter", "imu", sensor)
+                believed(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
         self._checked_aiding()
         self._checked_lasting()
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
@@ -293,6 +293,11 @@ class Landing(Section):
                 "filter",
                 "coupling",
             )
+        if (further := self.imu.monte_carlo_only()) is not None:
+            raise reject(
+                "what it adds is known of flown runs alone, not yet of the covariance analysis, on which method rare "
+                "rests too; use method monte-carlo", "imu", *further,
+            )  # fmt: skip
         if self.filter.kind in SMOOTHERS:
             raise reject(
                 f"the covariance analysis, on which method rare rests too, is that of a filter, {self.filter.kind} is "

@@ -29,7 +29,7 @@ from navsim.scenario.base import (
 )  # fmt: skip
 from navsim.scenario.filter import Components, Coupling, Gate, Kind
 from navsim.scenario.presets import SENSOR_CLASSES
-from navsim.scenario.sensors import Accelerometer, Gyro
+from navsim.scenario.sensors import Accelerometer, Gyro, filled
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import Checksums, Files, Name
 
@@ -113,6 +113,9 @@ class Sensors(Section):
         for sensor in ("gyro", "accelerometer"):
             if getattr(self, sensor).scale_ppm is not None:
                 raise reject("the filter of a recorded flight does not follow scale factors", sensor, "scale_ppm")
+        gyro, accelerometer = self.resolved()
+        gyro.check(None, "gyro")
+        accelerometer.check(None, "accelerometer")
         return self
 
     def convention(self) -> ImuConvention:
@@ -130,8 +133,8 @@ class Sensors(Section):
     def resolved(self) -> tuple[Gyro, Accelerometer]:
         """The sensors with the class's values where none are given."""
         of_class = SENSOR_CLASSES[self.sensor_class]
-        gyro = of_class["gyro"] | self.gyro.model_dump(exclude_none=True)
-        accel = of_class["accelerometer"] | self.accelerometer.model_dump(exclude_none=True)
+        gyro = filled(of_class["gyro"], self.gyro.model_dump(exclude_none=True))
+        accel = filled(of_class["accelerometer"], self.accelerometer.model_dump(exclude_none=True))
         return Gyro.model_validate(gyro), Accelerometer.model_validate(accel)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -27,12 +28,20 @@ from navsim.scenario.presets import IMU_PRESETS
 
 if TYPE_CHECKING:
     from navsim.models.altimeter import Altimeter, Ground, RadioAltimeter
+    from navsim.models.imperfections import Imperfections, Vibration, Warming
     from navsim.models.imu import Triad
     from navsim.models.pressure import BarometricAltimeter
     from navsim.scenario.approach import Runway
 
 
 PPM = 1e-6
+G = 1e3 * MG
+USUAL_TIME = 100.0
+"""Correlation time of what data sheets give as bias instability, s, of which they say nothing: that of other open
+simulators (gnss-ins-sim, NaveGo)."""
+USUAL_DAMPING = math.sqrt(0.5)
+Frequency = Annotated[float, Field(ge=1e-4, le=1e5)]
+Damping = Annotated[float, Field(ge=0.05, le=5.0)]
 
 
 class Gyro(Section):
@@ -49,34 +58,106 @@ class Gyro(Section):
     scale_ppm: NonNegative | None = None
     """1 sigma of the constant error of the scale factor, drawn per run and axis"""
     markov_deg_h: NonNegative | None = None
-    """1 sigma of the exponentially correlated drift"""
+    """1 sigma of the exponentially correlated drift; or give bias_instability_deg_h"""
+    bias_instability_deg_h: NonNegative | None = None
+    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: the 1 sigma of the
+    exponentially correlated drift is that which, with the white noise, has it at its peak"""
     markov_time_s: CorrelationTime | None = None
-    """correlation time of the exponentially correlated drift"""
+    """correlation time of the exponentially correlated drift; with bias_instability_deg_h: default 100 s, which no
+    data sheet says"""
+    rate_random_walk_deg_h_sqrt_h: NonNegative | None = None
+    """rate random walk: the root of the density of the drift's random walk, from 0 on"""
 
     @model_validator(mode="after")
     def _one_spelling(self) -> Self:
-        if self.noise_deg_h is not None and self.arw_deg_sqrt_h is not None:
-            raise reject("noise_deg_h and arw_deg_sqrt_h are two spellings of one noise; give one", "arw_deg_sqrt_h")
+        _one_of(self, "noise_deg_h", "arw_deg_sqrt_h", "noise")
+        _one_of(self, "markov_deg_h", "bias_instability_deg_h", "correlated drift")
         return self
 
-    def check_markov(self, *path: str) -> None:
-        """Raise, about the section at `path`, for a correlated drift without its correlation time."""
+    def check(self, rate: float | None, *path: str) -> None:
+        """Raise, about the section at `path`, for a correlated drift that is not whole, or that cannot be beside so
+        much white noise; rate: of the samples, Hz, where it is known."""
         _check_markov(self.markov_deg_h, self.markov_time_s, *path)
+        _check_lowest(self, "bias_instability_deg_h", "arw_deg_sqrt_h", rate, DEG_H, *path)
+
+    def density(self, rate: float | None) -> float:
+        """Of the white noise, rad/sqrt(s); nan where it is given a sample and their rate (Hz) is not known."""
+        return _density(self.noise_deg_h, DEG_H, _si(self.arw_deg_sqrt_h, DEG_SQRT_H), rate)
 
     def triad(self, rate: float) -> Triad:
         """The error model in SI units at a sample rate (Hz)."""
-        from navsim.models.imu import Triad, density_from_sample_sigma
+        from navsim.models.imu import Triad
 
-        density = _si(self.arw_deg_sqrt_h, DEG_SQRT_H)
-        if self.noise_deg_h is not None:
-            density = density_from_sample_sigma(self.noise_deg_h * DEG_H, rate)
+        sigma = _si(self.markov_deg_h, DEG_H)
         return Triad(
             bias=_si(self.drift_deg_h, DEG_H),
-            noise_density=density,
-            markov=_si(self.markov_deg_h, DEG_H),
-            markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
+            noise_density=self.density(rate),
             fixed_bias=_scaled(self.drift_fixed_deg_h, DEG_H),
             scale=_si(self.scale_ppm, PPM),
+            **_markov(self.bias_instability_deg_h, DEG_H, sigma, self.density(rate), self.markov_time_s),
+            further=self.further(),
+        )
+
+    def further(self) -> Imperfections:
+        """What else there is, in SI units."""
+        from navsim.models.imperfections import Imperfections
+
+        return Imperfections(walk=_si(self.rate_random_walk_deg_h_sqrt_h, DEG_H) / 60.0)
+
+
+class TrueGyro(Gyro):
+    """Errors of three like gyros as they really are; what is left out comes from the preset, or is not there."""
+
+    misalignment_mrad: NonNegative | None = None
+    """1 sigma of each gain from one axis to another, drawn per run"""
+    asymmetry_ppm: NonNegative | None = None
+    """1 sigma of the difference of the scale factor from one sense of turning to the other, halved, drawn per run and
+    axis"""
+    nonlinearity_ppm_deg_s: NonNegative | None = None
+    """1 sigma of the change of the scale factor with the rate, ppm a deg/s, drawn per run and axis"""
+    g_sensitivity_deg_h_g: NonNegative | None = None
+    """1 sigma of each of the nine gains from specific force, drawn per run"""
+    ramp_deg_h_h: NonNegative | None = None
+    """1 sigma of the slope of the drift, deg/h an hour, drawn per run and axis"""
+    temperature_deg_h_k: NonNegative | None = None
+    """1 sigma of the drift by a kelvin of imu.temperature, drawn per run and axis"""
+    rectification_deg_h_g2: NonNegative | None = None
+    """1 sigma of the drift by the mean square of imu.vibration, g2, drawn per run and axis"""
+    sine_deg_h: NonNegative | None = None
+    """amplitude of a sine in the rate, of random phase"""
+    sine_hz: Frequency | None = None
+    """frequency of the sine"""
+    quantum_urad: NonNegative | None = None
+    """quantum of the integral, the angle; what is left over is carried on"""
+    range_deg_s: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
+    """largest rate measured, as the mean over a sample"""
+    bandwidth_hz: Frequency | None = None
+    """frequency of -3 dB of a response of second order; none: rates are measured as they are"""
+    damping: Damping | None = None
+    """damping ratio of the response; default 0.7071"""
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        _whole_further(self, "sine_deg_h")
+        return self
+
+    def further(self) -> Imperfections:
+        """What else there is, in SI units, but for where the sensors are."""
+        hour = DEG_H / 3600.0
+        return replace(
+            super().further(),
+            misalignment=_si(self.misalignment_mrad, 1e-3),
+            asymmetry=_si(self.asymmetry_ppm, PPM),
+            nonlinearity=_si(self.nonlinearity_ppm_deg_s, PPM / DEG),
+            g_sensitivity=_si(self.g_sensitivity_deg_h_g, DEG_H / G),
+            ramp=_si(self.ramp_deg_h_h, hour),
+            temperature=_si(self.temperature_deg_h_k, DEG_H),
+            rectification=_si(self.rectification_deg_h_g2, DEG_H / G**2),
+            quantum=_si(self.quantum_urad, 1e-6),
+            largest=math.inf if self.range_deg_s is None else self.range_deg_s * DEG,
+            bandwidth=math.inf if self.bandwidth_hz is None else self.bandwidth_hz,
+            damping=USUAL_DAMPING if self.damping is None else self.damping,
+            lines=_line(self.sine_deg_h, DEG_H, self.sine_hz),
         )
 
 
@@ -94,40 +175,216 @@ class Accelerometer(Section):
     scale_ppm: NonNegative | None = None
     """1 sigma of the constant error of the scale factor, drawn per run and axis"""
     markov_mg: NonNegative | None = None
-    """1 sigma of the exponentially correlated bias"""
+    """1 sigma of the exponentially correlated bias; or give bias_instability_mg"""
+    bias_instability_mg: NonNegative | None = None
+    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: the 1 sigma of the
+    exponentially correlated bias is that which, with the white noise, has it at its peak"""
     markov_time_s: CorrelationTime | None = None
-    """correlation time of the exponentially correlated bias"""
+    """correlation time of the exponentially correlated bias; with bias_instability_mg: default 100 s, which no data
+    sheet says"""
+    bias_random_walk_mg_sqrt_h: NonNegative | None = None
+    """root of the density of the bias's random walk, from 0 on"""
 
     @model_validator(mode="after")
     def _one_spelling(self) -> Self:
-        if self.noise_mg is not None and self.vrw_m_s_sqrt_h is not None:
-            raise reject("noise_mg and vrw_m_s_sqrt_h are two spellings of one noise; give one", "vrw_m_s_sqrt_h")
+        _one_of(self, "noise_mg", "vrw_m_s_sqrt_h", "noise")
+        _one_of(self, "markov_mg", "bias_instability_mg", "correlated bias")
         return self
 
-    def check_markov(self, *path: str) -> None:
-        """Raise, about the section at `path`, for a correlated bias without its correlation time."""
+    def check(self, rate: float | None, *path: str) -> None:
+        """Raise, about the section at `path`, for a correlated bias that is not whole, or that cannot be beside so much
+        white noise; rate: of the samples, Hz, where it is known."""
         _check_markov(self.markov_mg, self.markov_time_s, *path)
+        _check_lowest(self, "bias_instability_mg", "vrw_m_s_sqrt_h", rate, MG, *path)
+
+    def density(self, rate: float | None) -> float:
+        """Of the white noise, m/s/sqrt(s); nan where it is given a sample and their rate (Hz) is not known."""
+        return _density(self.noise_mg, MG, _si(self.vrw_m_s_sqrt_h, 1.0) / 60.0, rate)
 
     def triad(self, rate: float) -> Triad:
         """The error model in SI units at a sample rate (Hz)."""
-        from navsim.models.imu import Triad, density_from_sample_sigma
+        from navsim.models.imu import Triad
 
-        density = _si(self.vrw_m_s_sqrt_h, 1.0) / 60.0
-        if self.noise_mg is not None:
-            density = density_from_sample_sigma(self.noise_mg * MG, rate)
+        sigma = _si(self.markov_mg, MG)
         return Triad(
             bias=_si(self.bias_mg, MG),
-            noise_density=density,
-            markov=_si(self.markov_mg, MG),
-            markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
+            noise_density=self.density(rate),
             fixed_bias=_scaled(self.bias_fixed_mg, MG),
             scale=_si(self.scale_ppm, PPM),
+            **_markov(self.bias_instability_mg, MG, sigma, self.density(rate), self.markov_time_s),
+            further=self.further(),
         )
+
+    def further(self) -> Imperfections:
+        """What else there is, in SI units."""
+        from navsim.models.imperfections import Imperfections
+
+        return Imperfections(walk=_si(self.bias_random_walk_mg_sqrt_h, MG) / 60.0)
+
+
+class TrueAccelerometer(Accelerometer):
+    """Errors of three like accelerometers as they really are; what is left out comes from the preset, or is not
+    there."""
+
+    misalignment_mrad: NonNegative | None = None
+    """1 sigma of each gain from one axis to another, drawn per run"""
+    asymmetry_ppm: NonNegative | None = None
+    """1 sigma of the difference of the scale factor from one sense to the other, halved, drawn per run and axis"""
+    nonlinearity_ug_g2: NonNegative | None = None
+    """1 sigma of the error by the square of the specific force, drawn per run and axis"""
+    ramp_mg_h: NonNegative | None = None
+    """1 sigma of the slope of the bias, mg an hour, drawn per run and axis"""
+    temperature_mg_k: NonNegative | None = None
+    """1 sigma of the bias by a kelvin of imu.temperature, drawn per run and axis"""
+    rectification_ug_g2: NonNegative | None = None
+    """1 sigma of the bias by the mean square of imu.vibration, g2, drawn per run and axis"""
+    sine_mg: NonNegative | None = None
+    """amplitude of a sine in the specific force, of random phase"""
+    sine_hz: Frequency | None = None
+    """frequency of the sine"""
+    quantum_mm_s: NonNegative | None = None
+    """quantum of the integral, the velocity; what is left over is carried on"""
+    range_g: Annotated[float, Field(ge=0.1, le=1e5)] | None = None
+    """largest specific force measured, as the mean over a sample"""
+    bandwidth_hz: Frequency | None = None
+    """frequency of -3 dB of a response of second order; none: specific forces are measured as they are"""
+    damping: Damping | None = None
+    """damping ratio of the response; default 0.7071"""
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        _whole_further(self, "sine_mg")
+        return self
+
+    def further(self) -> Imperfections:
+        """What else there is, in SI units, but for where the sensors are."""
+        return replace(
+            super().further(),
+            misalignment=_si(self.misalignment_mrad, 1e-3),
+            asymmetry=_si(self.asymmetry_ppm, PPM),
+            nonlinearity=_si(self.nonlinearity_ug_g2, 1e-6 / G),
+            ramp=_si(self.ramp_mg_h, MG / 3600.0),
+            temperature=_si(self.temperature_mg_k, MG),
+            rectification=_si(self.rectification_ug_g2, 1e-6 / G),
+            quantum=_si(self.quantum_mm_s, 1e-3),
+            largest=math.inf if self.range_g is None else self.range_g * G,
+            bandwidth=math.inf if self.bandwidth_hz is None else self.bandwidth_hz,
+            damping=USUAL_DAMPING if self.damping is None else self.damping,
+            lines=_line(self.sine_mg, MG, self.sine_hz),
+        )
+
+
+class VibrationLine(Section):
+    """One frequency of a vibration."""
+
+    amplitude_g: Annotated[float, Field(ge=0.0, le=1e3)]
+    """amplitude along each axis; the phase of each is drawn per run"""
+    frequency_hz: Frequency
+    """frequency; above half of imu.rate_hz it is seen at another (aliasing)"""
+
+
+class VibrationSection(Section):
+    """Vibration where the inertial sensors are, along each axis alike. It is in what they measure, not in the path."""
+
+    lines: Annotated[list_of(VibrationLine), Field(max_length=20)] = ()  # type: ignore[valid-type]
+    """single frequencies"""
+    psd: Annotated[list_of(pair_of(Annotated[float, Field(ge=1e-9, le=1e5)])), Field(max_length=50)] = ()  # type: ignore[valid-type]
+    """random part: pairs of a frequency, Hz, and a one-sided power spectral density, g2/Hz, straight in logarithms
+    between them, nothing beyond"""
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Self:
+        if len(self.psd) == 1:
+            raise reject("needs two points or more", "psd")
+        for i, (before, after) in enumerate(itertools.pairwise(self.psd)):
+            if after[0] < 1.001 * before[0]:
+                raise reject(f"frequencies must increase: {after[0]:g} Hz comes after {before[0]:g} Hz", "psd", i + 1)
+        return self
+
+    def model(self) -> Vibration:
+        """In SI units."""
+        from navsim.models.imperfections import Vibration
+
+        lines = tuple((line.amplitude_g * G, line.frequency_hz) for line in self.lines)
+        return Vibration(lines, tuple((f, s * G**2) for f, s in self.psd))
+
+
+class TemperatureSection(Section):
+    """How much warmer than at the start the inertial sensors become."""
+
+    ramp_k_min: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    """kelvin a minute"""
+    warm_up_k: Annotated[float, Field(ge=-200.0, le=200.0)] = 0.0
+    """by how much they warm up in the end, beside the ramp"""
+    warm_up_time_s: CorrelationTime = 300.0
+    """time constant of warming up"""
+
+    def model(self) -> Warming:
+        """In SI units."""
+        from navsim.models.imperfections import Warming
+
+        return Warming(self.ramp_k_min / 60.0, self.warm_up_k, self.warm_up_time_s)
+
+
+def _one_of(section: Section, first: str, second: str, what: str) -> None:
+    if getattr(section, first) is not None and getattr(section, second) is not None:
+        raise reject(f"{first} and {second} are two spellings of one {what}; give one", second)
 
 
 def _check_markov(size: float | None, time: float | None, *path: str) -> None:
     if size and time is None:
         raise reject("an exponentially correlated error needs its correlation time", *path, "markov_time_s")
+
+
+def _check_lowest(
+    sensor: Gyro | Accelerometer, key: str, noise: str, rate: float | None, unit: float, *path: str
+) -> None:
+    from navsim.models.imu import MARKOV_PEAK, markov_of_lowest
+
+    lowest, time = getattr(sensor, key), sensor.markov_time_s or USUAL_TIME
+    density = sensor.density(rate)
+    if lowest and math.isnan(density):
+        raise reject(f"white noise has to be given as {noise} beside it", *path, key)
+    if lowest and math.isnan(markov_of_lowest(lowest * unit, density, time)):
+        alone = density / math.sqrt(MARKOV_PEAK[0] * time) / unit
+        longer = (density / (lowest * unit)) ** 2 / MARKOV_PEAK[0]
+        raise reject(
+            f"the white noise alone has an Allan deviation of {alone:.3g} after 1.89 correlation times of {time:g} s: "
+            f"{lowest:g} is reached later; give a markov_time_s above {longer:.3g} s, or less noise", *path, key,
+        )  # fmt: skip
+
+
+def _density(per_sample: float | None, unit: float, density: float, rate: float | None) -> float:
+    from navsim.models.imu import density_from_sample_sigma
+
+    if per_sample is None:
+        return density
+    if rate is None:
+        return math.nan if per_sample else 0.0
+    return density_from_sample_sigma(per_sample * unit, rate)
+
+
+def _markov(
+    lowest: float | None, unit: float, sigma: float, density: float, time: float | None
+) -> dict[str, float]:
+    """What a `Triad` has of it, however it is spelled."""
+    from navsim.models.imu import markov_of_lowest
+
+    if not lowest:
+        return {"markov": sigma, "markov_time": math.inf if time is None else time}
+    time = USUAL_TIME if time is None else time
+    return {"markov": markov_of_lowest(lowest * unit, density, time), "markov_time": time}
+
+
+def _whole_further(sensor: TrueGyro | TrueAccelerometer, sine: str) -> None:
+    if (getattr(sensor, sine) is None) != (sensor.sine_hz is None):
+        raise reject("a sine needs its amplitude and its frequency", "sine_hz" if sensor.sine_hz is None else sine)
+    if sensor.damping is not None and sensor.bandwidth_hz is None:
+        raise reject("is for sensors with a bandwidth_hz", "damping")
+
+
+def _line(amplitude: float | None, unit: float, frequency: float | None) -> tuple[tuple[float, float], ...]:
+    return () if not amplitude or frequency is None else ((amplitude * unit, frequency),)
 
 
 def _si(value: float | None, unit: float) -> float:
@@ -139,10 +396,23 @@ def _scaled(values: tuple[float, float, float] | None, unit: float) -> tuple[flo
     return None if values is None else (values[0] * unit, values[1] * unit, values[2] * unit)
 
 
+_SPELLINGS = (
+    ("noise_deg_h", "arw_deg_sqrt_h"), ("noise_mg", "vrw_m_s_sqrt_h"),
+    ("markov_deg_h", "bias_instability_deg_h"), ("markov_mg", "bias_instability_mg"),
+)  # fmt: skip
+"""Keys of which a sensor has one or the other."""
+
+
+def filled(values: dict[str, float], given: dict[str, Any]) -> dict[str, Any]:
+    """What is given of a sensor, with values where nothing is; what is given in one spelling displaces the other."""
+    spoken_for = {key for pair in _SPELLINGS if set(pair) & given.keys() for key in pair}
+    return {key: value for key, value in values.items() if key not in spoken_for} | given
+
+
 def believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro | Accelerometer:
     """The true sensor with the filter's own values put in; one spelling of the noise displaces the other."""
     values = given.model_dump(exclude_none=True)
-    for pair in (("noise_deg_h", "arw_deg_sqrt_h"), ("noise_mg", "vrw_m_s_sqrt_h")):
+    for pair in _SPELLINGS:
         if values.keys() & set(pair):
             values = {p: None for p in pair if hasattr(truth, p)} | values
     return truth.model_copy(update=values)
@@ -151,9 +421,9 @@ def believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro |
 class _Sensors(Section):
     preset: Literal["paper", "perfect"] = "paper"
     """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors"""
-    gyro: Gyro = Gyro()
+    gyro: TrueGyro = TrueGyro()
     """errors of the gyros, in place of the preset's"""
-    accelerometer: Accelerometer = Accelerometer()
+    accelerometer: TrueAccelerometer = TrueAccelerometer()
     """errors of the accelerometers, in place of the preset's"""
 
     @model_validator(mode="before")
@@ -165,20 +435,12 @@ class _Sensors(Section):
         preset = IMU_PRESETS.get(str(data.get("preset", "paper")))  # anything may stand there, a list too
         if preset is None:
             return data
-        filled = dict(data)
+        out = dict(data)
         for sensor, values in preset.items():
             given = data.get(sensor, {})
             if isinstance(given, dict):
-                white = {"noise_deg_h", "arw_deg_sqrt_h", "noise_mg", "vrw_m_s_sqrt_h"}
-                spoken_for = white if white & given.keys() else set()
-                filled[sensor] = {k: v for k, v in values.items() if k not in spoken_for} | given
-        return filled
-
-    @model_validator(mode="after")
-    def _whole_markov(self) -> Self:
-        for name in ("gyro", "accelerometer"):
-            getattr(self, name).check_markov(name)
-        return self
+                out[sensor] = filled(values, given)
+        return out
 
 
 class Imu(_Sensors):
@@ -186,6 +448,51 @@ class Imu(_Sensors):
 
     rate_hz: Annotated[float, Field(ge=10.0, le=2000.0)] = 100.0
     """samples of the inertial sensors a second"""
+    vibration: VibrationSection | None = None
+    """vibration where they are"""
+    temperature: TemperatureSection | None = None
+    """how much warmer they become"""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for name in ("gyro", "accelerometer"):
+            sensor = getattr(self, name)
+            sensor.check(self.rate_hz, name)
+            for part, section in (("temperature", self.temperature), ("rectification", self.vibration)):
+                key = next((key for key in type(sensor).model_fields if key.startswith(part)), "")
+                if getattr(sensor, key) and section is None:
+                    needed = "temperature" if part == "temperature" else "vibration"
+                    raise reject(f"is by imu.{needed}, and there is none: give that", name, key)
+        return self
+
+    def monte_carlo_only(self) -> tuple[str, ...] | None:
+        """The first key of an error that the covariance analysis does not know, None of none."""
+        for name in ("gyro", "accelerometer"):
+            sensor, followed = getattr(self, name), (Gyro if name == "gyro" else Accelerometer).model_fields
+            for key in type(sensor).model_fields:
+                if getattr(sensor, key) and (key not in followed or "random_walk" in key):
+                    return name, key
+        given = (name for name in ("vibration", "temperature") if getattr(self, name) is not None)
+        return next(((name,) for name in given), None)
+
+    def limited(self) -> bool:
+        """Whether a sensor has a range."""
+        return self.gyro.range_deg_s is not None or self.accelerometer.range_g is not None
+
+    def triads(self, gyro: Gyro | None = None, accelerometer: Accelerometer | None = None) -> tuple[Triad, Triad]:
+        """The error models of gyros and accelerometers in SI units, as they really are, or with what a filter believes
+        of them put in."""
+        from navsim.models.imperfections import Vibration, Warming
+
+        vibration = Vibration() if self.vibration is None else self.vibration.model()
+        warming = Warming() if self.temperature is None else self.temperature.model()
+        of_gyro, of_accel = (
+            (true if given is None else believed(true, given)).triad(self.rate_hz)
+            for true, given in ((self.gyro, gyro), (self.accelerometer, accelerometer))
+        )
+        mine, its = (replace(t.further, vibration=vibration, warming=warming) for t in (of_gyro, of_accel))
+        its = replace(its, shaken=vibration.adds_up())
+        return replace(of_gyro, further=mine), replace(of_accel, further=its)
 
 
 class AltimeterSection(Section):

@@ -9,6 +9,7 @@ air makes the way of each its own (`simulation.flown`), the route is what they d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -211,7 +212,7 @@ class Run:
     size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none;
     deviation (o, 3): of the way that was flown from the route, lateral, along, vertical, m, its true roll, pitch, yaw,
     attitude (o, 3), rad, and where the antenna truly was at fixes (e, 3), ECEF, m; of no size where all runs fly the
-    route."""
+    route; clipped (2,): samples of gyros and of accelerometers beyond their range, of no size where they have none."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -241,6 +242,7 @@ class Run:
     deviation: np.ndarray
     attitude: np.ndarray
     antenna: np.ndarray
+    clipped: np.ndarray
 
     def one(self, which: int) -> Run:
         """One of several runs."""
@@ -462,6 +464,11 @@ class Flight:
         return () if self.watching is None else self.watching.expected(self.world.signals)
 
     @property
+    def limited(self) -> bool:
+        """Whether an inertial sensor has a range."""
+        return any(math.isfinite(triad.further.largest) for triad in (self.gyro, self.accel))
+
+    @property
     def scales(self) -> tuple[int, ...]:
         """Numbers of the time scales that the filter has a bias of the clock for."""
         return self.beliefs.followed(self.world.scales)
@@ -594,7 +601,7 @@ class Inputs:
     (e, s, W) carrier phases (m) where they smooth the code, else None. aided: (m, k, W) of each sensor beside the
     receiver. clock: (c, W) estimates of the clock's states at time 0. sensors: (o, k, W) true values of the sensor
     states that the filter follows, and of the clock's, by which it is judged. flown: the ways of the runs, None where
-    all fly the route.
+    all fly the route. clipped: (2, W) samples of gyros and of accelerometers beyond their range.
     """
 
     initial: np.ndarray
@@ -606,6 +613,7 @@ class Inputs:
     aided: tuple[np.ndarray, ...]
     clock: np.ndarray
     sensors: np.ndarray
+    clipped: np.ndarray
     flown: Flown | None = None
 
 
@@ -637,7 +645,7 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
     for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided, clock):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
-    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors, flown)
+    return Inputs(initial, dtheta, dv, ranges, rates, phases, aided, clock, sensors, errors.clipped, flown)
 
 
 def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
@@ -749,6 +757,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
         **{name: of_runs(lanes) for name, lanes in own.items()},
+        clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
     )  # fmt: skip
 
 

@@ -21,7 +21,8 @@ def followed(gyro: Triad, accel: Triad, scale_factors: bool = False) -> SensorBe
     """The beliefs of a filter that takes these sensors for true; scale_factors: whether it follows them.
 
     A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
-    short-term growth, since one state cannot be both. A fixed bias counts with its root mean square.
+    short-term growth, since one state cannot be both; a random walk of the bias is followed as what it is. A fixed bias
+    counts with its root mean square.
     """
     triads = (gyro, accel)
     return SensorBeliefs(
@@ -30,16 +31,17 @@ def followed(gyro: Triad, accel: Triad, scale_factors: bool = False) -> SensorBe
             *(states.SCALE_FACTORS if scale_factors else ()),
         ),
         sigma=(*(t.initial_sigma() for t in triads), *(t.scale for t in triads if scale_factors)),
-        noise=np.array([t.noise_density**2 for t in triads]),
+        noise=np.array([t.white() for t in triads]),
     )
 
 
 def _decay_and_drive(triad: Triad) -> tuple[float, float]:
     """1/tau (1/s) and driving density (unit2/s) with which a filter follows a bias."""
+    walk = triad.further.walk**2
     if triad.markov == 0.0:
-        return 0.0, 0.0
-    alone = triad.bias == 0.0 and triad.fixed_bias is None
-    return (1.0 / triad.markov_time if alone else 0.0), triad.drive()
+        return 0.0, walk
+    alone = triad.bias == 0.0 and triad.fixed_bias is None and walk == 0.0
+    return (1.0 / triad.markov_time if alone else 0.0), triad.drive() + walk
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
         (CONSISTENT,),
         "measurements of a sensor beside the receiver were rejected by the innovation gate",
     ),
+    "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
 }
 """What can be found in flown landings: what it speaks against, and its words."""
 
@@ -130,6 +131,20 @@ def rejected_of(name: str, count: int, of: int, probability: float) -> list[Find
         return []
     text = f"{count} of {of} measurements of the {name} were rejected by the innovation gate"
     return [Finding("aided_rejections", text, LANDING["aided_rejections"][0], count, of)]
+
+
+def clipped(count: np.ndarray, of: int) -> list[Finding]:
+    """The findings of samples of gyros and accelerometers beyond their range: counts (run, 2), of so many samples of
+    each."""
+    against, _ = LANDING["clipped_samples"]
+    out = []
+    for name, each in zip(("gyros", "accelerometers"), count.T, strict=True):
+        if total := int(each.sum()):
+            runs = int(np.count_nonzero(each))
+            where = f"in {runs} of {each.size} runs"
+            text = f"{total} of {of} samples of the {name} are beyond their range and cut off, {where}"
+            out.append(Finding("clipped_samples", text, against, total, of, runs))
+    return out
 
 
 def notes(texts: Iterable[str]) -> list[Finding]:

@@ -14,7 +14,10 @@ from navsim.models.imu import (
     sample_sigma_from_density,
     simulate,
 )
-from tests.helpers import scenario
+from navsim.scenario.source import InputError
+from navsim.study.executor import threads
+from navsim.study.landing import findings, fly_all
+from tests.helpers import case, scenario
 
 RATE = 100.0
 HOUR = int(3600 * RATE)
@@ -103,3 +106,64 @@ def test_increments_carry_bias_and_truth() -> None:
     out_theta, out_v, _ = simulate(generator(1, 1, "imu"), dtheta, dv, 0.01, gyro, accel)
     np.testing.assert_allclose(out_theta - dtheta, 0.01 * np.array([[1e-3, 2e-3, -1e-3]] * 10), atol=1e-16)
     np.testing.assert_allclose(out_v - dv, 0.01 * np.array([[0.1, 0.0, -0.2]] * 10), atol=1e-15)
+
+
+FURTHER = (
+    "imu.gyro={drift_deg_h: 70, arw_deg_sqrt_h: 0.05, misalignment_mrad: 0.5, asymmetry_ppm: 200, ramp_deg_h_h: 30, "
+    "nonlinearity_ppm_deg_s: 5, g_sensitivity_deg_h_g: 3, rate_random_walk_deg_h_sqrt_h: 20, quantum_urad: 20, "
+    "bandwidth_hz: 45, temperature_deg_h_k: 1, rectification_deg_h_g2: 1, sine_deg_h: 20, sine_hz: 0.5}",
+    "imu.accelerometer={bias_mg: 1, vrw_m_s_sqrt_h: 0.1, misalignment_mrad: 0.5, asymmetry_ppm: 200, ramp_mg_h: 1, "
+    "nonlinearity_ug_g2: 50, bias_random_walk_mg_sqrt_h: 1, quantum_mm_s: 0.5, bandwidth_hz: 45, "
+    "temperature_mg_k: 0.01, rectification_ug_g2: 100, sine_mg: 0.2, sine_hz: 0.5}",
+    "imu.vibration={lines: [{amplitude_g: 0.5, frequency_hz: 33}], psd: [[20, 0.001], [200, 0.001]]}",
+    "imu.temperature={ramp_k_min: 1, warm_up_k: 10}",
+)
+"""All of them, of sizes that the filter bears without knowing of them."""
+
+
+@pytest.mark.parametrize("kind", ["tfg", "eskf"])
+def test_landing_with_every_error(kind: str) -> None:
+    """Position and velocity NEES/6 of 200 runs at every 10 s within 0.9 to 1.15."""
+    gentle = "receiver.rate_hz=1", "initial_errors.attitude_deg=1"
+    flown = case(*FURTHER, *gentle, f"filter.kind={kind}", name="s_turn")
+    runs = fly_all(flown, 21, 0, 200, threads())
+    nees = runs["nees_position_velocity"].mean(axis=0)[10::10] / 6
+    assert np.all((nees > 0.9) & (nees < 1.15)), nees
+
+
+def test_what_is_beyond_the_range_is_counted() -> None:
+    """In runs, in the result and as a finding; without a range there is nothing of it."""
+    limits = "imu.gyro.range_deg_s=2", "imu.accelerometer.range_g=5", "duration_s=60"
+    flown = case(*limits, name="s_turn")
+    ensemble = fly_all(flown, 1, 0, 10, threads(), keep="none")
+    count = ensemble.per_run("clipped")
+    assert count.shape == (10, 2)
+    rates = np.abs(flown.world.dtheta / np.diff(flown.world.imu_time)[:, None]).max(axis=1)
+    assert count[:, 0] == pytest.approx(np.full(10, np.sum(rates > np.radians(2.0))), rel=0.1)
+    assert not count[:, 1].any()
+    found = [f for f in findings(flown, ensemble) if f.name == "clipped_samples"]
+    assert [f.count for f in found] == [count[:, 0].sum()]
+    assert "of the gyros are beyond their range" in found[0].text
+    free = fly_all(case("duration_s=60", name="s_turn"), 1, 0, 2, threads(), keep="none")
+    with pytest.raises(KeyError):
+        free.per_run("clipped")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (("imu.gyro={arw_deg_sqrt_h: 0.002, bias_instability_deg_h: 0.0035}",), "give a markov_time_s above 621 s"),
+        (("imu.gyro={markov_deg_h: 1, bias_instability_deg_h: 1}",), "two spellings of one correlated drift"),
+        (("imu.gyro={sine_deg_h: 1}",), "a sine needs its amplitude and its frequency"),
+        (("imu.gyro={damping: 0.5}",), "is for sensors with a bandwidth_hz"),
+        (("imu.accelerometer={rectification_ug_g2: 1}",), "is by imu.vibration, and there is none"),
+        (("imu.accelerometer={temperature_mg_k: 1}",), "is by imu.temperature, and there is none"),
+        (("imu.vibration={psd: [[20, 0.1]]}",), "needs two points or more"),
+        (("imu.vibration={psd: [[20, 0.1], [10, 0.1]]}",), "frequencies must increase"),
+        (("method=covariance", "imu.gyro.misalignment_mrad=1"), "not yet of the covariance analysis"),
+        (("method=covariance", "imu.vibration={lines: []}"), "not yet of the covariance analysis"),
+    ],
+)
+def test_refused(settings: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        scenario(*settings)

@@ -80,7 +80,7 @@ WITHOUT_UNIT = {
     "p_satellite", "p_constellation", "p_constellations",
     "p_pseudolite", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
     "band", "duty", "sigma_share", "load_factor", "bearing_year",  # of one
-    "exponent",
+    "exponent", "damping",
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "steps", "experiments",  # counts

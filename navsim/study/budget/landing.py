@@ -73,7 +73,7 @@ class Extent:
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
     while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
     whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
-    each sample of the ways of runs that deviate from the route."""
+    each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges."""
 
     samples: int
     epochs: int
@@ -88,6 +88,7 @@ class Extent:
     tried: int = 0
     filters: int = 0
     deviating: int = 0
+    limited: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -98,6 +99,7 @@ class Extent:
             "settled": self.settled,
             "ranged": self.ranged,
             "tried": self.tried,
+            "limited": self.limited,
             "deviating": self.epochs + 1 if self.deviating else 0, "met": self.epochs if self.deviating else 0,
         }  # fmt: skip
 
@@ -125,6 +127,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         # one for each source that is received, about half of a sky, for each system, and some for two at once
         0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
         scenario.draws_of_way(),
+        2 if scenario.imu.limited() else 0,
     )  # fmt: skip
 
 

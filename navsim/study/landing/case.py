@@ -25,7 +25,6 @@ from navsim.models.approach import GLIDE_START, TOUCHDOWN
 from navsim.models.conventions import STANDARD_GRAVITY, TRACK_ATTITUDE
 from navsim.models.events import EVERY, PSEUDOLITES
 from navsim.models.go_around import GO_AROUND
-from navsim.models.imu import Triad
 from navsim.models.interference import radio_horizon
 from navsim.models.jamming import LOWEST
 from navsim.models.kinematics import Moving, Trajectory, touchdown_from_threshold
@@ -39,7 +38,6 @@ from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
-from navsim.scenario.sensors import believed
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
@@ -395,11 +393,10 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     sources, scenario, warnings = environment(scenario, document, trajectory)
     ask(scenario, sources)
-    gyro = scenario.imu.gyro.triad(scenario.imu.rate_hz)
-    accel = scenario.imu.accelerometer.triad(scenario.imu.rate_hz)
+    gyro, accel = scenario.imu.triads()
     world = world_of(scenario, trajectory, sources)
     watched = watching(scenario, sources)
-    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario, gyro, accel), watched)
+    flight = prepare_flight(world, _initial(scenario), gyro, accel, *_beliefs(scenario), watched)
     case = Case(scenario, trajectory, sources, flight, warnings)
     if scenario.box is not None and math.isnan(box_time(case)):
         (when,), last = _passed(case, [scenario.box.height_m]), float(world.filter_time[-1])
@@ -448,10 +445,9 @@ def _initial(scenario: Landing) -> InitialErrors:
     return InitialErrors(section.attitude_deg * DEG, section.position_m, section.velocity_m_s, fixed)
 
 
-def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, InitialErrors]:
+def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
     """What the filter believes, and of the initial errors: what its section leaves out is what the truth has."""
     section = scenario.filter
-    rate = scenario.imu.rate_hz
     truth = scenario.initial_errors
     given = section.initial
     initial = InitialErrors(
@@ -459,15 +455,11 @@ def _beliefs(scenario: Landing, gyro: Triad, accel: Triad) -> tuple[Beliefs, Ini
         truth.position_m if given.position_m is None else given.position_m,
         truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
     )
-    if section.imu.gyro is not None:
-        gyro = believed(scenario.imu.gyro, section.imu.gyro).triad(rate)
-    if section.imu.accelerometer is not None:
-        accel = believed(scenario.imu.accelerometer, section.imu.accelerometer).triad(rate)
+    gyro, accel = scenario.imu.triads(section.imu.gyro, section.imu.accelerometer)
     sensors, lasting = followed(gyro, accel, section.scale_factors), None
     if kinds := scenario.signals.errors.models():
-        lasting, blocks = followed_errors(
-            section.about_lasting_errors(), kinds, scenario.duration_s, 1.0 / scenario.receiver.rate_hz, 1.0 / rate
-        )
+        interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
+        lasting, blocks = followed_errors(section.about_lasting_errors(), kinds, scenario.duration_s, interval, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(

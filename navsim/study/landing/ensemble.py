@@ -59,7 +59,7 @@ HISTORIES = {
         "monitor_level",
         "deviation",
     ),
-    "all": tuple(Run.__dataclass_fields__),
+    "all": tuple(name for name in Run.__dataclass_fields__ if name != "clipped"),
 }
 """Histories of a run that are stored, by `--keep`."""
 
@@ -73,7 +73,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
     "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
     "innovation_ratio": ("tried",), "deviation": ("deviating", 3), "attitude": ("deviating", 3),
-    "antenna": ("met", 3),
+    "antenna": ("met", 3), "clipped": ("limited",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 
@@ -153,6 +153,7 @@ class LandingStudy:
                     "degrees": runs.degrees.max(axis=1, initial=0),
                     "inside": _inside(runs),
                     **technical(self.case, crossings, runs),
+                    **({"clipped": runs.clipped} if self.case.flight.limited else {}),
                 }
             )
             added = {
@@ -345,6 +346,9 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
         if weighed:
             mean = float(ensemble.per_run("aided_innovations")[:, k].sum()) / weighed
             out += judging.doubted("aided_innovations", f"innovations of the {name}", mean, weighed, runs)
+    if case.flight.limited:
+        samples = runs * (case.world.imu_time.size - 1)
+        out += judging.clipped(ensemble.per_run("clipped"), samples)
     weighed = int(ensemble.per_run("weighed").sum())
     if weighed:
         mean = float(ensemble.per_run("innovations").sum()) / weighed

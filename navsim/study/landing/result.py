@@ -194,6 +194,9 @@ def _summary(draft: Draft, case: Case, ensemble: Ensemble) -> None:
         draft[f"{branch}/nis"] = float(sums[0] / sums[1]) if sums[1] else np.nan
         draft[f"{branch}/rejected"] = np.int64(sums[2])
         draft[f"{branch}/missing"] = np.int64(ensemble.runs * aid.missing)
+    if case.flight.limited:
+        for name, total in zip(("gyro", "accelerometer"), ensemble.per_run("clipped").sum(axis=0), strict=True):
+            draft[f"/summary/count/clipped_{name}"] = np.int64(total)
     for name, value in (
         ("runs", ensemble.runs),
         ("fixes", int(ensemble.per_run("fixes").sum())),
