@@ -41,8 +41,8 @@ def watched(c: Case, ranges: np.ndarray) -> simulation.Watched:
     """What the monitor says of the fixes from ranges (run, e, s), as many runs as there are lanes."""
     lanes = np.ascontiguousarray(np.moveaxis(ranges, 0, -1))
     rates = in_all_lanes(simulation.without_noise(c.world)[1])
-    llh, _, clocks, _ = simulation.receiver_fixes(c.world, lanes, rates)
-    return simulation.Watched.of_fixes(c.flight, lanes, llh, clocks)
+    fixes = simulation.receiver_fixes(c.world, lanes, rates)
+    return simulation.Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
 
 
 def alarms(c: Case, seed: int, runs: int) -> tuple[int, int]:

@@ -84,8 +84,8 @@ def test_separations_are_those_of_fixes_without_the_fault() -> None:
     exact, rates = simulation.without_noise(c.world)
     measured = exact + 0.01 * (simulation.measured(c.world, 5, 3)[0] - exact)
     lanes = in_all_lanes(measured)
-    llh, _, clocks, _ = simulation.receiver_fixes(c.world, lanes, in_all_lanes(rates))
-    said = simulation.Watched.of_fixes(c.flight, lanes, llh, clocks)
+    fixes = simulation.receiver_fixes(c.world, lanes, in_all_lanes(rates))
+    said = simulation.Watched.of_fixes(c.flight, in_all_lanes(c.world.signals.antenna), lanes, fixes)
     monitor = c.flight.monitor
     assert isinstance(monitor, SeparationMonitor)
     names = [fault.name for fault in c.flight.expected]
