@@ -275,7 +275,8 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 def _analysed(scenario: Landing, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + (8 + len(SOURCES)) * here.states) + 101 * VARIABLE
+    sources = 4 + len(SOURCES) + len(scenario.signals.errors.models())
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + sources * here.states) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
