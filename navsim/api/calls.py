@@ -80,10 +80,12 @@ def replay(log: Scenario, /, **given: Unpack[Requiring]) -> ResultFile:
 def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Check a scenario, study or log, as `navsim validate` does; returns it with every default written out.
 
-    set: values for keys, dotted. Raises BadInput, with all that is wrong.
+    set: values for keys, dotted. Warns of what a study would leave out. Raises BadInput, with all that is wrong.
     """
     with of_python():
-        section, _, _ = opening.checked(_source(scenario, "scenario"), _assignments(set))
+        section, _, heard = opening.checked(_source(scenario, "scenario"), _assignments(set))
+        for text in heard:
+            warnings.warn(text, NavsimWarning, stacklevel=_CALLER - 1)
         return section.model_dump(mode="json", exclude_none=True)
 
 

@@ -72,7 +72,7 @@ def _of_value(value: Any, overloads: Overloads, seen: set[int]) -> Iterator[str]
     elif isinstance(value, _PLAIN):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):
-        yield f"{type(value).__name__} of {len(value)}"
+        yield f"{type(value).__name__} of {len(value)} {getattr(value, '_fields', '')}"
         for item in value:
             yield from _of_value(item, overloads, seen)
     elif isinstance(value, np.ndarray) and value.dtype != object:
@@ -149,4 +149,5 @@ def _of_code(code: CodeType, names: dict[str, Any], overloads: Overloads, seen: 
 
 def _outside(value: Any) -> bool:
     """Whether it is another library's, which the compiler knows by name."""
-    return not str(getattr(value, "__module__", "")).startswith("navsim.") and not isinstance(value, _PLAIN)
+    known = not isinstance(value, (*_PLAIN, tuple, list, np.ndarray))
+    return known and not str(getattr(value, "__module__", "")).startswith("navsim.")

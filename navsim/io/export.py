@@ -306,6 +306,8 @@ def _near(elements: gps.Elements, system: System, result: Result) -> gps.Element
     if not time[0] <= time[1] <= time[0] + LONGEST:
         raise ResultError(f"damaged: measurements from {time[0]:g} to {time[1]:g} s")
     toes = np.arange(np.round(time[0] / TOE_SPACING), np.round(time[1] / TOE_SPACING) + 1) * TOE_SPACING
+    if np.isin(elements.prn, system.tilted).any():
+        raise ResultError("messages of geostationary satellites cannot be referred to the time of the flight")
     parts = [elements.referred_to(np.full(elements.prn.size, toe), system) for toe in toes]
     whole = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(gps.Elements)}
     issue = np.repeat(np.arange(1, toes.size + 1), elements.prn.size).astype(float)
@@ -361,7 +363,8 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 def _csv(result: Result, target: Path) -> dict[Path, str]:
     """Three tables: the true motion, the fixes, the filter's errors with their sigmas; the last two name the run they
-    are of in a column of its own, where the result has others."""
+    are of in a column of its own, where the result has others. Of runs that deviate from the route the true motion is
+    the route, and the fixes have the antenna's true place beside them."""
     run = _run_of_ensemble(result)
     run_head, run_cell = ([], []) if run is None else (["run"], [str(run)])
     truth = [
@@ -379,14 +382,19 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
     if "/receiver/position_llh" in result:
         rows = []
         dops = np.stack([result[f"/geometry/{n}"] for n in ("pdop", "hdop", "vdop")], axis=1)
-        for t, p, v, d in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
-                              result["/receiver/velocity_ned"][0], dops, strict=True):  # fmt: skip
+        own = "/receiver/true_position_llh"
+        places = result[own][0] if own in result else np.empty((dops.shape[0], 0))
+        own_head = ["true_lat_deg", "true_lon_deg", "true_h_m"] if own in result else []
+        for t, p, v, d, place in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
+                                     result["/receiver/velocity_ned"][0], dops, places, strict=True):  # fmt: skip
+            where = [_cell(np.degrees(x), 10) for x in place[:2]] + [_cell(x, 4) for x in place[2:]]
             rows.append(
                 [f"{t:.4f}", _cell(np.degrees(p[0]), 10), _cell(np.degrees(p[1]), 10), _cell(p[2], 4),
-                 *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d), *run_cell]
+                 *(_cell(x, 4) for x in v), *(_cell(x, 4) for x in d), *where, *run_cell]
             )  # fmt: skip
         files[target.with_name(f"{target.stem}_gnss.csv")] = _table(
-            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop", *run_head],
+            ["t_s", "lat_deg", "lon_deg", "h_m", "vn_m_s", "ve_m_s", "vd_m_s", "pdop", "hdop", "vdop", *own_head,
+             *run_head],
             rows,
         )
     if "/filter/error" in result:
@@ -407,13 +415,15 @@ def _gates(result: Result, target: Path) -> dict[Path, str]:
     """The position error of every run at the heights where errors are told: a row a run and height."""
     if "/summary/at/lateral_run" not in result:
         return {}
-    axes = np.stack([result[f"/summary/at/{axis}_run"] for axis in ("lateral", "along", "vertical")], axis=-1)
+    kinds = ("", "_fte", "_tse") if "/summary/at/lateral_fte_run" in result else ("",)
+    named = [(axis, kind) for kind in kinds for axis in ("lateral", "along", "vertical")]
+    axes = np.stack([result[f"/summary/at/{axis}{kind}_run"] for axis, kind in named], axis=-1)
     rows = [
         [str(run), gate, _cell(height, 4), *(f"{x:.9g}" if np.isfinite(x) else "" for x in axes[r, h])]
         for r, run in enumerate(result["/run"])
         for h, (gate, height) in enumerate(zip(HEIGHTS, result["/summary/at/height"], strict=True))
     ]
-    head = ["run", "gate", "height_m", "error_lateral_m", "error_along_m", "error_vertical_m"]
+    head = ["run", "gate", "height_m", *(f"{kind[1:] or 'error'}_{axis}_m" for axis, kind in named)]
     return {target.with_name(f"{target.stem}_gates.csv"): _table(head, rows)}
 
 

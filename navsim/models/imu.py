@@ -108,6 +108,7 @@ def simulate_lanes(
     from navsim.core.noise import corrupt  # compiled code only when something is really simulated
 
     lanes = len(rngs)
+    acting = dv.reshape(dv.shape[0], 3, -1)[..., :count]
     dtheta, dv = (imperfections.felt_through(m, dt, t.further) for m, t in ((dtheta, gyro), (dv, accel)))
     constant, scale = np.zeros((6, lanes)), np.zeros((6, lanes))
     for lane, rng in enumerate(rngs[:count]):
@@ -128,8 +129,8 @@ def simulate_lanes(
     )  # fmt: skip
     errors = SensorErrors(bias, scale, np.zeros((2, 3, 3, lanes)), np.zeros((3, 3, lanes)), np.zeros((2, lanes)))
     if gyro.further.there or accel.further.there:
-        felt, force = (m[..., :count] for m in exact)
-        _go_on(rngs[:count], felt, force, dt, (gyro, accel), at, (out_dtheta, out_dv), errors)
+        felt, forced = (m[..., :count] for m in exact)
+        _go_on(rngs[:count], felt, forced, acting, dt, (gyro, accel), at, (out_dtheta, out_dv), errors)
     return out_dtheta, out_dv, errors
 
 
@@ -137,6 +138,7 @@ def _go_on(
     rngs: tuple[np.random.Generator, ...],
     dtheta: np.ndarray,
     dv: np.ndarray,
+    acting: np.ndarray,
     dt: float,
     triads: tuple[Triad, Triad],
     at: np.ndarray,
@@ -144,11 +146,12 @@ def _go_on(
     errors: SensorErrors,
 ) -> None:
     """Add the `imperfections` of sensors to increments measured without them (n, 3, W), and to their errors, in place;
-    dtheta, dv (n, 3, W or 1): as they are felt."""
+    dtheta, dv (n, 3, W or 1): as they are felt. acting: dv before the accelerometers' own response, which the gyros
+    know nothing of."""
     count, lanes = dtheta.shape[0], len(rngs)
     middle = dt * (np.arange(count) + 0.5)
     shaken = imperfections.shaking(triads[1].further.vibration, rngs, count, dt)
-    force = dv if shaken is None else dv + shaken
+    force = acting if shaken is None else acting + shaken
     for number, (triad, felt, all_out) in enumerate(zip(triads, (dtheta, dv), measured, strict=True)):
         what, out, part = triad.further, all_out[..., :lanes], slice(3 * number, 3 * number + 3)
         gains = Gains.drawn(what, number, rngs)

@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
-from navsim.report.quantities import event_time, touchdown
+from navsim.report.quantities import come_down, event_time, touchdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ def asked(result: Result, *what: str) -> list[Limit]:
 
 def glide(result: Result) -> tuple[float, float]:
     """When the glide begins and ends, s, for which levels are required."""
-    begin, end, time = event_time(result, "glide_start"), touchdown(result), result["/truth/time"]
+    begin, end, time = event_time(result, "glide_start"), come_down(result), result["/truth/time"]
     return (0.0 if math.isnan(begin) else begin), (float(time[-1]) if math.isnan(end) else end)
 
 

@@ -68,6 +68,8 @@ def whose(result: Result) -> str:
 def true_for(result: Result) -> str:
     """What a figure of the truth says of the runs it belongs to."""
     runs = result["/run"].size
+    if "/summary/at/lateral_fte" in result:
+        return "the route, from which each run deviates"
     return f"the truth, the same in all {runs} runs" if runs > 1 else ""
 
 

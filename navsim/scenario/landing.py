@@ -255,9 +255,10 @@ class Landing(Section):
                 text = "fixes without what is excluded have other errors than those that states follow; use inflate"
                 raise reject(text, "filter", "fix_errors")
         watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
-        if watched and not self.filter.tight and self.filter.fix_errors != "none":
-            text = "each filter that watches has other errors of fixes; use `fix_errors: none`, or `coupling: tight`"
-            raise reject(text, "filter", "fix_errors")
+        if watched and not (self.filter.tight and self.filter.about_lasting_errors() == "inflate"):
+            text = "levels of the filter take errors of fixes for independent in time; use mhss"
+            also = ", or `coupling: tight` with `fix_errors: inflate`"
+            raise reject(text + also, "integrity", "method")
 
     @property
     def lasting_states(self) -> int:
@@ -446,7 +447,16 @@ class Landing(Section):
 
     def unused(self) -> list[str]:
         """What is given and, whatever the files have that it names, changes nothing, in words."""
-        return self.sky.unused() + ([] if self.integrity is None else self.integrity.unused())
+        return self.sky.unused() + self.unused_of_flight() + ([] if self.integrity is None else self.integrity.unused())
+
+    def unused_of_flight(self) -> list[str]:
+        """The same of the way that is flown and of the sensors."""
+        out = []
+        if self.method == "covariance" and (air := self.air()) is not None:
+            out.append(f"{'.'.join(air[1])} changes nothing here: the covariance analysis is of the route")
+        if self.imu.temperature is not None and not self.imu.warms():
+            out.append("imu.temperature changes nothing: no sensor has an error that goes with it (temperature_...)")
+        return out
 
     def aiding(self) -> list[Any]:
         """The models of the sensors beside the receiver that there are."""

@@ -475,6 +475,11 @@ class Imu(_Sensors):
         given = (name for name in ("vibration", "temperature") if getattr(self, name) is not None)
         return next(((name,) for name in given), None)
 
+    def warms(self) -> bool:
+        """Whether a sensor has errors that go with its temperature."""
+        given = (sensor.model_dump(exclude_none=True).items() for sensor in (self.gyro, self.accelerometer))
+        return any(key.startswith("temperature") and value for pairs in given for key, value in pairs)
+
     def limited(self) -> bool:
         """Whether a sensor has a range."""
         return self.gyro.range_deg_s is not None or self.accelerometer.range_g is not None

@@ -305,7 +305,7 @@ def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray
         i = int(np.argmin(values))
         if values[i] < lowest:
             best, lowest = beside[i], float(values[i])
-    return best, lowest
+    return (best, lowest) if lowest < worst else (places, value)
 
 
 # --- objectives of geometry

@@ -74,7 +74,9 @@ def test_presets_give_what_is_left_out() -> None:
         (("filter.fix_errors=states",), "fix_errors"),
         ((OPEN, "filter.coupling=tight", "filter.fix_errors=states"), "fix_errors"),
         ((OPEN, "integrity={exclusion: residual}"), "fix_errors"),
-        ((OPEN, "integrity={method: filter}"), "fix_errors"),
+        ((OPEN, "integrity={method: filter}"), "integrity.method"),
+        ((OPEN, "integrity={method: filter}", "filter.fix_errors=none"), "integrity.method"),
+        ((OPEN, "integrity={method: filter}", "filter.coupling=tight", "filter.fix_errors=none"), "integrity.method"),
         (("signals.errors.ionosphere={sigma_m: 1}",), "time_s"),
     ],
 )

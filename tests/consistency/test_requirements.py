@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from navsim.io.results import Result, read
+from navsim.models.go_around import GO_AROUND
 from navsim.scenario.requirements import RiskRequirement
+from navsim.study.landing.integrity import glide_of
 from navsim.study.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment, _of_shares
 from navsim.study.statistics import rms_interval_of_means, share_interval
-from tests.helpers import SCENARIOS, scenario
+from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -288,6 +290,14 @@ def test_levels_without_a_test_are_not_within_anything(tmp_path: Path) -> None:
     result, said = flown(tmp_path, asked, "--set", none, "--method", "covariance", "--force")
     np.testing.assert_array_equal(result[branch], 0.0)
     assert "no fault is expected" in said
+
+
+def test_the_climb_after_a_go_around_is_no_glide() -> None:
+    flown = case("approach.go_around={height_m: 60}", "duration_s=90", "filter.kind=eskf", WATCHED)
+    begin = flown.trajectory.path.events[GO_AROUND]
+    time = flown.world.signals.time
+    assert 30.0 < begin < 60.0
+    np.testing.assert_array_equal(glide_of(flown), time <= begin)
 
 
 def test_a_flight_that_ends_on_the_glide_is_judged_as_far_as_it_goes(tmp_path: Path) -> None:

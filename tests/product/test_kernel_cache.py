@@ -13,7 +13,9 @@ from collections import namedtuple
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from numba import types
 from numba.core.dispatcher import Dispatcher
@@ -216,6 +218,18 @@ def test_every_kernel_can_be_followed() -> None:
     digests = [kernel_parts.digest(each.py_func, (), jit._OVERLOADS, "") for each in kernels]
     assert None not in digests
     assert len(set(digests)) == len({each.py_func for each in kernels})
+
+
+def test_constants_of_modules_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arrays and tuples that a kernel reads from another module, and named tuples by their fields."""
+    made: dict[str, Any] = {"attitude": attitude, "__name__": "navsim.core.made"}
+    exec("def read(): return attitude.TABLE[0]", made)
+    digests = []
+    for table in (np.arange(3.0), np.arange(1.0, 4.0), (1, 2), namedtuple("Pair", "a b")(1, 2)):
+        monkeypatch.setattr(attitude, "TABLE", table, raising=False)
+        digests.append(kernel_parts.digest(made["read"], (), {}, ""))
+    assert None not in digests
+    assert len(set(digests)) == len(digests)
 
 
 def test_the_order_of_fields_counts() -> None:

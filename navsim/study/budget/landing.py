@@ -73,7 +73,8 @@ class Extent:
     a fix, states of the filter, measurements of sensors beside the receiver, those that are weighed once more
     while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
     whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
-    each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges."""
+    each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
+    inertial sensors have errors beyond those that are drawn with the noise."""
 
     samples: int
     epochs: int
@@ -89,6 +90,7 @@ class Extent:
     filters: int = 0
     deviating: int = 0
     limited: int = 0
+    imperfect: bool = False
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -128,6 +130,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4,
         scenario.draws_of_way(),
         2 if scenario.imu.limited() else 0,
+        any(triad.further.there for triad in scenario.imu.triads()),
     )  # fmt: skip
 
 
@@ -203,6 +206,8 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
     """What a worker holds of the runs that it flies at once, bytes."""
     kept = sum(history_bytes(name, here.sizes()) for name in HISTORIES["all"])
     of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
+    if here.imperfect:  # increments that vibrate, drifts, walks, gains, quanta
+        of_one += NUMBER * 15 * here.samples
     if here.deviating:
         of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
     if scenario.filter.kind in SMOOTHING:  # its whole flight: five covariances at every instant

@@ -342,7 +342,7 @@ def environment(
     if listed is None:
         satellites, scenario = read_satellites(scenario, document, warnings)
     horizon, scenario = horizon_of(scenario, document)
-    warnings += scenario.sky.unused()
+    warnings += scenario.sky.unused() + scenario.unused_of_flight()
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
     sources = Environment(
         satellites,
@@ -480,9 +480,10 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
 
 
 def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndarray:
-    """Which times (e,), s, lie between the start of the glide and touchdown (e,) bool."""
+    """Which times (e,), s, lie between the start of the glide and touchdown, or a go-around (e,) bool."""
     first = trajectory.path.events.get(GLIDE_START, 0.0)
-    return (time >= first - 1e-9) & (time <= touchdown_time(scenario, trajectory) + 1e-9)
+    last = min(touchdown_time(scenario, trajectory), trajectory.path.events.get(GO_AROUND, math.inf))
+    return (time >= first - 1e-9) & (time <= last + 1e-9)
 
 
 def glide_epochs(scenario: Landing, trajectory: Moving) -> tuple[np.ndarray, np.ndarray]:
