@@ -76,6 +76,11 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{along_m: -3000, right_m: -900}, {along_m: -3000, right_m: 0}]",
             "runway.end={lat_deg: 56.0278, lon_deg: 37.0180}", "approach.taxi_speed_kmh=18", "approach.taxi_s=20",
             "approach.go_around={height_m: 30, load_factor: 1.2, climb_deg: 5}",
+            "pseudolites={frame: runway, count: 1, s_m: 300, l1_m: 1500, eirp_dbm: -10, pattern: {azimuth_deg: "
+            "[0, 120, 240], elevation_deg: [-5, 0, 10, 90], "
+            "gain_db: [[-15, -3, 0, -10], [-15, -3, 0, -10], [-20, -8, -5, -15]]}}",
+            "receiver.antenna={elevation_deg: [-30, 0, 90], gain_dbi: [-15, -3, 4], mask_deg: -20}",
+            "interference={pseudolites: {isolation_db: 21.1}}",
         )),
         ("landing", (
             f"sky={{source: navigation, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}]}}",

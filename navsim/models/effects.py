@@ -70,7 +70,8 @@ class Effects:
 
     thermal: whether the noise of satellite ranges is that of the code loop at their carrier to noise density;
     horizon_db: gain of the receiving antenna at the horizon. cn0_reference: distance from a pseudolite, m, of its
-    stated C/N0, which then falls with distance. offsets: by clock number, m, of the systems' time scales against the
+    stated C/N0, which then falls with distance. noise_figure: of the receiver, dB. thermal_pseudolites: as thermal,
+    of pseudolites. offsets: by clock number, m, of the systems' time scales against the
     first; offset_sigma: 1 sigma, m, of what is drawn of them for each run, against the first of the sky. one_clock:
     the receiver takes all time scales for one. smoothing: memory of the carrier-smoothed code, s. lasting: errors of
     satellites that last, as they are in the pseudoranges that the receiver uses. heavier: what the noise of ranges is
@@ -86,6 +87,8 @@ class Effects:
     horizon_db: float = 0.0
     reflection: code_loop.GroundReflection | None = None
     cn0_reference: float | None = None
+    noise_figure: float = 0.0
+    thermal_pseudolites: bool = False
     offsets: tuple[float, ...] = (0.0,) * len(CLOCKS)
     offset_sigma: float = 0.0
     one_clock: bool = False

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, llh_from_ecef
+from navsim.models.antenna import AircraftAntenna
 from navsim.models.code_loop import CodeLoop, antenna_gain
 from navsim.models.horizon import ridge_loss
 from navsim.models.interference import (
@@ -32,8 +33,9 @@ LOWEST = 1.0
 """Height over the ground, m, that antennas have at least for the radio horizon: on the ground there would be none."""
 TEMPERATURE = 290.0
 """Of a receiver, K: what its carrier to noise density ratios tell the power of signals by."""
-_STAGES = 10
-"""Of the registers behind the Gold codes of GPS, and of pseudolites."""
+ISOLATION = -cross_correlation(10)
+"""By how much a signal exceeds the highest line, dB, that codes of GPS, of ten stages, and pseudolites have of each
+other."""
 _APART = 1.0
 """Hz; carriers that differ by less are one."""
 
@@ -43,7 +45,7 @@ class Received:
     """Signals as a receiver has them where nobody jams.
 
     time: (e,) s. antenna: (e, 3) ECEF, m. llh: (e, 3) of the receiver, rad, rad, m. used: (e, s) bool. cn0: (e, s)
-    dB-Hz. chip: (s,) m. carrier: (s,) Hz. ground: (s,) bool, which are pseudolites.
+    dB-Hz. chip: (s,) m. carrier: (s,) Hz. ground: (s,) bool, which are pseudolites. c_eb: (e, 3, 3) body axes in ECEF.
     """
 
     time: np.ndarray
@@ -54,6 +56,7 @@ class Received:
     chip: np.ndarray
     carrier: np.ndarray
     ground: np.ndarray
+    c_eb: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -105,11 +108,12 @@ class Pulses:
 
 @dataclass(frozen=True)
 class NearFar:
-    """Pseudolites as jammers of satellites, and of each other. pulses: None where they send always. lines: whether they
-    take signals with codes and a carrier like theirs by single lines of the codes, too."""
+    """Pseudolites as jammers of satellites, and of each other. pulses: None where they send always. isolation: by how
+    much, dB, they may exceed signals with codes and a carrier like theirs before single lines of the codes take those,
+    too; None where none do."""
 
     pulses: Pulses | None
-    lines: bool
+    isolation: float | None
 
     def js(self, received: Received) -> np.ndarray:
         """Power of pseudolites, of their pulses where they pulse, by that of signals (p, e, s), dB."""
@@ -132,12 +136,12 @@ class NearFar:
 
     def buried(self, received: Received, js: np.ndarray) -> np.ndarray:
         """Which signals (e, s) a line of a pseudolite's code exceeds at its worst; js: (p, e, s)."""
-        if not self.lines or not received.ground.any():
+        if self.isolation is None or not received.ground.any():
             return np.zeros(received.cn0.shape, bool)
         first = np.argmax(received.ground)
         alike = np.abs(received.carrier - received.carrier[first]) < _APART
         alike &= received.chip == received.chip[first]
-        return alike & (js > -cross_correlation(_STAGES)).any(axis=0)
+        return alike & (js > self.isolation).any(axis=0)
 
 
 @dataclass(frozen=True)
@@ -145,6 +149,7 @@ class Jamming:
     """All jammers, how the receiver holds signals against them, the height of the ground over the ellipsoid, m, and the
     gain of its antenna at the horizon, see `code_loop.antenna_gain`.
 
+    antenna: of the receiver, where it has one by a table. noise_figure: of the receiver, dB.
     pseudolites: how they jam, None where they do not. tops: (w, 2, 3) of ridges that hide jammers, ECEF, m, see
     `horizon.ridge_loss`. bands: of the front end, one for each carrier; all is passed where there are none.
     """
@@ -155,6 +160,8 @@ class Jamming:
     rate: FrequencyLoop
     ground: float
     horizon_db: float
+    antenna: AircraftAntenna | None
+    noise_figure: float
     pseudolites: NearFar | None
     tops: np.ndarray
     bands: tuple[Band, ...]
@@ -184,9 +191,14 @@ class Jamming:
             hidden = (ridge_loss(self.tops, j.place, antenna, SPEED_OF_LIGHT / j.frequency) for j in self.jammers)
             loss = loss + np.stack([*hidden])
         power = np.stack([jammer.power(received.time) for jammer in self.jammers])
-        gain = antenna_gain(np.arcsin(up), self.horizon_db)
+        if self.antenna is None:
+            gain = antenna_gain(np.arcsin(up), self.horizon_db)
+        else:
+            towards = np.moveaxis(away / distance[..., None], 0, 1)
+            gain = self.antenna.gain_at(self.antenna.elevation_of(received.c_eb, towards)).T
         # a signal's carrier to noise density ratio says how strong it is, the antenna's gain included
-        return jam_to_signal(power, loss, gain, np.zeros(cn0.shape[1]), cn0 + noise_density(TEMPERATURE))
+        noise = noise_density(TEMPERATURE) + self.noise_figure
+        return jam_to_signal(power, loss, gain, np.zeros(cn0.shape[1]), cn0 + noise)
 
     def passed(self, carrier: np.ndarray) -> np.ndarray:
         """Whether the front end passes carriers (s,), Hz."""

@@ -14,11 +14,12 @@ import numpy as np
 from navsim.core.arrays.earth import RATE as EARTH_RATE
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.core.defect import Defect
-from navsim.models import atmosphere, code_loop, pseudorange, timescales
+from navsim.models import atmosphere, code_loop, interference, pseudorange, timescales
+from navsim.models.antenna import AircraftAntenna, GroundPattern
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.events import PSEUDOLITES, Event, Scene, happened
-from navsim.models.jamming import Jamming, Received
+from navsim.models.jamming import TEMPERATURE, Jamming, Received
 from navsim.models.kinematics import Motion
 from navsim.models.lasting import LastingErrors
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
@@ -52,9 +53,18 @@ class Listed:
 
 
 @dataclass(frozen=True)
+class Radiated:
+    """How strong pseudolites send: eirp, dBW, and where to, evenly without a pattern."""
+
+    eirp: float
+    pattern: GroundPattern | None
+
+
+@dataclass(frozen=True)
 class Pseudolites:
     """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
-    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz."""
+    delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz;
+    radiated: what cn0 follows from instead, where it does."""
 
     names: tuple[str, ...]
     llh: np.ndarray
@@ -65,6 +75,7 @@ class Pseudolites:
     rate_sigma: float
     cn0: float
     carrier: float
+    radiated: Radiated | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +92,7 @@ class ErrorLaw:
 @dataclass(frozen=True)
 class Environment:
     """All sources of signals, what becomes of them, the antenna that hears them, what happens, and who jams; lever_arm
-    (3,) IMU to antenna, body, m."""
+    (3,) IMU to antenna, body, m. antenna: of the aircraft, where it has one by a table."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -92,6 +103,7 @@ class Environment:
     effects: Effects = NO_EFFECTS
     events: tuple[Event, ...] = ()
     jamming: Jamming | None = None
+    antenna: AircraftAntenna | None = None
 
     @property
     def placed(self) -> bool:
@@ -100,8 +112,17 @@ class Environment:
 
     @property
     def strength_placed(self) -> bool:
-        """Whether it matters how strong pseudolites are, and so how far."""
-        return self.jamming is not None and self.effects.cn0_reference is not None
+        """Whether it matters how strong pseudolites are, and so how far and in which direction."""
+        if self.antenna is not None and self.antenna.mask > -0.5 * np.pi:
+            return True
+        differs = self.effects.cn0_reference is not None or self.pseudolites.radiated is not None
+        return differs and (self.jamming is not None or self.effects.thermal_pseudolites)
+
+    @property
+    def by_directions(self) -> Environment:
+        """The same where it does not matter where pseudolites stand but for the directions to them."""
+        effects = replace(self.effects, thermal_pseudolites=False)
+        return replace(self, jamming=None, antenna=None, effects=effects)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -261,6 +282,10 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         smoothing=None,
         js=np.empty((0, e, s)),
     )
+    if environment.antenna is not None:
+        with np.errstate(invalid="ignore"):  # satellites without a message at the time
+            over = environment.antenna.elevation_of(motion.c_eb, offset / np.linalg.norm(offset, axis=2, keepdims=True))
+            used &= over >= environment.antenna.mask
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
         told = happened(environment.events, scene)
@@ -268,7 +293,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
             built, used=used & ~told.silent, delay=built.delay + told.longer,
             range_rate=built.range_rate + told.faster, divergence=told.apart,
         )  # fmt: skip
-    finished = _affected(built, when, motion.llh, environment, is_pseudolite)
+    finished = _affected(built, when, motion, environment, is_pseudolite)
     unfinished = finished.unfinished()
     if unfinished:
         raise UndefinedSignal("; ".join(f"the {field} of {name}" for name, field in unfinished))
@@ -280,11 +305,11 @@ class UndefinedSignal(Defect):
 
 
 def _affected(
-    signals: pseudorange.Signals, when: np.ndarray, llh: np.ndarray, environment: Environment, is_pseudolite: np.ndarray
+    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: Environment, is_pseudolite: np.ndarray
 ) -> pseudorange.Signals:
-    """The signals with all effects of the environment; when: (e,) GPS s, llh: (e, 3) of the receiver, is_pseudolite:
+    """The signals with all effects of the environment; when: (e,) GPS s, motion: of the receiver, is_pseudolite:
     (s,)."""
-    effects, pseudolites = environment.effects, environment.pseudolites
+    effects, pseudolites, llh = environment.effects, environment.pseudolites, motion.llh
     e, s = signals.range.shape
     sky = ~is_pseudolite
     used, los = signals.used.copy(), signals.los.copy()
@@ -330,13 +355,18 @@ def _affected(
         sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
     los[~used], cn0[~used] = np.nan, np.nan
     # carrier to noise by antenna and distance, then the noise that the code loop has of it
-    if effects.thermal:
-        cn0 += np.where(sky, code_loop.antenna_gain(signals.elevation, effects.horizon_db), 0.0)
+    to_sky, to_ground = _gains(environment, motion.c_eb, away / distance[..., None], signals.elevation)
+    cn0 += np.where(sky, to_sky, 0.0)
+    if pseudolites.radiated is not None:
+        strength = _by_link(pseudolites, effects, signals.antenna, distance[:, is_pseudolite])
+        cn0[:, is_pseudolite] = np.where(used[:, is_pseudolite], strength + to_ground[:, is_pseudolite], np.nan)
     if effects.cn0_reference is not None:
         cn0 += np.where(is_pseudolite, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
     if effects.thermal:
         thermal = effects.loop.sigma(cn0, chip)
         sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
+    if effects.thermal_pseudolites:
+        sigma = np.where(sky, sigma, effects.loop.sigma(cn0, chip))
     if effects.reflection is not None:
         # the ray by the runway's plane, per pseudolite
         for i in np.flatnonzero(is_pseudolite):
@@ -348,7 +378,7 @@ def _affected(
     rate_sigma, js, jamming = signals.rate_sigma, signals.js, environment.jamming
     if jamming is not None:
         carrier = atmosphere.L1 / np.sqrt(ratio2)
-        received = Received(signals.time, signals.antenna, llh, used, cn0, chip, carrier, is_pseudolite)
+        received = Received(signals.time, signals.antenna, llh, used, cn0, chip, carrier, is_pseudolite, motion.c_eb)
         js = jamming.js(received)
         effective, held = jamming.left(received, js)
         more, faster = jamming.noise(received, effective)
@@ -392,6 +422,35 @@ def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | 
     if environment.effects.offset_sigma == 0.0 or not drawn:
         return None
     return environment.effects.offset_sigma * (clock[:, None] == np.array(drawn)).astype(float)
+
+
+def _gains(
+    environment: Environment, c_eb: np.ndarray, towards: np.ndarray, elevation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gains of the aircraft's antenna (e, s), dB: towards satellites as it changes their carrier to noise density,
+    which is stated of the zenith, and towards pseudolites, over an isotropic one.
+
+    c_eb: (e, 3, 3) body axes in ECEF. towards: (e, s, 3) unit vectors, ECEF. elevation: (e, s) rad.
+    """
+    effects, antenna = environment.effects, environment.antenna
+    if antenna is not None:
+        gain = antenna.gain_at(antenna.elevation_of(c_eb, towards))
+        return gain - antenna.zenith, gain
+    gain = code_loop.antenna_gain(elevation, effects.horizon_db)
+    return gain if effects.thermal else np.zeros_like(gain), gain
+
+
+def _by_link(pseudolites: Pseudolites, effects: Effects, antenna: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Carrier to noise density (e, p), dB-Hz, that pseudolites have at distances (e, p), m, without the gain of the
+    receiver's antenna, which is at (e, 3), ECEF, m."""
+    assert pseudolites.radiated is not None
+    noise = interference.noise_density(TEMPERATURE) + effects.noise_figure
+    out = pseudolites.radiated.eirp - interference.path_loss(distance, pseudolites.carrier) - noise
+    if pseudolites.radiated.pattern is not None:
+        for i, llh in enumerate(pseudolites.llh):
+            away = (antenna - ecef_from_llh(llh)) / distance[:, i, None]
+            out[:, i] += pseudolites.radiated.pattern.gain_at(*azimuth_elevation(away @ enu_matrix(llh).T))
+    return out
 
 
 def fixed_with(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from navsim.models.jamming import Jammer, Jamming, NearFar, Pulses
     from navsim.models.spectra import SweptTone, Waveform
-    from navsim.scenario.signals import CodeTrackingSection
+    from navsim.scenario.signals import CodeTrackingSection, ReceiverSection
 
 Moment = Annotated[float, Field(ge=0.0, le=3600.0)]
 Density = Annotated[float, Field(ge=0.0, le=80.0)]
@@ -181,20 +181,27 @@ class NearFarSection(Section):
     lines: bool | None = None
     """signals with the codes and the carrier of pseudolites are lost, too, while the highest line of a code, 23.94 dB
     below its peak, exceeds them; null: where they send always. Of pulses, which are parts of codes, none is known"""
+    isolation_db: Annotated[float, Field(ge=0.0, le=80.0)] | None = None
+    """with lines: how much stronger a pseudolite may be than such a signal; null: 23.94, of codes without Doppler.
+    21.1: of all whole kHz of Doppler; more: of longer integrations, or a pseudolite off the carrier"""
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         if self.pulses is not None and self.lines:
             raise reject("are of whole codes, pulses have parts of them: leave this out", "lines")
+        if self.isolation_db is not None and (self.pulses is not None or self.lines is False):
+            raise reject("is of lines, and there are none: pulses, or `lines: false`", "isolation_db")
         return self
 
     def model(self) -> NearFar:
         """How they jam."""
-        from navsim.models.jamming import NearFar
+        from navsim.models.jamming import ISOLATION, NearFar
 
         if self.pulses is not None:
-            return NearFar(self.pulses.model(), lines=False)
-        return NearFar(None, lines=self.lines is not False)
+            return NearFar(self.pulses.model(), isolation=None)
+        if self.lines is False:
+            return NearFar(None, isolation=None)
+        return NearFar(None, isolation=ISOLATION if self.isolation_db is None else self.isolation_db)
 
 
 class InterferenceSection(Section):
@@ -230,15 +237,19 @@ class InterferenceSection(Section):
                 raise reject("overlaps another band: a carrier would be in both", "front_end_mhz", i)
         return self
 
-    def check_pseudolites(self, names: tuple[str, ...], reference_m: float | None) -> None:
-        """Raise for pseudolites of these names that cannot jam: without a distance at which their strength is meant."""
+    def check_pseudolites(self, names: tuple[str, ...], known: bool) -> None:
+        """Raise for pseudolites of these names that cannot jam; known: whether it is how strong they are at any
+        distance."""
         for i, jammer in enumerate(self.jammers):
             if jammer.name in names:
                 raise reject(f"{jammer.name!r} is a pseudolite", "jammers", i, "name")
         if self.pseudolites is None:
             return
-        if reference_m is None:
-            text = "how strong they are falls with distance: give pseudolites.cn0_reference_m, where cn0_dbhz is meant"
+        if not known:
+            text = (
+                "how strong they are falls with distance: give pseudolites.eirp_dbm, or pseudolites.cn0_reference_m, "
+                "where cn0_dbhz is meant"
+            )
             raise reject(text, "pseudolites")
         self.check_turns(len(names))
 
@@ -249,9 +260,9 @@ class InterferenceSection(Section):
             text = f"{count} pseudolites cannot take turns: their shares of the time must add up to less than 1"
             raise reject(text, "pseudolites", "pulses", "duty")
 
-    def model(self, threshold: np.ndarray, tracking: CodeTrackingSection) -> Jamming:
-        """The jammers over ground as high as the threshold of the runway, (3,) rad, rad, m, and the loops that they
-        disturb."""
+    def model(self, threshold: np.ndarray, tracking: CodeTrackingSection, receiver: ReceiverSection) -> Jamming:
+        """The jammers over ground as high as the threshold of the runway, (3,) rad, rad, m, and the loops and the
+        receiver that they disturb."""
         import numpy as np
 
         from navsim.models.jamming import Jamming
@@ -268,6 +279,8 @@ class InterferenceSection(Section):
             rate=FrequencyLoop(self.rate_bandwidth_hz, tracking.integration_s, 1.0),
             ground=ground,
             horizon_db=tracking.gain_horizon_db,
+            antenna=None if receiver.antenna is None else receiver.antenna.model(),
+            noise_figure=receiver.noise_figure_db,
             pseudolites=None if self.pseudolites is None else self.pseudolites.model(),
             tops=np.concatenate([np.empty((0, 2, 3)), *(ridge.tops(threshold) for ridge in self.horizon)]),
             bands=tuple(Band(low * 1e6, high * 1e6) for low, high in self.front_end_mhz),

@@ -22,7 +22,8 @@ _UNITS = {
     "m_s_sqrt_h": "m/s/√h", "deg_sqrt_h": "°/√h", "conductivity_s_m": "S/m", "deg2_s2": "°²/s²", "deg2": "°²",
     "m_s2": "m/s²", "rad_s": "rad/s", "m_s": "m/s", "1_s": "1/s", "deg_s": "°/s", "deg_h": "°/h", "deg": "°",
     "mg": "mg", "g": "g", "kmh": "km/h", "mhz": "MHz", "db_hz": "dB-Hz", "dbhz": "dB-Hz", "hz": "Hz", "dbw": "dBW",
-    "db": "dB", "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
+    "dbm": "dBm", "dbi": "dBi", "db": "dB",
+    "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
     "percent": "%", "chips": "chips", "hpa": "hPa", "k": "K",
 }  # fmt: skip
 """The end of a key's name and the unit it stands for, longer ends before shorter ones."""

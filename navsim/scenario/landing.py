@@ -175,7 +175,7 @@ class Landing(Section):
                     raise reject(text, "integrity", "tails", "at_s", i)
         if self.interference is not None:
             try:
-                self.interference.check_pseudolites(self.pseudolites.names(), self.pseudolites.cn0_reference_m)
+                self.interference.check_pseudolites(self.pseudolites.names(), self.pseudolites.strength_known)
             except KeyedError as error:
                 raise reject(str(error), "interference", *error.path) from None
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
@@ -438,6 +438,8 @@ class Landing(Section):
             if multipath is None
             else multipath.model(self.runway.ellipsoidal_m, tracking.gain_horizon_db),
             cn0_reference=section.cn0_reference_m,
+            noise_figure=self.receiver.noise_figure_db,
+            thermal_pseudolites=section.range_law == "cn0",
             offsets=signals.offsets(),
             offset_sigma=SPEED_OF_LIGHT * signals.system_offset_sigma_ns * 1e-9,
             one_clock=self.receiver.one_clock,
@@ -450,8 +452,8 @@ class Landing(Section):
         return self.sky.unused() + self.unused_of_flight() + ([] if self.integrity is None else self.integrity.unused())
 
     def unused_of_flight(self) -> list[str]:
-        """The same of the way that is flown and of the sensors."""
-        out = []
+        """The same of the way that is flown, the sensors and the pseudolites."""
+        out = self.pseudolites.unused()
         if self.method == "covariance" and (air := self.air()) is not None:
             out.append(f"{'.'.join(air[1])} changes nothing here: the covariance analysis is of the route")
         if self.imu.temperature is not None and not self.imu.warms():

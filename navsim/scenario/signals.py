@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -9,7 +10,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from navsim.models.systems import CLOCKS, GLONASS, GPS
 from navsim.scenario.base import (
     DEG,
+    Azimuth,
     CorrelationTime,
+    Elevation,
     Latitude,
     Longitude,
     NonNegative,
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from navsim.models import effects
+    from navsim.models.antenna import AircraftAntenna, GroundPattern
     from navsim.models.code_loop import CodeLoop, GroundReflection
     from navsim.models.lasting import LastingError, Mapping
     from navsim.models.receiver import Receiver
@@ -210,6 +214,79 @@ class Differential(Section):
         return effects.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m)
 
 
+Gain = Annotated[float, Field(ge=-100.0, le=100.0)]
+"""Of an antenna, dB."""
+
+
+def _check_rising(values: tuple[float, ...], key: str) -> None:
+    for i, (one, other) in enumerate(itertools.pairwise(values), 1):
+        if other <= one:
+            raise reject(f"{other:g} does not come after {one:g}: they have to rise", key, i)
+
+
+class AntennaSection(Section):
+    """The aircraft's antenna, which turns with the aircraft: gain by elevation over its own horizon."""
+
+    mount: Literal["top", "belly"] = "top"
+    """top: its axis is up in body axes; belly: down"""
+    elevation_deg: Annotated[list_of(Elevation), Field(min_length=2, max_length=200)] = (0.0, 90.0)  # type: ignore[valid-type]
+    """elevations over its own horizon, rising; straight between them, beyond them as at the last"""
+    gain_dbi: Annotated[list_of(Gain), Field(min_length=2, max_length=200)] = (0.0, 0.0)  # type: ignore[valid-type]
+    """gain at each of them. Satellites have the difference to that at 90, where cn0_dbhz is meant"""
+    mask_deg: Elevation = -90.0
+    """elevation over its own horizon below which the aircraft shadows it: nothing is received; -90: nowhere"""
+
+    @model_validator(mode="after")
+    def _table(self) -> Self:
+        if len(self.gain_dbi) != len(self.elevation_deg):
+            raise reject(f"has {len(self.gain_dbi)} values, elevation_deg has {len(self.elevation_deg)}", "gain_dbi")
+        _check_rising(self.elevation_deg, "elevation_deg")
+        return self
+
+    def model(self) -> AircraftAntenna:
+        """The antenna."""
+        import numpy as np
+
+        from navsim.models.antenna import AircraftAntenna
+
+        up = np.array([0.0, 0.0, -1.0 if self.mount == "top" else 1.0])
+        return AircraftAntenna(np.array(self.elevation_deg) * DEG, np.array(self.gain_dbi), up, self.mask_deg * DEG)
+
+
+class PatternSection(Section):
+    """Where pseudolites send to: gain by azimuth and elevation, relative to eirp_dbm."""
+
+    azimuth_deg: Annotated[list_of(Azimuth), Field(min_length=1, max_length=360)] = (0.0,)  # type: ignore[valid-type]
+    """azimuths from north, rising, within one turn; straight between them, all around; one: the same everywhere"""
+    elevation_deg: Annotated[list_of(Elevation), Field(min_length=2, max_length=200)]  # type: ignore[valid-type]
+    """elevations, rising; straight between them, beyond them as at the last"""
+    gain_db: Annotated[list_of(list_of(Gain)), Field(min_length=1, max_length=360)]  # type: ignore[valid-type]
+    """for each azimuth a list, of each elevation"""
+
+    @model_validator(mode="after")
+    def _table(self) -> Self:
+        _check_rising(self.azimuth_deg, "azimuth_deg")
+        _check_rising(self.elevation_deg, "elevation_deg")
+        if self.azimuth_deg[-1] - self.azimuth_deg[0] >= 360.0:
+            raise reject("360 is 0 again: leave it out", "azimuth_deg", len(self.azimuth_deg) - 1)
+        if len(self.gain_db) != len(self.azimuth_deg):
+            raise reject(f"has {len(self.gain_db)} lists, azimuth_deg has {len(self.azimuth_deg)} values", "gain_db")
+        for i, row in enumerate(self.gain_db):
+            if len(row) != len(self.elevation_deg):
+                raise reject(f"has {len(row)} values, elevation_deg has {len(self.elevation_deg)}", "gain_db", i)
+        return self
+
+    def model(self) -> GroundPattern:
+        """The pattern."""
+        import numpy as np
+
+        from navsim.models.antenna import GroundPattern
+
+        return GroundPattern(
+            np.array(self.azimuth_deg) * DEG, np.array(self.elevation_deg) * DEG, np.array(self.gain_db)
+        )
+
+
 class PseudolitesSection(Section):
     """Transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
@@ -233,18 +310,33 @@ class PseudolitesSection(Section):
     """true minus surveyed position: north, east, down"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of their pseudoranges"""
+    range_law: Literal["constant", "cn0"] = "constant"
+    """constant: range_sigma_m; cn0: thermal noise of the code loop at their carrier to noise density ratio"""
     range_rate_sigma_m_s: Sigma = 0.1
     """1 sigma of the white noise of their range rates"""
     cn0_dbhz: Annotated[float, Field(ge=10.0, le=80.0)] = 45.0
-    """carrier to noise density ratio, reported with the measurements"""
+    """carrier to noise density ratio, reported with the measurements; without eirp_dbm"""
     cn0_reference_m: Size | None = None
     """distance at which cn0_dbhz is meant; it then falls with distance. Left out: the same everywhere"""
+    eirp_dbm: Annotated[float, Field(ge=-150.0, le=100.0)] | None = None
+    """equivalent isotropically radiated power, of pulses while they last: the carrier to noise density ratio follows
+    from it, the distance, both antennas and receiver.noise_figure_db. Left out: cn0_dbhz"""
+    pattern: PatternSection | None = None
+    """where they send to, with eirp_dbm; left out: evenly"""
     carrier_mhz: Annotated[float, Field(ge=1000.0, le=2000.0)] = 1575.42
     """carrier of their signals, which have the chips of GPS"""
     multipath: GroundMultipath | None = None
     """reflection by the ground; left out: none"""
     differential: Differential | None = None
     """corrections for satellites; left out: none"""
+
+    @model_validator(mode="after")
+    def _strength(self) -> Self:
+        if self.eirp_dbm is None and self.pattern is not None:
+            raise reject("is relative to eirp_dbm, which is not given", "pattern")
+        if self.eirp_dbm is not None and self.cn0_reference_m is not None:
+            raise reject("is for cn0_dbhz; with eirp_dbm the strength follows from that", "cn0_reference_m")
+        return self
 
     @model_validator(mode="after")
     def _station(self) -> Self:
@@ -273,6 +365,17 @@ class PseudolitesSection(Section):
                     raise reject(f"{self.count} pseudolites need both s_m and l1_m", key)
         return self
 
+    @property
+    def strength_known(self) -> bool:
+        """Whether it is known how strong they are at any distance."""
+        return self.eirp_dbm is not None or self.cn0_reference_m is not None
+
+    def unused(self) -> list[str]:
+        """What is given and changes nothing, in words."""
+        if self.eirp_dbm is None or self.cn0_dbhz == type(self).model_fields["cn0_dbhz"].default:
+            return []
+        return ["pseudolites.cn0_dbhz: not used, the strength follows from eirp_dbm"]
+
     def placed(self) -> tuple[Site, ...]:
         """Every pseudolite as a site of its own."""
         if self.sites:
@@ -291,7 +394,7 @@ class PseudolitesSection(Section):
         import numpy as np
 
         from navsim.core.arrays.earth import SPEED_OF_LIGHT
-        from navsim.models.signals import Pseudolites
+        from navsim.models.signals import Pseudolites, Radiated
 
         return Pseudolites(
             names=self.names(),
@@ -304,6 +407,9 @@ class PseudolitesSection(Section):
             rate_sigma=self.range_rate_sigma_m_s,
             cn0=self.cn0_dbhz,
             carrier=self.carrier_mhz * 1e6,
+            radiated=None
+            if self.eirp_dbm is None
+            else Radiated(self.eirp_dbm - 30.0, None if self.pattern is None else self.pattern.model()),
         )
 
 
@@ -415,6 +521,10 @@ class ReceiverSection(Section):
     for the clock anew"""
     smoothing_s: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """memory of the carrier-smoothed code; 0: bare code"""
+    noise_figure_db: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
+    """noise figure of the receiver and its cables, over the 290 K that carrier to noise density ratios are told by"""
+    antenna: AntennaSection | None = None
+    """the antenna's gain in body axes; left out: that of signals.tracking.gain_horizon_db, however the aircraft lies"""
     one_clock: bool = False
     """take all time scales for one: one unknown less, and gps_offset_ns is felt"""
 

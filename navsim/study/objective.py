@@ -237,16 +237,18 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     epochs = fixes[counted]
     if sources.strength_placed and study.objective in DOP_OBJECTIVES:
         text = (
-            f"{study.objective} is judged by directions alone; with `interference` and pseudolites.cn0_reference_m it "
-            "matters how far pseudolites are, too: take a level, or an error of the filter"
+            f"{study.objective} is judged by directions alone; with `interference`, or noise by range_law cn0, and "
+            "pseudolites.cn0_reference_m or eirp_dbm it matters how far pseudolites are, with "
+            "receiver.antenna.mask_deg how the aircraft lies: take a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
     seen = sources
     if sources.strength_placed:
         # by geometry others are only screened
-        seen = replace(sources, jamming=None)
+        seen = sources.by_directions
         warnings.append(
-            "DOPs are told without `interference`, which depends on how far pseudolites are; the objective has it"
+            "DOPs are told without `interference`, noise by pseudolites.range_law cn0 and receiver.antenna, which "
+            "depend on where pseudolites are; the objective has them"
         )
     geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])

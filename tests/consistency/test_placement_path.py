@@ -123,6 +123,7 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
         ]
     ),
     "interference.pseudolites.lines": st.just(False),
+    "interference.pseudolites.isolation_db": st.just(21.1),
     "interference.pseudolites.pulses.duty": st.just(0.2),
     "interference.pseudolites.pulses.blanking": FLAG,
     "interference.pseudolites.pulses.correlation": st.sampled_from(["gated", "ungated"]),
@@ -139,6 +140,11 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "pseudolites.range_rate_sigma_m_s": METRES,
     "pseudolites.cn0_dbhz": STRENGTH,
     "pseudolites.cn0_reference_m": st.just(1000.0),
+    "pseudolites.eirp_dbm": st.sampled_from([-20.0, 20.0]),
+    "pseudolites.pattern.azimuth_deg": st.just([40.0]),
+    "pseudolites.pattern.elevation_deg": st.just([-5.0, 10.0]),
+    "pseudolites.pattern.gain_db": st.just([[0.0, -8.0]]),
+    "pseudolites.range_law": st.sampled_from(["constant", "cn0"]),
     "pseudolites.carrier_mhz": st.sampled_from([1575.42, 1602.0]),
     "pseudolites.multipath.permittivity": st.just(30.0),
     "pseudolites.multipath.conductivity_s_m": st.just(0.1),
@@ -167,6 +173,11 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "receiver.rate_hz": st.sampled_from([0.4, 1.0, 2.0, 10.0]),
     "receiver.latency_s": st.sampled_from([0.0, 0.3, 2.0]),
     "receiver.lever_arm_m": st.sampled_from([[0.0, 0.0, 0.0], [3.0, -1.0, -0.5]]),
+    "receiver.noise_figure_db": st.just(3.0),
+    "receiver.antenna.mount": st.sampled_from(["top", "belly"]),
+    "receiver.antenna.elevation_deg": st.just([-40.0, 80.0]),
+    "receiver.antenna.gain_dbi": st.just([-9.0, 4.0]),
+    "receiver.antenna.mask_deg": st.sampled_from([-90.0, -10.0]),
     "receiver.clock_offset_us": st.sampled_from([0.0, 100.0]),
     "receiver.clock_drift_ppb": st.sampled_from([0.0, 50.0]),
     "receiver.smoothing_s": st.sampled_from([0.0, 0.25, 1.25, 20.0, 1000.0]),
@@ -265,6 +276,19 @@ def study_of(folder: Path, kind: str, settings: dict[str, Any], text: str, name:
     return path
 
 
+def excluded(key: str, drawn: dict[str, Any]) -> bool:
+    """Whether a key cannot go together with others that are drawn."""
+    if key == "pseudolites.cn0_reference_m":
+        return "pseudolites.eirp_dbm" in drawn
+    if key.startswith("pseudolites.pattern."):
+        needed = ("pseudolites.eirp_dbm", "pseudolites.pattern.elevation_deg", "pseudolites.pattern.gain_db")
+        return not {*needed} <= drawn.keys()
+    if key == "interference.pseudolites.isolation_db":
+        without = ("interference.pseudolites.pulses", "interference.pseudolites.lines")
+        return any(name.startswith(without) for name in drawn)
+    return False
+
+
 def settings_of(drawn: dict[str, Any], placed: dict[str, Any], name: str) -> dict[str, Any]:
     """Settings of a shipped scenario that can go together, its pseudolites as one section."""
     shipped = scenario(name=name)
@@ -273,6 +297,8 @@ def settings_of(drawn: dict[str, Any], placed: dict[str, Any], name: str) -> dic
     out: dict[str, Any] = {"imu.rate_hz": 10.0, "receiver.rate_hz": 1.0, "pseudolites": dict(placed)}
     if drawn.get("sky.source") == "directions":
         out["sky.directions"] = [{"azimuth_deg": 40 * i, "elevation_deg": 10 + 20 * (i % 3)} for i in range(7)]
+    for key in [key for key in drawn if excluded(key, drawn)]:
+        drawn = {name: value for name, value in drawn.items() if name != key}
     for key, value in drawn.items():
         section, _, rest = key.partition(".")
         if section == "approach" and rest.split(".")[0] not in profile:

@@ -42,8 +42,9 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
 
     ranges, rates = np.empty((2, FIXES, len(s.names), 1))
     measure(
-        (generator(1, 0, "measurements"),), 1, held(s.range), held(s.delay[..., None]), held(s.sigma[..., None]),
-        held(s.range_rate), held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
+        (generator(1, 0, "measurements"),), 1, held(s.range[..., None]), held(s.delay[..., None]),
+        held(s.sigma[..., None]),
+        held(s.range_rate[..., None]), held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
     )  # fmt: skip
     llh, v, clocks = np.empty((FIXES, 3)), np.empty((FIXES, 3)), np.empty((FIXES, MAX_CLOCKS))
     cov = np.empty((FIXES, 6, 6))
@@ -126,8 +127,8 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
         s = world.signals
         ranges, rates = np.empty((2, *s.range.shape, 1))
         measure(
-            (generator(1, run, "measurements"),), 1, s.range, s.delay[..., None], s.sigma[..., None], s.range_rate,
-            s.rate_sigma, s.used, world.clock, ranges, rates,
+            (generator(1, run, "measurements"),), 1, s.range[..., None], s.delay[..., None], s.sigma[..., None],
+            s.range_rate[..., None], s.rate_sigma, s.used, world.clock, ranges, rates,
         )  # fmt: skip
         e = s.time.size
         llh, v, clocks, cov = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS)), np.empty((e, 6, 6))

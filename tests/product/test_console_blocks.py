@@ -118,6 +118,7 @@ COUNT = {
     "how-to/figure.md": 4,
     "how-to/jammer.md": 2,
     "how-to/log.md": 3,
+    "how-to/pseudolite.md": 2,
     "how-to/requirement.md": 3,
     "how-to/runway.md": 2,
     "how-to/sensor.md": 2,

@@ -108,7 +108,7 @@ class Case:
             for aid in self.world.aids
             if aid.time.size and aid.missing == aid.time.size
         ]
-        out += self._out_of_sight()
+        out += self._out_of_sight() + self._shadowed()
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
             out += [
@@ -161,6 +161,21 @@ class Case:
                 far = f"{name} is {away.min() / 1000.0:.0f} km away"
                 out.append(f"pseudolites: {far}, beyond the radio horizon of the whole flight, and heard nevertheless")
         return out
+
+    def _shadowed(self) -> list[str]:
+        """Pseudolites that the aircraft is in the way of, by name."""
+        antenna, signals, count = self.environment.antenna, self.world.signals, len(self.pseudolites.names)
+        if antenna is None or not count:
+            return []
+        away = signals.position[:, -count:] - signals.antenna[:, None]
+        towards = away / np.linalg.norm(away, axis=2, keepdims=True)
+        c_eb = self.trajectory.motion(signals.time).c_eb
+        hidden = (antenna.elevation_of(c_eb, towards) < antenna.mask).sum(axis=0)
+        return [
+            f"receiver.antenna: the aircraft shadows {name} at {times} of {signals.time.size} fixes"
+            for name, times in zip(self.pseudolites.names, hidden.tolist(), strict=True)
+            if times
+        ]
 
     def _received(self, event: EventSection) -> bool:
         """Whether any source of an event is, while it lasts."""
@@ -353,7 +368,10 @@ def environment(
         lever_arm,
         scenario.effects(pseudolites),
         tuple(event.model() for event in scenario.events),
-        None if jammed is None else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking),
+        None
+        if jammed is None
+        else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking, scenario.receiver),
+        None if scenario.receiver.antenna is None else scenario.receiver.antenna.model(),
     )
     _check_events(scenario, document, sources)
     return sources, scenario, warnings
