@@ -36,8 +36,8 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
             "multipath": {"sigma_m": 0.5, "time_s": 100.0},
         },
     },
-    # What the corrections of a satellite-based augmentation leave: sized so that fixes have the errors that the FAA
-    # reports of WAAS; section 2.
+    # What the corrections of a satellite-based augmentation leave: sizes chosen with the errors in view that the
+    # FAA reports of WAAS, not measured against them; section 2.
     "sbas": {
         "range_sigma_m": 0.3,
         "range_law": "constant",

@@ -27,7 +27,8 @@ def slopes(
     e, n = ranges.shape
     by_range, by_rate = np.zeros((e, 6, n)), np.zeros((e, 6, n))
     here = np.isfinite(ranges) & np.isfinite(llh[:, :1])
-    c_ne = ned_matrix(np.nan_to_num(llh))
+    # where there is no fix any axes serve: `here` is False, and nothing that they turn is kept
+    c_ne = ned_matrix(np.where(np.isfinite(llh), llh, 0.0))
     way = np.where(here[:, :, None], (s.position - ecef_from_llh(llh)[:, None]) @ np.swapaxes(c_ne, 1, 2), 1.0)
     distance = np.linalg.norm(way, axis=2)
     u = way / distance[:, :, None]
