@@ -14,6 +14,8 @@ from navsim.kinds import OF_FILES
 from navsim.scenario import shipped
 from navsim.scenario.keys import ITEM, NAME, KeyRow, rows
 from navsim.scenario.load import section
+from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.scenario.sensors import NEEDED
 from navsim.scenario.source import load
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
@@ -246,6 +248,28 @@ one, or its meaning says its unit.
 TABLE = "| key | meaning | value | unit | default | example |\n|---|---|---|---|---|---|"
 
 
+PRESETS = """### Presets of inertial sensors
+
+What `imu.preset` gives where `imu.gyro` and `imu.accelerometer` do not, where it was seen, and what is missing there
+and has to be given ([docs/imu.md](../imu.md)).
+
+| preset | gyro | accelerometer | to be given | seen in |
+|---|---|---|---|---|"""
+
+
+def _presets() -> Iterator[str]:
+    """The table of the presets of inertial sensors."""
+    yield PRESETS
+    for name, sensors in IMU_PRESETS.items():
+        given = [_code(", ".join(f"{key}: {_text(v)}" for key, v in values.items())) for values in sensors.values()]
+        asked = [
+            f"`{sensor}.{keys[0]}`" for sensor, needed in NEEDED.items() for keys in needed
+            if name in IMU_SHEETS and not {*keys} & sensors[sensor].keys()
+        ]  # fmt: skip
+        yield f"| `{name}` | {' | '.join(given)} | {', '.join(asked)} | {IMU_SHEETS.get(name, '')} |"
+    yield ""
+
+
 def page(kind: str) -> str:
     """The page of a kind."""
     model = section(kind)
@@ -258,6 +282,7 @@ def page(kind: str) -> str:
         within = [row for row in every if row.key.startswith(f"{top.key}.")]
         lines += [f"## `{top.key}`", "", f"{top.meaning[:1].upper()}{top.meaning[1:]}.".replace("..", "."), ""]
         lines += [TABLE, *(row_of(kind, row) for row in within), ""]
+        lines += _presets() if (kind, top.key) == ("landing", "imu") else ()
     return "\n".join(lines)
 
 

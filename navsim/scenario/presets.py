@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+_UG = 9.80665e-6 * 60.0
+"""A density of 1 ug/sqrt(Hz) as velocity random walk, m/s/sqrt(h)."""
 
 IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
     # The landing paper, list of initial data: constant gyro drift 700 deg/h with a
@@ -18,7 +22,80 @@ IMU_PRESETS: dict[str, dict[str, dict[str, float]]] = {
         "gyro": {"drift_deg_h": 0.0, "noise_deg_h": 0.0},
         "accelerometer": {"bias_mg": 0.0, "noise_mg": 0.0},
     },
+    # From here on data sheets, each number as it was seen (`IMU_SHEETS`) and no other. What a sheet does not say is
+    # left out; `scenario/sensors.py` asks for what a simulation cannot do without. Correlation times are on no sheet:
+    # 100 s, and here where the white noise printed would be above the bottom printed by then.
+    "hg9900": {
+        "gyro": {
+            "bias_instability_deg_h": 0.0035, "markov_time_s": 1000.0, "arw_deg_sqrt_h": 0.002, "scale_ppm": 5.0,
+        },
+        "accelerometer": {"bias_instability_mg": 0.025, "scale_ppm": 100.0},
+    },
+    "hg1700": {
+        "gyro": {"bias_instability_deg_h": 1.0, "arw_deg_sqrt_h": 0.125, "scale_ppm": 150.0},
+        # 0.065 ft/s/sqrt(h)
+        "accelerometer": {"bias_instability_mg": 1.0, "vrw_m_s_sqrt_h": 0.065 * 0.3048, "scale_ppm": 300.0},
+    },
+    "stim300": {
+        "gyro": {
+            "bias_instability_deg_h": 0.5, "markov_time_s": 300.0, "arw_deg_sqrt_h": 0.15, "scale_ppm": 500.0,
+            "misalignment_mrad": 1.0, "g_sensitivity_deg_h_g": 1.0,
+        },
+        "accelerometer": {
+            "bias_mg": 0.75, "bias_instability_mg": 0.05, "vrw_m_s_sqrt_h": 0.06, "scale_ppm": 300.0,
+            "misalignment_mrad": 1.0, "range_g": 10.0,
+        },
+    },
+    "adis16495-1": {
+        "gyro": {
+            "bias_instability_deg_h": 0.8, "arw_deg_sqrt_h": 0.09, "misalignment_mrad": 1e3 * math.radians(0.05),
+        },
+        "accelerometer": {"bias_instability_mg": 0.0032, "range_g": 8.0},
+    },
+    "adis16488": {
+        # 0.2 deg/s
+        "gyro": {"drift_deg_h": 720.0, "bias_instability_deg_h": 6.5, "arw_deg_sqrt_h": 0.3},
+        "accelerometer": {"bias_mg": 16.0, "bias_instability_mg": 0.1, "vrw_m_s_sqrt_h": 0.029},
+    },
+    "adis16505-1": {
+        "gyro": {
+            "bias_instability_deg_h": 2.3, "arw_deg_sqrt_h": 0.13, "misalignment_mrad": 1e3 * math.radians(0.25),
+            "range_deg_s": 125.0,
+        },
+        # 26.5 um/s2, 78.4 m/s2
+        "accelerometer": {"bias_instability_mg": 26.5e-3 / 9.80665, "range_g": 78.4 / 9.80665},
+    },
+    "adis16470": {
+        "gyro": {"bias_instability_deg_h": 8.0, "arw_deg_sqrt_h": 0.34, "scale_ppm": 2500.0, "range_deg_s": 2000.0},
+        "accelerometer": {
+            "bias_instability_mg": 0.013, "vrw_m_s_sqrt_h": 0.037, "scale_ppm": 1000.0, "range_g": 40.0,
+        },
+    },
+    "mti-1": {
+        # 0.007 deg/s/sqrt(Hz), 120 ug/sqrt(Hz)
+        "gyro": {"bias_instability_deg_h": 10.0, "arw_deg_sqrt_h": 0.42, "range_deg_s": 2000.0},
+        "accelerometer": {"bias_instability_mg": 0.03, "vrw_m_s_sqrt_h": 120.0 * _UG, "range_g": 16.0},
+    },
+    "icm-42688-p": {
+        # 0.5 deg/s, 0.0028 deg/s/sqrt(Hz), 70 ug/sqrt(Hz)
+        "gyro": {"drift_deg_h": 1800.0, "arw_deg_sqrt_h": 0.168, "scale_ppm": 5000.0},
+        "accelerometer": {"bias_mg": 20.0, "vrw_m_s_sqrt_h": 70.0 * _UG, "scale_ppm": 5000.0},
+    },
+}  # fmt: skip
+
+IMU_SHEETS = {
+    "hg9900": "Honeywell HG9900 brochure N61-1638, as quoted in NavToolkit, hg9900_model",
+    "hg1700": "Honeywell HG1700 brochure N61-1619, as quoted in NavToolkit, hg1700_model; scale factors (AG71) in the "
+    "package imu-error-model 0.1.3",
+    "stim300": "Safran (Sensonor) STIM300 data sheet TS1524 r9, as quoted in NavToolkit, stim300_model",
+    "adis16495-1": "Analog Devices ADIS16495 data sheet Rev. C, page 1",
+    "adis16488": "Analog Devices ADIS16488 data sheet Rev. G, as quoted in NaveGo, navego_example_synth.m",
+    "adis16505-1": "Analog Devices ADIS16505 data sheet, page 1; x and y axes",
+    "adis16470": "Analog Devices ADIS16470 data sheet Rev. C, as quoted in the package imu-error-model 0.1.3",
+    "mti-1": "Xsens MTi-1, table in Transactions on Aerospace Research 2023 (doi:10.2478/tar-2023-0022)",
+    "icm-42688-p": "TDK InvenSense ICM-42688-P data sheet 1.7, as quoted in the package imu-error-model 0.1.3",
 }
+"""Where the numbers of `IMU_PRESETS` that are a data sheet's were seen."""
 
 SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
     # The landing paper: white noise of pseudoranges (variance 5 m2 at the zenith), nothing that lasts.

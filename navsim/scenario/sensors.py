@@ -24,7 +24,7 @@ from navsim.scenario.base import (
     pair_of,
     reject,
 )
-from navsim.scenario.presets import IMU_PRESETS
+from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
 
 if TYPE_CHECKING:
     from navsim.models.altimeter import Altimeter, Ground, RadioAltimeter
@@ -418,9 +418,25 @@ def believed(truth: Gyro | Accelerometer, given: Gyro | Accelerometer) -> Gyro |
     return truth.model_copy(update=values)
 
 
+ImuPreset = Literal[
+    "paper", "perfect", "none", "hg9900", "hg1700", "stim300", "adis16495-1", "adis16488", "adis16505-1", "adis16470",
+    "mti-1", "icm-42688-p",
+]  # fmt: skip
+NEEDED = {
+    "gyro": (("drift_deg_h", "drift_fixed_deg_h"), ("arw_deg_sqrt_h", "noise_deg_h"),
+             ("bias_instability_deg_h", "markov_deg_h")),
+    "accelerometer": (("bias_mg", "bias_fixed_mg"), ("vrw_m_s_sqrt_h", "noise_mg"),
+                      ("bias_instability_mg", "markov_mg")),
+}  # fmt: skip
+"""What a sensor cannot be without, each by one of its keys; the last of a data sheet alone."""
+
+
 class _Sensors(Section):
-    preset: Literal["paper", "perfect"] = "paper"
-    """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors"""
+    preset: ImuPreset = "paper"
+    """paper: 700 deg/h and 30 deg/h per sample, 1e-3 g and 1e-2 g per sample; perfect: no errors; none: what gyro and
+    accelerometer say and nothing else, with constant errors and white noise, 0 or not; all others: what was seen of the
+    data sheet of that sensor, and what is missing there is asked for. Left out: none where gyro or accelerometer say
+    something, else paper"""
     gyro: TrueGyro = TrueGyro()
     """errors of the gyros, in place of the preset's"""
     accelerometer: TrueAccelerometer = TrueAccelerometer()
@@ -432,15 +448,39 @@ class _Sensors(Section):
         """Write the preset's values where the scenario gives none, so that the resolved scenario shows them."""
         if not isinstance(data, dict):
             return data
-        preset = IMU_PRESETS.get(str(data.get("preset", "paper")))  # anything may stand there, a list too
-        if preset is None:
+        sections = [data.get(sensor) for sensor in NEEDED]
+        own = any(value is not None for part in sections if isinstance(part, dict) for value in part.values())
+        preset = str(data.get("preset", "none" if own else "paper"))  # anything may stand there, a list too
+        if preset == "none":
+            return {"preset": "none", **data}
+        if preset not in IMU_PRESETS:
             return data
         out = dict(data)
-        for sensor, values in preset.items():
+        for sensor, values in IMU_PRESETS[preset].items():
             given = data.get(sensor, {})
             if isinstance(given, dict):
                 out[sensor] = filled(values, given)
         return out
+
+    @model_validator(mode="after")
+    def _nothing_half_given(self) -> Self:
+        sheet = self.preset in IMU_SHEETS
+        missing = [
+            (sensor, keys)
+            for sensor, needed in NEEDED.items()
+            for keys in (needed if sheet else needed[:2])
+            if all(getattr(getattr(self, sensor), key) is None for key in keys)
+        ]
+        if missing:
+            (sensor, (key, other)), *others = missing
+            also = "".join(f", imu.{name}.{keys[0]} (or {keys[1]})" for name, keys in others)
+            whose = f"is not in what was seen of the data sheet of {self.preset}" if sheet else "is needed"
+            rest = "" if sheet else "; `imu.preset: paper` takes what is left out from the paper, perfect leaves it out"
+            raise reject(
+                f"{whose}: give it or {other}, 0 or more, 0 for none"
+                f"{also and '; missing as well: ' + also[2:]}{rest}", sensor, key,
+            )  # fmt: skip
+        return self
 
 
 class Imu(_Sensors):

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import math
+import re
+from typing import get_args
+
 import allantools
 import numpy as np
 import pytest
 
 from navsim.core.streams import generator
 from navsim.models.imu import (
+    MARKOV_PEAK,
     Triad,
     allan_variance,
     density_from_sample_sigma,
     sample_sigma_from_density,
     simulate,
 )
+from navsim.scenario.base import DEG_H, MG
+from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.scenario.sensors import ImuPreset
 from navsim.scenario.source import InputError
 from navsim.study.executor import threads
 from navsim.study.landing import findings, fly_all
@@ -167,3 +175,60 @@ def test_what_is_beyond_the_range_is_counted() -> None:
 def test_refused(settings: tuple[str, ...], message: str) -> None:
     with pytest.raises(InputError, match=message):
         scenario(*settings)
+
+
+ASKED = {
+    "imu.gyro.drift_deg_h": 10, "imu.accelerometer.bias_mg": 1, "imu.accelerometer.vrw_m_s_sqrt_h": 0.01,
+    "imu.gyro.bias_instability_deg_h": 0, "imu.accelerometer.bias_instability_mg": 0,
+}  # fmt: skip
+"""What one data sheet or another does not give."""
+BARE = "imu={preset: %s}"
+
+
+@pytest.mark.parametrize("preset", IMU_SHEETS)
+def test_presets_of_data_sheets(preset: str) -> None:
+    """Ask for what they lack, one key after another, and then are what they say; the lowest point of the Allan
+    deviation is the one printed."""
+    settings, asked = [BARE % preset], []
+    for _ in ASKED:
+        try:
+            imu = scenario(*settings).imu
+        except InputError as error:
+            (problem,) = error.problems
+            assert f"data sheet of {preset}" in problem.message
+            asked.append(problem.key)
+            settings.append(f"{problem.key}={ASKED[problem.key]}")
+    for sensor, name in ((imu.gyro, "gyro"), (imu.accelerometer, "accelerometer")):
+        given = sensor.model_dump(exclude_none=True)
+        values = IMU_PRESETS[preset][name]
+        assert {key: given.pop(key) for key in values} == values
+        assert {f"imu.{name}.{key}" for key in given} == {key for key in asked if f".{name}." in key}
+        unit = DEG_H if name == "gyro" else MG
+        lowest = next(value for key, value in sensor.model_dump().items() if key.startswith("bias_instability"))
+        triad = sensor.triad(imu.rate_hz)
+        if lowest:
+            at = np.array([MARKOV_PEAK[0] * triad.markov_time])
+            assert math.sqrt(allan_variance(triad, at)[0]) == pytest.approx(lowest * unit, rel=1e-6)
+
+
+def test_the_paper_gives_nothing_unasked() -> None:
+    """A sensor of which something is said has to be told in full, or to name the paper; what is null is not told."""
+    own = "imu={gyro: {drift_deg_h: 5, arw_deg_sqrt_h: 0.1}, accelerometer: {bias_mg: 1, noise_mg: 0}}"
+    whole = scenario(own).imu
+    assert (whole.preset, whole.gyro.scale_ppm, whole.accelerometer.noise_mg) == ("none", None, 0.0)
+    assert scenario("imu={rate_hz: 50, gyro: {}}").imu.gyro.drift_deg_h == 700.0
+    assert scenario("imu={preset: paper, gyro: {drift_deg_h: 5}}").imu.gyro.noise_deg_h == 30.0
+    assert scenario("imu={preset: stim300, gyro: {drift_deg_h: 5}, accelerometer: {range_g: ~}}").imu.limited() is False
+    for settings, key, more in (
+        ("imu={gyro: {scale_ppm: 100}}", "imu.gyro.drift_deg_h", "imu.gyro.arw_deg_sqrt_h (or noise_deg_h), imu.acc"),
+        ("imu={gyro: {drift_fixed_deg_h: [1, 0, 0], noise_deg_h: 0}}", "imu.accelerometer.bias_mg", "vrw_m_s_sqrt_h"),
+        ("imu={preset: paper, gyro: {noise_deg_h: ~}}", "imu.gyro.arw_deg_sqrt_h", "`imu.preset: paper`"),
+    ):
+        with pytest.raises(InputError, match=re.escape(more)) as caught:
+            scenario(settings)
+        assert [p.key for p in caught.value.problems] == [key]
+
+
+def test_names_of_presets() -> None:
+    assert set(get_args(ImuPreset)) == {*IMU_PRESETS, "none"}
+    assert IMU_SHEETS.keys() == IMU_PRESETS.keys() - {"paper", "perfect"}
