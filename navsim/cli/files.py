@@ -114,7 +114,7 @@ def completion(
 
 
 def init(
-    template: Annotated[str, typer.Argument(help=f"One of {', '.join(names())}.")] = "landing_smooth",
+    template: Annotated[str, typer.Argument(help=f"One of {', '.join(names())}.")] = "landing_open_sky",
     output: Annotated[
         Path | None,
         typer.Option(

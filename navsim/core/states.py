@@ -54,7 +54,7 @@ decays by `decay` (1/s) and is driven by white noise of the density `drive` (uni
 @dataclass(frozen=True)
 class Block:
     """Three like states of a triad: name, unit, and as of `DECLARED`; scaled: each multiplies its own axis; first: the
-    number of the first among the lasting errors of a kind of measurements."""
+    number of the first among the lasting errors of a kind of measurements; numbered: the three have no axes."""
 
     name: str
     unit: str
@@ -63,10 +63,13 @@ class Block:
     decay: float = 0.0
     drive: float = 0.0
     first: int = 0
+    numbered: bool = False
 
     @property
     def axes(self) -> tuple[str, str, str]:
-        """What tells the three from each other: axes of the body, or of the ground."""
+        """What tells the three from each other: axes of the body, or of the ground, or numbers."""
+        if self.numbered:
+            return "1", "2", "3"
         return ("x", "y", "z") if self.triad <= ACCELEROMETERS else ("north", "east", "down")
 
 
@@ -85,14 +88,15 @@ SCALE_FACTORS = (
 """Blocks of constant scale factors."""
 
 
-def lasting(name: str, kind: int, time: float, step: float, first: int = 0) -> Block:
+def lasting(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
     """Three errors of measurements of a kind (`estimation.observations`) that last, each a Gauss-Markov process with a
     1 sigma of one; what one of each does to a measurement is the business of the measurement's table.
 
     time: their correlation time, s, may be inf. step: s, that the filter goes at a time, of which the drive keeps the
-    variance. first: see `Block`.
+    variance. first, numbered: see `Block`.
     """
-    return Block(name, "1", kind, decay=1.0 / time, drive=-math.expm1(-2.0 * step / time) / step, first=first)
+    drive = -math.expm1(-2.0 * step / time) / step
+    return Block(name, "1", kind, decay=1.0 / time, drive=drive, first=first, numbered=numbered)
 
 
 def declared(blocks: Sequence[Block]) -> np.ndarray:

@@ -94,26 +94,35 @@ def _synchronous(
 ) -> Elements:  # fmt: skip
     """Elements (n,) of satellites that go around with the Earth; node: its longitude, rad, and anomaly: the mean one,
     rad, at `_PHASE_TIME`; shape: eccentricity and perigee of what are no circles."""
-    toe = float(np.floor(timescales.gps_from_utc(utc)))
+    toe = _whole_second(utc)
     turned = system.earth_rate * (toe - float(timescales.gps_from_utc(_PHASE_TIME)))
-    count = len(numbers)
-    return Elements.of(
-        prn=np.array(numbers),
-        healthy=np.ones(count, dtype=bool),
-        toe=np.full(count, toe),
-        toc=np.full(count, toe),
-        sqrt_a=np.full(count, (system.gm / system.earth_rate**2) ** (1.0 / 6.0)),
-        i0=inclination,
+    return _with_the_earth(
+        system, numbers, toe, i0=inclination,
         omega0=(node - turned + system.earth_rate * second_of_week(np.array(toe), system)) % (2.0 * np.pi),
-        m0=(anomaly + turned) % (2.0 * np.pi),
-        **shape,
-    )
+        m0=(anomaly + turned) % (2.0 * np.pi), **shape,
+    )  # fmt: skip
 
 
 def _stationary(system: System, numbers: tuple[int, ...], longitude: np.ndarray, utc: float) -> Elements:
     """Elements (n,) in tilted axes of satellites that stay over longitudes, rad: a circle around the Earth's axis, seen
     from axes tilted against it, is inclined by the tilt."""
-    toe = float(np.floor(timescales.gps_from_utc(utc)))
+    toe = _whole_second(utc)
+    node = np.pi + system.earth_rate * second_of_week(np.array(toe), system)
+    count = len(numbers)
+    return _with_the_earth(
+        system, numbers, toe, i0=np.full(count, abs(TILT)), omega0=np.full(count, node % (2.0 * np.pi)),
+        m0=longitude - np.pi,
+    )  # fmt: skip
+
+
+def _whole_second(utc: float) -> float:
+    """GPS time of the second that a UTC time (POSIX s) is in."""
+    return float(np.floor(timescales.gps_from_utc(utc)))
+
+
+def _with_the_earth(system: System, numbers: tuple[int, ...], toe: float, **orbit: np.ndarray) -> Elements:
+    """Elements (n,) of healthy satellites that go around as fast as the Earth; toe: GPS s; orbit: their other
+    elements."""
     count = len(numbers)
     return Elements.of(
         prn=np.array(numbers),
@@ -121,7 +130,5 @@ def _stationary(system: System, numbers: tuple[int, ...], longitude: np.ndarray,
         toe=np.full(count, toe),
         toc=np.full(count, toe),
         sqrt_a=np.full(count, (system.gm / system.earth_rate**2) ** (1.0 / 6.0)),
-        i0=np.full(count, abs(TILT)),
-        omega0=np.full(count, (np.pi + system.earth_rate * second_of_week(np.array(toe), system)) % (2.0 * np.pi)),
-        m0=longitude - np.pi,
+        **orbit,
     )

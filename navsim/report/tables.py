@@ -104,6 +104,23 @@ def _fixes(result: Result) -> Cell:
     return Cell("{}", (fixes,), trials=runs)
 
 
+_DELAYING = (("signals", "ephemeris"), ("signals", "ionosphere"), ("signals", "troposphere"),
+             ("pseudolites", "multipath"))  # fmt: skip
+"""Sections with errors of ranges that last."""
+
+
+def _ranging_errors(result: Result) -> str:
+    """Whether errors of ranges average out."""
+    signals = setting(result, "signals")
+    if "errors" not in signals:  # of an earlier version
+        return ABSENT
+    lasting = any(kind and kind["sigma_m"] > 0.0 for kind in signals["errors"].values())
+    lasting |= any(setting(result, section).get(key) is not None for section, key in _DELAYING)
+    if not lasting and setting(result, "receiver")["smoothing_s"] == 0.0:
+        return "white"
+    return "some last" if signals["preset"] == "white" else f"some last ({signals['preset']})"
+
+
 def _named(results: Sequence[Result], path: str) -> list[str]:
     """The names that stand at a path of results, each once: results may have different ones."""
     return list(dict.fromkeys(str(name) for result in results if path in result for name in result[path]))
@@ -431,6 +448,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         table.head(title, *(shown(r) for _, r in results))
 
     row("runs", runs_of)
+    row("ranging errors", _ranging_errors)
     row("fixes", _fixes)
     row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
     section("Geometry on the glide (mean, min - max)")

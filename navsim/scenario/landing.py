@@ -264,7 +264,13 @@ class Landing(Section):
     def lasting_states(self) -> int:
         """How many errors of fixes a filter can follow."""
         kinds = self.signals.errors.models()
-        return 3 * len({kind.time >= self.duration_s for kind in kinds})
+        return 3 * self.lasting_triads * len({kind.time >= self.duration_s for kind in kinds})
+
+    @property
+    def lasting_triads(self) -> int:
+        """How many triads of states follow the errors of fixes by kinds of like correlation time. Without pseudolites
+        satellites keep their shares in a fix; near ones, which tell the clock too, turn these over."""
+        return 2 if self.pseudolites.placed() else 1
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""
@@ -458,6 +464,11 @@ class Landing(Section):
             out.append(f"{'.'.join(air[1])} changes nothing here: the covariance analysis is of the route")
         if self.imu.temperature is not None and not self.imu.warms():
             out.append("imu.temperature changes nothing: no sensor has an error that goes with it (temperature_...)")
+        if self.pseudolites.differential is not None and self.signals.errors.models():
+            out.append(
+                "pseudolites.differential takes nothing off signals.errors, which are what corrections leave: one of "
+                "both is too much, unless the errors are the station's"
+            )
         return out
 
     def aiding(self) -> list[Any]:

@@ -496,7 +496,7 @@ class Flight:
         lasting = self.beliefs.lasting
         if lasting is None or not lasting.followed:
             return np.empty((0, MOST, 0))
-        return self.beliefs.sigma_scale * self.world.fix_errors.roots(lasting.groups)
+        return self.beliefs.sigma_scale * self.world.fix_errors.roots(lasting.groups, lasting.each)
 
     @property
     def range_sigma(self) -> np.ndarray:
@@ -561,7 +561,8 @@ def table_of_all_fixes(flight: Flight, llh: np.ndarray, velocity: np.ndarray, co
         return table_of_fixes(flight.beliefs, llh, velocity, covariance)
     errors = flight.world.fix_errors
     if lasting.followed:
-        covariance = in_all_lanes(errors.noise) if lanes else errors.noise
+        white = errors.noise + errors.beside(lasting.groups, lasting.each)
+        covariance = in_all_lanes(white) if lanes else white
     else:
         more = errors.of_kinds(lasting.factor - 1.0)
         covariance = covariance + (more[..., None] if lanes else more)
@@ -655,7 +656,8 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
     outputs = flight.world.filter_time.size
     if believed is None or not believed.followed:
         return np.empty((outputs, 0, WIDTH))
-    effect, epoch = flight.world.fix_errors.projections(believed.groups), np.maximum(np.arange(outputs) - 1, 0)
+    effect = flight.world.fix_errors.projections(believed.groups, believed.each)
+    epoch = np.maximum(np.arange(outputs) - 1, 0)
     out = np.empty((outputs, effect.shape[1], WIDTH))
     for lane in range(errors.shape[-1]):
         # one run at a time: sums over its numbers have one order

@@ -20,7 +20,7 @@ import copy as copying
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -121,31 +121,46 @@ class Analysis:
         return np.trace(np.linalg.solve(believed, second[:, states_, states_]), axis1=1, axis2=2) / believed.shape[1]
 
 
-class _Lasting:
-    """Ranging errors that last with what they have done to the state, (S + s)^2 for each kind: those of the sources of
-    variance one behind the state.
+class _SourceErrors:
+    """Errors of ranges that have a memory with what they have done to the state, (S + s)^2 for each of k kinds: one
+    state a source behind the state.
 
-    shown: (e, n, k, s) what the filter's states, its own lasting ones, are by them.
+    epoch: the one whose errors these are, -1 before the first.
     """
 
-    def __init__(self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray, shown: np.ndarray):
-        """size: S of the state carried; errors, used (e, s), time (e,) of `Signals`."""
-        self.size, self.shown = size, shown
-        self.sigma = np.where(used, errors.sigma, 0.0)
-        self.kept, self.new = errors.steps(time)
-        self.epoch = -1
-        self.cov = np.zeros((len(errors.names), size + used.shape[1], size + used.shape[1]))
+    def __init__(self, kinds: int, size: int, sources: int):
+        """size: S of the state carried."""
+        self.size, self.epoch = size, -1
+        self.cov = np.zeros((kinds, size + sources, size + sources))
 
-    def copied(self) -> _Lasting:
+    def copied(self) -> Self:
         """The same, to go on by itself."""
         out = copying.copy(self)
         out.cov = self.cov.copy()
         return out
 
     def carry(self, phi: np.ndarray) -> None:
-        """On by what changes the state by `phi` (S, S)."""
+        """On by what changes the state by `phi` (S, S): an interval, or the weighing of another sensor."""
         self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
         self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
+
+    def states(self) -> np.ndarray:
+        """Covariances of the state by each kind (k, S, S)."""
+        return self.cov[:, : self.size, : self.size]
+
+
+class _Lasting(_SourceErrors):
+    """Ranging errors that last, of each kind those of the sources of variance one.
+
+    shown: (e, n, k, s) what the filter's states, its own lasting ones, are by them.
+    """
+
+    def __init__(self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray, shown: np.ndarray):
+        """size: S of the state carried; errors, used (e, s), time (e,) of `Signals`."""
+        super().__init__(len(errors.names), size, used.shape[1])
+        self.shown = shown
+        self.sigma = np.where(used, errors.sigma, 0.0)
+        self.kept, self.new = errors.steps(time)
 
     def measure(self, i: int) -> None:
         """The errors become those of epoch i, if they are not yet."""
@@ -169,10 +184,6 @@ class _Lasting:
             cov[:, : self.size] -= (cov @ seen.T) @ gain.T
         return out
 
-    def state(self) -> np.ndarray:
-        """Covariance of the state by all kinds (S, S)."""
-        return np.asarray(self.cov[:, : self.size, : self.size].sum(axis=0))
-
     def errors(self) -> np.ndarray:
         """Covariances of the errors of the filter's states by each kind (k, S, S)."""
         turn = np.eye(self.size, self.cov.shape[1])
@@ -190,8 +201,8 @@ def _white(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray, chosen: np.nd
     return spread @ np.swapaxes(spread, 1, 2)
 
 
-class _Smoothed:
-    """Range noise after Hatch's filter with what it has done to the state, (S + s)^2 for satellites and pseudolites.
+class _Smoothed(_SourceErrors):
+    """Range noise after Hatch's filter, of satellites and of pseudolites.
 
     The smoothed noise is x + w, w the carrier's own, and x = (1 - 1/n) x before + (v - w) / n with the code's v: a
     process of first order driven by white noise, one state more a source.
@@ -206,24 +217,11 @@ class _Smoothed:
         of_pseudolites: np.ndarray,
     ):
         """size: S of the state carried; counts, sigma, used: (e, s) of `Signals`; of_pseudolites: (s,) bool."""
-        self.size = size
+        super().__init__(2, size, of_pseudolites.size)
         self.n = np.maximum(counts, 1)
         self.decay = np.where(counts > 1, 1.0 - 1.0 / self.n, 0.0)
         self.sigma, self.used = sigma, used
-        self.epoch = -1
         self.chosen = (~of_pseudolites, of_pseudolites)
-        self.cov = np.zeros((2, size + of_pseudolites.size, size + of_pseudolites.size))
-
-    def copied(self) -> _Smoothed:
-        """The same, to go on by itself."""
-        out = copying.copy(self)
-        out.cov = self.cov.copy()
-        return out
-
-    def carry(self, phi: np.ndarray) -> None:
-        """On by what changes the state by `phi` (S, S): an interval, or the weighing of another sensor."""
-        self.cov[:, : self.size] = phi @ self.cov[:, : self.size]
-        self.cov[:, :, : self.size] = self.cov[:, :, : self.size] @ phi.T
 
     def measure(self, i: int) -> None:
         """The smoothed noises become those of epoch i, if they are not yet."""
@@ -259,10 +257,6 @@ class _Smoothed:
             cross = turn @ with_phase @ direct.T
             self.cov[k] = turn @ self.cov[k] @ turn.T + cross + cross.T + (direct * phase) @ direct.T
         return out
-
-    def state(self) -> np.ndarray:
-        """Covariances of the state (2, S, S)."""
-        return self.cov[:, : self.size, : self.size]
 
 
 class _Augmented:
@@ -645,8 +639,8 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
             here.carry(lin.transition[route.interval[i]])
         row, w = events.row[i], route.weighed[i]
         if events.kind[i] == OUTPUT:
-            out.variance[list(_RANGES), row] = np.diagonal(here.state(), axis1=1, axis2=2)
-            out.covariance[row] += here.state().sum(axis=0)
+            out.variance[list(_RANGES), row] = np.diagonal(here.states(), axis1=1, axis2=2)
+            out.covariance[row] += here.states().sum(axis=0)
         if events.kind[i] == kind:
             here.measure(int(along.epoch[row]))
         if w >= 0:
@@ -655,7 +649,7 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
             if events.kind[i] == kind:
                 moments = here.fixed(int(along.epoch[row]), h, gain, along.by_range[row, there])
             else:
-                moments = h @ here.state().sum(axis=0) @ h.T
+                moments = h @ here.states().sum(axis=0) @ h.T
                 here.carry(np.eye(n) - gain @ h)
             out.second[w][np.ix_(there, there)] += moments
 
@@ -667,8 +661,9 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
     n, e = lin.believed.shape[1], s.time.size
     shown, believed = np.zeros((e, n, *s.lasting.sigma.shape[::2])), flight.beliefs.lasting
     if believed is not None and believed.followed:
-        first = n - flight.model.clock_states - 3 * len(believed.groups)
-        shown[:, first : first + 3 * len(believed.groups)] = flight.world.fix_errors.projections(believed.groups)
+        count = believed.each * len(believed.groups)
+        first = n - flight.model.clock_states - count
+        shown[:, first : first + count] = flight.world.fix_errors.projections(believed.groups, believed.each)
     own = copy = _Lasting(n, s.lasting, s.used, s.time, shown)
     own.measure(0)
     kind = RANGE if flight.beliefs.tight else FIX
@@ -696,7 +691,7 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
                     int(along.epoch[row]), h, gain, along.by_range[row, there]
                 )
             else:
-                out.second[w][np.ix_(there, there)] += h @ here.state() @ h.T
+                out.second[w][np.ix_(there, there)] += h @ here.states().sum(axis=0) @ h.T
                 here.carry(np.eye(n) - gain @ h)
 
 

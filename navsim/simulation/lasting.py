@@ -1,8 +1,8 @@
 """What errors that last do to a receiver's fixes and ranges, and what a filter is told of it.
 
-Errors of ranges become errors of a fix by its geometry. A loosely coupled filter can follow those: three states for the
-kinds of errors that hardly change over the flight, three for the others, of 1 sigma one, whose effect on a fix is the
-square root of the covariance that these kinds give it. Or it takes fixes, or ranges, for noisier than they are.
+Errors of ranges become errors of a fix by its geometry. A loosely coupled filter can follow those: some states for the
+kinds of errors that hardly change over the flight, some for the others, each of 1 sigma one and a sum of the errors of
+all sources, by shares that stay the same. Or it takes fixes, or ranges, for noisier than they are.
 
 Source: `docs/theory/lasting-errors.md`, sections 3 and 4.
 """
@@ -31,11 +31,12 @@ _SLOW, _FAST = "fix_error_slow", "fix_error_fast"
 
 
 def followed_errors(
-    how: str, kinds: Sequence[LastingError], duration: float, interval: float, step: float
+    how: str, kinds: Sequence[LastingError], duration: float, interval: float, step: float, triads: int
 ) -> tuple[LastingBelief, tuple[Block, ...]]:
     """What a filter believes of these kinds of errors, and the blocks of states that it follows them by.
 
     how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, step: of the filter, s.
+    triads: of states for each group of kinds, 1 or 2.
     """
     groups: list[tuple[int, ...]] = []
     blocks: list[Block] = []
@@ -47,12 +48,14 @@ def followed_errors(
                 variances = np.array([kinds[k].sigma ** 2 for k in members])
                 rate = float(np.average([1.0 / kinds[k].time for k in members], weights=variances))
                 time = 1.0 / rate if rate > 0.0 else np.inf
-                blocks.append(states.lasting(name, FIX, time, step, 3 * len(groups)))
+                for triad in range(triads):
+                    own = f"{name}_more" if triad else name
+                    blocks.append(states.lasting(own, FIX, time, step, 3 * len(blocks), numbered=triad > 0))
                 groups.append(members)
     factor = np.ones(len(kinds))
     if how == INFLATED:
         factor = np.array([_as_noise(kind.time, duration, interval) for kind in kinds])
-    return LastingBelief(how == STATES, tuple(groups), factor), tuple(blocks)
+    return LastingBelief(how == STATES, tuple(groups), 3 * triads, factor), tuple(blocks)
 
 
 def _as_noise(time: float, duration: float, interval: float) -> float:
@@ -93,59 +96,83 @@ class FixErrors:
         sigma = np.sqrt(np.einsum("k,kes->es", factor, self.signals.lasting.sigma**2))
         return _spread(self.by_range, sigma, self.signals.used)
 
-    def roots(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
-        """What errors of 1 sigma one, three for each group of kinds, do to fixes (e, MOST, 3 g): a square root of the
-        covariance of position by these kinds, and what goes with it in velocity; 0 where there is no fix.
+    def roots(self, groups: Sequence[Sequence[int]], each: int) -> np.ndarray:
+        """What errors of 1 sigma one, so many of each group of kinds, do to fixes (e, MOST, g each); 0 where there is
+        no fix.
 
-        Any root would do for one fix. From fix to fix it is turned as the errors are, so that what the three are
-        changes as little as can be while the satellites move; the first is symmetric.
+        They are sums of the errors of the sources, each by a share that stays the same over the flight (`_shares`):
+        processes as those of the sources are, whatever the geometry does.
         """
-        lasting = self.signals.lasting
-        assert lasting is not None
-        out = np.zeros((self.fixed.size, MOST, 3 * len(groups)))
-        at = np.flatnonzero(self.fixed)
-        for g, members in enumerate(groups):
-            size = np.where(self.signals.used, lasting.sigma[list(members)], 0.0)
-            # (e, MOST, k s): by an error of each source and kind of variance one
-            effect = (self.by_range[:, :, None] * np.moveaxis(size, 0, 1)[:, None]).reshape(self.fixed.size, MOST, -1)
-            whole = effect @ np.swapaxes(effect, 1, 2)
-            variance, axes = np.linalg.eigh(whole[:, :3, :3])
-            root = np.sqrt(np.maximum(variance, 0.0))
-            inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 1e-9 * root[:, -1:])
-            whitened = (axes * inverse[:, None]) @ np.swapaxes(axes, 1, 2) @ effect[:, :3]
-            turn, before = np.eye(3), None
-            for i in at:
-                if before is not None:
-                    left, _, right = np.linalg.svd(whitened[i] @ before.T)
-                    turn = left @ right
-                before = turn.T @ whitened[i]
-                out[i, :, 3 * g : 3 * g + 3] = effect[i] @ before.T
+        out = [self._effect(members) @ self._shares(members, each) for members in groups]
+        return np.concatenate([np.empty((self.fixed.size, MOST, 0)), *out], axis=2)
+
+    def beside(self, groups: Sequence[Sequence[int]], each: int) -> np.ndarray:
+        """Covariance of fixes (e, MOST, MOST) by what errors of sources have beside those of `roots`."""
+        out = np.zeros((self.fixed.size, MOST, MOST))
+        for members in groups:
+            effect, shares = self._effect(members), self._shares(members, each)
+            rest = effect - (effect @ shares) @ shares.T
+            out += rest @ np.swapaxes(rest, 1, 2)
         return out
 
-    def projections(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
-        """What the errors of `roots` owe to the errors of each kind and source of variance one (e, 3 g, k, s); where
-        there is no fix they are as at the last one, or the first."""
+    def projections(self, groups: Sequence[Sequence[int]], each: int) -> np.ndarray:
+        """What the errors of `roots` owe to the errors of each kind and source of variance one (e, g each, k, s)."""
         lasting = self.signals.lasting
         assert lasting is not None
         k, e, s = lasting.sigma.shape
-        out = np.zeros((e, 3 * len(groups), k, s))
-        roots = self.roots(groups)
+        out = np.zeros((e, each * len(groups), k, s))
         for g, members in enumerate(groups):
-            here = slice(3 * g, 3 * g + 3)
-            inverse = np.linalg.pinv(roots[:, :3, here])
-            for member in members:
-                size = np.where(self.signals.used, lasting.sigma[member], 0.0)
-                out[:, here, member] = inverse @ (self.by_range[:, :3] * size[:, None])
-        return out[self.last_fix]
+            shares = self._shares(members, each)
+            for member, part in zip(members, self._parts(members), strict=True):
+                out[:, each * g : each * (g + 1), member] = part[:, None] * shares.T
+        return out
 
-    @property
-    def last_fix(self) -> np.ndarray:
-        """The epoch of the last fix at each, or of the first before it (e,) int."""
-        at = np.flatnonzero(self.fixed)
-        every = np.arange(self.fixed.size)
-        if not at.size:
-            return every
-        return np.asarray(at[np.maximum(np.searchsorted(at, every, side="right") - 1, 0)])
+    def _size(self, members: Sequence[int]) -> np.ndarray:
+        """1 sigma of the errors of a group of kinds (e, s), m, 0 of what is not used."""
+        assert self.signals.lasting is not None
+        total = np.sqrt(np.sum(self.signals.lasting.sigma[list(members)] ** 2, axis=0))
+        return np.where(self.signals.used, total, 0.0)
+
+    def _effect(self, members: Sequence[int]) -> np.ndarray:
+        """What an error of a group of kinds of 1 sigma one of each source does to fixes (e, MOST, s)."""
+        return np.asarray(self.by_range * self._size(members)[:, None])
+
+    def _parts(self, members: Sequence[int]) -> np.ndarray:
+        """By how much each kind is in an error of its group of 1 sigma one (k, e, s); of what is not used as it last
+        was, or first will be."""
+        assert self.signals.lasting is not None
+        size = self._size(members)
+        there = size > 0.0
+        at = np.where(there, np.arange(size.shape[0])[:, None], -1)
+        last = np.maximum.accumulate(at, axis=0)
+        last = np.where(last < 0, np.argmax(there, axis=0), last)
+        source = np.arange(size.shape[1])
+        total = size[last, source]
+        sigma = self.signals.lasting.sigma[list(members)][:, last, source]
+        return np.divide(sigma, total, out=np.zeros_like(sigma), where=total > 0.0)
+
+    def _shares(self, members: Sequence[int], each: int) -> np.ndarray:
+        """By how much the error of each source, of 1 sigma one, is in each of so many orthogonal sums (s, each): those
+        that tell most of positions over the flight, each direction of a fix counting as much as others; the first three
+        are its errors north, east, down at the first fix, as far as these do not depend on each other."""
+        effect = self._effect(members)[self.fixed, :3]
+        variance, axes = np.linalg.eigh(effect @ np.swapaxes(effect, 1, 2))
+        root = np.sqrt(np.maximum(variance, 0.0))
+        inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 1e-9 * root[:, -1:])
+        # rows (e, 3, s) of unit length, where the variance has a root
+        told = (axes * inverse[:, None]) @ np.swapaxes(axes, 1, 2) @ effect
+        out = np.zeros((effect.shape[2], each))
+        if not told.size:
+            return out
+        heard = np.any(effect != 0.0, axis=(0, 1))
+        told = told[:, :, heard]
+        _, most = np.linalg.eigh(np.einsum("eas,eat->st", told, told))
+        found = most[:, ::-1][:, :each]
+        left, _, right = np.linalg.svd(told[0] @ found)
+        found = found @ right.T
+        found[:, :3] = found[:, :3] @ left.T
+        out[heard, : found.shape[1]] = found
+        return out
 
 
 def _spread(slope: np.ndarray, sigma: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ from navsim.scenario import shipped
 from navsim.scenario.landing import Landing
 from navsim.scenario.sweep import Sweep
 from tests.conftest import ROOT, SCENARIOS
-from tests.helpers import case
+from tests.helpers import case, scenario
 from tests.layout import as_declared
 
 BRIEF = ("--set", "duration_s=2", "--set", "receiver.rate_hz=2")
@@ -329,10 +329,14 @@ def test_version(tmp_path: Path) -> None:
 # --- templates
 
 
-def test_init_starts_with_the_landing_an_aircraft_can_fly(tmp_path: Path) -> None:
+def test_init_starts_with_a_landing_under_the_open_sky(tmp_path: Path) -> None:
+    """What an aircraft can fly, with ranging errors that last."""
     said = navsim("init", cwd=tmp_path).stdout
-    assert said == "landing_smooth.yaml written; go on with: navsim run landing_smooth.yaml\n"
-    assert (tmp_path / "landing_smooth.yaml").read_text() == (SCENARIOS / "landing_smooth.yaml").read_text()
+    assert said == "landing_open_sky.yaml written; go on with: navsim run landing_open_sky.yaml\n"
+    assert (tmp_path / "landing_open_sky.yaml").read_text() == (SCENARIOS / "landing_open_sky.yaml").read_text()
+    first, smooth = (scenario(name=name) for name in ("landing_open_sky", "landing_smooth"))
+    assert first.signals.preset == "open-sky"
+    assert first.model_copy(update={"signals": smooth.signals, "title": smooth.title}) == smooth
 
 
 @pytest.mark.parametrize("template", shipped.names())

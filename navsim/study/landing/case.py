@@ -374,6 +374,12 @@ def environment(
         None if scenario.receiver.antenna is None else scenario.receiver.antenna.model(),
     )
     _check_events(scenario, document, sources)
+    there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}
+    warnings += [
+        f"signals.system_offsets_ns.{name} changes nothing: no source keeps the time of {name}"
+        for name in scenario.signals.system_offsets_ns
+        if name not in there
+    ]
     return sources, scenario, warnings
 
 
@@ -477,7 +483,9 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
     sensors, lasting = followed(gyro, accel, section.scale_factors), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
-        lasting, blocks = followed_errors(section.about_lasting_errors(), kinds, scenario.duration_s, interval, step)
+        lasting, blocks = followed_errors(
+            section.about_lasting_errors(), kinds, scenario.duration_s, interval, step, scenario.lasting_triads
+        )
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(
