@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import functools
 import gc
+import importlib
 import json
 import os
 import signal
@@ -138,6 +139,7 @@ def _serve(folder: Path, warm: list[list[str]]) -> None:
         done = CliRunner().invoke(app, command)
         if done.exit_code:
             raise RuntimeError(f"{command}: {done.output}")
+    importlib.import_module("navsim.report.page.document")  # Bokeh, a second for each report
     gc.freeze()  # what is collected in a fork is what it made itself
     print(json.dumps("ready"), flush=True)
     for line in sys.stdin:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 from pathlib import Path
 
 from navsim.io.export import export
@@ -40,14 +41,37 @@ COMMANDS: dict[str, tuple[object, ...]] = {
 """Commands that make a small result each."""
 
 
-def make(folder: Path) -> None:
-    """Results by the names of `EVERY`."""
-    for name, command in COMMANDS.items():
-        navsim(*command, "-o", f"{name}.h5", cwd=folder)
+def _table2(folder: Path) -> None:
     navsim("table2", "--runs", 2, "-q", "-o", "t2", cwd=folder)
     (folder / "t2" / "table2.h5").rename(folder / "table2.h5")
+
+
+def _live(folder: Path) -> None:
+    _once("one", folder)
     (sentences,) = export(read(folder / "one.h5"), folder / "sent.h5", ["nmea"])
     navsim("live", SCENARIOS / "landing.yaml", *_GLIDE, "--receiver", sentences, "-o", "live.h5", cwd=folder)
+
+
+def _once(name: str, folder: Path, wait: bool = True) -> None:
+    """Make a result unless it is there; with another process at it, wait for it or leave it alone."""
+    with open(folder / f".{name}.lock", "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            return
+        if (folder / f"{name}.h5").exists():
+            return
+        if name in COMMANDS:
+            navsim(*COMMANDS[name], "-o", f"{name}.h5", cwd=folder)
+        else:
+            {"table2": _table2, "live": _live}[name](folder)
+
+
+def make(folder: Path) -> None:
+    """Results by the names of `EVERY`. Processes that are at it at the same time share the work."""
+    for wait in (False, True):
+        for name in EVERY:
+            _once(name, folder, wait)
 
 
 EVERY = (*COMMANDS, "live", "table2")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -54,7 +55,7 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
 
     listener = Listener(AT_TERMINAL, shown, () if care.quiet or wanted.json else ("rich.console",))
     asked = steps.Order(
-        wanted.options, wanted.figures, care.quiet, care.force, care.over_budget, wanted.dry_run
+        wanted.options, wanted.figures, care.quiet, care.force, care.over_budget, wanted.dry_run, sys.argv[1:]
     )  # fmt: skip
     with leaving():
         done = steps.carry_out(name, job, target, asked, listener)

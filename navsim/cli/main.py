@@ -28,6 +28,7 @@ PLACES = {
     "live": "navsim.cli.recorded:live",
     "plan": "navsim.cli.plan:plan",
     "merge": "navsim.cli.merge:merge",
+    "resume": "navsim.cli.resume:resume",
     "show": "navsim.cli.results:show",
     "plot": "navsim.cli.results:plot",
     "export": "navsim.cli.results:export",

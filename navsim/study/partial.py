@@ -1,7 +1,8 @@
 """Partial work on disk: what a study has finished, so that after a kill the same command goes on from there.
 
-The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is; every piece is a file of arrays,
-written whole or not at all. The key comes first, and folders go by one renaming, so there are no pieces without a key.
+The work of a study lies in the folder `RESULT.partial`. `key.json` says whose it is, `command.json` by which command
+line it is computed; every piece is a file of arrays, written whole or not at all. The key comes first, and folders go
+by one renaming, so there are no pieces without a key.
 
 A piece is a `.npz`, that is a zip archive, which holds a CRC-32 of each array. Its comment is the SHA-256 of the study,
 the piece's name and the names, sizes and CRC-32 of all arrays. Nothing of a piece is used that the comment and the
@@ -16,9 +17,11 @@ import io
 import json
 import os
 import re
+import shlex
 import struct
 import zipfile
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -39,10 +42,13 @@ _HASHED = {
 }
 """Parts of keys that tell a reader nothing."""
 _KEY_FILE = "key.json"
+_COMMAND_FILE = "command.json"
 JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
 
-_OWN = re.compile(rf"{re.escape(_KEY_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+\.(npz|sha256)|\..*")
+_OWN = re.compile(
+    rf"{re.escape(_KEY_FILE)}|{re.escape(_COMMAND_FILE)}|{re.escape(JOURNAL)}|[a-z0-9-]+\.(npz|sha256)|\..*"
+)
 """Names that partial work has (`.sha256` in earlier versions), and those that begin with a dot: temporary files, and
 what file managers leave."""
 
@@ -134,6 +140,15 @@ class Store:
         except OSError as error:
             raise PartialError(f"{folder}: partial work cannot be kept there: {error.strerror or error}") from None
 
+    def note(self, command: Sequence[str]) -> None:
+        """Keep the command line by which the study is computed, its words after the program, for `begun_by`. Raises
+        PartialError where the disk does not take it."""
+        told = {"command": list(command), "folder": os.getcwd(), "work": str(self.folder.absolute())}
+        try:
+            write_whole(self.folder / _COMMAND_FILE, json.dumps(told, indent=1).encode())
+        except OSError as error:
+            raise PartialError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
+
     def file(self, name: str) -> Path:
         """Where a piece is kept."""
         return self.folder / f"{name}.npz"
@@ -203,6 +218,38 @@ class Store:
                 start = member.header_offset + _LOCAL_HEADER.size + sum(lengths)
                 found[member.filename.removesuffix(".npy")] = Kept(self.file(name), start, member.file_size, member.CRC)
         return found
+
+
+@dataclass(frozen=True)
+class Command:
+    """What began a study. words: of the command line, after the program. folder: in which it was given."""
+
+    words: tuple[str, ...]
+    folder: Path
+
+
+def begun_by(folder: Path) -> Command:
+    """The command line whose work lies in a folder. Raises PartialError where none is known, or it would not go on
+    from this work."""
+    if not folder.is_dir():
+        raise PartialError(f"{folder}: no folder of partial work, RESULT.h5.partial; none is left of a complete result")
+    file = folder / _COMMAND_FILE
+    if not file.exists():
+        what = "it was begun from Python" if (folder / _KEY_FILE).exists() else "no partial work of navsim lies there"
+        raise PartialError(f"{folder}: {what}: there is no {_COMMAND_FILE}, so no command is known")
+    try:
+        told = json.loads(file.read_bytes())
+        words, place, work = tuple(told["command"]), Path(told["folder"]), Path(told["work"])
+        if not words or not all(isinstance(word, str) for word in words):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError):
+        raise PartialError(f"{file}: cannot be read or is damaged; repeat the command by hand") from None
+    command = f"in {place}: navsim {shlex.join(words)}"
+    if folder.resolve() != work.resolve():
+        raise PartialError(f"{folder}: was moved there from {work}, where its command would look for it ({command})")
+    if not place.is_dir():
+        raise PartialError(f"{folder}: the folder in which its command was given is gone ({command})")
+    return Command(words, place)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 class Order:
     """What is to be done with a job. options: as the job has them. figures: see `target.figure_folder`; plain: none of
     one run either, unless a folder is given. force: overwrite a result of another sort. over_budget: compute what the
-    machine seems too small for. dry_run: only say what it would take."""
+    machine seems too small for. dry_run: only say what it would take. command: the words of the command line after
+    the program, by which it is gone on with; empty where there is none."""
 
     options: Options
     figures: str | Path | None = None
@@ -38,6 +40,7 @@ class Order:
     force: bool = False
     over_budget: bool = False
     dry_run: bool = False
+    command: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -153,10 +156,12 @@ def _computed(
 ) -> Finished:
     from navsim.core import jit
 
-    store = _store(job, target, order.options.fresh)
+    store = _store(job, target, order)
     kept = f"nothing of it is kept; {again()} begins anew"
     if store is not None:
         kept = f"finished {job.work} are kept in {store.folder}; {again()} goes on from there"
+        if order.command:
+            kept += f", or navsim resume {shlex.quote(str(store.folder))}"
     former = _which(target)
 
     def state() -> str:
@@ -228,7 +233,7 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
     Thread(target=load).start()
 
 
-def _store(job: Job, target: Path, fresh: bool) -> Store | None:
+def _store(job: Job, target: Path, order: Order) -> Store | None:
     """The place for partial work beside the result; None where the work is in one piece, and none lies there."""
     from navsim.io.whole import partial_folder
     from navsim.study.partial import PartialError, Store
@@ -237,6 +242,9 @@ def _store(job: Job, target: Path, fresh: bool) -> Store | None:
     if not job.pieces or (job.pieces == 1 and not folder.exists()):
         return None
     try:
-        return Store(folder, job.key(), fresh)
+        store = Store(folder, job.key(), order.options.fresh)
+        if order.command:
+            store.note(order.command)
+        return store
     except PartialError as error:
         raise BadInput(said(error)) from None

@@ -20,7 +20,7 @@ from navsim.io.results import read
 from navsim.report import printing
 from navsim.report.view import view
 from tests.conftest import ROOT
-from tests.made import EVERY, make
+from tests.made import EVERY
 
 DRAWN = [name for name in EVERY if name not in ("cut", "none", "integrity-table")]
 """Results with figures of their own."""
@@ -30,14 +30,6 @@ SQUARE = 5
 """Side of a square, pixels: two millimetres."""
 FAR = 5.0
 """Of 255, the largest difference of the mean colours of squares that is none. The tests below show what is one."""
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a result of every kind."""
-    folder = tmp_path_factory.mktemp("baselines")
-    make(folder)
-    return folder
 
 
 def pictures(file: Path, folder: Path, change: Callable[[dict[str, Figure]], None] = lambda _: None) -> dict[str, Path]:

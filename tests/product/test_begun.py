@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -25,13 +26,14 @@ vary:
 """Three pieces."""
 
 
-def begun(file: Path, target: Path, pieces: int) -> None:
-    """Leave pieces of a sweep as a killed attempt does."""
+def begun(file: Path, target: Path, pieces: int) -> Store:
+    """Leave pieces of a sweep as a killed attempt does; returns where."""
     job, _ = opening.opened("sweep", file, [], Options())
     job.prepare(threads(1), lambda *_, **__: None)
     store = Store(partial_folder(target), job.key(), fresh=False)
     for i in range(pieces):
         store.write(f"piece-{i}", {})
+    return store
 
 
 def test_dry_run_says_what_is_kept(tmp_path: Path) -> None:
@@ -46,6 +48,50 @@ def test_dry_run_says_what_is_kept(tmp_path: Path) -> None:
     assert "would be discarded" in navsim(*arguments, "--fresh", cwd=tmp_path).stderr
     refused = navsim(*arguments, "--seed", 2, "--set", "vary.0.values=[1, 2, 3]", cwd=tmp_path, code=2).stderr
     assert "partial work of another study lies there" in refused
+
+
+def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In its folder, without what would discard the work; what has changed since is told."""
+    (tmp_path / "a b").mkdir()
+    file = study(tmp_path / "a b", "begun", SWEEP)
+    store = begun(file, tmp_path / "a b" / "o p.h5", 2)
+    monkeypatch.chdir(tmp_path / "a b")
+    store.note(["sweep", file.name, "-o", "o p.h5", "--fresh", "--dry-run"])
+    said = navsim("resume", "a b/o p.h5.partial", cwd=tmp_path).stderr
+    assert said.startswith("navsim sweep begun.yaml -o 'o p.h5' --dry-run\n")
+    assert "2 of 3 pieces of the combinations are kept" in said
+    file.write_text(file.read_text().replace("150", "151"))
+    said = navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
+    assert "partial work of another study lies there (other settings of the study)" in said
+    file.unlink()
+    assert "begun.yaml: cannot be read" in navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (shutil.rmtree, "no folder of partial work"),
+        (lambda folder: (folder / "command.json").unlink(), "it was begun from Python"),
+        (lambda folder: [file.unlink() for file in folder.iterdir()], "no partial work of navsim lies there"),
+        (lambda folder: (folder / "command.json").write_text("[]"), "command.json: cannot be read or is damaged"),
+        (lambda folder: (folder / "command.json").write_text('{"command": [1], "folder": "/", "work": ""}'), "damaged"),
+        (lambda folder: (folder / "command.json").write_bytes(b"\xff{"), "damaged"),
+        (lambda folder: folder.rename(folder.with_name("moved")), "was moved there from"),
+        (lambda folder: (folder.parent / "work").rmdir(), "the folder in which its command was given is gone"),
+    ],
+    ids=["folder", "command", "all", "other", "words", "bytes", "moved", "gone"],
+)  # fmt: skip
+def test_what_cannot_be_resumed_is_told(
+    change: Callable[[Path], object], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    folder = tmp_path / "out.h5.partial"
+    Store(folder, {"seed": 1}, fresh=False).note(["run", "landing.yaml", "--runs", "60", "-o", "../out.h5"])
+    monkeypatch.chdir(tmp_path)
+    now = change(folder)
+    asked = now if isinstance(now, Path) else folder
+    assert said in navsim("resume", asked, cwd=tmp_path, code=2).stderr
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from tests.layout import as_declared
 from tests.product.test_run import SHORT, navsim, stored, with_files_limited
 
 RUNS = 16 * BATCH
+KEPT = "finished runs are kept in {0}.partial; the same command goes on from there, or navsim resume {0}.partial\n"
 COMMAND = ("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", RUNS, "-q")
 
 
@@ -69,17 +70,21 @@ def test_killed_three_times_and_resumed(place: Path, undisturbed: Path) -> None:
     assert not Path(f"{file}.partial").exists()
 
 
-def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path) -> None:
+def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path, tmp_path: Path) -> None:
+    """And `navsim resume` goes on with it, from any folder."""
     file = place / "interrupted.h5"
     process = stopped_by(signal.SIGINT, file, 2, place)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in stderr
-    assert "interrupted.h5.partial" in stderr
+    assert f"goes on from there, or navsim resume {file}.partial\n" in stderr
     kept = {path.name: path.stat().st_mtime_ns for path in finished(file)}
     assert len(kept) >= 2
-    navsim(*COMMAND, "-o", file, cwd=place)
+    first = f"navsim {' '.join(map(str, COMMAND))} -o {file}\n"
+    assert navsim("resume", f"{file}.partial", cwd=tmp_path).stderr.startswith(first)
     assert stored(file) == stored(undisturbed)
+    assert not Path(f"{file}.partial").exists()
+    assert "no folder of partial work" in navsim("resume", f"{file}.partial", cwd=tmp_path, code=2).stderr
 
 
 def cut(path: Path) -> None:
@@ -121,7 +126,7 @@ def test_full_disk_keeps_finished_batches(place: Path) -> None:
     assert "Traceback" not in done.stderr
     assert "full.h5.partial" in done.stderr
     assert "cannot be written" in done.stderr
-    assert done.stderr.endswith(f"finished runs are kept in {file}.partial; the same command goes on from there\n")
+    assert done.stderr.endswith(KEPT.format(file))
     assert not file.exists()
 
 
@@ -131,7 +136,7 @@ def test_large_result_on_a_full_disk(place: Path) -> None:
     done = with_files_limited(20_000_000, *COMMAND, "-o", file, cwd=place)
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
-    assert done.stderr.endswith(f"finished runs are kept in {file}.partial; the same command goes on from there\n")
+    assert done.stderr.endswith(KEPT.format(file))
     assert len(finished(file)) == 16
     navsim(*COMMAND, "-o", file, cwd=place)
     assert read(file)["/run"].size == RUNS

@@ -14,7 +14,6 @@ from typing import Any
 
 import bokeh
 from bokeh.document import Document
-from bokeh.embed.util import standalone_docs_json_and_render_items
 from bokeh.resources import Resources
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
@@ -131,10 +130,8 @@ def _embedded(drawings: Sequence[Drawing]) -> tuple[str, str]:
     with document.models.freeze():  # else all of it is gone through again for each
         for model in models:
             document.add_root(model)
-    docs, _ = standalone_docs_json_and_render_items(models)
-    ((_, content),) = docs.items()
     numbers: dict[str, str] = {}
-    content = _renamed(content, numbers)
+    content = _renamed({**document.to_json(deferred=False)}, numbers)
     roots = {numbers[str(model.id)]: places[str(model.id)] for model in models}
 
     return _script(content), _script(roots)

@@ -1,0 +1,38 @@
+"""What product tests share: a result of every kind, and a browser."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.made import make
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small result of every kind, by the names of `EVERY`; made once for all test processes. Nothing is
+    written there."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "every"
+    folder.mkdir(exist_ok=True)
+    make(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, as it is installed. No longer than a module: while it is there, this thread has a running event loop,
+    beside which others cannot start theirs."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs Chromium (apt-get install chromium), which is not here")
+    api = pytest.importorskip("playwright.sync_api", reason="needs playwright, which is not installed")
+    with api.sync_playwright() as tools:
+        here = tools.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield here
+        here.close()
