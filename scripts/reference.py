@@ -48,12 +48,12 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{height_m: 100, speed_m_s: 7, from_deg: 75}]}",
             "filter={radio_altimeter: {sigma_floor_m: 1, sigma_share: 0.03, latency_s: 0.05, lever_arm_m: [0, 0, 0.3], "
             "ground: [], from_m: 0}, barometric_altimeter: {sigma_m: 1, lag_s: 0, isa_deviation_k: 0, "
-            "geoid_undulation_m: 16}, scale_factors: true, latency_s: 0.1, lever_arm_m: [0.5, 0, -0.3], "
-            "initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
+            "geoid_undulation_m: 16}, scale_factors: true, misalignments: true, latency_s: 0.1, "
+            "lever_arm_m: [0.5, 0, -0.3], initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "
-            "rate_random_walk_deg_h_sqrt_h: 5}, "
+            "misalignment_mrad: 1, rate_random_walk_deg_h_sqrt_h: 5}, "
             "accelerometer: {bias_mg: 1, noise_mg: 10, scale_ppm: 300, markov_mg: 0.5, markov_time_s: 300, "
-            "bias_random_walk_mg_sqrt_h: 0.1}}}",
+            "misalignment_mrad: 1, bias_random_walk_mg_sqrt_h: 0.1}}}",
             "box={lateral_m: 0.8, along_m: 5, vertical_m: 1.2}", "approach.go_around={at_s: 40}",
             "runway={bearing_deg: 353, bearing_is: magnetic, declination_deg: 11.2, bearing_year: 2018.7, tch_m: 15.2, "
             "geoid_undulation_m: 15.5}",
@@ -151,6 +151,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
 NO_EXAMPLE = {
     "replay": (
         "imu.gyro.noise_deg_h", "imu.gyro.scale_ppm", "imu.accelerometer.noise_mg", "imu.accelerometer.scale_ppm",
+        "imu.gyro.misalignment_mrad", "imu.accelerometer.misalignment_mrad",
     ),
 }  # fmt: skip
 """Keys that a section has from another one, and that its kind refuses, whatever they say."""

@@ -46,20 +46,22 @@ CONSTANT = -1
 
 DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
 """A sensor state of a filter, or of a truth, as kernels take an array of them (k,): a state x adds x to what its triad
-measures along `axis`, or x times what the triad feels along the axis `signal` where that is no `CONSTANT`. In place of
+measures along `axis`, or x times what the triad feels along the axis `signal` where that is no `CONSTANT`; of gyros, 3
+and on are those of specific force, which a truth alone may have. In place of
 a triad may stand a kind of measurements (`estimation.observations`), of which `axis` then counts the lasting errors. It
 decays by `decay` (1/s) and is driven by white noise of the density `drive` (unit2/s)."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Three like states of a triad: name, unit, and as of `DECLARED`; scaled: each multiplies its own axis; first: the
+    """Three like states of a triad: name, unit, and as of `DECLARED`; through: each multiplies what is felt along its
+    own axis (0), the next one (1) or the one before (2), of specific force where 3 more, None: nothing; first: the
     number of the first among the lasting errors of a kind of measurements; numbered: the three have no axes."""
 
     name: str
     unit: str
     triad: int
-    scaled: bool = False
+    through: int | None = None
     decay: float = 0.0
     drive: float = 0.0
     first: int = 0
@@ -67,10 +69,16 @@ class Block:
 
     @property
     def axes(self) -> tuple[str, str, str]:
-        """What tells the three from each other: axes of the body, or of the ground, or numbers."""
+        """What tells the three from each other: axes of the body, with the one felt where it is another, or of the
+        ground, or numbers."""
         if self.numbered:
             return "1", "2", "3"
-        return ("x", "y", "z") if self.triad <= ACCELEROMETERS else ("north", "east", "down")
+        if self.triad > ACCELEROMETERS:
+            return "north", "east", "down"
+        if self.through in (None, 0):
+            return "x", "y", "z"
+        first, second, third = (f"{'xyz'[axis]}{'xyz'[(axis + self.through) % 3]}" for axis in range(3))
+        return first, second, third
 
 
 def biases(gyro: tuple[float, float] = (0.0, 0.0), accel: tuple[float, float] = (0.0, 0.0)) -> tuple[Block, Block]:
@@ -82,10 +90,19 @@ def biases(gyro: tuple[float, float] = (0.0, 0.0), accel: tuple[float, float] = 
 
 
 SCALE_FACTORS = (
-    Block("gyro_scale", "1", GYROS, scaled=True),
-    Block("accelerometer_scale", "1", ACCELEROMETERS, scaled=True),
+    Block("gyro_scale", "1", GYROS, through=0),
+    Block("accelerometer_scale", "1", ACCELEROMETERS, through=0),
 )
 """Blocks of constant scale factors."""
+MISALIGNMENTS = (
+    Block("gyro_misalignment_next", "1", GYROS, through=1),
+    Block("gyro_misalignment_previous", "1", GYROS, through=2),
+    Block("accelerometer_misalignment_next", "1", ACCELEROMETERS, through=1),
+    Block("accelerometer_misalignment_previous", "1", ACCELEROMETERS, through=2),
+)
+"""Blocks of constant gains to an axis from the next one (x, y, z, x) and from the one before."""
+G_SENSITIVITY = tuple(Block(f"gyro_g_sensitivity_{k}", "rad/s/(m/s2)", GYROS, through=3 + k) for k in range(3))
+"""Blocks of constant gains of gyros from specific force, of a truth alone."""
 
 
 def lasting(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
@@ -103,12 +120,20 @@ def declared(blocks: Sequence[Block]) -> np.ndarray:
     """The states of the blocks as kernels take them (k,), see `DECLARED`."""
     return np.array(
         [
-            (b.triad, b.first + axis, axis if b.scaled else CONSTANT, b.decay, b.drive)
+            (b.triad, b.first + axis, _signal(b, axis), b.decay, b.drive)
             for b in blocks
             for axis in range(3)
         ],
         dtype=DECLARED,
     )
+
+
+def _signal(block: Block, axis: int) -> int:
+    """Of `DECLARED`."""
+    if block.through is None:
+        return CONSTANT
+    ahead, beyond = block.through % 3, block.through // 3
+    return 3 * beyond + (axis + ahead) % 3
 
 
 _NAVIGATION = (("position", "m"), ("velocity", "m/s"), ("attitude", "rad"))

@@ -97,6 +97,9 @@ class FilterSection(Section):
     scale_factors: bool = False
     """follow the scale factors of gyros and accelerometers as six more states; their 1 sigma at the start is that of
     imu"""
+    misalignments: bool = False
+    """follow the gains from one axis of gyros and accelerometers to another as twelve more states; their 1 sigma at the
+    start is that of imu"""
     gate: Gate = Gate()
     """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()
@@ -116,6 +119,10 @@ class FilterSection(Section):
         follow."""
         from navsim.core import states
 
-        blocks = (*states.biases(), *(states.SCALE_FACTORS if self.scale_factors else ()))
+        gains = (
+            *(states.SCALE_FACTORS if self.scale_factors else ()),
+            *(states.MISALIGNMENTS if self.misalignments else ()),
+        )
+        blocks = (*states.biases(), *gains)
         followed = lasting if self.about_lasting_errors() == "states" else 0
         return len(states.names(blocks)) + followed + (states.clock_states(scales) if self.tight else 0)

@@ -227,18 +227,20 @@ class Landing(Section):
                 raise reject(text, "runway", "geoid_undulation_m")
         elif self.filter.barometric_altimeter != FilterBarometricAltimeter():
             raise reject("there is none: give `barometric_altimeter: {sigma_m: ...}`", "filter", "barometric_altimeter")
-        given = [getattr(self.filter.imu, sensor) for sensor in ("gyro", "accelerometer")]
-        of_filter = [section is not None and section.scale_ppm is not None for section in given]
-        if self.filter.scale_factors:
-            true = [getattr(self.imu, sensor).scale_ppm for sensor in ("gyro", "accelerometer")]
-            if not any(true) and not any(section and section.scale_ppm for section in given):
-                raise reject(
-                    "there are none: give imu.gyro.scale_ppm, imu.accelerometer.scale_ppm, or those of filter.imu",
-                    "filter", "scale_factors",
-                )  # fmt: skip
-        elif any(of_filter):
-            sensor = ("gyro", "accelerometer")[of_filter.index(True)]
-            raise reject("is for `filter.scale_factors: true`", "filter", "imu", sensor, "scale_ppm")
+        self._checked_gains("scale_factors", "scale_ppm")
+        self._checked_gains("misalignments", "misalignment_mrad")
+
+    def _checked_gains(self, name: str, key: str) -> None:
+        """What a filter that follows gains of the inertial sensors (its key `name`) is told of them, by `key`."""
+        sensors = ("gyro", "accelerometer")
+        beliefs = [(s, part) for s in sensors if (part := getattr(self.filter.imu, s)) is not None]
+        given = {s: value for s, part in beliefs if (value := getattr(part, key)) is not None}
+        if getattr(self.filter, name):
+            if not any(getattr(getattr(self.imu, s), key) for s in sensors) and not any(given.values()):
+                text = f"there are none: give imu.gyro.{key}, imu.accelerometer.{key}, or those of filter.imu"
+                raise reject(text, "filter", name)
+        elif given:
+            raise reject(f"is for `filter.{name}: true`", "filter", "imu", next(iter(given)), key)
 
     def _checked_lasting(self) -> None:
         """What a filter can do about errors that last."""
@@ -300,7 +302,7 @@ class Landing(Section):
                 "filter",
                 "coupling",
             )
-        if (further := self.imu.monte_carlo_only()) is not None:
+        if (further := self.imu.monte_carlo_only(self.method == "rare")) is not None:
             raise reject(
                 "what it adds is known of flown runs alone, not yet of the covariance analysis, on which method rare "
                 "rests too; use method monte-carlo", "imu", *further,

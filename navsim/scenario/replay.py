@@ -111,8 +111,9 @@ class Sensors(Section):
         if self.accelerometer.noise_mg is not None:
             raise reject("recorded rates differ, so give the density, vrw_m_s_sqrt_h", "accelerometer", "noise_mg")
         for sensor in ("gyro", "accelerometer"):
-            if getattr(self, sensor).scale_ppm is not None:
-                raise reject("the filter of a recorded flight does not follow scale factors", sensor, "scale_ppm")
+            for key, what in (("scale_ppm", "scale factors"), ("misalignment_mrad", "misalignments")):
+                if getattr(getattr(self, sensor), key) is not None:
+                    raise reject(f"the filter of a recorded flight does not follow {what}", sensor, key)
         gyro, accelerometer = self.resolved()
         gyro.check(None, "gyro")
         accelerometer.check(None, "accelerometer")

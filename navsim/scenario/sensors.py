@@ -57,6 +57,8 @@ class Gyro(Section):
     """angle random walk: the density of the same white noise"""
     scale_ppm: NonNegative | None = None
     """1 sigma of the constant error of the scale factor, drawn per run and axis"""
+    misalignment_mrad: NonNegative | None = None
+    """1 sigma of each gain from one axis to another, drawn per run"""
     markov_deg_h: NonNegative | None = None
     """1 sigma of the exponentially correlated drift; or give bias_instability_deg_h"""
     bias_instability_deg_h: NonNegative | None = None
@@ -102,14 +104,13 @@ class Gyro(Section):
         """What else there is, in SI units."""
         from navsim.models.imperfections import Imperfections
 
-        return Imperfections(walk=_si(self.rate_random_walk_deg_h_sqrt_h, DEG_H) / 60.0)
+        walk = _si(self.rate_random_walk_deg_h_sqrt_h, DEG_H) / 60.0
+        return Imperfections(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
 
 
 class TrueGyro(Gyro):
     """Errors of three like gyros as they really are; what is left out comes from the preset, or is not there."""
 
-    misalignment_mrad: NonNegative | None = None
-    """1 sigma of each gain from one axis to another, drawn per run"""
     asymmetry_ppm: NonNegative | None = None
     """1 sigma of the difference of the scale factor from one sense of turning to the other, halved, drawn per run and
     axis"""
@@ -146,7 +147,6 @@ class TrueGyro(Gyro):
         hour = DEG_H / 3600.0
         return replace(
             super().further(),
-            misalignment=_si(self.misalignment_mrad, 1e-3),
             asymmetry=_si(self.asymmetry_ppm, PPM),
             nonlinearity=_si(self.nonlinearity_ppm_deg_s, PPM / DEG),
             g_sensitivity=_si(self.g_sensitivity_deg_h_g, DEG_H / G),
@@ -174,6 +174,8 @@ class Accelerometer(Section):
     """velocity random walk: the density of the same white noise"""
     scale_ppm: NonNegative | None = None
     """1 sigma of the constant error of the scale factor, drawn per run and axis"""
+    misalignment_mrad: NonNegative | None = None
+    """1 sigma of each gain from one axis to another, drawn per run"""
     markov_mg: NonNegative | None = None
     """1 sigma of the exponentially correlated bias; or give bias_instability_mg"""
     bias_instability_mg: NonNegative | None = None
@@ -219,15 +221,14 @@ class Accelerometer(Section):
         """What else there is, in SI units."""
         from navsim.models.imperfections import Imperfections
 
-        return Imperfections(walk=_si(self.bias_random_walk_mg_sqrt_h, MG) / 60.0)
+        walk = _si(self.bias_random_walk_mg_sqrt_h, MG) / 60.0
+        return Imperfections(walk=walk, misalignment=_si(self.misalignment_mrad, 1e-3))
 
 
 class TrueAccelerometer(Accelerometer):
     """Errors of three like accelerometers as they really are; what is left out comes from the preset, or is not
     there."""
 
-    misalignment_mrad: NonNegative | None = None
-    """1 sigma of each gain from one axis to another, drawn per run"""
     asymmetry_ppm: NonNegative | None = None
     """1 sigma of the difference of the scale factor from one sense to the other, halved, drawn per run and axis"""
     nonlinearity_ug_g2: NonNegative | None = None
@@ -260,7 +261,6 @@ class TrueAccelerometer(Accelerometer):
         """What else there is, in SI units, but for where the sensors are."""
         return replace(
             super().further(),
-            misalignment=_si(self.misalignment_mrad, 1e-3),
             asymmetry=_si(self.asymmetry_ppm, PPM),
             nonlinearity=_si(self.nonlinearity_ug_g2, 1e-6 / G),
             ramp=_si(self.ramp_mg_h, MG / 3600.0),
@@ -483,6 +483,11 @@ class _Sensors(Section):
         return self
 
 
+_PUSHED = ("drift_", "bias_mg", "bias_fixed", "noise_", "arw_", "vrw_", "scale_", "markov_", "bias_instability")
+_ANALYSED = (*_PUSHED, "misalignment_", "g_sensitivity_", "range_")
+"""How the keys of errors begin that pushed runs and the covariance analysis know; it looks whether a range is met."""
+
+
 class Imu(_Sensors):
     """The inertial sensors as they really are."""
 
@@ -505,12 +510,13 @@ class Imu(_Sensors):
                     raise reject(f"is by imu.{needed}, and there is none: give that", name, key)
         return self
 
-    def monte_carlo_only(self) -> tuple[str, ...] | None:
-        """The first key of an error that the covariance analysis does not know, None of none."""
+    def monte_carlo_only(self, rare: bool) -> tuple[str, ...] | None:
+        """The first key of an error that the covariance analysis does not know, or, rare, that pushed runs do not; None
+        of none."""
         for name in ("gyro", "accelerometer"):
-            sensor, followed = getattr(self, name), (Gyro if name == "gyro" else Accelerometer).model_fields
+            sensor, known = getattr(self, name), _PUSHED if rare else _ANALYSED
             for key in type(sensor).model_fields:
-                if getattr(sensor, key) and (key not in followed or "random_walk" in key):
+                if getattr(sensor, key) and not key.startswith(known):
                     return name, key
         given = (name for name in ("vibration", "temperature") if getattr(self, name) is not None)
         return next(((name,) for name in given), None)

@@ -382,7 +382,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     along = along or along_truth(flight)
     _, lin, by_range, by_rate, epoch, true = along
     s, events, e, outputs = world.signals, flight.events, world.signals.time.size, world.filter_time.size
-    own = (*SOURCES, *(state.source for state in true if state.source not in SOURCES))
+    own = tuple(dict.fromkeys((*SOURCES, *(state.source for state in true))))
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
@@ -464,7 +464,9 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
-    matched &= _same(beliefs.sensors, followed(gyro, accel, n > states.N))
+    blocks = {*beliefs.sensors.blocks}
+    gains = (blocks.issuperset(all_of_them) for all_of_them in (states.SCALE_FACTORS, states.MISALIGNMENTS))
+    matched &= _same(beliefs.sensors, followed(gyro, accel, *gains))
     if beliefs.clock is not None:
         matched &= np.allclose(beliefs.clock, world.clock_density, rtol=1e-12, atol=0.0)
     begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)

@@ -17,8 +17,10 @@ from navsim.estimation.beliefs import SensorBeliefs
 from navsim.models.imu import SensorErrors, Triad
 
 
-def followed(gyro: Triad, accel: Triad, scale_factors: bool = False) -> SensorBeliefs:
-    """The beliefs of a filter that takes these sensors for true; scale_factors: whether it follows them.
+def followed(
+    gyro: Triad, accel: Triad, scale_factors: bool = False, misalignments: bool = False
+) -> SensorBeliefs:
+    """The beliefs of a filter that takes these sensors for true; scale_factors, misalignments: whether it follows them.
 
     A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
     short-term growth, since one state cannot be both; a random walk of the bias is followed as what it is. A fixed bias
@@ -29,8 +31,13 @@ def followed(gyro: Triad, accel: Triad, scale_factors: bool = False) -> SensorBe
         blocks=(
             *states.biases(*(_decay_and_drive(t) for t in triads)),
             *(states.SCALE_FACTORS if scale_factors else ()),
+            *(states.MISALIGNMENTS if misalignments else ()),
         ),
-        sigma=(*(t.initial_sigma() for t in triads), *(t.scale for t in triads if scale_factors)),
+        sigma=(
+            *(t.initial_sigma() for t in triads),
+            *(t.scale for t in triads if scale_factors),
+            *(t.further.misalignment for t in triads for _ in range(2) if misalignments),
+        ),
         noise=np.array([t.white() for t in triads]),
     )
 
@@ -58,17 +65,21 @@ class TrueState:
 def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
     """The errors of these sensors: constant biases, then Markov biases, then what else there is."""
     triads = (("gyro", gyro), ("accelerometer", accel))
+    gains = (
+        *((block.name, block, t.scale) for block, (_, t) in zip(states.SCALE_FACTORS, triads, strict=True)),
+        *(
+            (f"{triads[block.triad][0]}_misalignment", block, triads[block.triad][1].further.misalignment)
+            for block in states.MISALIGNMENTS
+        ),
+        *(("gyro_g_sensitivity", block, gyro.further.g_sensitivity) for block in states.G_SENSITIVITY),
+    )
     markov = states.biases(*((1.0 / t.markov_time, t.drive()) for _, t in triads))
     constant = zip(triads, states.biases(), strict=True)
     varying = zip(triads, markov, strict=True)
     return (
         *(TrueState(f"{name}_bias", block, t.bias, t.fixed_bias) for (name, t), block in constant),
         *(TrueState(f"{name}_markov", block, t.markov) for (name, t), block in varying),
-        *(
-            TrueState(block.name, block, t.scale)
-            for (_, t), block in zip(triads, states.SCALE_FACTORS, strict=True)
-            if t.scale > 0.0
-        ),
+        *(TrueState(source, block, sigma) for source, block, sigma in gains if sigma > 0.0),
     )
 
 
@@ -81,5 +92,10 @@ def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
             continue  # an error of measurements
         part = slice(3 * block.triad, 3 * block.triad + 3)
         bias = errors.bias[:, part]
-        columns.append(np.broadcast_to(errors.scale[part], bias.shape) if block.scaled else bias)
+        if block.through is None:
+            columns.append(bias)
+            continue
+        own = np.arange(3)
+        gains = errors.scale[part] if block.through == 0 else errors.cross[block.triad, own, (own + block.through) % 3]
+        columns.append(np.broadcast_to(gains, bias.shape))
     return np.ascontiguousarray(np.concatenate(columns, axis=1))

@@ -168,7 +168,7 @@ def test_what_is_beyond_the_range_is_counted() -> None:
         (("imu.accelerometer={temperature_mg_k: 1}",), "is by imu.temperature, and there is none"),
         (("imu.vibration={psd: [[20, 0.1]]}",), "needs two points or more"),
         (("imu.vibration={psd: [[20, 0.1], [10, 0.1]]}",), "frequencies must increase"),
-        (("method=covariance", "imu.gyro.misalignment_mrad=1"), "not yet of the covariance analysis"),
+        (("method=covariance", "imu.gyro.asymmetry_ppm=1"), "not yet of the covariance analysis"),
         (("method=covariance", "imu.vibration={lines: []}"), "not yet of the covariance analysis"),
     ],
 )

@@ -17,7 +17,8 @@ DT = 0.01
 NOISE = np.array([2e-7, 3e-4])
 BIASES = states.biases((1 / 300.0, 1e-9), (1 / 100.0, 1e-6))
 BLOCKS = {"biases": BIASES, "scale factors too": (*BIASES, *states.SCALE_FACTORS)}
-"""What filters follow: fifteen states, and twenty-one."""
+BLOCKS["misalignments too"] = (*BLOCKS["scale factors too"], *states.MISALIGNMENTS)
+"""What filters follow: fifteen states, twenty-one, and thirty-three."""
 N = states.N
 SIZES = {"m": 20.0, "m/s": 1.0, "rad": 1e-4, "rad/s": 1e-4, "m/s2": 1e-2, "1": 1e-3}
 """Errors that are small enough to be linear and large enough to be seen, by the unit of the state."""
@@ -43,6 +44,7 @@ def some_state(blocks: Sequence[states.Block] = BIASES) -> tuple[np.ndarray, np.
     nav[states.NAV_VEL : states.NAV_QUAT] = 180.0, -140.0, 25.0
     nav[states.NAV_QUAT : states.NAV_HELD] = Rotation.from_euler("ZYX", [2.0, 0.2, -0.4]).as_quat()[[3, 0, 1, 2]]
     sensors = [1e-3, -2e-3, 5e-4, 0.02, -0.01, 0.03, 2e-3, -1e-3, 3e-3, 1e-3, 2e-3, -1e-3]
+    sensors += [1e-4, -1e-4, 5e-5, 1e-4, 5e-5, -5e-5, -5e-5, 1e-4, 5e-5, 5e-5, -1e-4, 1e-4]
     nav[states.NAV_SENSORS :] = sensors[: 3 * len(blocks)]
     return nav, np.array([2e-3, -1e-3, 1.5e-3]), np.array([0.03, -0.02, -0.11])
 

@@ -480,7 +480,7 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
         truth.velocity_m_s if given.velocity_m_s is None else given.velocity_m_s,
     )
     gyro, accel = scenario.imu.triads(section.imu.gyro, section.imu.accelerometer)
-    sensors, lasting = followed(gyro, accel, section.scale_factors), None
+    sensors, lasting = followed(gyro, accel, section.scale_factors, section.misalignments), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
         lasting, blocks = followed_errors(

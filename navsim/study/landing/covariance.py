@@ -79,6 +79,19 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     return out
 
 
+def _beyond_range(case: Case) -> list[str]:
+    """What the analysis leaves out where the route is more than the inertial sensors measure, in words."""
+    out, interval = [], np.diff(case.world.imu_time)[:, None]
+    for triad, exact, key in (
+        (case.flight.gyro, case.world.dtheta, "imu.gyro.range_deg_s"),
+        (case.flight.accel, case.world.dv, "imu.accelerometer.range_g"),
+    ):
+        over = int((np.abs(exact) > triad.further.largest * interval).any(axis=1).sum())
+        if over:
+            out.append(f"{over} samples of the route are beyond {key}, which the covariance analysis leaves out")
+    return out
+
+
 def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     """What was wrong with the input, with the fixes of the error-free flight and with what the filter would believe."""
     n = len(case.states)
@@ -95,7 +108,7 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     believed = np.diagonal(analysis.believed, axis1=1, axis2=2)[:, FOLLOWED]
     outputs[NOT_POSITIVE] = ~positive(analysis.believed)
     outputs[FAR_OFF] = (rms > BEYOND * np.sqrt(np.maximum(believed, 0.0))).any(axis=1)
-    found = notes([*case.warnings, *integrity.told(case)])
+    found = notes([*case.warnings, *_beyond_range(case), *integrity.told(case)])
     if integrity.is_kept_from_faults(case):
         found += notes(
             ["the covariance analysis knows no exclusion and drops no fix: errors are those with the faults"]
