@@ -58,7 +58,9 @@ HEIGHTS = (
 """Known to 7 cm, heights feel the second order of a tilt of 5 degrees, which the analysis that sizes the box lacks."""
 
 
-@pytest.mark.parametrize(("chance", "aids"), [(1e-2, ()), (1e-3, ()), (1e-2, HEIGHTS)])
+@pytest.mark.parametrize(
+    ("chance", "aids"), [pytest.param(1e-2, (), marks=pytest.mark.long), (1e-3, ()), (1e-2, HEIGHTS)]
+)
 def test_counting_agrees(chance: float, aids: tuple[str, ...]) -> None:
     """5 degrees (1 with altimeters) and 700 deg/h, a box of all three errors: the share of runs that are counted lies
     within 3 standard errors. `scripts/rare_events.py` does so for the default filter, with more runs."""

@@ -70,9 +70,12 @@ def alone(common: dict[str, Any], found: Found) -> list[tuple[str, float]]:
 @pytest.mark.parametrize(
     ("epoch", "objective", "integrity", "requirements", "fewest"),
     [
-        (EVENING, "vpl_p95", CHI2, LPV200, 2),
+        pytest.param(EVENING, "vpl_p95", CHI2, LPV200, 2, marks=pytest.mark.long),
         pytest.param(MORNING, "vpl_p95", CHI2, LPV200, 2, marks=pytest.mark.long),
-        (EVENING, "pdop", CHI2, [{"what": "level", "of": "hpl", "below_m": 49, "share": 0.9}], 1),
+        pytest.param(
+            EVENING, "pdop", CHI2, [{"what": "level", "of": "hpl", "below_m": 49, "share": 0.9}], 1,
+            marks=pytest.mark.long,
+        ),
         (EVENING, "pdop", CHI2, [{"what": "accuracy", "below_m": 8.5, "share": 0.9}], 1),
         (EVENING, "hpl_max", MHSS, [{"what": "availability", "at_least": 0.95}, {"what": "emt", "below_m": 40}], 2),
     ],

@@ -7,6 +7,7 @@ does.
 
 from __future__ import annotations
 
+import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -32,17 +33,27 @@ FAR = 5.0
 """Of 255, the largest difference of the mean colours of squares that is none. The tests below show what is one."""
 
 
-def pictures(file: Path, folder: Path, change: Callable[[dict[str, Figure]], None] = lambda _: None) -> dict[str, Path]:
-    """The figures of a result, drawn into a folder after a change; by their names."""
-    result, out = read(file), {}
+def drawn(figure: Figure, file: Path) -> Path:
+    """A figure made within `printing.printed`, as a picture."""
+    printing.fit(figure)
+    file.write_bytes(printing.content(figure, HOW, file.stem))
+    return file
+
+
+def pictures(file: Path, folder: Path) -> dict[str, Path]:
+    """The figures of a result, drawn into a folder; by their names."""
+    result = read(file)
     with printing.printed(HOW):
         figures = view(result.attributes["kind"]).figures(result)
-        change(figures)
-        for name, figure in figures.items():
-            printing.fit(figure)
-            out[name] = folder / f"{file.stem}_{name}.png"
-            out[name].write_bytes(printing.content(figure, HOW, file.stem))
-    return out
+        return {name: drawn(figure, folder / f"{file.stem}_{name}.png") for name, figure in figures.items()}
+
+
+@pytest.fixture(scope="module")
+def errors(place: Path) -> bytes:
+    """A figure that is not drawn yet, to be changed."""
+    result = read(place / "one.h5")
+    with printing.printed(HOW):
+        return pickle.dumps(view(result.attributes["kind"]).figures(result)["errors"])
 
 
 def squares(file: Path) -> np.ndarray:
@@ -113,14 +124,11 @@ def _without_its_legend(figure: Figure) -> None:
         _without_its_legend,
     ],
 )  # fmt: skip
-def test_what_is_seen(change: Callable[[Figure], None], place: Path, tmp_path: Path) -> None:
+def test_what_is_seen(change: Callable[[Figure], None], errors: bytes, tmp_path: Path) -> None:
     """Mistakes that people would see."""
+    with printing.printed(HOW):
+        figure = pickle.loads(errors)
+        change(figure)
+        file = drawn(figure, tmp_path / "errors.png")
+    assert apart(file, FOLDER / "one_errors.png") > 2.0 * FAR
 
-    def wrong(figures: dict[str, Figure]) -> None:
-        for name in list(figures):
-            if name != "errors":
-                del figures[name]
-        change(figures["errors"])
-
-    drawn = pictures(place / "one.h5", tmp_path, wrong)["errors"]
-    assert apart(drawn, FOLDER / "one_errors.png") > 2.0 * FAR

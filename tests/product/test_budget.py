@@ -100,7 +100,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
                               ["integrity={p_constellation: 1.0e-8, limits: {operation: APV-I, tta_s: 10}}"]),
     "replay": ("replay recorded_flight.yaml", ["tuning=none"]),
 }  # fmt: skip
-LONG = ("long", "azimuth", "elevation", "sweep, runs")
+LONG = ("long", "azimuth", "atc", "elevation", "sweep, runs", "table2", "integrity-table, mhss")
 PEAK = """
 import sys
 from navsim.__main__ import main

@@ -38,6 +38,7 @@ SHORTER = [
     ("--runs 1000", "--runs 20"),
     ("runs1000", "runs20"),
     ("within 2%", "within 50%"),
+    ("--method rare ", "--method rare --runs 96 "),
     ("navsim table2", "navsim table2 --runs 2"),
     (
         "sweep scenarios/placement_sweep.yaml",
