@@ -45,7 +45,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{what: ramp, sources: [glonass], rate_m_s: 0.5}, {what: survey, sources: [PL1], ned_m: [1, 0, 0]}, "
             "{what: meacon, sources: [all], place: {lat_deg: 56.03, lon_deg: 37.05}}]",
             "wind={profile: table, levels: [{height_m: 10, speed_m_s: 4, from_deg: 60}, "
-            "{height_m: 100, speed_m_s: 7, from_deg: 75}]}",
+            "{height_m: 100, speed_m_s: 7, from_deg: 75}], turbulence: {severity: moderate}, "
+            "gusts: [{amplitude_m_s: 5, towards: right, start_s: 20, ramp_s: 2, hold_s: 3}]}",
             "filter={radio_altimeter: {sigma_floor_m: 1, sigma_share: 0.03, latency_s: 0.05, lever_arm_m: [0, 0, 0.3], "
             "ground: [], from_m: 0}, barometric_altimeter: {sigma_m: 1, lag_s: 0, isa_deviation_k: 0, "
             "geoid_undulation_m: 16}, scale_factors: true, misalignments: true, latency_s: 0.1, "
@@ -69,6 +70,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         )),
         ("landing", (
             "imu.gyro={arw_deg_sqrt_h: 0.1, bias_instability_deg_h: 8}",
+            "wind={turbulence: {w20_m_s: 8}, gusts: [{amplitude_m_s: -4, towards: up, start_s: 30, ramp_m: 60}]}",
             "imu.accelerometer={vrw_m_s_sqrt_h: 0.06, bias_instability_mg: 0.1}",
             "filter.imu={gyro: {bias_instability_deg_h: 10}, accelerometer: {bias_instability_mg: 0.2}}",
         )),

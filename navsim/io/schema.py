@@ -335,7 +335,8 @@ _SUMMARY = Chapter(
         _a("/summary/track/specific_force", "", "m/s2", "its largest specific force", _FLOWN, when=_TRACK),
         _a("/summary/track/rate", "", "rad/s", "its largest rate against inertial space", _FLOWN, when=_TRACK),
         _a("/summary/at/{axis}_fte", "height interval", "m",
-           "root mean square over runs of the {axis} flight-technical error, of the way flown from the route", LANDING,
+           "root mean square over runs of the {axis} flight-technical error, of the way flown, in gusts and turbulence "
+           "too, from the route", LANDING,
            when=_WAYS, axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_fte_run", "run height", "m",
            "{axis} flight-technical error of each run, when the route passes the height", LANDING, when=_WAYS,

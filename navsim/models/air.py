@@ -29,7 +29,7 @@ REFERENCE = 20.0 * FOOT
 """Height of the wind that turbulence goes by, and that the logarithmic profile begins with, m [1]."""
 POWER_REFERENCE = 10.0
 """Height of the wind that the power law begins with, m."""
-_TURBULENCE_LOWEST = 10.0 * FOOT
+TURBULENCE_LOWEST = 10.0 * FOOT
 """Height below which turbulence stays what it is there, m."""
 _ROUNDING = 1.0 * FOOT
 """Half the stretch, m, over which a corner of a profile is rounded: a nose cannot follow a corner."""
@@ -246,32 +246,34 @@ def ground_speed(airspeed: np.ndarray, ahead: np.ndarray, wind: np.ndarray) -> n
 
 @dataclass(frozen=True)
 class Gust:
-    """A gust of the form 1 - cosine [1]: it rises from time `start` within `ramp` s to `amplitude` m/s, stays for
-    `hold` s, infinite where it goes on, and falls as it rose. axis: `along`, `right`, `down` of the flight, or
-    `north`, `east`, `wind` (where the mean wind goes)."""
+    """A gust of the form 1 - cosine [1]: it rises from time `start`, s, to `amplitude` m/s, stays for `hold` s,
+    infinite where it goes on, and falls as it rose. ramp: how long it rises, s, or, by_way, m flown through the air.
+    towards: `north`, `east`, `up`; `wind`, where the mean wind goes; `along` the course, level, and `right` of it."""
 
     amplitude: float
     start: float
     ramp: float
     hold: float
-    axis: str
+    towards: str
+    by_way: bool = False
 
-    def at(self, t: np.ndarray) -> np.ndarray:
-        """Its speed at times (n,), s: m/s."""
-        since = np.clip((t - self.start) / self.ramp, 0.0, 1.0)
-        left = np.clip((t - self.start - self.ramp - self.hold) / self.ramp, 0.0, 1.0)
+    def at(self, t: np.ndarray, airspeed: float) -> np.ndarray:
+        """Its speed at times (n,), s: m/s; airspeed: at its start, m/s."""
+        ramp = self.ramp / airspeed if self.by_way else self.ramp
+        since = np.clip((t - self.start) / ramp, 0.0, 1.0)
+        left = np.clip((t - self.start - ramp - self.hold) / ramp, 0.0, 1.0)
         return 0.5 * self.amplitude * (np.cos(math.pi * left) - np.cos(math.pi * since))
 
 
 # --- Dryden turbulence
 
-MIL_F_8785C, MIL_HDBK_1797 = "8785C", "1797"
+MIL_F_8785C, MIL_HDBK_1797 = "mil-f-8785c", "mil-hdbk-1797"
 
 
 def dryden_scales(height: np.ndarray, form: str = MIL_F_8785C) -> np.ndarray:
     """Lengths L_u, L_v, L_w (..., 3), m, at heights, m, in either form, which belong to its own spectrum: the same
     turbulence [1, 2, 3]."""
-    feet = np.clip(height, _TURBULENCE_LOWEST, HIGHEST) / FOOT
+    feet = np.clip(height, TURBULENCE_LOWEST, HIGHEST) / FOOT
     along = feet / (0.177 + 0.000823 * feet) ** 1.2
     half = 1.0 if form == MIL_F_8785C else 0.5
     return FOOT * np.stack([along, half * along, half * feet], axis=-1)
@@ -279,7 +281,7 @@ def dryden_scales(height: np.ndarray, form: str = MIL_F_8785C) -> np.ndarray:
 
 def dryden_sigmas(height: np.ndarray, wind: float) -> np.ndarray:
     """1 sigma (..., 3) of u, v, w, m/s, at heights, m, by the wind at 20 ft, m/s."""
-    feet = np.clip(height, _TURBULENCE_LOWEST, HIGHEST) / FOOT
+    feet = np.clip(height, TURBULENCE_LOWEST, HIGHEST) / FOOT
     down = np.full_like(feet, 0.1 * wind)
     across = down / (0.177 + 0.000823 * feet) ** 0.4
     return np.stack([across, across, down], axis=-1)
@@ -322,48 +324,84 @@ def dryden(time_scale: float, transverse: bool) -> tuple[Process, np.ndarray]:
     return Process(a, np.array([0.0, 2.0 / math.sqrt(t)])), np.array([0.5, 0.5 * math.sqrt(3.0)])
 
 
-def felt(gust: Process, row: np.ndarray, sigma: float, lag: float, loop: float | None) -> Process:
-    """A gust of 1 sigma, m/s, with what an aircraft makes of it, one or two states more: the gust it answers to, m/s,
-    late by a first-order `lag`, s; where there is a guidance `loop`, s, the way it is moved by that, m, brought back
-    in proportion."""
-    n = gust.a.shape[0]
-    size = n + (1 if loop is None else 2)
-    a, b = np.zeros((size, size)), np.zeros(size)
-    a[:n, :n], b[:n] = gust.a, gust.b
-    a[n, :n], a[n, n] = sigma / lag * row, -1.0 / lag
-    if loop is not None:
-        a[n + 1, n], a[n + 1, n + 1] = 1.0, -1.0 / loop
-    return Process(a, b)
+@dataclass(frozen=True)
+class Turbulence:
+    """Dryden turbulence of low altitude by the wind at 20 ft, m/s. form: which specification's lengths and spectra;
+    both are one model."""
+
+    wind: float
+    form: str = MIL_F_8785C
+
+    def time_scales(self, height: np.ndarray, airspeed: np.ndarray) -> np.ndarray:
+        """L/V of u, v, w (..., 3), s, as `dryden` takes them, at heights, m, and airspeeds, m/s (...)."""
+        whole = np.array([1.0, 1.0, 1.0] if self.form == MIL_F_8785C else [1.0, 2.0, 2.0])  # 1797 has them by halves
+        return np.asarray(whole * dryden_scales(height, self.form) / airspeed[..., None])
+
+    def sigmas(self, height: np.ndarray) -> np.ndarray:
+        """1 sigma of u, v, w (..., 3), m/s, at heights, m."""
+        return dryden_sigmas(height, self.wind)
 
 
-def smoothed(process: Process, row: np.ndarray, lag: float) -> Process:
-    """A process with two states more: what a row (n,) of its states makes, behind two first-order lags of `lag` s each,
-    and the rate of that."""
-    n = process.a.shape[0]
-    a, b = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
+# --- what an aircraft makes of the air
+
+
+def through(process: Process, row: np.ndarray, system: Process) -> Process:
+    """A process, and what a linear system makes of it that is driven, in place of noise, by a row (n,) of its
+    states."""
+    n, more = process.a.shape[0], system.a.shape[0]
+    a, b = np.zeros((n + more, n + more)), np.zeros(n + more)
     a[:n, :n], b[:n] = process.a, process.b
-    a[n, n + 1] = 1.0
-    a[n + 1, :n], a[n + 1, n:] = row / lag**2, [-1.0 / lag**2, -2.0 / lag]
+    a[n:, :n], a[n:, n:] = np.outer(system.b, row), system.a
     return Process(a, b)
 
 
-def heave_lag(wing_loading: float, speed: float, lift_slope: float) -> float:
-    """Time within which the lift of a gust has carried an aircraft along, s: 2 (W/S) / (rho g V C_La); wing loading
-    N/m2, speed m/s, lift slope 1/rad."""
-    return 2.0 * wing_loading / (AIR_DENSITY * GRAVITY * speed * lift_slope)
+def two_lags(lag: float) -> Process:
+    """Two first-order lags of `lag` s each, one behind the other: what comes out, and its rate."""
+    return Process(np.array([[0.0, 1.0], [-1.0 / lag**2, -2.0 / lag]]), np.array([0.0, 1.0 / lag**2]))
+
+
+def carried(lag: float, loop: float, nose_lag: float | None) -> Process:
+    """An aircraft in a gust, m/s, which drives it: the speed that the gust alone carries it along with, m/s, late by a
+    first-order `lag`, s; its place, m, and the speed of that, m/s, as guidance brings it back, a critically damped loop
+    of the time constant `loop`, s; with a nose_lag its speed through the air, m/s, as the nose follows it, see
+    `two_lags`, and the rate of that."""
+    size = 3 if nose_lag is None else 5
+    a, b = np.zeros((size, size)), np.zeros(size)
+    a[0, 0], b[0] = -1.0 / lag, 1.0 / lag
+    a[1, 2] = 1.0
+    a[2, :3], b[2] = [-1.0 / lag, -1.0 / loop**2, -2.0 / loop], 1.0 / lag
+    if nose_lag is not None:
+        nose = two_lags(nose_lag)
+        a[3:, 3:], a[3:, 2], b[3:] = nose.a, nose.b, -nose.b
+    return Process(a, b)
+
+
+def gust_lag(wing_loading: float, speed: np.ndarray, slope: float) -> np.ndarray:
+    """Time within which the force of a gust has carried an aircraft along, s: 2 (W/S) / (rho g V c); wing loading N/m2,
+    speeds m/s, slope c of the coefficient of the force by the angle of the flow, 1/rad."""
+    return np.asarray(2.0 * wing_loading / (AIR_DENSITY * GRAVITY * speed * slope))
 
 
 @dataclass(frozen=True)
 class Response:
-    """How an aircraft answers. bank_lag: s, of each of two lags of the bank behind the acceleration across; nose_lag:
-    the same of the nose behind gusts across. wing_loading N/m2, lift_slope 1/rad: of the heave. loop: time constant of
-    the guidance that brings the heave back, s."""
+    """How an aircraft answers. nose_lag: s, of each of two lags of the nose behind gusts across and up; bank_lag: the
+    same of the bank behind the acceleration that a flight-technical error takes across. wing_loading: N/m2. lift_slope,
+    side_slope: of the coefficients of lift and side force, 1/rad; drag: coefficient. loop: time constant of the
+    guidance that brings back what gusts move, s."""
 
+    wing_loading: float
+    lift_slope: float
+    side_slope: float
+    drag: float
+    nose_lag: float
+    loop: float
     bank_lag: float = 0.3
-    nose_lag: float = 0.5
-    wing_loading: float = 200.0
-    lift_slope: float = 5.0
-    loop: float = 5.0
+
+    def lags(self, airspeed: np.ndarray) -> np.ndarray:
+        """`gust_lag` across the course, along it and in height (3, n), s, at airspeeds (n,), m/s: drag, by V^2, changes
+        by twice its coefficient."""
+        slopes = (self.side_slope, 2.0 * self.drag, self.lift_slope)
+        return np.stack([gust_lag(self.wing_loading, airspeed, slope) for slope in slopes])
 
 
 # --- flight-technical error
@@ -414,10 +452,18 @@ def third_order(beta: float) -> Process:
 
 @dataclass(frozen=True)
 class Air:
-    """What makes the way of each run its own: flight-technical error across the course, along it and in height, and how
-    the aircraft answers."""
+    """What takes aircraft off the route: flight-technical error across the course, along it and in height, turbulence,
+    each run's own, and gusts, which all meet; and how the aircraft answers."""
 
     response: Response
     lateral: Deviation | None = None
     along: Deviation | None = None
     vertical: Deviation | None = None
+    turbulence: Turbulence | None = None
+    gusts: tuple[Gust, ...] = ()
+
+    @property
+    def draws(self) -> int:
+        """Numbers that are drawn at each time of a way."""
+        technical = 5 * (self.lateral is not None) + 3 * ((self.along is not None) + (self.vertical is not None))
+        return technical + 18 * (self.turbulence is not None)

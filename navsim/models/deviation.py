@@ -11,65 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays import earth
-from navsim.core.arrays.processes import discretised
-from navsim.models.air import GRAVITY, Air, Deviation, Process, smoothed
-from navsim.models.approach import TOUCHDOWN
+from navsim.models.air import GRAVITY, Air, Deviation, through, two_lags
+from navsim.models.buffeting import Buffeting, buffeting
+from navsim.models.course import ALONG, LATERAL, VERTICAL, Course, Walk
 from navsim.models.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 
-GROUNDED = 5.0
-"""After touchdown the ground takes out deviations in height and in attitude within so long, s."""
 _GRADIENT_STEP = 100.0
 """Baseline of the differences of gravity, m."""
-LATERAL, ALONG, VERTICAL = range(3)
-"""Parts of a deviation in axes of the course: to the right, ahead, up."""
-
-
-@dataclass(frozen=True)
-class Course:
-    """A reference that moves at times (k,): unit vectors along path axes to the right of its course and ahead, level,
-    each with its first two derivatives (3, k, 3); heights above the runway with theirs (3, k), m; the inverse of its
-    airspeed and the rate of that (2, k); how much of what the air does is left, and its first two derivatives (3, k):
-    the ground takes it after touchdown."""
-
-    right: np.ndarray
-    ahead: np.ndarray
-    height: np.ndarray
-    slowness: np.ndarray
-    airborne: np.ndarray
-
-    @classmethod
-    def of(cls, trajectory: Trajectory, time: np.ndarray) -> Course:
-        """That of a trajectory, which moves over ground everywhere."""
-        jet = trajectory.path.jet(time)
-        (vx, vy), (ax, ay), (jx, jy) = (jet[:, order, :2].T for order in (1, 2, 3))
-        square = vx**2 + vy**2
-        speed, zero = np.sqrt(square), np.zeros(time.size)
-        ahead = np.stack([vx / speed, vy / speed, zero], axis=1)
-        right = np.stack([-ahead[:, 1], ahead[:, 0], zero], axis=1)
-        turn = (vx * ay - vy * ax) / square
-        faster = ((vx * jy - vy * jx) - 2.0 * turn * (vx * ax + vy * ay)) / square
-        turn, faster = turn[:, None], faster[:, None]
-        airspeed = np.linalg.norm(jet[:, 1] - trajectory.wind.mean(time), axis=1)
-        slowness = 1.0 / airspeed
-        return cls(
-            np.stack([right, -turn * ahead, -faster * ahead - turn**2 * right]),
-            np.stack([ahead, turn * right, faster * right - turn**2 * ahead]),
-            -jet[:, :3, 2].T,
-            np.stack([slowness, np.gradient(slowness, time)]),
-            _airborne(time, trajectory.path.events.get(TOUCHDOWN)),
-        )
-
-
-def _airborne(time: np.ndarray, touchdown: float | None) -> np.ndarray:
-    """1 in the air, 0 on the ground, with derivatives (3, k); twice differentiable."""
-    out = np.zeros((3, time.size))
-    out[0] = 1.0
-    if touchdown is not None:
-        u = np.clip((time - touchdown) / GROUNDED, 0.0, 1.0)
-        out[0] -= u**3 * (10.0 + u * (6.0 * u - 15.0))
-        out[1] = -30.0 * u**2 * (1.0 - u) ** 2 / GROUNDED
-        out[2] = -60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / GROUNDED**2
-    return out
+_TURBULENCE = 3
+"""What is added to the number of an axis for the random stream of turbulence along it."""
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -107,41 +57,17 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class Walk:
-    """A process in exact steps between times (k,): transition, root (m, n, n), which (k - 1,) of them each step takes,
-    start (n, n) root of its stationary covariance."""
-
-    transition: np.ndarray
-    root: np.ndarray
-    which: np.ndarray
-    start: np.ndarray
-
-    @classmethod
-    def of(cls, processes: list[Process], which: np.ndarray, step: float) -> Walk:
-        """That of processes with the same states, by the one of each step of so many s."""
-        parts = [discretised(p.a, p.b, step) for p in processes]
-        transition, root = (np.stack(m) for m in zip(*parts, strict=True))
-        return cls(transition, root, which, np.linalg.cholesky(processes[which[0]].covariance))
-
-    def drawn(self, rngs: tuple[np.random.Generator, ...], count: int) -> np.ndarray:
-        """States (k, n, W) of the first `count` of W runs."""
-        from navsim.core.noise import walk  # compiled code only when something is really simulated
-
-        out = np.zeros((self.which.size + 1, self.start.shape[0], len(rngs)))
-        walk(rngs, count, self.transition, self.root, self.which, self.start, out)
-        return out
-
-
-@dataclass(frozen=True)
 class Disturbance:
     """What a trajectory meets at times (k,), s, equally spaced: `of` makes it. walks: by the number of their random
-    stream. gradient: (k, 3, 3) of gravity along path axes, 1/s2."""
+    stream. buffeting: by the axis. gradient: (k, 3, 3) of gravity along path axes, 1/s2. pitches: whether the nose
+    follows the path."""
 
     time: np.ndarray
     frame: Frame
     course: Course
     air: Air
     walks: dict[int, Walk]
+    buffeting: dict[int, Buffeting]
     gradient: np.ndarray
     pitches: bool
 
@@ -155,17 +81,18 @@ class Disturbance:
             if deviation is not None:
                 process = deviation.process()
                 if number == LATERAL:
-                    process = smoothed(process, np.array([0.0, 0.0, 1.0]), air.response.bank_lag)
+                    process = through(process, np.array([0.0, 0.0, 1.0]), two_lags(air.response.bank_lag))
                 walks[number] = Walk.of([process], same, step)
+        buffeted = buffeting(air, trajectory, time, course)
+        walks |= {_TURBULENCE + axis: one.walk for axis, one in buffeted.items() if one.walk is not None}
         position = trajectory.path.jet(time)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin
         return cls(
-            time, trajectory.frame, course, air, walks, _gradient(position, trajectory.frame),
+            time, trajectory.frame, course, air, walks, buffeted, _gradient(position, trajectory.frame),
             trajectory.pitch_follows_path,
         )  # fmt: skip
 
-    def drawn(self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int) -> Departure:
-        """Departures of the first `count` of W runs; rngs: W generators for each of the walks."""
-        lanes = len(next(iter(rngs.values())))
+    def drawn(self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int, lanes: int) -> Departure:
+        """Departures of the first `count` of so many runs, W; rngs: W generators for each of the walks."""
         way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
         course, air = self.course, self.air
         states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
@@ -181,6 +108,8 @@ class Disturbance:
                 way[:, 3 * order + 2] -= up[order]
             if self.pitches:  # the nose follows the way through the air
                 self._turn(turn, 1, up[1], up[2])
+        for axis, met in self.buffeting.items():
+            self._buffeted(axis, met, states.get(_TURBULENCE + axis), way, turn)
         return Departure(self.time, way, turn)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
@@ -190,11 +119,33 @@ class Disturbance:
         right = _product(scale, of_states[:3])
         _add(way, right, self.course.right)
         self._turn(turn, 2, right[1], right[2])
-        air = self.course.airborne[..., None]
-        bank = scale[0] * of_states[3]
-        rate = scale[1] * of_states[3] + scale[0] * of_states[4]
-        turn[:, 0] += air[0] * bank * (0.5 / GRAVITY)
-        turn[:, 3] += (air[1] * bank + air[0] * rate) * (0.5 / GRAVITY)
+        self._bank(turn, scale[0] * of_states[3], scale[1] * of_states[3] + scale[0] * of_states[4])
+
+    def _buffeted(
+        self, axis: int, met: Buffeting, states: np.ndarray | None, way: np.ndarray, turn: np.ndarray
+    ) -> None:
+        """Adds what gusts along an axis of the course make: the nose follows the way through the air, late, the bank is
+        that of guidance."""
+        moved, nose = met.moved(states)
+        if axis == VERTICAL:
+            airborne = self.course.airborne[..., None]
+            moved = _product(airborne, moved)
+            for order in range(3):
+                way[:, 3 * order + 2] -= moved[order]
+            if self.pitches:
+                self._turn(turn, 1, airborne[0] * nose[0], airborne[1] * nose[0] + airborne[0] * nose[1])
+            return
+        _add(way, moved, self.course.right if axis == LATERAL else self.course.ahead)
+        if axis == LATERAL:
+            self._turn(turn, 2, *nose)
+            self._bank(turn, met.guided(moved), met.guided(moved[1:]))
+
+    def _bank(self, turn: np.ndarray, acceleration: np.ndarray, rate: np.ndarray) -> None:
+        """Adds the bank for an acceleration to the right (k, W), m/s2, and its rate, m/s3, as far as the aircraft
+        flies."""
+        airborne = self.course.airborne[..., None]
+        turn[:, 0] += airborne[0] * acceleration * (0.5 / GRAVITY)
+        turn[:, 3] += (airborne[1] * acceleration + airborne[0] * rate) * (0.5 / GRAVITY)
 
     def _turn(self, turn: np.ndarray, axis: int, speed: np.ndarray, acceleration: np.ndarray) -> None:
         """Adds the turn about a body axis of a nose that follows a speed (k, W) across its way, m/s."""

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from navsim.scenario.base import DEG, Azimuth, NonNegative, Section, list_of, reject
 
 if TYPE_CHECKING:
-    from navsim.models.air import MeanWind
+    from navsim.models.air import Gust, MeanWind, Response, Turbulence
 
 Speed = Annotated[float, Field(ge=0.0, le=50.0)]
 """Of a wind, m/s."""
@@ -27,9 +27,108 @@ class WindLevel(Section):
     """direction the wind comes from, clockwise from true north"""
 
 
+SEVERITIES = {"light": 15.0, "moderate": 30.0, "severe": 45.0}
+"""Wind 20 ft above the ground, kt, that turbulence of a severity goes by (MIL-F-8785C)."""
+
+
+class TurbulenceSection(Section):
+    """Dryden turbulence of low altitude, another in each run; up to 1000 ft above the runway."""
+
+    severity: Literal["light", "moderate", "severe"] | None = None
+    """how strong: as with 15, 30 or 45 kt 20 ft above the runway; null: w20_m_s, or the mean wind, says it"""
+    w20_m_s: Annotated[float, Field(gt=0.0, le=50.0)] | None = None
+    """wind 20 ft above the runway that its strength goes by; null: severity says it, or the mean wind's there is it"""
+    specification: Literal["mil-f-8785c", "mil-hdbk-1797"] = "mil-f-8785c"
+    """whose lengths and spectra: two forms of one model, which give the same"""
+
+    @model_validator(mode="after")
+    def _one_strength(self) -> Self:
+        if self.severity is not None and self.w20_m_s is not None:
+            raise reject("severity says it: give one of both", "w20_m_s")
+        return self
+
+    def model(self, mean: MeanWind) -> Turbulence:
+        """The turbulence in a mean wind."""
+        import numpy as np
+
+        from navsim.models.air import KNOT, REFERENCE, Turbulence
+
+        if self.severity is not None:
+            return Turbulence(SEVERITIES[self.severity] * KNOT, self.specification)
+        if self.w20_m_s is not None:
+            return Turbulence(self.w20_m_s, self.specification)
+        return Turbulence(float(mean.profile.at(np.array([REFERENCE]))[0][0]), self.specification)
+
+
+class GustSection(Section):
+    """A gust of the form 1 - cosine: it rises, stays, and falls as it rose; the same in all runs."""
+
+    amplitude_m_s: Annotated[float, Field(ge=-50.0, le=50.0)]
+    """speed of the air that is reached; negative: the other way"""
+    towards: Literal["north", "east", "up", "along", "right", "wind"]
+    """where it blows to: true north, east, up; along the course of the aircraft, level, or to the right of it; where
+    the mean wind goes"""
+    start_s: Annotated[float, Field(ge=0.0, le=1e5)]
+    """when it begins"""
+    ramp_s: Annotated[float, Field(ge=0.1, le=1e3)] | None = None
+    """time in which it rises; null: ramp_m says it"""
+    ramp_m: Annotated[float, Field(ge=5.0, le=1e5)] | None = None
+    """way through the air in which it rises, at the airspeed of its begin; null: ramp_s says it"""
+    hold_s: Annotated[float, Field(ge=0.0, le=1e5)] | None = None
+    """time before it falls; null: it goes on"""
+
+    @model_validator(mode="after")
+    def _one_ramp(self) -> Self:
+        if (self.ramp_s is None) == (self.ramp_m is None):
+            raise reject("give exactly one of ramp_s and ramp_m", "ramp_s")
+        if self.amplitude_m_s == 0.0:
+            raise reject("a gust of 0 m/s is none", "amplitude_m_s")
+        return self
+
+    def model(self) -> Gust:
+        """The gust."""
+        from navsim.models.air import Gust
+
+        by_way = self.ramp_s is None
+        ramp = self.ramp_m if by_way else self.ramp_s
+        assert ramp is not None
+        hold = math.inf if self.hold_s is None else self.hold_s
+        return Gust(self.amplitude_m_s, self.start_s, ramp, hold, self.towards, by_way)
+
+
+class ResponseSection(Section):
+    """What the aircraft makes of gusts and turbulence; the defaults are examples, of no aircraft in particular."""
+
+    wing_loading_n_m2: Annotated[float, Field(ge=10.0, le=1e4)] = 200.0
+    """weight by wing area"""
+    lift_slope: Annotated[float, Field(ge=0.5, le=10.0)] = 5.0
+    """of the coefficient of lift by the angle of attack, 1/rad"""
+    side_force_slope: Annotated[float, Field(ge=0.05, le=5.0)] = 0.98
+    """of the coefficient of side force by the sideslip, without its sign, 1/rad"""
+    drag: Annotated[float, Field(ge=0.005, le=0.5)] = 0.06
+    """coefficient of drag"""
+    nose_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.5
+    """time constant of each of the two lags by which the nose turns into the wind behind a gust"""
+    guidance_s: Annotated[float, Field(ge=0.5, le=60.0)] = 5.0
+    """time constant of the critically damped loop that brings the aircraft back to its route"""
+
+    def model(self) -> Response:
+        """The response."""
+        from navsim.models.air import Response
+
+        return Response(
+            self.wing_loading_n_m2,
+            self.lift_slope,
+            self.side_force_slope,
+            self.drag,
+            self.nose_lag_s,
+            self.guidance_s,
+        )
+
+
 class WindSection(Section):
-    """Mean wind. It changes the attitude (crab), not the path, which is given over ground, or with `approach.speed_is:
-    air` the speed along it."""
+    """The wind. A mean wind changes the attitude (crab), not the path, which is given over ground, or with
+    `approach.speed_is: air` the speed along it; gusts and turbulence take each run off the path."""
 
     speed_m_s: Speed = 0.0
     """speed of the wind over ground: at every height, of profile log 20 ft above the runway, of power 10 m above it"""
@@ -45,6 +144,12 @@ class WindSection(Section):
     """exponent of profile power; 0.11 over open water"""
     levels: Annotated[list_of(WindLevel), Field(max_length=100)] = ()  # type: ignore[valid-type]
     """the wind of profile table, linear between heights, and beyond them as at the nearest"""
+    turbulence: TurbulenceSection | None = None
+    """Dryden turbulence; null: none"""
+    gusts: Annotated[list_of(GustSection), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    """gusts of the form 1 - cosine, that add up"""
+    response: ResponseSection = ResponseSection()
+    """what the aircraft makes of gusts and turbulence"""
 
     @model_validator(mode="after")
     def _of_its_profile(self) -> Self:
@@ -63,9 +168,26 @@ class WindSection(Section):
                     raise reject("heights of levels must rise by 0.1 m or more", "levels", i, "height_m")
         return self
 
+    @model_validator(mode="after")
+    def _of_the_mean_wind(self) -> Self:
+        if not self.buffets and self.response != ResponseSection():
+            raise reject("is for gusts and turbulence: give wind.turbulence or wind.gusts", "response")
+        turbulence = self.turbulence
+        if turbulence is not None and turbulence.model(self.mean(0.0)).wind == 0.0:
+            raise reject("there is no mean wind to go by: give severity or w20_m_s", "turbulence")
+        for i, gust in enumerate(self.gusts):
+            if gust.towards == "wind" and not self.blows:
+                raise reject("there is no mean wind to go with", "gusts", i, "towards")
+        return self
+
+    @property
+    def buffets(self) -> bool:
+        """Whether there are gusts, or turbulence."""
+        return self.turbulence is not None or bool(self.gusts)
+
     @property
     def blows(self) -> bool:
-        """Whether there is any wind."""
+        """Whether there is any mean wind."""
         return self.speed_m_s > 0.0 or any(level.speed_m_s > 0.0 for level in self.levels)
 
     def mean(self, heading: float) -> MeanWind:

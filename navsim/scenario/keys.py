@@ -24,7 +24,7 @@ _UNITS = {
     "mg": "mg", "g": "g", "kmh": "km/h", "mhz": "MHz", "db_hz": "dB-Hz", "dbhz": "dB-Hz", "hz": "Hz", "dbw": "dBW",
     "dbm": "dBm", "dbi": "dBi", "db": "dB",
     "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
-    "percent": "%", "chips": "chips", "hpa": "hPa", "k": "K",
+    "n_m2": "N/m²", "percent": "%", "chips": "chips", "hpa": "hPa", "k": "K",
 }  # fmt: skip
 """The end of a key's name and the unit it stands for, longer ends before shorter ones."""
 

@@ -8,6 +8,7 @@ parameters; where a key may be left out, its default is written there and nowher
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -89,7 +90,7 @@ class Landing(Section):
     ]
     """the way of the aircraft, by `profile`"""
     wind: WindSection = WindSection()
-    """the mean wind, which turns the nose"""
+    """the mean wind, which turns the nose, gusts and turbulence, which take the aircraft off its route"""
     imu: Imu = Imu()
     """the inertial sensors as they really are"""
     altimeter: AltimeterSection | None = None
@@ -196,6 +197,8 @@ class Landing(Section):
                 raise reject("the paper's frame needs the paper's approach", "pseudolites", "frame")
             if self.wind.blows and isinstance(self.approach, RecordedApproach):
                 raise reject("a recorded flight has had its wind", "wind", "speed_m_s")
+            if (air := self.air()) is not None:
+                raise reject("a recorded flight, or a planned one, is flown as it is", *air[1])
             return self
         if isinstance(self.approach, WaypointApproach):
             if self.pseudolites.frame == "table1":
@@ -327,11 +330,16 @@ class Landing(Section):
             raise reject(str(error), "wind", error.key) from error
         except ValueError as error:
             raise reject(f"no such path: {error}", "approach", *self._at_waypoint(error)) from error
-        if self.wind.profile == "log" and self.wind.blows:
-            highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
-            if highest > HIGHEST + 1e-6:
-                text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, the path is {highest:.0f} m up"
-                raise reject(f"{text}; use power or table", "wind", "profile")
+        highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
+        if self.wind.profile == "log" and self.wind.blows and highest > HIGHEST + 1e-6:
+            text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, the path is {highest:.0f} m up"
+            raise reject(f"{text}; use power or table", "wind", "profile")
+        if self.wind.turbulence is not None and highest > HIGHEST + 1e-6:
+            text = f"the turbulence of low altitude ends {HIGHEST:g} m (1000 ft) above the runway"
+            raise reject(f"{text}, the path is {highest:.0f} m up", "wind", "turbulence")
+        for i, gust in enumerate(self.wind.gusts):
+            if gust.start_s >= self.duration_s:
+                raise reject(f"is not within duration_s, {self.duration_s:g} s", "wind", "gusts", i, "start_s")
         return path
 
     def _at_waypoint(self, error: ValueError) -> tuple[str | int, ...]:
@@ -509,26 +517,29 @@ class Landing(Section):
         return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
 
     def air(self) -> tuple[Air, tuple[str, ...]] | None:
-        """What makes the way of each run its own, and a key that says so; None where all fly the route."""
-        from navsim.models.air import Air, Response
+        """What takes runs off the route, and a key that says so; None where all fly it."""
+        from navsim.models.air import Air
 
-        technical = None if isinstance(self.approach, FileApproach) else self.approach.flight_technical_error
-        if technical is None:
+        wind, technical = self.wind, None
+        if not isinstance(self.approach, FileApproach):
+            technical = self.approach.flight_technical_error
+        if technical is None and not wind.buffets:
             return None
-        parts = {
-            name: None if part is None else part.model()
-            for name, part in (("lateral", technical.lateral), ("along", technical.along),
-                               ("vertical", technical.vertical))
-        }  # fmt: skip
-        return Air(Response(bank_lag=technical.bank_lag_s), **parts), ("approach", "flight_technical_error")
+        mean, response = wind.mean(self.runway.heading_deg * DEG), wind.response.model()
+        turbulence = None if wind.turbulence is None else wind.turbulence.model(mean)
+        gusts = tuple(gust.model() for gust in wind.gusts)
+        if technical is None:
+            key = ("wind", "gusts" if turbulence is None else "turbulence")
+            return Air(response, turbulence=turbulence, gusts=gusts), key
+        parts = (technical.lateral, technical.along, technical.vertical)
+        lateral, along, vertical = (None if part is None else part.model() for part in parts)
+        own = replace(response, bank_lag=technical.bank_lag_s)
+        return Air(own, lateral, along, vertical, turbulence, gusts), ("approach", "flight_technical_error")
 
     def draws_of_way(self) -> int:
         """Numbers that are drawn at each sample of the IMU for the way of a run."""
         found = self.air()
-        if found is None:
-            return 0
-        air = found[0]
-        return 5 * (air.lateral is not None) + 3 * ((air.along is not None) + (air.vertical is not None))
+        return 0 if found is None else found[0].draws
 
     def _waypoints(self, approach: WaypointApproach) -> list[Waypoint]:
         """The waypoints in the axes of the touchdown point."""

@@ -103,7 +103,7 @@ class Ways:
         for number in self.disturbance.walks:
             own = [generator(seed, run, "air", number) for run in runs]
             rngs[number] = (*own, *(own[-1] for _ in range(others)))
-        departure = self.disturbance.drawn(rngs, len(runs))
+        departure = self.disturbance.drawn(rngs, len(runs), lanes)
         for each in (departure.way, departure.turn):
             each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
         dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)

@@ -174,11 +174,35 @@ def test_gust_through_lag(known: dict[str, Any], within: Within) -> None:
     lag = told["tau_s"]
     for transverse, kind in ((False, "longitudinal"), (True, "transverse")):
         gust, row = air.dryden(told["T_s"], transverse)
-        process = air.felt(gust, row, 1.0, lag, None)
-        p, acceleration = process.covariance, process.a[-1]
-        assert p[-1, -1] == pytest.approx(told[kind]["var_v"], abs=within["variance"])
+        process = air.through(gust, row, air.carried(lag, 5.0, None))
+        speed = row.size  # the first state of what is driven
+        p, acceleration = process.covariance, process.a[speed]
+        assert p[speed, speed] == pytest.approx(told[kind]["var_v"], abs=within["variance"])
         assert acceleration @ p @ acceleration == pytest.approx(told[kind]["var_a"], abs=within["variance"])
-    assert air.heave_lag(200.0, 30.0, 5.0) == pytest.approx(0.2220, abs=5e-5)
+    assert air.gust_lag(200.0, np.array(30.0), 5.0) == pytest.approx(0.2220, abs=5e-5)
+
+
+@pytest.mark.parametrize("transverse", [False, True])
+@pytest.mark.validates("an aircraft in turbulence", "integrals of its spectrum by frequency", sigma="1e-6 (relative)")
+def test_aircraft_in_turbulence(transverse: bool, within: Within) -> None:
+    """Place, speed, acceleration, and what the nose follows: density times the square of the response."""
+    time_scale, lag, loop, nose = 1.5, 0.3, 5.0, 0.5
+    gust, row = air.dryden(time_scale, transverse)
+    process = air.through(gust, row, air.carried(lag, loop, nose))
+    first = row.size
+    p, rates = process.covariance, process.a
+    x = np.linspace(math.log(1e-9), math.log(1e9), 40001)
+    w = np.exp(x)
+    s = 1j * w
+    place = s / (1.0 + lag * s) / (s + 1.0 / loop) ** 2
+    turned = (s * place - 1.0) / (1.0 + nose * s) ** 2
+    density = air.dryden_spectrum(w, 1.0 / time_scale, 1.0, 1.0, transverse)
+    responses = {first + 1: place, first + 2: s * place, first + 3: turned, first + 4: s * turned}
+    for state, response in responses.items():
+        variance = np.trapezoid(density * np.abs(response) ** 2 * w, x)
+        assert math.sqrt(p[state, state]) == pytest.approx(math.sqrt(variance), rel=within["sigma"])
+    variance = np.trapezoid(density * np.abs(s**2 * place) ** 2 * w, x)
+    assert math.sqrt(rates[first + 2] @ p @ rates[first + 2]) == pytest.approx(math.sqrt(variance), rel=within["sigma"])
 
 
 @pytest.mark.validates("flight-technical error", "Lyapunov equation, matrix exponential", value="1e-6 (relative)")

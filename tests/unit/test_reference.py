@@ -84,6 +84,7 @@ WITHOUT_UNIT = {
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail",  # ratios
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "steps", "experiments",  # counts
+    "lift_slope", "side_force_slope", "drag",  # coefficients
     "count", "pseudolites", "effort", "min_satellites",
     "h0", "h_minus2", "rate_sigma", "alpha", "beta", "initial_variance",  # what it means says the unit
     "first", "last", "step",  # in the unit of the key that is varied
