@@ -9,6 +9,7 @@ Electromagnetics (2012), section 5.3 (Fresnel's coefficients).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -42,15 +43,36 @@ def antenna_gain(elevation: np.ndarray, horizon_db: float) -> np.ndarray:
     return horizon_db * (1.0 - np.sin(elevation))
 
 
+Polarisation = Literal["circular", "vertical", "horizontal"]
+"""Of a wave that the ground reflects."""
+DEEPEST = -40.0
+"""Of a fade, dB. Beside a direct wave that the reflected one takes away there is one along the ground, which is left
+out."""
+
+
 @dataclass(frozen=True)
 class GroundReflection:
     """The ground under a path from a transmitter near it: height of the ground over the ellipsoid, m; permittivity,
-    relative; conductivity, S/m; horizon_db: the receiving antenna's gain at its horizon, see `antenna_gain`."""
+    relative; conductivity, S/m; horizon_db: the receiving antenna's gain at its horizon, see `antenna_gain`;
+    polarisation: of transmitter and receiver."""
 
     height: float
     permittivity: float
     conductivity: float
     horizon_db: float
+    polarisation: Polarisation = "circular"
+
+
+def fresnel(
+    permittivity: float, conductivity: float, wavelength: float, grazing: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of reflection by ground, vertical and horizontal, complex [3].
+
+    permittivity: relative. conductivity: S/m. wavelength: m. grazing: angle over the ground, rad.
+    """
+    epsilon = permittivity - 60j * wavelength * conductivity
+    sin, root = np.sin(grazing), np.sqrt(epsilon - np.cos(grazing) ** 2)
+    return (epsilon * sin - root) / (epsilon * sin + root), (sin - root) / (sin + root)
 
 
 def reflection(
@@ -59,23 +81,30 @@ def reflection(
     """The ray by way of the ground beside the direct one: its amplitude relative to it, excess length m, phase rad.
 
     frequency: Hz. above: heights of the receiver over the ground, transmitter_above: of the transmitter, across: their
-    horizontal distance, m. Flat ground, circular polarisation: of the reflected wave the part of the same sense is
+    horizontal distance, m. Flat ground. With circular polarisation the part of the reflected wave of the same sense is
     received, half the sum of both Fresnel coefficients [3].
     """
     low, high = np.maximum(transmitter_above, 0.0), np.maximum(above, 0.0)
     direct, bounced = np.hypot(across, high - low), np.hypot(across, high + low)
     grazing = np.arctan2(high + low, across)
     wavelength = SPEED_OF_LIGHT / frequency
-    epsilon = ground.permittivity - 60j * wavelength * ground.conductivity
-    sin, root = np.sin(grazing), np.sqrt(epsilon - np.cos(grazing) ** 2)
-    vertical = (epsilon * sin - root) / (epsilon * sin + root)
-    horizontal = (sin - root) / (sin + root)
-    coefficient = 0.5 * (vertical + horizontal)
+    vertical, horizontal = fresnel(ground.permittivity, ground.conductivity, wavelength, grazing)
+    if ground.polarisation == "circular":
+        coefficient = 0.5 * (vertical + horizontal)
+    else:
+        coefficient = vertical if ground.polarisation == "vertical" else horizontal
     below = np.arctan2(high - low, across)
     gain = antenna_gain(-grazing, ground.horizon_db) - antenna_gain(-below, ground.horizon_db)
     amplitude = np.abs(coefficient) * 10.0 ** (gain / 20.0) * direct / bounced
     excess = bounced - direct
     return amplitude, excess, (np.angle(coefficient) - 2.0 * np.pi * excess / wavelength) % (2.0 * np.pi)
+
+
+def fade(amplitude: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """By how much a reflection makes a signal stronger, dB, no less than `DEEPEST`; amplitude, phase (rad): as of
+    `reflection`."""
+    field = np.abs(1.0 + amplitude * np.exp(1j * phase))
+    return np.asarray(20.0 * np.log10(np.maximum(field, 10.0 ** (DEEPEST / 20.0))))
 
 
 def multipath_error(

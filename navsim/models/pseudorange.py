@@ -38,9 +38,10 @@ class Signals:
     delay: (e, s) errors common to all runs, m. sigma, rate_sigma: (e, s) 1 sigma of the noise, m, m/s.
     los: (e, s, 3) unit vectors from the antenna in its ENU, nan where not used. azimuth, elevation: (e, s)
     rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
-    of the delay. space: (e, s, 4) change by one sigma of orbit and clock errors, which are drawn for each run, or None.
+    of the delay. space: (e, s, 4) change by one sigma of errors of place and clock, which are drawn for each run, or
+    None: of satellites by their messages, of pseudolites by their survey and calibration.
     lasting: errors with a memory that are drawn for each run, or None. fix_sigma: (e, s) 1 sigma of the pseudoranges
-    that fixes are made from, of all that is drawn anew or lasts but for `space`; smoothing: (e, s) int, counts of the
+    that fixes are made from, of all that is drawn but for `space` of satellites; smoothing: (e, s) int, counts of the
     carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB. offset: (s, k)
     change by one sigma of the offset of each of k time scales, m, which are drawn for each run, or None.
     """

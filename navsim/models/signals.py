@@ -64,7 +64,8 @@ class Radiated:
 class Pseudolites:
     """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
     delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz;
-    radiated: what cn0 follows from instead, where it does."""
+    radiated: what cn0 follows from instead, where it does; survey_sigma: along each axis, and clock_sigma: 1 sigma of
+    what is drawn of their places and clocks for each run, m."""
 
     names: tuple[str, ...]
     llh: np.ndarray
@@ -76,6 +77,13 @@ class Pseudolites:
     cn0: float
     carrier: float
     radiated: Radiated | None = None
+    survey_sigma: float = 0.0
+    clock_sigma: float = 0.0
+
+    @property
+    def calibration_sigma(self) -> float:
+        """1 sigma of a range by what is drawn of place and clock, m."""
+        return math.hypot(self.survey_sigma, self.clock_sigma)
 
 
 @dataclass(frozen=True)
@@ -116,6 +124,7 @@ class Environment:
         if self.antenna is not None and self.antenna.mask > -0.5 * np.pi:
             return True
         differs = self.effects.cn0_reference is not None or self.pseudolites.radiated is not None
+        differs |= self.effects.reflection is not None
         return differs and (self.jamming is not None or self.effects.thermal_pseudolites)
 
     @property
@@ -353,6 +362,9 @@ def _affected(
             if space is not None:
                 space[:, here] = 0.0
         sigma = np.where(sky, np.hypot(sigma, effects.reference.noise), sigma)
+    if pseudolites.calibration_sigma > 0.0 and is_pseudolite.any():
+        space = np.zeros((e, s, 4)) if space is None else space
+        space[:, is_pseudolite] = _calibrations(pseudolites, away[:, is_pseudolite] / distance[:, is_pseudolite, None])
     los[~used], cn0[~used] = np.nan, np.nan
     # carrier to noise by antenna and distance, then the noise that the code loop has of it
     to_sky, to_ground = _gains(environment, motion.c_eb, away / distance[..., None], signals.elevation)
@@ -362,11 +374,6 @@ def _affected(
         cn0[:, is_pseudolite] = np.where(used[:, is_pseudolite], strength + to_ground[:, is_pseudolite], np.nan)
     if effects.cn0_reference is not None:
         cn0 += np.where(is_pseudolite, 20.0 * np.log10(effects.cn0_reference / distance), 0.0)
-    if effects.thermal:
-        thermal = effects.loop.sigma(cn0, chip)
-        sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
-    if effects.thermal_pseudolites:
-        sigma = np.where(sky, sigma, effects.loop.sigma(cn0, chip))
     if effects.reflection is not None:
         # the ray by the runway's plane, per pseudolite
         for i in np.flatnonzero(is_pseudolite):
@@ -375,6 +382,12 @@ def _affected(
             across = np.sqrt(np.maximum(distance[:, i] ** 2 - (above - own) ** 2, 1.0))
             ray = code_loop.reflection(effects.reflection, pseudolites.carrier, above, float(own), across)
             delay[:, i] += code_loop.multipath_error(effects.loop.spacing, float(chip[i]), *ray)
+            cn0[:, i] += code_loop.fade(ray[0], ray[2])
+    if effects.thermal:
+        thermal = effects.loop.sigma(cn0, chip)
+        sigma = np.where(sky, np.hypot(thermal, 0.0 if effects.reference is None else effects.reference.noise), sigma)
+    if effects.thermal_pseudolites:
+        sigma = np.where(sky, sigma, effects.loop.sigma(cn0, chip))
     rate_sigma, js, jamming = signals.rate_sigma, signals.js, environment.jamming
     if jamming is not None:
         carrier = atmosphere.L1 / np.sqrt(ratio2)
@@ -387,6 +400,7 @@ def _affected(
         used = used & held
         los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
+    fix_sigma = np.where(sky, fix_sigma, np.hypot(fix_sigma, pseudolites.calibration_sigma))
     lasting = None
     if effects.lasting:
         sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.lasting])
@@ -413,6 +427,15 @@ def _affected(
         smoothing=smoothing,
         offset=_drawn_offsets(environment, signals.clock),
     )
+
+
+def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
+    """Change of the pseudoranges of pseudolites (e, p, 4), m, by one sigma of their places, north, east, down, and of
+    their clocks; towards: (e, p, 3) unit vectors, ECEF."""
+    out = np.full((*towards.shape[:2], 4), pseudolites.clock_sigma)
+    for i, llh in enumerate(pseudolites.llh):
+        out[:, i, :3] = pseudolites.survey_sigma * (towards[:, i] @ ned_matrix(llh).T)
+    return out
 
 
 def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | None:

@@ -105,8 +105,9 @@ def _fixes(result: Result) -> Cell:
 
 
 _DELAYING = (("signals", "ephemeris"), ("signals", "ionosphere"), ("signals", "troposphere"),
-             ("pseudolites", "multipath"))  # fmt: skip
-"""Sections with errors of ranges that last."""
+             ("pseudolites", "multipath"), ("pseudolites", "survey_sigma_m"),
+             ("pseudolites", "clock_sigma_ns"))  # fmt: skip
+"""Keys with errors of ranges that last, where they are there and not zero."""
 
 
 def _ranging_errors(result: Result) -> str:
@@ -115,7 +116,7 @@ def _ranging_errors(result: Result) -> str:
     if "errors" not in signals:  # of an earlier version
         return ABSENT
     lasting = any(kind and kind["sigma_m"] > 0.0 for kind in signals["errors"].values())
-    lasting |= any(setting(result, section).get(key) is not None for section, key in _DELAYING)
+    lasting |= any(setting(result, section).get(key) for section, key in _DELAYING)
     if not lasting and setting(result, "receiver")["smoothing_s"] == 0.0:
         return "white"
     return "some last" if signals["preset"] == "white" else f"some last ({signals['preset']})"

@@ -114,7 +114,7 @@ SIGNAL_PRESETS: dict[str, dict[str, Any]] = {
         },
     },
     # What the corrections of a satellite-based augmentation leave: sizes chosen with the errors in view that the
-    # FAA reports of WAAS, not measured against them; section 2.
+    # FAA reports of WAAS; section 2.
     "sbas": {
         "range_sigma_m": 0.3,
         "range_law": "constant",

@@ -182,18 +182,22 @@ class CodeTrackingSection(Section):
 
 
 class GroundMultipath(Section):
-    """Reflection of the pseudolites' signals by flat ground: two rays, Fresnel's coefficients, antenna gain."""
+    """Reflection of the pseudolites' signals by flat ground at the runway's height: two rays, Fresnel's coefficients,
+    antenna gain. The code is off by it, and the carrier to noise density ratio fades; masts are as high as
+    `height_m`."""
 
     permittivity: Annotated[float, Field(ge=1.0, le=100.0)] = 15.0
     """relative permittivity of the ground; ITU-R P.527: 3 dry sand, 15 medium soil, 30 wet soil, 80 water"""
     conductivity_s_m: NonNegative = 0.035
     """conductivity of the ground: 1e-3 dry, 0.035 medium, 0.1 wet"""
+    polarisation: Literal["circular", "vertical", "horizontal"] = "circular"
+    """of the signals and both antennas; circular: the part of the reflection of the same sense is received"""
 
     def model(self, height: float, horizon_db: float) -> GroundReflection:
         """The reflection by ground at a height, m, into an antenna of this gain at its horizon."""
         from navsim.models.code_loop import GroundReflection
 
-        return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db)
+        return GroundReflection(height, self.permittivity, self.conductivity_s_m, horizon_db, self.polarisation)
 
 
 class Differential(Section):
@@ -308,6 +312,12 @@ class PseudolitesSection(Section):
     """offset of the transmitters' clocks from that scale, unknown to the receiver"""
     survey_error_m: Triple = (0.0, 0.0, 0.0)
     """true minus surveyed position: north, east, down"""
+    survey_sigma_m: NonNegative = 0.0
+    """1 sigma, along each axis, of what is drawn for each run and pseudolite of true minus surveyed position beside
+    survey_error_m; the receiver weighs their ranges by it"""
+    clock_sigma_ns: NonNegative = 0.0
+    """1 sigma of what calibration leaves of each pseudolite's clock, drawn for each run; the receiver weighs their
+    ranges by it"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of their pseudoranges"""
     range_law: Literal["constant", "cn0"] = "constant"
@@ -407,6 +417,8 @@ class PseudolitesSection(Section):
             rate_sigma=self.range_rate_sigma_m_s,
             cn0=self.cn0_dbhz,
             carrier=self.carrier_mhz * 1e6,
+            survey_sigma=self.survey_sigma_m,
+            clock_sigma=SPEED_OF_LIGHT * self.clock_sigma_ns * 1e-9,
             radiated=None
             if self.eirp_dbm is None
             else Radiated(self.eirp_dbm - 30.0, None if self.pattern is None else self.pattern.model()),

@@ -77,6 +77,8 @@ _RATES = (SOURCES.index("satellite_range_rate"), SOURCES.index("pseudolite_range
 
 OFFSET = "system_offset"
 """The source that drawn offsets of time scales are to a receiver that takes all for one."""
+SURVEY, CALIBRATION = "pseudolite_survey", "pseudolite_clock"
+"""The sources that drawn errors of the places and clocks of pseudolites are."""
 LASTING = "satellite_lasting_"
 """Begins the names of the sources that ranging errors of satellites are which last."""
 CLOCK = "receiver_clock"
@@ -383,6 +385,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     _, lin, by_range, by_rate, epoch, true = along
     s, events, e, outputs = world.signals, flight.events, world.signals.time.size, world.filter_time.size
     own = tuple(dict.fromkeys((*SOURCES, *(state.source for state in true))))
+    placed = () if s.space is None else tuple(np.flatnonzero(s.space[:, of_pseudolites].any(axis=(0, 1))).tolist())
+    own += tuple(dict.fromkeys(SURVEY if column < 3 else CALIBRATION for column in placed))
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
@@ -425,9 +429,9 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     # a column for what is systematic, then one for each thing that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
     messages = _messages(s, by_range, epoch)
-    messages = messages[:, :, messages.any(axis=(0, 1))]
-    first = columns.shape[1]
-    owner = np.append(owner, np.full(messages.shape[2], _EPHEMERIS))
+    felt = messages.any(axis=(0, 1))
+    messages, first = messages[:, :, felt], columns.shape[1]
+    owner = np.append(owner, _owners(own, of_pseudolites)[: felt.size][felt])
     if s.offset is not None:
         messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
         owner = np.append(owner, np.full(s.offset.shape[1], sources.index(OFFSET)))
@@ -508,6 +512,12 @@ def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.n
         return np.zeros((m, MOST, 0))
     size = np.where(signals.used[:, :, None], signals.space, 0.0)
     return np.einsum("mrs,msk->mrsk", by_range, size[epoch]).reshape(m, MOST, -1)
+
+
+def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray) -> np.ndarray:
+    """The source of each error of places and clocks (4 s,); of what is not among the sources, -1."""
+    mine = [sources.index(name) if name in sources else -1 for name in (SURVEY, SURVEY, SURVEY, CALIBRATION)]
+    return np.where(of_pseudolites[:, None], mine, _EPHEMERIS).ravel()
 
 
 def responses(flight: Flight, along: AlongTruth) -> np.ndarray:

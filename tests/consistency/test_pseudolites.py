@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from navsim.models import code_loop
 from navsim.scenario.source import InputError
+from navsim.simulation.landing import measured
+from navsim.study.landing import covariance_analysis
 from tests.helpers import case, scenario
 
 BRIEF = ("duration_s=30", "receiver.rate_hz=2", "pseudolites.frame=runway", "sky.source=nominal-gps")
@@ -65,3 +68,59 @@ def test_what_cannot_go_together(setting: str, said: str) -> None:
 def test_strength_by_two_ways_is_told() -> None:
     (said,) = [w for w in case(*BRIEF, "pseudolites.eirp_dbm=0", "pseudolites.cn0_dbhz=50").warnings if "cn0_dbhz" in w]
     assert said == "pseudolites.cn0_dbhz: not used, the strength follows from eirp_dbm"
+
+
+def test_signals_fade_by_the_ground() -> None:
+    """By the sum of both rays, at most twice the field, and the noise of ranges is by what is left."""
+    settings = (*BRIEF, "pseudolites.height_m=4", "pseudolites.eirp_dbm=-25", "pseudolites.range_law=cn0")
+    plain, flown = case(*settings).world.signals, case(*settings, "pseudolites.multipath={polarisation: vertical}")
+    faded, ground = flown.world.signals, flown.environment.effects.reflection
+    assert ground is not None
+    assert ground.polarisation == "vertical"
+    above = flown.trajectory.motion(faded.time).llh[:, 2] - ground.height
+    distance = np.linalg.norm(faded.position[:, -2:] - faded.antenna[:, None], axis=2)
+    across = np.sqrt(distance**2 - (above[:, None] - 4.0) ** 2)
+    amplitude, _, phase = code_loop.reflection(ground, 1575.42e6, above[:, None], 4.0, across)
+    change = faded.cn0[:, -2:] - plain.cn0[:, -2:]
+    np.testing.assert_allclose(change, 20.0 * np.log10(np.abs(1.0 + amplitude * np.exp(1j * phase))), atol=1e-6)
+    assert np.ptp(change) > 3.0
+    loop = code_loop.CodeLoop(0.5, 1.0, 0.02)
+    np.testing.assert_allclose(faded.sigma[:, -2:], loop.sigma(faded.cn0[:, -2:], LIGHT / 1.023e6), rtol=1e-12)
+
+
+def test_places_and_clocks_are_drawn_for_each_run() -> None:
+    """Ranges of a pseudolite are off by the same over a run, over runs by 1 sigma of both, and by nothing of the
+    other's: 4.5 sigma of 300 runs."""
+    flown = case(
+        *BRIEF, "duration_s=2", "pseudolites.survey_sigma_m=0.8", "pseudolites.clock_sigma_ns=4",
+        "pseudolites.range_sigma_m=1e-6",
+    ).world  # fmt: skip
+    clean = flown.signals.range + flown.signals.delay + flown.clock[:, :1]
+    off = np.array([(measured(flown, 5, run)[0] - clean)[:, -2:] for run in range(300)])
+    assert np.ptp(off, axis=1).max() < 0.05
+    first = off[:, 0]
+    assert first.std(axis=0) == pytest.approx([np.hypot(0.8, LIGHT * 4e-9)] * 2, rel=4.5 / np.sqrt(600.0))
+    assert abs(np.corrcoef(first.T)[0, 1]) < 4.5 / np.sqrt(300.0)
+    np.testing.assert_allclose(flown.signals.fix_sigma[:, -2:], np.hypot(0.8, LIGHT * 4e-9), rtol=1e-9)
+
+
+def test_the_analysis_carries_places_and_clocks() -> None:
+    """What one sigma of each does to positions is what as much of the same error does that is known, of one
+    pseudolite; range rates have none of what is drawn."""
+    settings = (
+        *BRIEF, "pseudolites.count=1", "pseudolites.clock=gps", "pseudolites.survey_sigma_m=0.2",
+        "pseudolites.clock_sigma_ns=3",
+    )  # fmt: skip
+    whole = covariance_analysis(case(*settings))
+    still = whole.mean[-1, :3]
+    moved = [
+        covariance_analysis(case(*settings, setting)).mean[-1, :3] - still
+        for setting in (
+            *(f"pseudolites.survey_error_m={[0.2 * (k == axis) for k in range(3)]}" for axis in range(3)),
+            "pseudolites.clock_offset_ns=3",
+        )
+    ]
+    found = [whole.variance[whole.sources.index(name), -1, :3] for name in ("pseudolite_survey", "pseudolite_clock")]
+    assert found[1].max() > 1e-4
+    np.testing.assert_allclose(np.sqrt(found[0]), np.linalg.norm(moved[:3], axis=0), rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(np.sqrt(found[1]), np.abs(moved[3]), rtol=2e-3, atol=1e-6)

@@ -11,7 +11,7 @@ import pytest
 
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
-from navsim.models import interference
+from navsim.models import code_loop, interference
 from navsim.models.antenna import GroundPattern
 from navsim.models.kinematics import Motion
 from navsim.models.signals import build_signals
@@ -148,6 +148,33 @@ def test_a_pattern_of_the_ground_goes_all_around() -> None:
         assert found.item() == pytest.approx(wanted, abs=1e-6), (az, el)
     one = replace(pattern, azimuth=azimuth[:1], gain=pattern.gain[:1])
     np.testing.assert_allclose(one.gain_at(np.radians(np.array([77.0])), np.radians(np.array([5.0]))), 3.0)
+
+
+@pytest.mark.validates("Fresnel's coefficients of ground", "own numbers", size="6e-5")
+def test_reflection_coefficients_of_ground(within: Within) -> None:
+    """Of linear polarisations, and of circular the parts of the same sense and of the other."""
+    for _, permittivity, conductivity, grazing, *sizes in oracle("fresnel")["rows"]:
+        v, h = code_loop.fresnel(permittivity, conductivity, 299792458.0 / L1, np.radians(np.array(grazing)))
+        np.testing.assert_allclose(np.abs([h, v, 0.5 * (h + v), 0.5 * (h - v)]), sizes, atol=within["size"])
+
+
+@pytest.mark.validates("two rays over flat ground", "closed form, own numbers", length="6e-7 m", level="6e-4 dB")
+def test_two_rays(within: Within) -> None:
+    """Of ground that conducts as a metal does, which turns a horizontal wave over."""
+    metal = code_loop.GroundReflection(0.0, 1.0, 1e14, 0.0, "horizontal")
+    for transmitter, receiver, across, excess, field in oracle("two_ray")["rows"]:
+        ray = code_loop.reflection(metal, L1, np.array(float(receiver)), transmitter, np.array(float(across)))
+        assert float(ray[1]) == pytest.approx(excess, abs=within["length"])
+        assert float(code_loop.fade(ray[0], ray[2])) == pytest.approx(field, abs=within["level"])
+
+
+@pytest.mark.validates("code error of a short excess", "closed form, own numbers", length="1e-5 m")
+def test_code_error_of_a_short_excess(within: Within) -> None:
+    given = oracle("short_delay_code_multipath")
+    for phase, wanted in ((0.0, given["phi_0"]), (np.pi, given["phi_pi"])):
+        size, excess = np.array([given["a"]]), np.array([given["delta_m"]])
+        found = code_loop.multipath_error(0.5, 299792458.0 / RATE, size, excess, np.array([phase]))
+        assert found.item() == pytest.approx(wanted, abs=within["length"])
 
 
 def test_one_pseudolite_with_its_own_clock_changes_no_dop() -> None:

@@ -61,6 +61,19 @@ def test_reflection_over_flat_ground() -> None:
     assert brewster[0][0] < 0.5  # where the vertical part vanishes, half of the horizontal one is left
 
 
+def test_a_mast_over_dry_ground_fades() -> None:
+    """The numbers of docs/how-to/pseudolite.md; no fade is deeper than its bound."""
+    above = np.linspace(153.0, 10.0, 4000)
+    dry = code_loop.GroundReflection(0.0, 4.0, 1e-3, -10.0)
+    amplitude, excess, phase = code_loop.reflection(dry, 1575.42e6, above, 3.0, 300.0 + 4000.0 / 153.0 * above)
+    change = code_loop.fade(amplitude, phase)
+    assert (change.max(), change.min()) == pytest.approx((5.5, -20.5), abs=0.05)
+    error = code_loop.multipath_error(0.5, CHIP, amplitude, excess, phase)
+    assert np.abs(error).max() == pytest.approx(1.8, abs=0.05)
+    assert change[np.argmax(np.abs(error))] < -15.0
+    assert code_loop.fade(np.ones(1), np.full(1, np.pi)) == pytest.approx([-40.0])
+
+
 def test_smoothing_has_the_variance_it_says() -> None:
     rng = np.random.default_rng(1)
     e, runs, most = 120, 4000, 50
