@@ -93,8 +93,11 @@ def test_a_browser_finds_no_fault(name: str, browser: Any, site: Path) -> None:
     assert page.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
-        assert (sum(map(int, re.findall(r"\d+", paper)[:3])) > 600) == (scheme == "light")
+        page.wait_for_function(  # the paper changes slowly
+            "light => (getComputedStyle(document.body).backgroundColor.match(/[0-9]+/g).slice(0, 3)"
+            ".reduce((sum, part) => sum + Number(part), 0) > 600) === light",
+            arg=scheme == "light",
+        )
     assert [line for line in said if not line.startswith((site.as_uri(), THEME_SAYS))] == []
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
