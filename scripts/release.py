@@ -20,6 +20,7 @@ import sys
 import tarfile
 import tempfile
 import tomllib
+from datetime import date
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -113,10 +114,12 @@ def main() -> None:
     wheel = build(ROOT / "dist")
     print(f"{wheel}: {wheel.stat().st_size} bytes, the same twice", file=sys.stderr)
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    commit = done("git", "rev-parse", "--short", "HEAD", cwd=ROOT).strip()
     lines = [
         "# The wheel, tried",
         "",
-        f"Made by `make release` (`scripts/release.py`): version {version}, {wheel.stat().st_size / 1e3:.0f} kB, the",
+        f"Made by `make release` (`scripts/release.py`) on {date.today()}, after commit {commit}: version {version},",
+        f"{wheel.stat().st_size / 1e3:.0f} kB, the",
         "wheel of what the sdist holds, twice the same bytes, installed with its dependencies and the extra `report`",
         "into an environment of its own. In an empty folder each then does",
         f"{', '.join(f'`navsim {chr(32).join(command)}`' for command in COMMANDS)}.",
