@@ -41,8 +41,6 @@ PUSHED = 8
 """Numbers that a result keeps of a pushed run."""
 _PUSHED_TIME = 1.5
 """Times as long as another a run takes that is pushed."""
-SUMS = 8 * NUMBER
-"""Sums over a block of runs at every output of the filter, bytes."""
 
 SAMPLE_TIME, FIX_TIME = 0.25e-6, 3e-6
 """Seconds a sample, and a fix, of a run of a filter among as many as fly at once."""
@@ -148,13 +146,14 @@ def landing(
     of_run = sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
     stored = _stored(here, keep)
     batches = -(-runs // BATCH)
-    sums = (runs // BATCH + _blocks(runs % BATCH)) * SUMS * (here.epochs + 1)
+    sums = (runs // BATCH + _blocks(runs % BATCH)) * sums_bytes(here)
     held = of_run * (min(runs, BATCH) * (2 * workers if runs > BATCH else 1)) + workers * flying_memory(scenario, here)
     if away:  # what a task brings back, twice
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
-    part = runs * (COLUMNS + (36 if here.deviating else 0)) * NUMBER + _blocks(runs) * SUMS * (here.epochs + 1)
-    result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER + 9 * NUMBER * (here.epochs + 1)
+    part = runs * (COLUMNS + (36 if here.deviating else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
+    result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
+    result += NUMBER * (4 + here.sizes()["group"]) * (here.epochs + 1)
     variables = {"none": 104, "errors": 113, "all": 122}[keep] + (27 if runs > 1 else 0)
     if here.deviating:
         variables += {"none": 16, "errors": 19, "all": 20}[keep]
@@ -238,6 +237,11 @@ def prepared(here: Extent) -> float:
 def shared_memory(here: Extent) -> float:
     gains = NUMBER * MOST * here.states * here.filters * (here.epochs * max(1, here.ranged // 2) + here.aided)
     return BASE_MEMORY + SAMPLE_MEMORY * here.samples + SIGNAL_MEMORY * here.epochs * here.sources + 2 * gains
+
+
+def sums_bytes(here: Extent) -> int:
+    """Sums over a block of runs at every output of the filter, three and one for each group of states, bytes."""
+    return (3 + here.sizes()["group"]) * NUMBER * (here.epochs + 1)
 
 
 def _stored(here: Extent, keep: str) -> float:

@@ -34,7 +34,6 @@ from navsim.study.budget.landing import (
     SIGHT_TIME,
     SIGNAL_MEMORY,
     STATISTICS,
-    SUMS,
     Extent,
     analysis_time,
     bank_time,
@@ -43,6 +42,7 @@ from navsim.study.budget.landing import (
     prepared,
     run_time,
     shared_memory,
+    sums_bytes,
     times_as_long,
 )  # fmt: skip
 from navsim.study.ensemble import BATCH
@@ -125,7 +125,7 @@ def _combination(planned: Plan, scenario: Landing) -> Budget:
     study = planned.study
     if study.method == "monte-carlo":
         runs = study.runs
-        sums = -(-runs // BATCH) * SUMS * (here.epochs + 1)
+        sums = -(-runs // BATCH) * sums_bytes(here)
         time, memory = runs * run_time(scenario, here), float(3 * STATISTICS * runs + sums)
     elif study.method == "covariance":
         time, memory = analysis_time(here), float(ANALYSED_MEMORY * here.epochs)
@@ -194,7 +194,7 @@ def tables(runs: int, workers: int) -> Budget:
             time += one.time_s - BASE_TIME
             # no partial work is kept: histories stay in memory
             held = runs * sum(history_bytes(name, here.sizes()) for name in HISTORIES[keep])
-            sums = -(-runs // BATCH) * SUMS * (here.epochs + 1)
+            sums = -(-runs // BATCH) * sums_bytes(here)
             memory = max(memory, shared_memory(here) + held + sums + 3 * STATISTICS * runs)
         points = max(points, here.epochs)
     result = NUMBER * points * (1 + 2 * len(table2.CURVES)) + 10_000 + 44 * VARIABLE
