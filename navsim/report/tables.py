@@ -173,7 +173,8 @@ def box_head(result: Result, flown: bool) -> str:
     if "/summary/box/limit" not in result:
         return ""
     interval = " [95 %]" if flown else ""
-    return f"probability{interval}, {float(result['/summary/box/height']):g} m above the runway"
+    total = ", of total system errors" if "/summary/box/axis_gaussian" in result else ""
+    return f"probability{interval}, {float(result['/summary/box/height']):g} m above the runway{total}"
 
 
 def box_to_first_order(result: Result, i: int | None) -> Cell | str:
@@ -203,9 +204,14 @@ def _box(result: Result, i: int | None) -> Cell | str:
     if not np.isfinite(limit):
         return ABSENT
     if "/summary/box/axis_probability" in result:
-        return cell(
-            "{:.3g}  [{:.3g}, {:.3g}]  (beyond {:g} m)", *map(float, result["/summary/box/axis_probability"][i]), limit
-        )
+        found = tuple(map(float, result["/summary/box/axis_probability"][i]))
+        of_gaussian = "/summary/box/axis_gaussian"
+        chance = float(result[of_gaussian][i]) if of_gaussian in result else math.nan
+        if found[0] == 0.0 and math.isfinite(chance):
+            shown = "below {:g}" if chance < LEAST else "{:.2g}"
+            text = f"{{:.3g}}  [{{:.3g}}, {{:.3g}}]  (beyond {{:g}} m; {shown} if Gaussian)"
+            return cell(text, *found, limit, max(chance, LEAST))
+        return cell("{:.3g}  [{:.3g}, {:.3g}]  (beyond {:g} m)", *found, limit)
     return box_to_first_order(result, i)
 
 

@@ -179,6 +179,9 @@ class Landing(Section):
                 self.interference.check_pseudolites(self.pseudolites.names(), self.pseudolites.strength_known)
             except KeyedError as error:
                 raise reject(str(error), "interference", *error.path) from None
+        if self.box is not None and self.box.error == "total" and self.air() is None:
+            text = "all runs fly the route: give approach.flight_technical_error, wind.turbulence or wind.gusts"
+            raise reject(text, "box", "error")
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
         for i, requirement in enumerate(self.requirements):
@@ -284,6 +287,9 @@ class Landing(Section):
                 "method rare pushes what sensors draw, not yet the way that is flown; use method monte-carlo",
                 *air[1],
             )
+        if self.box is not None and self.box.error == "total":
+            text = "the covariance analysis is of the route; use method monte-carlo, or `error: navigation`"
+            raise reject(text, "box", "error")
         if self.integrity is not None and self.integrity.error_model != "gaussian":
             raise reject(
                 "covariance analysis and method rare are of Gaussian noise with the sigmas that are believed; use "

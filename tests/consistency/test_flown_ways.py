@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom, norm
 
 from navsim.core import attitude, states, strapdown
 from navsim.core.arrays import earth
@@ -19,6 +20,7 @@ from navsim.simulation.flown import Flown, Ways
 from navsim.simulation.landing import World
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
+from navsim.study.landing.result import result as summarised
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, scenario
 from tests.layout import as_declared
@@ -137,11 +139,10 @@ def test_a_run_is_its_own() -> None:
 
 
 def test_errors_are_of_the_flown_way() -> None:
-    """The filter is as good and as honest as on the route; TSE^2 = NSE^2 + FTE^2, within their 99 % band."""
-    runs = 320
-    deviating, route = (
-        fly_all(case(*GENTLE, *more), 1, 0, runs, threads(2), keep="none") for more in ((FTE,), ())
-    )  # fmt: skip
+    """The filter is as good and as honest as on the route; TSE^2 = NSE^2 + FTE^2, within their 99 % band; a box of
+    total errors is left as often as their Gaussian says."""
+    runs, boxed = 320, case(*GENTLE, FTE, "box={error: total, lateral_m: 4, vertical_m: 20}")
+    deviating, route = (fly_all(one, 1, 0, runs, threads(2), keep="none") for one in (boxed, case(*GENTLE)))
     nees = deviating.per_run("nees_position_velocity_mean").mean()
     assert nees == pytest.approx(route.per_run("nees_position_velocity_mean").mean(), abs=0.05)
     nse, fte = deviating.per_run("at_height"), deviating.per_run("at_deviation")
@@ -149,6 +150,19 @@ def test_errors_are_of_the_flown_way() -> None:
     product = nse * fte
     beyond = product.sum(axis=0) / np.sqrt((product**2).sum(axis=0))
     assert np.abs(beyond).max() < 3.3  # of twelve numbers: 99 %
+    judged = summarised(boxed, deviating, 1, keep="none")
+    np.testing.assert_array_equal(judged["/summary/box/error_run"], (nse + fte)[:, 0])  # touchdown
+    sigma = np.hypot(3.0, route.per_run("at_height")[:, 0, 0].std())
+    chance = 2.0 * norm.sf(4.0 / sigma)
+    few, many = binom.interval(0.99, runs, chance)
+    assert few <= judged["/summary/box/outside"] <= many
+    share, low, high = judged["/summary/box/axis_probability"][0]
+    assert share == judged["/summary/box/outside"] / runs
+    assert low < chance < high
+    of_gaussian = judged["/summary/box/axis_gaussian"]
+    assert of_gaussian[0] == pytest.approx(chance, rel=0.25)  # by the sigma of the runs
+    assert of_gaussian[2] < 1e-12  # nobody is outside
+    assert np.isnan(of_gaussian[1])
 
 
 def test_sensors_beside_the_receiver_are_on_the_way() -> None:
@@ -173,6 +187,8 @@ def test_covariance_analysis_is_of_the_route() -> None:
     ("settings", "key"),
     [
         (("method=rare", "box={lateral_m: 3}", FTE), "approach.flight_technical_error"),
+        (("box={lateral_m: 3, error: total}",), "box.error"),
+        (("box={lateral_m: 3, error: total}", "method=covariance", FTE), "box.error"),
         (("approach.flight_technical_error={}",), "approach.flight_technical_error"),
         (("approach.flight_technical_error={lateral: {sigma_m: 30, correlation_time_s: 2}}",),
          "approach.flight_technical_error.lateral.correlation_time_s"),

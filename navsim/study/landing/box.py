@@ -19,11 +19,12 @@ AXES = ("lateral", "along", "vertical")
 @dataclass(frozen=True)
 class Box:
     """height: above the runway at which errors are judged, m; time: when it is passed, s; limits: (3,) of the sizes of
-    the lateral, along-track and vertical error, m, inf for none."""
+    the lateral, along-track and vertical error, m, inf for none; total: whether total system errors are."""
 
     height: float
     time: float
     limits: np.ndarray
+    total: bool
 
     def beyond(self, errors: np.ndarray) -> np.ndarray:
         """Which errors (..., 3) exceed their limits; those that are no numbers do."""
@@ -36,7 +37,7 @@ def box_of(case: Case) -> Box | None:
     if section is None:
         return None
     limits = np.array([math.inf if limit is None else limit for limit in section.limits()])
-    return Box(section.height_m, box_time(case), limits)
+    return Box(section.height_m, box_time(case), limits, section.error == "total")
 
 
 def described(draft: Draft, box: Box) -> None:
@@ -57,6 +58,11 @@ def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
     draft["/summary/box/probability"] = share_interval(int(outside.any(axis=1).sum()), errors.shape[0])
     of_axes = [share_interval(int(one.sum()), errors.shape[0]) for one in outside.T]
     draft["/summary/box/axis_probability"] = where_limited(box, np.stack(of_axes))
+    if box.total:
+        chances = np.full(3, np.nan)  # one run has no sigma
+        if errors.shape[0] > 1:
+            chances = normal.exceedance(box.limits, errors.mean(axis=0), errors.std(axis=0, ddof=1))
+        draft["/summary/box/axis_gaussian"] = where_limited(box, chances)
 
 
 def to_first_order(draft: Draft, box: Box, mean: np.ndarray, sigma: np.ndarray) -> None:

@@ -139,7 +139,7 @@ class LandingStudy:
                 {
                     "position_square": squares[:, states.SLICES["position"]],
                     "at_height": at_heights(self.case, crossings, runs.error),
-                    "at_box": at_heights(self.case, self.box_time, runs.error),
+                    "at_box": judged(self.case, self.box_time, runs),
                     "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
@@ -469,6 +469,14 @@ def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndar
 def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
     """Deviations from the route (run, h, 3) at the crossings of the route, where runs deviate from it."""
     return {} if case.world.ways is None else {"at_deviation": at_times(case, crossings, runs.deviation)}
+
+
+def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:
+    """The errors (run, h, 3) that the scenario's box limits, at times (h,), s: of navigation, or the total ones."""
+    error, box = at_heights(case, when, runs.error), case.scenario.box
+    if box is None or box.error == "navigation":
+        return error
+    return error + at_times(case, when, runs.deviation)
 
 
 def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
