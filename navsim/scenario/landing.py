@@ -66,6 +66,11 @@ if TYPE_CHECKING:
     from navsim.models.waypoints import Waypoint
 
 
+LASTING_TRIADS = 2
+"""How many triads of states follow the errors of fixes by kinds of like correlation time: one would do while satellites
+keep their shares in a fix, but one that is lost, or a pseudolite that is near, turns these over."""
+
+
 class Landing(Section):
     """A landing: INS corrected by satellites and pseudolites."""
 
@@ -250,6 +255,11 @@ class Landing(Section):
 
     def _checked_lasting(self) -> None:
         """What a filter can do about errors that last."""
+        watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
+        drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns") if getattr(self.pseudolites, key) > 0.0]
+        if watched and drawn and self.pseudolites.placed():
+            text = "lasts, and the filter's levels take errors for independent in time; use 0, or integrity.method mhss"
+            raise reject(text, "pseudolites", drawn[0])
         if not self.signals.errors.models():
             if self.filter.fix_errors is not None:
                 text = "there are none: give signals.errors, or a signals.preset that has them"
@@ -262,7 +272,6 @@ class Landing(Section):
             if self.integrity is not None and self.integrity.exclusion != "none":
                 text = "fixes without what is excluded have other errors than those that states follow; use inflate"
                 raise reject(text, "filter", "fix_errors")
-        watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
         if watched and not (self.filter.tight and self.filter.about_lasting_errors() == "inflate"):
             text = "levels of the filter take errors of fixes for independent in time; use mhss"
             also = ", or `coupling: tight` with `fix_errors: inflate`"
@@ -272,13 +281,7 @@ class Landing(Section):
     def lasting_states(self) -> int:
         """How many errors of fixes a filter can follow."""
         kinds = self.signals.errors.models()
-        return 3 * self.lasting_triads * len({kind.time >= self.duration_s for kind in kinds})
-
-    @property
-    def lasting_triads(self) -> int:
-        """How many triads of states follow the errors of fixes by kinds of like correlation time. Without pseudolites
-        satellites keep their shares in a fix; near ones, which tell the clock too, turn these over."""
-        return 2 if self.pseudolites.placed() else 1
+        return 3 * LASTING_TRIADS * len({kind.time >= self.duration_s for kind in kinds})
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""
@@ -312,10 +315,18 @@ class Landing(Section):
                 "coupling",
             )
         if (further := self.imu.monte_carlo_only(self.method == "rare")) is not None:
-            raise reject(
+            text = (
                 "what it adds is known of flown runs alone, not yet of the covariance analysis, on which method rare "
-                "rests too; use method monte-carlo", "imu", *further,
-            )  # fmt: skip
+                "rests too; use method monte-carlo"
+            )
+            if self.method == "rare" and further != self.imu.monte_carlo_only(rare=False):
+                key = further[-1]
+                none = "null" if key.startswith("range_") else "0"
+                text = (
+                    "the covariance analysis has it, the pushed runs of method rare do not yet; use method monte-carlo "
+                    f"or covariance, or leave it out: `{key}: {none}`"
+                )
+            raise reject(text, "imu", *further)
         if self.filter.kind in SMOOTHERS:
             raise reject(
                 f"the covariance analysis, on which method rare rests too, is that of a filter, {self.filter.kind} is "

@@ -473,6 +473,11 @@ class _Sensors(Section):
         ]
         if missing:
             (sensor, (key, other)), *others = missing
+            taken = [one for one in (key, other) if one in IMU_PRESETS.get(self.preset, {}).get(sensor, {})]
+            if taken:
+                other = other if taken[0] == key else key
+                text = f"is taken away from what preset {self.preset} has; give it or {other}, 0 or more, 0 for none"
+                raise reject(text, sensor, taken[0])
             also = "".join(f", imu.{name}.{keys[0]} (or {keys[1]})" for name, keys in others)
             whose = f"is not in what was seen of the data sheet of {self.preset}" if sheet else "is needed"
             rest = "" if sheet else "; `imu.preset: paper` takes what is left out from the paper, perfect leaves it out"

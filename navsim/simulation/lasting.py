@@ -2,7 +2,8 @@
 
 Errors of ranges become errors of a fix by its geometry. A loosely coupled filter can follow those: some states for the
 kinds of errors that hardly change over the flight, some for the others, each of 1 sigma one and a sum of the errors of
-all sources, by shares that stay the same. Or it takes fixes, or ranges, for noisier than they are.
+all sources, by shares that stay the same; what these leave is taken for white. Or it takes fixes, or ranges, for
+noisier than they are.
 
 Source: `docs/theory/lasting-errors.md`, sections 3 and 4.
 """
@@ -36,7 +37,7 @@ def followed_errors(
     """What a filter believes of these kinds of errors, and the blocks of states that it follows them by.
 
     how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, step: of the filter, s.
-    triads: of states for each group of kinds, 1 or 2.
+    triads: of states for each group of kinds, 1 or 2; one alone serves only while the same sources are used throughout.
     """
     groups: list[tuple[int, ...]] = []
     blocks: list[Block] = []

@@ -157,6 +157,9 @@ def test_what_is_beyond_the_range_is_counted() -> None:
         free.per_run("clipped")
 
 
+RARE = "method=rare"
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -170,6 +173,9 @@ def test_what_is_beyond_the_range_is_counted() -> None:
         (("imu.vibration={psd: [[20, 0.1], [10, 0.1]]}",), "frequencies must increase"),
         (("method=covariance", "imu.gyro.asymmetry_ppm=1"), "not yet of the covariance analysis"),
         (("method=covariance", "imu.vibration={lines: []}"), "not yet of the covariance analysis"),
+        ((RARE, "imu.gyro.asymmetry_ppm=1"), "not yet of the covariance analysis"),
+        ((RARE, "imu.gyro.misalignment_mrad=1"), "covariance analysis has it.*: `misalignment_mrad: 0`"),
+        ((RARE, "imu.accelerometer.range_g=10"), "covariance analysis has it.*: `range_g: null`"),
     ],
 )
 def test_refused(settings: tuple[str, ...], message: str) -> None:
@@ -222,7 +228,11 @@ def test_the_paper_gives_nothing_unasked() -> None:
     for settings, key, more in (
         ("imu={gyro: {scale_ppm: 100}}", "imu.gyro.drift_deg_h", "imu.gyro.arw_deg_sqrt_h (or noise_deg_h), imu.acc"),
         ("imu={gyro: {drift_fixed_deg_h: [1, 0, 0], noise_deg_h: 0}}", "imu.accelerometer.bias_mg", "vrw_m_s_sqrt_h"),
-        ("imu={preset: paper, gyro: {noise_deg_h: ~}}", "imu.gyro.arw_deg_sqrt_h", "`imu.preset: paper`"),
+        ("imu={preset: paper, gyro: {noise_deg_h: ~}}", "imu.gyro.noise_deg_h", "give it or arw_deg_sqrt_h, 0"),
+        (
+            "imu={preset: stim300, gyro: {drift_deg_h: 5, bias_instability_deg_h: ~}}",
+            "imu.gyro.bias_instability_deg_h", "is taken away from what preset stim300 has; give it or markov_deg_h, 0",
+        ),
     ):
         with pytest.raises(InputError, match=re.escape(more)) as caught:
             scenario(settings)

@@ -78,6 +78,8 @@ def test_presets_give_what_is_left_out() -> None:
         ((OPEN, "integrity={method: filter}", "filter.fix_errors=none"), "integrity.method"),
         ((OPEN, "integrity={method: filter}", "filter.coupling=tight", "filter.fix_errors=none"), "integrity.method"),
         (("signals.errors.ionosphere={sigma_m: 1}",), "time_s"),
+        (("integrity={method: filter}", "pseudolites.survey_sigma_m=0.1"), "pseudolites.survey_sigma_m: lasts"),
+        (("integrity={method: filter}", "filter.coupling=tight", "pseudolites.clock_sigma_ns=1"), "clock_sigma_ns"),
     ],
 )
 def test_what_cannot_be_is_refused(settings: tuple[str, ...], key: str) -> None:
@@ -130,6 +132,19 @@ def test_a_filter_that_follows_them_is_true(name: str) -> None:
     assert told.expected_square(PV)[-1] > 5.0
 
 
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [
+        ("landing_gnss_only", "events=[{what: silence, sources: [R01], at_s: 60}]"),
+        ("s_turn", "receiver.antenna={elevation_deg: [-90, -30, 0, 90], gain_dbi: [-25, -12, -4, 4], mask_deg: 5}"),
+    ],
+)
+def test_it_is_true_where_satellites_are_lost(name: str, setting: str) -> None:
+    """Without pseudolites, too; what three sums a group leave there would be 2.3 and 9."""
+    square = covariance_analysis(case(OPEN, "receiver.rate_hz=1", setting, name=name)).expected_square(PV)[4:]
+    assert np.abs(square - 1.0).max() < 0.02
+
+
 def test_noise_of_their_size_is_cautious_at_first_and_right_at_last() -> None:
     square = covariance_analysis(case(OPEN, "filter.fix_errors=inflate")).expected_square(PV)
     assert np.all(square[100:] > 0.5)
@@ -167,7 +182,7 @@ def test_a_run_is_the_same_beside_others() -> None:
     assert flown.states[-12:] == tuple(
         f"fix_error_{s}{also}_{a}" for s in ("slow", "fast") for also, axes in more.items() for a in axes
     )
-    assert case(OPEN, "pseudolites.count=0").scenario.lasting_states == 6
+    assert case(OPEN, "pseudolites.count=0").scenario.lasting_states == 12
 
 
 def test_states_are_sums_of_errors_of_sources() -> None:
