@@ -189,8 +189,8 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         if section.aiding():
             leave(BAD_INPUT, f"{scenario}: sensors beside the receiver (altimeters) cannot run live; take them out")
         if (air := section.air()) is not None:
-            off = f"{'.'.join(air[1])} flies each run off the route, which live data are judged by"
-            leave(BAD_INPUT, f"{scenario}: {off}; take it out")
+            off = " and ".join(".".join(key) for key in air[1])
+            leave(BAD_INPUT, f"{scenario}: runs off the route, by {off}, are not what live data are; take it out")
         for name in ("integrity", "requirements", "box"):
             if getattr(section, name):
                 AT_TERMINAL.warn(f"{scenario}: {name} is not used: one live flight is not judged by it")

@@ -16,6 +16,8 @@ from navsim.models.kinematics import Trajectory
 
 GROUNDED = 5.0
 """After touchdown the ground takes out deviations in height and in attitude within so long, s."""
+FREE = 15.24
+"""Height above the runway from which gusts move an aircraft up and down as they would far from it, m; 50 ft."""
 LATERAL, ALONG, VERTICAL = range(3)
 """Parts of a deviation in axes of the course: to the right, ahead, up."""
 
@@ -54,6 +56,15 @@ class Course:
             np.stack([slowness, np.gradient(slowness, time)]),
             _airborne(time, trajectory.path.events.get(TOUCHDOWN)),
         )
+
+    def free(self) -> np.ndarray:
+        """How much of the way up and down that gusts make is left, with its first two derivatives (3, k): all from
+        `FREE` on, none at the runway's height; twice differentiable."""
+        height, rate, acceleration = self.height / FREE
+        u = np.clip(height, -1.0, 1.0)
+        below = 1.0 - u**2
+        slope, bend = 6.0 * u * below**2, 6.0 * below * (below - 4.0 * u**2)
+        return np.stack([1.0 - below**3, slope * rate, bend * rate**2 + slope * acceleration])
 
     def of_air(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights, m, and airspeeds, m/s, at some of the times, that after touchdown stay what they were there."""

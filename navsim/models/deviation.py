@@ -125,11 +125,11 @@ class Disturbance:
         self, axis: int, met: Buffeting, states: np.ndarray | None, way: np.ndarray, turn: np.ndarray
     ) -> None:
         """Adds what gusts along an axis of the course make: the nose follows the way through the air, late, the bank is
-        that of guidance."""
+        that of guidance; at the runway's height none of the way up and down is left."""
         moved, nose = met.moved(states)
         if axis == VERTICAL:
             airborne = self.course.airborne[..., None]
-            moved = _product(airborne, moved)
+            moved = _product(_product(airborne, self.course.free()[..., None]), moved)
             for order in range(3):
                 way[:, 3 * order + 2] -= moved[order]
             if self.pitches:

@@ -104,20 +104,27 @@ def _fixes(result: Result) -> Cell:
     return Cell("{}", (fixes,), trials=runs)
 
 
-_DELAYING = (("signals", "ephemeris"), ("signals", "ionosphere"), ("signals", "troposphere"),
-             ("pseudolites", "multipath"), ("pseudolites", "survey_sigma_m"),
-             ("pseudolites", "clock_sigma_ns"))  # fmt: skip
-"""Keys with errors of ranges that last, where they are there and not zero."""
+_DELAYING = ("ephemeris", "ionosphere", "troposphere")
+_OF_PSEUDOLITES = ("multipath", "survey_error_m", "survey_sigma_m", "clock_sigma_ns")
+"""Keys of `signals`, and of `pseudolites`, with errors of ranges that last, where they are there and not zero."""
 
 
-def _ranging_errors(result: Result) -> str:
+def ranging_errors(result: Result) -> str:
     """Whether errors of ranges average out."""
-    signals = setting(result, "signals")
+    signals, pseudolites, receiver = (setting(result, section) for section in ("signals", "pseudolites", "receiver"))
     if "errors" not in signals:  # of an earlier version
         return ABSENT
-    lasting = any(kind and kind["sigma_m"] > 0.0 for kind in signals["errors"].values())
-    lasting |= any(setting(result, section).get(key) for section, key in _DELAYING)
-    if not lasting and setting(result, "receiver")["smoothing_s"] == 0.0:
+    values = [kind["sigma_m"] for kind in signals["errors"].values() if kind]
+    values += [signals.get(key) for key in _DELAYING]
+    if pseudolites["count"] or pseudolites["sites"]:
+        values += [pseudolites.get(key) for key in _OF_PSEUDOLITES]
+        if pseudolites["clock"] != "own" or receiver["one_clock"]:
+            values.append(pseudolites["clock_offset_ns"])
+    if receiver["one_clock"]:
+        values += [signals["gps_offset_ns"], signals.get("system_offset_sigma_ns")]
+        values += signals.get("system_offsets_ns", {}).values()
+    lasting = any(any(value) if isinstance(value, list) else value for value in values)
+    if not lasting and receiver["smoothing_s"] == 0.0:
         return "white"
     return "some last" if signals["preset"] == "white" else f"some last ({signals['preset']})"
 
@@ -455,7 +462,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         table.head(title, *(shown(r) for _, r in results))
 
     row("runs", runs_of)
-    row("ranging errors", _ranging_errors)
+    row("ranging errors", ranging_errors)
     row("fixes", _fixes)
     row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
     section("Geometry on the glide (mean, min - max)")

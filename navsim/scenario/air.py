@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
 
 Speed = Annotated[float, Field(ge=0.0, le=50.0)]
 """Of a wind, m/s."""
+
+
+def beside(keys: Sequence[tuple[str, ...]]) -> str:
+    """Ends a refusal of the first of some keys by naming the others, which are refused for the same."""
+    others = ", ".join(".".join(key) for key in keys[1:])
+    return f"; the same goes for {others}" if others else ""
 
 
 class WindLevel(Section):

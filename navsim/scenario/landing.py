@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aerodrome import with_published
-from navsim.scenario.air import WindSection
+from navsim.scenario.air import WindSection, beside
 from navsim.scenario.approach import (
     FileApproach,
     PaperApproach,
@@ -206,7 +206,7 @@ class Landing(Section):
             if self.wind.blows and isinstance(self.approach, RecordedApproach):
                 raise reject("a recorded flight has had its wind", "wind", "speed_m_s")
             if (air := self.air()) is not None:
-                raise reject("a recorded flight, or a planned one, is flown as it is", *air[1])
+                raise reject(f"a recorded flight, or a planned one, is flown as it is{beside(air[1])}", *air[1][0])
             return self
         if isinstance(self.approach, WaypointApproach):
             if self.pseudolites.frame == "table1":
@@ -287,8 +287,9 @@ class Landing(Section):
         """Raise for what the covariance analysis cannot tell."""
         if self.method == "rare" and (air := self.air()) is not None:
             raise reject(
-                "method rare pushes what sensors draw, not yet the way that is flown; use method monte-carlo",
-                *air[1],
+                "method rare pushes what sensors draw, not yet the way that is flown; use method monte-carlo"
+                + beside(air[1]),
+                *air[1][0],
             )
         if self.box is not None and self.box.error == "total":
             text = "the covariance analysis is of the route; use method monte-carlo, or `error: navigation`"
@@ -378,7 +379,7 @@ class Landing(Section):
             slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
             if slowest < 2.0:
                 text = f"a route that falls to {slowest:.1f} m/s within duration_s has no course to be off; 2 m/s has"
-                raise reject(text, *air[1])
+                raise reject(text + beside(air[1]), *air[1][0])
         # on the ground the nose stays where it is
         times = times[times < path.events.get(ROLL_OUT, math.inf)]
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
@@ -488,7 +489,7 @@ class Landing(Section):
         """The same of the way that is flown, the sensors and the pseudolites."""
         out = self.pseudolites.unused()
         if self.method == "covariance" and (air := self.air()) is not None:
-            out.append(f"{'.'.join(air[1])} changes nothing here: the covariance analysis is of the route")
+            out += [f"{'.'.join(key)} changes nothing here: the covariance analysis is of the route" for key in air[1]]
         if self.imu.temperature is not None and not self.imu.warms():
             out.append("imu.temperature changes nothing: no sensor has an error that goes with it (temperature_...)")
         if self.pseudolites.differential is not None and self.signals.errors.models():
@@ -533,8 +534,8 @@ class Landing(Section):
             return path
         return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
 
-    def air(self) -> tuple[Air, tuple[str, ...]] | None:
-        """What takes runs off the route, and a key that says so; None where all fly it."""
+    def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
+        """What takes runs off the route, and the keys that say so; None where all fly it."""
         from navsim.models.air import Air
 
         wind, technical = self.wind, None
@@ -545,13 +546,15 @@ class Landing(Section):
         mean, response = wind.mean(self.runway.heading_deg * DEG), wind.response.model()
         turbulence = None if wind.turbulence is None else wind.turbulence.model(mean)
         gusts = tuple(gust.model() for gust in wind.gusts)
+        acting = {"turbulence": wind.turbulence is not None, "gusts": bool(wind.gusts)}
+        keys = tuple(("wind", name) for name, acts in acting.items() if acts)
         if technical is None:
-            key = ("wind", "gusts" if turbulence is None else "turbulence")
-            return Air(response, turbulence=turbulence, gusts=gusts), key
+            return Air(response, turbulence=turbulence, gusts=gusts), keys
         parts = (technical.lateral, technical.along, technical.vertical)
         lateral, along, vertical = (None if part is None else part.model() for part in parts)
         own = replace(response, bank_lag=technical.bank_lag_s)
-        return Air(own, lateral, along, vertical, turbulence, gusts), ("approach", "flight_technical_error")
+        keys = ("approach", "flight_technical_error"), *keys
+        return Air(own, lateral, along, vertical, turbulence, gusts), keys
 
     def draws_of_way(self) -> int:
         """Numbers that are drawn at each sample of the IMU for the way of a run."""

@@ -381,10 +381,18 @@ class PseudolitesSection(Section):
         return self.eirp_dbm is not None or self.cn0_reference_m is not None
 
     def unused(self) -> list[str]:
-        """What is given and changes nothing, in words."""
-        if self.eirp_dbm is None or self.cn0_dbhz == type(self).model_fields["cn0_dbhz"].default:
-            return []
-        return ["pseudolites.cn0_dbhz: not used, the strength follows from eirp_dbm"]
+        """What is given and changes nothing, or makes signals vanish, in words."""
+        out = []
+        if self.eirp_dbm is not None and self.cn0_dbhz != type(self).model_fields["cn0_dbhz"].default:
+            out.append("pseudolites.cn0_dbhz: not used, the strength follows from eirp_dbm")
+        if self.multipath is not None:
+            heights = [self.height_m if site.height_m is None else site.height_m for site in self.placed()]
+            if low := [name for name, height in zip(self.names(), heights, strict=True) if height <= 0.0]:
+                out.append(
+                    f"pseudolites.multipath: {', '.join(low)} at no height above the ground, whose reflection takes "
+                    "most of such a signal; give height_m of the antenna"
+                )
+        return out
 
     def placed(self) -> tuple[Site, ...]:
         """Every pseudolite as a site of its own."""

@@ -142,9 +142,9 @@ class Store:
 
     def note(self, command: Sequence[str]) -> None:
         """Keep the command line by which the study is computed, its words after the program, for `begun_by`. Raises
-        PartialError where the disk does not take it."""
-        told = {"command": list(command), "folder": os.getcwd(), "work": str(self.folder.absolute())}
+        PartialError where the disk does not take it, or the working folder was removed."""
         try:
+            told = {"command": list(command), "folder": os.getcwd(), "work": str(self.folder.absolute())}
             write_whole(self.folder / _COMMAND_FILE, json.dumps(told, indent=1).encode())
         except OSError as error:
             raise PartialError(f"{self.folder}: the command cannot be kept: {error.strerror or error}") from None
@@ -235,7 +235,8 @@ def begun_by(folder: Path) -> Command:
         raise PartialError(f"{folder}: no folder of partial work, RESULT.h5.partial; none is left of a complete result")
     file = folder / _COMMAND_FILE
     if not file.exists():
-        what = "it was begun from Python" if (folder / _KEY_FILE).exists() else "no partial work of navsim lies there"
+        begun = "it was begun from Python, or by an earlier version"
+        what = begun if (folder / _KEY_FILE).exists() else "no partial work of navsim lies there"
         raise PartialError(f"{folder}: {what}: there is no {_COMMAND_FILE}, so no command is known")
     try:
         told = json.loads(file.read_bytes())

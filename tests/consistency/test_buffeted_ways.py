@@ -186,12 +186,16 @@ def test_strengths_and_specifications() -> None:
 
 
 def test_the_ground_ends_it() -> None:
-    """No height and no attitude are left of it 5 s after touchdown; sideways guidance brings the rest back."""
+    """Nobody is below the runway before touchdown, however strong it is; no height and no attitude are left of it 5 s
+    after touchdown; sideways guidance brings the rest back."""
     flown = scenario(name="landing_smooth")
     touchdown = flown.trajectory().path.events["touchdown"]
-    way = departed(STRONG, GUSTS, seconds=touchdown + 25.0)
-    before, down = np.searchsorted(way.time, [touchdown - 1.0, touchdown + 5.01])
-    assert np.abs(way.way[before, 2]).min() > 0.01
+    severe = "wind.turbulence={severity: severe}"
+    way = departed(severe, GUSTS, seconds=touchdown + 25.0)
+    route = -flown.trajectory().path.jet(way.time)[:, 0, 2]
+    high, before, down = np.searchsorted(way.time, [touchdown - 20.0, touchdown - 10.0, touchdown + 5.01])
+    assert np.abs(way.way[high, 2]).max() > 2.0
+    assert np.all((route[:, None] - way.way[:, 2])[before : down - 501] > 0.0)
     assert not way.way[down:, 2].any()
     assert not way.turn[down:, 0].any()
     assert not way.turn[down:, 1].any()
@@ -212,6 +216,8 @@ def test_the_ground_ends_it() -> None:
         (("wind.gusts=[{amplitude_m_s: 1, towards: up, start_s: 500, ramp_s: 1}]",), "start_s", "duration_s"),
         (("wind.response={drag: 0.1}",), "wind.response", "gusts"),
         ((STRONG, "method=rare", "box={lateral_m: 3}"), "wind.turbulence", "monte-carlo"),
+        ((STRONG, GUSTS, FTE, "method=rare", "box={lateral_m: 3}"), "flight_technical_error",
+         "the same goes for wind.turbulence, wind.gusts"),
     ],
 )
 def test_what_is_refused(settings: tuple[str, ...], key: str, said: str) -> None:

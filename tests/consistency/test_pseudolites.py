@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from navsim.io.results import Result
 from navsim.models import code_loop
+from navsim.report import tables
+from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import measured
 from navsim.study.landing import covariance_analysis
@@ -68,6 +71,34 @@ def test_what_cannot_go_together(setting: str, said: str) -> None:
 def test_strength_by_two_ways_is_told() -> None:
     (said,) = [w for w in case(*BRIEF, "pseudolites.eirp_dbm=0", "pseudolites.cn0_dbhz=50").warnings if "cn0_dbhz" in w]
     assert said == "pseudolites.cn0_dbhz: not used, the strength follows from eirp_dbm"
+
+
+def test_no_mast_over_ground_that_reflects_is_told() -> None:
+    settings = (*BRIEF, "pseudolites.multipath={}")
+    (said,) = [w for w in scenario(*settings).unused() if "multipath" in w]
+    assert said.startswith("pseudolites.multipath: PL1, PL2 at no height above the ground")
+    assert not scenario(*settings, "pseudolites.height_m=3").unused()
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ((), "white"),
+        (("pseudolites.survey_error_m=[0, 0.5, 0]",), "some last"),
+        (("pseudolites.clock_offset_ns=3",), "some last"),
+        (("pseudolites.clock_offset_ns=3", "pseudolites.clock=own"), "white"),
+        (("pseudolites.clock_offset_ns=3", "pseudolites.count=0"), "white"),
+        (("signals.gps_offset_ns=20", "signals.system_offsets_ns={galileo: 5}"), "white"),
+        (("signals.system_offsets_ns={galileo: 5}", "receiver.one_clock=true"), "some last"),
+        (("signals.system_offset_sigma_ns=5", "receiver.one_clock=true"), "some last"),
+        (("pseudolites.multipath={}",), "some last"),
+    ],
+)  # fmt: skip
+def test_whether_ranging_errors_are_white(settings: tuple[str, ...], said: str) -> None:
+    """As tables say it: constant ones are not, where the receiver does not solve for them."""
+    given = scenario(*settings)
+    result = Result({"scenario": resolved_yaml(given)}, {})
+    assert tables.ranging_errors(result) == said
 
 
 def test_signals_fade_by_the_ground() -> None:

@@ -73,11 +73,12 @@ def test_one_pseudolite(tmp_path: Path, sky: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "sky", [sky if sky == "five satellites" else pytest.param(sky, marks=pytest.mark.long) for sky in SKIES]
+    ("sky", "step"),
+    [("five satellites", 160.0), *(pytest.param(sky, 100.0, marks=pytest.mark.long) for sky in SKIES)],
 )
-def test_two_pseudolites(tmp_path: Path, sky: str) -> None:
+def test_two_pseudolites(tmp_path: Path, sky: str, step: float) -> None:
     here = posed(tmp_path, SKIES[sky], 2)
-    sites = grid(160.0)
+    sites = grid(step)
     sites = sites[here.rules.violation(sites[:, None]) <= 0.0]
     pairs = np.array(np.triu_indices(len(sites), 1)).T
     values = np.concatenate([here.value(sites[part]) for part in np.array_split(pairs, 20)])

@@ -71,7 +71,7 @@ def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytes
     ("change", "said"),
     [
         (shutil.rmtree, "no folder of partial work"),
-        (lambda folder: (folder / "command.json").unlink(), "it was begun from Python"),
+        (lambda folder: (folder / "command.json").unlink(), "it was begun from Python, or by an earlier version"),
         (lambda folder: [file.unlink() for file in folder.iterdir()], "no partial work of navsim lies there"),
         (lambda folder: (folder / "command.json").write_text("[]"), "command.json: cannot be read or is damaged"),
         (lambda folder: (folder / "command.json").write_text('{"command": [1], "folder": "/", "work": ""}'), "damaged"),

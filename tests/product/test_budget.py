@@ -13,13 +13,16 @@ from navsim.io.results import write
 from navsim.kinds import KINDS, named
 from navsim.scenario import shipped
 from navsim.scenario.load import read, read_for
+from navsim.simulation.landing_covariance import SOURCES
 from navsim.study import landing
 from navsim.study.budget.estimate import Budget
+from navsim.study.budget.landing import further
 from navsim.study.budget.landing import landing as estimated
 from navsim.study.executor import threads
 from navsim.study.job import Job, Opener, Options
 from navsim.study.jobs.integrity_table import IntegrityTableJob
 from navsim.study.jobs.table2 import Table2Job
+from navsim.study.landing.covariance import budget
 from navsim.study.partial import Store
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case
@@ -42,6 +45,29 @@ def test_result_file_of_every_landing(name: str, method: str, tmp_path: Path) ->
     told = estimated(here.scenario, here.environment)
     assert (tmp_path / "a.h5").stat().st_size == pytest.approx(told.result_bytes, rel=DISK)
     assert told.partial_bytes == 0.0
+
+
+def test_result_file_of_gusts_alone(tmp_path: Path) -> None:
+    """They draw nothing, and the run has a way of its own."""
+    gust = "wind.gusts=[{amplitude_m_s: 5, towards: right, start_s: 10, ramp_s: 2}]"
+    here = case("receiver.rate_hz=2", "duration_s=60", "imu.rate_hz=20", gust, name="landing_smooth")
+    ensemble = landing.fly_all(here, 1, 0, 1, threads(1), keep="all")
+    write(tmp_path / "a.h5", landing.result(here, ensemble, 1, keep="all"))
+    told = estimated(here.scenario, here.environment)
+    assert (tmp_path / "a.h5").stat().st_size == pytest.approx(told.result_bytes, rel=DISK)
+
+
+def test_sources_of_an_analysis() -> None:
+    """Each further one has its part of the estimate of a result file."""
+    more = (
+        "pseudolites.survey_sigma_m=0.1", "pseudolites.clock_sigma_ns=1", "imu.gyro.misalignment_mrad=1",
+        "signals.preset=open-sky", "signals.system_offset_sigma_ns=1", "receiver.one_clock=true",
+        "sky.source=nominal", "altimeter={}",
+    )  # fmt: skip
+    for settings in ((), more):
+        here = case("method=covariance", "duration_s=20", "receiver.rate_hz=1", "imu.rate_hz=20", *settings)
+        found = budget(landing.covariance_analysis(here))
+        assert 1 + len(SOURCES) + further(here.scenario, here.environment) == len(found)
 
 
 @pytest.mark.parametrize("keep", ["none", "errors", "all"])

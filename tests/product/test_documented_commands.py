@@ -45,7 +45,6 @@ SHORTER = [
     ("navsim replay log.yaml", "navsim replay log.yaml --set tuning=none"),
     ("runs1000", "runs20"),
     ("within 2%", "within 50%"),
-    ("--method rare ", "--method rare --runs 96 "),
     ("navsim table2", "navsim table2 --runs 2"),
     (
         "sweep scenarios/placement_sweep.yaml",

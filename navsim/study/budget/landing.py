@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, clock_states
 from navsim.io.schema import SKY_TIMES
+from navsim.models.events import PSEUDOLITES
 from navsim.models.receiver import epochs
 from navsim.models.signals import Environment
+from navsim.models.systems import OWN
 from navsim.scenario.filter import SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import believed_latency, times_of
 from navsim.simulation.exclusion import MOST_KEPT, STRETCH
 from navsim.simulation.landing_covariance import SOURCES
+from navsim.simulation.sensors import true_states
 from navsim.study.budget.estimate import (
     BASE_MEMORY,
     BASE_TIME,
@@ -72,7 +75,8 @@ class Extent:
     while the filter waits for late fixes, fixes that are watched, those that something may be excluded from, sources
     whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
     each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
-    inertial sensors have errors beyond those that are drawn with the noise."""
+    inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
+    which discrete gusts draw nothing."""
 
     samples: int
     epochs: int
@@ -89,6 +93,7 @@ class Extent:
     deviating: int = 0
     limited: int = 0
     imperfect: bool = False
+    ways: bool = False
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -100,7 +105,7 @@ class Extent:
             "ranged": self.ranged,
             "tried": self.tried,
             "limited": self.limited,
-            "deviating": self.epochs + 1 if self.deviating else 0, "met": self.epochs if self.deviating else 0,
+            "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
         }  # fmt: skip
 
 
@@ -129,6 +134,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         scenario.draws_of_way(),
         2 if scenario.imu.limited() else 0,
         any(triad.further.there for triad in scenario.imu.triads()),
+        scenario.air() is not None,
     )  # fmt: skip
 
 
@@ -139,7 +145,7 @@ def landing(
     their own."""
     here = extent(scenario, sources)
     if scenario.method == "covariance":
-        return _analysed(scenario, here)
+        return _analysed(scenario, sources, here)
     if scenario.method == "rare":
         return _pushed(scenario, here, runs, workers, away)
     workers = max(1, min(workers, -(-runs // BATCH)))
@@ -151,11 +157,11 @@ def landing(
     if away:  # what a task brings back, twice
         held = 2 * max(TASK_BYTES, of_run * min(runs, BATCH))
     streamed = runs * stored
-    part = runs * (COLUMNS + (36 if here.deviating else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
+    part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (4 + here.sizes()["group"]) * (here.epochs + 1)
     variables = {"none": 104, "errors": 113, "all": 122}[keep] + (27 if runs > 1 else 0)
-    if here.deviating:
+    if here.ways:
         variables += {"none": 16, "errors": 19, "all": 20}[keep]
     result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
@@ -207,7 +213,7 @@ def flying_memory(scenario: Landing, here: Extent) -> float:
     of_one = 2 * kept + NUMBER * (6 * here.samples + FLOWN * here.epochs)
     if here.imperfect:  # increments that vibrate, drifts, walks, gains, quanta
         of_one += NUMBER * 15 * here.samples
-    if here.deviating:
+    if here.ways:
         of_one += NUMBER * ((WAY + here.deviating) * here.samples + here.epochs * (60 + 2 * here.sources))
     if scenario.filter.kind in SMOOTHING:  # its whole flight: five covariances at every instant
         of_one += NUMBER * 5 * here.states**2 * (2 * here.epochs + here.aided)
@@ -281,11 +287,27 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
     return NUMBER * (truth + geometry + messages) + 7000
 
 
-def _analysed(scenario: Landing, here: Extent) -> Budget:
+def further(scenario: Landing, sources: Environment) -> int:
+    """Sources of error beside `SOURCES` that the covariance analysis finds in a scenario under a sky."""
+    gyro, accel = scenario.imu.triads()
+    pseudolites, signals = scenario.pseudolites, scenario.signals
+    drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []
+    if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
+        drawn.append(signals.system_offset_sigma_ns)
+    return (
+        len({state.source for state in true_states(gyro, accel)} - set(SOURCES))
+        + sum(sigma > 0.0 for sigma in drawn)
+        + scenario.filter.tight
+        + len(signals.errors.models())
+        + len(scenario.aiding())
+    )
+
+
+def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
-    sources = 4 + len(SOURCES) + len(scenario.signals.errors.models())
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + sources * here.states) + 101 * VARIABLE
+    errors = 1 + len(SOURCES) + further(scenario, sources)  # and what is systematic
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + errors * here.states) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
