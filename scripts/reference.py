@@ -69,9 +69,9 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{what: level, of: hpl, below_m: 40}, {what: time_to_alert, within_s: 6}]",
         )),
         ("landing", (
-            "imu.gyro={arw_deg_sqrt_h: 0.1, bias_instability_deg_h: 8}",
+            "imu.gyro={drift_deg_h: 700, noise_deg_h: 30, bias_instability_deg_h: 8}",
             "wind={turbulence: {w20_m_s: 8}, gusts: [{amplitude_m_s: -4, towards: up, start_s: 30, ramp_m: 60}]}",
-            "imu.accelerometer={vrw_m_s_sqrt_h: 0.06, bias_instability_mg: 0.1}",
+            "imu.accelerometer={bias_mg: 1, noise_mg: 10, bias_instability_mg: 0.1}",
             "filter.imu={gyro: {bias_instability_deg_h: 10}, accelerometer: {bias_instability_mg: 0.2}}",
         )),
         ("circuit", (

@@ -95,11 +95,11 @@ class FilterSection(Section):
     barometric_altimeter: FilterBarometricAltimeter = FilterBarometricAltimeter()
     """what the filter takes the barometric altimeter for; what is left out is as `barometric_altimeter` says"""
     scale_factors: bool = False
-    """follow the scale factors of gyros and accelerometers as six more states; their 1 sigma at the start is that of
-    imu"""
+    """follow the scale factors of gyros and accelerometers, three more states each where they have some; their 1 sigma
+    at the start is that of imu"""
     misalignments: bool = False
-    """follow the gains from one axis of gyros and accelerometers to another as twelve more states; their 1 sigma at the
-    start is that of imu"""
+    """follow the gains from one axis of gyros and accelerometers to another, six more states each where they have some;
+    their 1 sigma at the start is that of imu"""
     gate: Gate = Gate()
     """rejection of fixes, or of ranges, that cannot be true"""
     gaussian_sum: Components = Components()
@@ -114,15 +114,11 @@ class FilterSection(Section):
         """What it does about errors that last, where there are any."""
         return self.fix_errors or ("inflate" if self.tight else "states")
 
-    def states(self, scales: int, lasting: int = 0) -> int:
-        """How many errors it follows where sources keep so many time scales, and fixes have so many errors that it can
-        follow."""
+    def states(self, scales: int, gains: int, lasting: int = 0) -> int:
+        """How many errors it follows where sources keep so many time scales, inertial sensors have so many gains that
+        it follows, and fixes so many errors that it can follow."""
         from navsim.core import states
 
-        gains = (
-            *(states.SCALE_FACTORS if self.scale_factors else ()),
-            *(states.MISALIGNMENTS if self.misalignments else ()),
-        )
-        blocks = (*states.biases(), *gains)
         followed = lasting if self.about_lasting_errors() == "states" else 0
-        return len(states.names(blocks)) + followed + (states.clock_states(scales) if self.tight else 0)
+        clock = states.clock_states(scales) if self.tight else 0
+        return len(states.names(states.biases())) + gains + followed + clock

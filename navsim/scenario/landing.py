@@ -41,10 +41,12 @@ from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.requirements import AnyRequirement
 from navsim.scenario.sensors import (
+    Accelerometer,
     AltimeterSection,
     BarometricAltimeterSection,
     FilterBarometricAltimeter,
     FilterRadioAltimeter,
+    Gyro,
     Imu,
     InitialErrorsSection,
     RadioAltimeterSection,
@@ -247,11 +249,24 @@ class Landing(Section):
         beliefs = [(s, part) for s in sensors if (part := getattr(self.filter.imu, s)) is not None]
         given = {s: value for s, part in beliefs if (value := getattr(part, key)) is not None}
         if getattr(self.filter, name):
-            if not any(getattr(getattr(self.imu, s), key) for s in sensors) and not any(given.values()):
+            if not self._known_gains(key):
                 text = f"there are none: give imu.gyro.{key}, imu.accelerometer.{key}, or those of filter.imu"
                 raise reject(text, "filter", name)
         elif given:
             raise reject(f"is for `filter.{name}: true`", "filter", "imu", next(iter(given)), key)
+
+    def _known_gains(self, key: str) -> int:
+        """Of how many of the inertial sensors a filter takes a gain, by `key`, for more than none."""
+        truth: list[Gyro | Accelerometer] = [self.imu.gyro, self.imu.accelerometer]
+        given: list[Gyro | Accelerometer | None] = [self.filter.imu.gyro, self.filter.imu.accelerometer]
+        sizes = (getattr(t if g is None else believed(t, g), key) for t, g in zip(truth, given, strict=True))
+        return sum(bool(size) for size in sizes)
+
+    @property
+    def gain_states(self) -> int:
+        """How many gains of the inertial sensors the filter follows."""
+        scales = 3 * self._known_gains("scale_ppm") if self.filter.scale_factors else 0
+        return scales + (6 * self._known_gains("misalignment_mrad") if self.filter.misalignments else 0)
 
     def _checked_lasting(self) -> None:
         """What a filter can do about errors that last."""

@@ -469,7 +469,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     blocks = {*beliefs.sensors.blocks}
-    gains = (blocks.issuperset(all_of_them) for all_of_them in (states.SCALE_FACTORS, states.MISALIGNMENTS))
+    gains = (not blocks.isdisjoint(any_of_them) for any_of_them in (states.SCALE_FACTORS, states.MISALIGNMENTS))
     matched &= _same(beliefs.sensors, followed(gyro, accel, *gains))
     if beliefs.clock is not None:
         matched &= np.allclose(beliefs.clock, world.clock_density, rtol=1e-12, atol=0.0)

@@ -20,24 +20,22 @@ from navsim.models.imu import SensorErrors, Triad
 def followed(
     gyro: Triad, accel: Triad, scale_factors: bool = False, misalignments: bool = False
 ) -> SensorBeliefs:
-    """The beliefs of a filter that takes these sensors for true; scale_factors, misalignments: whether it follows them.
+    """The beliefs of a filter that takes these sensors for true; scale_factors, misalignments: whether it follows them,
+    of those sensors that have some.
 
     A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
     short-term growth, since one state cannot be both; a random walk of the bias is followed as what it is. A fixed bias
     counts with its root mean square.
     """
     triads = (gyro, accel)
+    gains = (
+        *((block, triads[block.triad].scale) for block in states.SCALE_FACTORS if scale_factors),
+        *((block, triads[block.triad].further.misalignment) for block in states.MISALIGNMENTS if misalignments),
+    )
+    there = [(block, sigma) for block, sigma in gains if sigma > 0.0]
     return SensorBeliefs(
-        blocks=(
-            *states.biases(*(_decay_and_drive(t) for t in triads)),
-            *(states.SCALE_FACTORS if scale_factors else ()),
-            *(states.MISALIGNMENTS if misalignments else ()),
-        ),
-        sigma=(
-            *(t.initial_sigma() for t in triads),
-            *(t.scale for t in triads if scale_factors),
-            *(t.further.misalignment for t in triads for _ in range(2) if misalignments),
-        ),
+        blocks=(*states.biases(*(_decay_and_drive(t) for t in triads)), *(block for block, _ in there)),
+        sigma=(*(t.initial_sigma() for t in triads), *(sigma for _, sigma in there)),
         noise=np.array([t.white() for t in triads]),
     )
 

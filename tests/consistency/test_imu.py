@@ -240,5 +240,6 @@ def test_the_paper_gives_nothing_unasked() -> None:
 
 
 def test_names_of_presets() -> None:
+    assert scenario("imu.preset=adis16488").imu.gyro.drift_deg_h == 720.0
     assert set(get_args(ImuPreset)) == {*IMU_PRESETS, "none"}
     assert IMU_SHEETS.keys() == IMU_PRESETS.keys() - {"paper", "perfect"}

@@ -74,6 +74,21 @@ def test_runs_agree_with_the_analysis() -> None:
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
 
 
+def test_sensors_without_some_have_no_states() -> None:
+    """What the filter takes for none, of gyros or accelerometers, has no states, which would count as degrees of
+    freedom; estimates of results count the same, and a filter that is told the truth is true."""
+    half = case(FOLLOWED, "imu.gyro.misalignment_mrad=3", *GENTLE, name="s_turn")
+    assert half.groups[5:] == ("gyro_misalignment_next", "gyro_misalignment_previous")
+    assert len(half.states) == half.scenario.filter.states(1, half.scenario.gain_states) == 21
+    square = covariance_analysis(half).expected_square(slice(0, 21))
+    np.testing.assert_allclose(square, 1.0, atol=1e-3)
+    told = "filter.imu={gyro: {misalignment_mrad: 0, scale_ppm: 5}, accelerometer: {scale_ppm: 0}}"
+    other = case(FOLLOWED, "filter.scale_factors=true", told, *ASKEW, "imu.accelerometer.scale_ppm=9", "duration_s=5")
+    gains = ("gyro_scale", "accelerometer_misalignment_next", "accelerometer_misalignment_previous")
+    assert other.groups[5:] == gains
+    assert len(other.states) == other.scenario.filter.states(1, other.scenario.gain_states) == 24
+
+
 def test_a_range_that_the_route_meets_is_told() -> None:
     flown = case("imu.gyro.range_deg_s=2", "imu.accelerometer.range_g=8", "duration_s=60", name="s_turn")
     said = [finding.text for finding in covariance_findings(flown, covariance_analysis(flown))]

@@ -42,7 +42,7 @@ def at(old: str, new: str) -> tuple[str, str]:
 CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("misspelt key at the root", ("duration_s: 120", "duratoin_s: 120"), ["duratoin_s", "unknown key", "'duration_s'"]),
     ("misspelt key in a section", ("  glide_slope_deg: 5", "  glideslope_deg: 5"), ["approach.glideslope_deg", "did you mean 'glide_slope_deg'"]),
-    ("misspelt key two levels down", ("    drift_deg_h: 700", "    drift_deg_hr: 700"), ["imu.gyro.drift_deg_hr", "did you mean 'drift_deg_h'"]),
+    ("misspelt key two levels down", ("  preset: paper ", "  gyro: {drift_deg_hr: 700}\n  preset: paper "), ["imu.gyro.drift_deg_hr", "did you mean 'drift_deg_h'"]),
     ("number in quotation marks", ("  count: 2  ", '  count: "2"  '), ["pseudolites.count", "a number is needed, not the text '2'; allowed: 0, 1, 2"]),
     ("fraction for a choice", ("  count: 2  ", "  count: 2.0"), ["pseudolites.count", "expected a whole number"]),
     ("misspelt section", ("receiver:", "reciever:"), ["reciever", "did you mean 'receiver'"]),
@@ -64,7 +64,7 @@ CASES: list[tuple[str, tuple[str, str], list[str]]] = [
     ("unknown kind", ("kind: landing", "kind: landnig"), ["kind", "did you mean 'landing'"]),
     ("another version", ("version: 1", "version: 2"), ["version", "allowed: 1"]),
     ("epoch without zone", ("epoch: 2018-09-13T12:00:00Z", "epoch: 2018-09-13"), ["epoch", "2018-09-13T12:00:00Z"]),
-    ("two spellings of one noise", ("    noise_deg_h: 30 ", "    arw_deg_sqrt_h: 0.05\n    noise_deg_h: 30 "), ["imu.gyro.arw_deg_sqrt_h", "two spellings"]),
+    ("two spellings of one noise", ("  preset: paper ", "  gyro: {noise_deg_h: 30, arw_deg_sqrt_h: 0.05}\n  preset: paper "), ["imu.gyro.arw_deg_sqrt_h", "two spellings"]),
     ("mask above the upper one", ("  mask_deg: 5", "  mask_deg: 50\n  mask_upper_deg: 40"), ["sky.mask_deg", "below mask_upper_deg"]),
     ("list of the wrong length", ("  lever_arm_m: [0, 0, 0] ", "  lever_arm_m: [0, 0] "), ["receiver.lever_arm_m", "too short"]),
     ("pseudolite without place", ("  s_m: 200\n", ""), ["pseudolites.s_m", "need both"]),
