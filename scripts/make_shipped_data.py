@@ -1,5 +1,5 @@
 """The data beside the shipped scenarios, all of it navsim's own: almanacs and messages of the nominal constellations,
-a recorded flight, and the places of another.
+a recorded flight, and the places of another; an invented horizon.
 
     python scripts/make_shipped_data.py [FOLDER]          # default: scenarios/data
 
@@ -8,6 +8,7 @@ nominal.rnx               broadcast messages of both (RINEX 3.04), usable from 1
 flight_imu.csv.gz         inertial samples of two minutes of S-turns, sensors of the consumer class
 flight_gnss.csv           the fixes of the same flight, two a second, 0.1 s late, antenna off the IMU
 circuit_track.csv         places, one a second, of base and landing of `scenarios/circuit.yaml`, off by 0.3 m an axis
+odense_horizon.csv        what stands around the aerodrome of `scenarios/odense.yaml`: invented, not surveyed
 
 The scenario of the flight is `scenarios/s_turn.yaml` with the settings below; the script draws from navsim's own random
 streams, so it writes the same files again.
@@ -53,6 +54,10 @@ TRACK_SIGMA = 0.3
 """Of the places of the circuit, 1 sigma an axis, m."""
 LATENCY = 0.1
 """From the time a fix is valid to its time in the file, s."""
+
+
+WOOD, BUILDINGS, GROUND = 14.0, 8.0, 3.0
+"""Their elevations on the invented horizon, deg."""
 
 
 def agl() -> str:
@@ -151,6 +156,14 @@ def track() -> str:
     return "\n".join(["t_s,lat_deg,lon_deg,h_m", *rows]) + "\n"
 
 
+def horizon() -> str:
+    """A horizon for the planner's scenario, which nobody surveyed."""
+    rows = [(0, WOOD), (30, WOOD - 2.0), (40, GROUND), (150, GROUND), (160, BUILDINGS), (200, BUILDINGS), (210, GROUND),
+            (310, GROUND), (320, WOOD - 2.0)]  # fmt: skip
+    said = "# Invented for the example, not surveyed: a wood from north-west to north-east, buildings in the south."
+    return "\n".join([said, "azimuth_deg,elevation_deg", *(f"{az},{el:g}" for az, el in rows)]) + "\n"
+
+
 def write(folder: Path) -> None:
     """Write all files. Raises OSError."""
     (folder / "nominal.agl").write_text(agl())
@@ -160,6 +173,7 @@ def write(folder: Path) -> None:
     (folder / "flight_imu.csv.gz").write_bytes(samples)
     (folder / "flight_gnss.csv").write_text(fixes)
     (folder / "circuit_track.csv").write_text(track())
+    (folder / "odense_horizon.csv").write_text(horizon())
 
 
 if __name__ == "__main__":

@@ -35,6 +35,8 @@ _STATES: tuple[tuple[str, str, float], ...] = (
     ("accel. bias", "mg", 1e3 / 9.80665),
 )
 """Triads of the states, their units and scales."""
+_FIX_ERROR = "fix_error_"
+"""What states of errors of fixes that last begin with."""
 
 
 def settled(time: np.ndarray) -> np.ndarray:
@@ -190,21 +192,24 @@ class Followed:
 
     @property
     def label(self) -> str:
-        """The row with its unit."""
-        return f"{self.row}, {self.unit}"
+        """The row with its unit, where it has one."""
+        return f"{self.row}, {self.unit}" if self.unit else self.row
 
 
 def followed(names: list[str]) -> list[Followed]:
     """How states of a filter are shown, three a row; names: as the result has them."""
     clock = [name for name in names if name.startswith("clock_")]
     rows = list(_STATES)
-    for first in names[3 * len(_STATES) : len(names) - len(clock) : 3]:
-        short = first.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ")
-        rows.append((short, "ppm", 1e6))
-    out = [
-        Followed(*rows[i // 3], ("north", "east", "down")[i % 3] if i < 9 else "xyz"[i % 3])
-        for i in range(len(names) - len(clock))
-    ]
+    further = names[3 * len(_STATES) : len(names) - len(clock)]
+    for first in further[::3]:
+        if first.startswith(_FIX_ERROR):  # of variance 1
+            rows.append((first.rpartition("_")[0].replace("_", " "), "", 1.0))
+        else:
+            short = first.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ")
+            rows.append((short, "ppm", 1e6))
+    axes = [*(3 * ("north", "east", "down")), *(2 * "xyz")]
+    axes += [n.rpartition("_")[2] if n.startswith(_FIX_ERROR) else "xyz"[k % 3] for k, n in enumerate(further)]
+    out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
     return out + [Followed(n.replace("_", " "), "m/s" if n.endswith("drift") else "m", 1.0, "") for n in clock]
 
 

@@ -65,7 +65,7 @@ from navsim.study.root import root_attributes
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""
-NAME_FILES = ("source", *SOURCES_FROM_FILES)
+NAME_FILES = ("source", "horizon", *SOURCES_FROM_FILES)
 """Keys of the sky that say which files are read, as do those within them."""
 OWN_DIMENSIONS = ("finding", "point", "sample", "site")
 """Dimensions of a result that are no axes named by keys."""
@@ -284,7 +284,7 @@ class Plan:
 
     @cached_property
     def files(self) -> dict[str, str]:
-        """Checksums of the satellite files that combinations name; UNUSABLE for those that cannot be read."""
+        """Checksums of the files of the sky that combinations name; UNUSABLE for those that cannot be read."""
         found: dict[str, str] = {}
         varied = [axis for axis in self.axes if any(map(_names_files, axis.keys))]
         for points in itertools.product(*(axis.points for axis in varied)):
@@ -324,13 +324,15 @@ def _names_files(key: str) -> bool:
 
 
 def _files_in(document: Document) -> list[tuple[KeyPath, str]]:
-    """The satellite files that a scenario names, with their keys."""
+    """The files of the sky that a scenario names, with their keys."""
     sky = document.data.get("sky")
-    source = sky.get("source") if isinstance(sky, dict) else None
-    if source not in SOURCES_FROM_FILES:
+    if not isinstance(sky, dict):
         return []
-    names = sky.get(source)
-    return [(("sky", str(source)), n) for n in (names if isinstance(names, list) else [names]) if isinstance(n, str)]
+    named = {"horizon": sky.get("horizon")}
+    if (source := sky.get("source")) in SOURCES_FROM_FILES:
+        named[str(source)] = sky.get(source)
+    each = ((key, name) for key, names in named.items() for name in (names if isinstance(names, list) else [names]))
+    return [(("sky", key), name) for key, name in each if isinstance(name, str)]
 
 
 def _checksum(document: Document, key: KeyPath, name: str) -> str:

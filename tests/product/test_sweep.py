@@ -71,6 +71,11 @@ DOUBTFUL: dict[str, tuple[str, int, tuple[str, ...]]] = {
         1,
         ("nosuchuser",),
     ),
+    "horizons": (
+        "vary: [{key: sky.horizon, values: [null, data/odense_horizon.csv, data/other.csv]}]",
+        2,
+        ("other.csv",),
+    ),
     "a value in the way of another key": (
         "vary: [{key: sky, values: [{source: nominal-gps}, abc]}, {key: sky.source, values: [nominal-glonass]}]",
         1,
