@@ -47,6 +47,10 @@ SHORTER = [
     ("within 2%", "within 50%"),
     ("navsim table2", "navsim table2 --runs 2"),
     (
+        "integrity-table --set 'integrity={method: filter",
+        "integrity-table --set duration_s=62 --set receiver.rate_hz=0.5 --set 'integrity={method: filter",
+    ),
+    (
         "sweep scenarios/placement_sweep.yaml",
         "sweep scenarios/placement_sweep.yaml --set vary.1.grid.count=20 --set vary.2.grid.count=26",
     ),
