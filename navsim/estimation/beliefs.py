@@ -34,12 +34,11 @@ class SensorBeliefs:
 @dataclass(frozen=True)
 class LastingBelief:
     """What a filter makes of errors of ranges that last: followed: whether as states, of fixes; groups: numbers of the
-    kinds of errors that the states stand for, in order, `each` for a group; factor: (k,) by which the variance of each
+    kinds of errors that the states stand for, in order, `SUMS` for a group; factor: (k,) by which the variance of each
     kind is larger as noise, where they are none."""
 
     followed: bool
     groups: tuple[tuple[int, ...], ...]
-    each: int
     factor: np.ndarray
 
 

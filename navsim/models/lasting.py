@@ -15,6 +15,9 @@ from typing import Literal
 
 import numpy as np
 
+SUMS = 6
+"""How many sums over the sources follow the errors of fixes by kinds of like correlation time: three would do while
+satellites keep their shares in a fix, but one that is lost, or a pseudolite that is near, turns these over."""
 Mapping = Literal["none", "ionosphere", "troposphere", "multipath"]
 """How an error grows towards the horizon, see `mapped`."""
 LOWEST = np.radians(2.0)

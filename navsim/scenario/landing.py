@@ -68,11 +68,6 @@ if TYPE_CHECKING:
     from navsim.models.waypoints import Waypoint
 
 
-LASTING_TRIADS = 2
-"""How many triads of states follow the errors of fixes by kinds of like correlation time: one would do while satellites
-keep their shares in a fix, but one that is lost, or a pseudolite that is near, turns these over."""
-
-
 class Landing(Section):
     """A landing: INS corrected by satellites and pseudolites."""
 
@@ -295,8 +290,10 @@ class Landing(Section):
     @property
     def lasting_states(self) -> int:
         """How many errors of fixes a filter can follow."""
+        from navsim.models.lasting import SUMS
+
         kinds = self.signals.errors.models()
-        return 3 * LASTING_TRIADS * len({kind.time >= self.duration_s for kind in kinds})
+        return SUMS * len({kind.time >= self.duration_s for kind in kinds})
 
     def check_analysable(self) -> None:
         """Raise for what the covariance analysis cannot tell."""

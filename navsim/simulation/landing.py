@@ -496,7 +496,20 @@ class Flight:
         lasting = self.beliefs.lasting
         if lasting is None or not lasting.followed:
             return np.empty((0, MOST, 0))
-        return self.beliefs.sigma_scale * self.world.fix_errors.roots(lasting.groups, lasting.each)
+        return self.beliefs.sigma_scale * self.world.fix_errors.roots(lasting.groups)
+
+    @cached_property
+    def lasting_projections(self) -> np.ndarray:
+        """What those owe to the errors of each kind and source (e, k, kinds, s), where the filter follows them."""
+        assert self.beliefs.lasting is not None
+        return self.world.fix_errors.projections(self.beliefs.lasting.groups)
+
+    @cached_property
+    def lasting_noise(self) -> np.ndarray:
+        """Covariance of what is new in each fix (e, MOST, MOST), m2, beside lasting errors that the filter follows."""
+        assert self.beliefs.lasting is not None
+        errors = self.world.fix_errors
+        return errors.noise + errors.beside(self.beliefs.lasting.groups)
 
     @property
     def range_sigma(self) -> np.ndarray:
@@ -559,12 +572,10 @@ def table_of_all_fixes(flight: Flight, llh: np.ndarray, velocity: np.ndarray, co
     lasting, lanes = flight.beliefs.lasting, covariance.ndim == 4
     if lasting is None:
         return table_of_fixes(flight.beliefs, llh, velocity, covariance)
-    errors = flight.world.fix_errors
     if lasting.followed:
-        white = errors.noise + errors.beside(lasting.groups, lasting.each)
-        covariance = in_all_lanes(white) if lanes else white
+        covariance = in_all_lanes(flight.lasting_noise) if lanes else flight.lasting_noise
     else:
-        more = errors.of_kinds(lasting.factor - 1.0)
+        more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)
         covariance = covariance + (more[..., None] if lanes else more)
     table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
     return table._replace(lasting=flight.lasting_roots)
@@ -656,7 +667,7 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
     outputs = flight.world.filter_time.size
     if believed is None or not believed.followed:
         return np.empty((outputs, 0, WIDTH))
-    effect = flight.world.fix_errors.projections(believed.groups, believed.each)
+    effect = flight.lasting_projections
     epoch = np.maximum(np.arange(outputs) - 1, 0)
     out = np.empty((outputs, effect.shape[1], WIDTH))
     for lane in range(errors.shape[-1]):

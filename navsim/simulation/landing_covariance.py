@@ -33,7 +33,7 @@ from navsim.estimation.carried_errors import Route, carry_columns, carry_covaria
 from navsim.estimation.linearised import NOISES, ROWS, Linearised, Steps, empty, linearise, steps_of
 from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
-from navsim.models.lasting import LastingErrors
+from navsim.models.lasting import SUMS, LastingErrors
 from navsim.models.pseudorange import Signals
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.landing import (
@@ -673,9 +673,9 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
     n, e = lin.believed.shape[1], s.time.size
     shown, believed = np.zeros((e, n, *s.lasting.sigma.shape[::2])), flight.beliefs.lasting
     if believed is not None and believed.followed:
-        count = believed.each * len(believed.groups)
+        count = SUMS * len(believed.groups)
         first = n - flight.model.clock_states - count
-        shown[:, first : first + count] = flight.world.fix_errors.projections(believed.groups, believed.each)
+        shown[:, first : first + count] = flight.world.fix_errors.projections(believed.groups)
     own = copy = _Lasting(n, s.lasting, s.used, s.time, shown)
     own.measure(0)
     kind = RANGE if flight.beliefs.tight else FIX

@@ -21,7 +21,7 @@ from navsim.core.lanes import WIDTH
 from navsim.core.states import MOST, Block
 from navsim.estimation.beliefs import LastingBelief
 from navsim.estimation.observations import FIX
-from navsim.models.lasting import LastingError
+from navsim.models.lasting import SUMS, LastingError
 from navsim.models.pseudorange import Signals
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.fixes import solved
@@ -32,12 +32,11 @@ _SLOW, _FAST = "fix_error_slow", "fix_error_fast"
 
 
 def followed_errors(
-    how: str, kinds: Sequence[LastingError], duration: float, interval: float, step: float, triads: int
+    how: str, kinds: Sequence[LastingError], duration: float, interval: float, step: float
 ) -> tuple[LastingBelief, tuple[Block, ...]]:
     """What a filter believes of these kinds of errors, and the blocks of states that it follows them by.
 
     how: `STATES`, `INFLATED` or `IGNORED`. duration: of the flight, interval: between fixes, step: of the filter, s.
-    triads: of states for each group of kinds, 1 or 2; one alone serves only while the same sources are used throughout.
     """
     groups: list[tuple[int, ...]] = []
     blocks: list[Block] = []
@@ -49,14 +48,14 @@ def followed_errors(
                 variances = np.array([kinds[k].sigma ** 2 for k in members])
                 rate = float(np.average([1.0 / kinds[k].time for k in members], weights=variances))
                 time = 1.0 / rate if rate > 0.0 else np.inf
-                for triad in range(triads):
+                for triad in range(SUMS // 3):
                     own = f"{name}_more" if triad else name
                     blocks.append(states.lasting(own, FIX, time, step, 3 * len(blocks), numbered=triad > 0))
                 groups.append(members)
     factor = np.ones(len(kinds))
     if how == INFLATED:
         factor = np.array([_as_noise(kind.time, duration, interval) for kind in kinds])
-    return LastingBelief(how == STATES, tuple(groups), 3 * triads, factor), tuple(blocks)
+    return LastingBelief(how == STATES, tuple(groups), factor), tuple(blocks)
 
 
 def _as_noise(time: float, duration: float, interval: float) -> float:
@@ -97,35 +96,35 @@ class FixErrors:
         sigma = np.sqrt(np.einsum("k,kes->es", factor, self.signals.lasting.sigma**2))
         return _spread(self.by_range, sigma, self.signals.used)
 
-    def roots(self, groups: Sequence[Sequence[int]], each: int) -> np.ndarray:
-        """What errors of 1 sigma one, so many of each group of kinds, do to fixes (e, MOST, g each); 0 where there is
-        no fix.
+    def roots(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
+        """What errors of 1 sigma one, `SUMS` of each of g groups of kinds, do to fixes (e, MOST, g SUMS); 0 where
+        there is no fix.
 
         They are sums of the errors of the sources, each by a share that stays the same over the flight (`_shares`):
         processes as those of the sources are, whatever the geometry does.
         """
-        out = [self._effect(members) @ self._shares(members, each) for members in groups]
+        out = [self._effect(members) @ self._shares(members) for members in groups]
         return np.concatenate([np.empty((self.fixed.size, MOST, 0)), *out], axis=2)
 
-    def beside(self, groups: Sequence[Sequence[int]], each: int) -> np.ndarray:
+    def beside(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
         """Covariance of fixes (e, MOST, MOST) by what errors of sources have beside those of `roots`."""
         out = np.zeros((self.fixed.size, MOST, MOST))
         for members in groups:
-            effect, shares = self._effect(members), self._shares(members, each)
+            effect, shares = self._effect(members), self._shares(members)
             rest = effect - (effect @ shares) @ shares.T
             out += rest @ np.swapaxes(rest, 1, 2)
         return out
 
-    def projections(self, groups: Sequence[Sequence[int]], each: int) -> np.ndarray:
-        """What the errors of `roots` owe to the errors of each kind and source of variance one (e, g each, k, s)."""
+    def projections(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
+        """What the errors of `roots` owe to the errors of each kind and source of variance one (e, g SUMS, k, s)."""
         lasting = self.signals.lasting
         assert lasting is not None
         k, e, s = lasting.sigma.shape
-        out = np.zeros((e, each * len(groups), k, s))
+        out = np.zeros((e, SUMS * len(groups), k, s))
         for g, members in enumerate(groups):
-            shares = self._shares(members, each)
+            shares = self._shares(members)
             for member, part in zip(members, self._parts(members), strict=True):
-                out[:, each * g : each * (g + 1), member] = part[:, None] * shares.T
+                out[:, SUMS * g : SUMS * (g + 1), member] = part[:, None] * shares.T
         return out
 
     def _size(self, members: Sequence[int]) -> np.ndarray:
@@ -152,8 +151,8 @@ class FixErrors:
         sigma = self.signals.lasting.sigma[list(members)][:, last, source]
         return np.divide(sigma, total, out=np.zeros_like(sigma), where=total > 0.0)
 
-    def _shares(self, members: Sequence[int], each: int) -> np.ndarray:
-        """By how much the error of each source, of 1 sigma one, is in each of so many orthogonal sums (s, each): those
+    def _shares(self, members: Sequence[int]) -> np.ndarray:
+        """By how much the error of each source, of 1 sigma one, is in each of the orthogonal sums (s, SUMS): those
         that tell most of positions over the flight, each direction of a fix counting as much as others; the first three
         are its errors north, east, down at the first fix, as far as these do not depend on each other."""
         effect = self._effect(members)[self.fixed, :3]
@@ -162,13 +161,13 @@ class FixErrors:
         inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 1e-9 * root[:, -1:])
         # rows (e, 3, s) of unit length, where the variance has a root
         told = (axes * inverse[:, None]) @ np.swapaxes(axes, 1, 2) @ effect
-        out = np.zeros((effect.shape[2], each))
+        out = np.zeros((effect.shape[2], SUMS))
         if not told.size:
             return out
         heard = np.any(effect != 0.0, axis=(0, 1))
         told = told[:, :, heard]
         _, most = np.linalg.eigh(np.einsum("eas,eat->st", told, told))
-        found = most[:, ::-1][:, :each]
+        found = most[:, ::-1][:, :SUMS]
         left, _, right = np.linalg.svd(told[0] @ found)
         found = found @ right.T
         found[:, :3] = found[:, :3] @ left.T

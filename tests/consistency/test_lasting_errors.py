@@ -191,15 +191,15 @@ def test_states_are_sums_of_errors_of_sources() -> None:
     flown = case(OPEN, "receiver.rate_hz=1", name="landing_open_sky")
     errors, believed = flown.world.fix_errors, flown.flight.beliefs.lasting
     assert believed is not None
-    assert believed.each == 6
-    owed = errors.projections(believed.groups, 6)
+    owed = errors.projections(believed.groups)
     e, count, k, s = owed.shape
+    assert count == 6 * len(believed.groups)
     flat = owed.reshape(e, count, k * s)
     np.testing.assert_allclose(flat @ np.swapaxes(flat, 1, 2), np.broadcast_to(np.eye(count), (e, count, count)),
                                atol=1e-9)  # fmt: skip
-    roots = errors.roots(believed.groups, 6)
+    roots = errors.roots(believed.groups)
     whole = errors.of_kinds(np.ones(k))
-    left = errors.beside(believed.groups, 6)
+    left = errors.beside(believed.groups)
     assert left[:, :3, :3].max() < 1e-5 * whole[:, :3, :3].max()
     # but for what they leave, whose root is of the order of 1e-3 of theirs
     np.testing.assert_allclose(roots[0, :3, :3], roots[0, :3, :3].T, atol=1e-4)

@@ -36,7 +36,7 @@ from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
-from navsim.scenario.landing import LASTING_TRIADS, Landing
+from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
@@ -483,9 +483,7 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
     sensors, lasting = followed(gyro, accel, section.scale_factors, section.misalignments), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
-        lasting, blocks = followed_errors(
-            section.about_lasting_errors(), kinds, scenario.duration_s, interval, step, LASTING_TRIADS
-        )
+        lasting, blocks = followed_errors(section.about_lasting_errors(), kinds, scenario.duration_s, interval, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(
