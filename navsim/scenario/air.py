@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import DEG, Azimuth, NonNegative, Section, list_of, reject
+from navsim.scenario.base import DEG, Azimuth, ListOf, NonNegative, Section, reject
 
 if TYPE_CHECKING:
     from navsim.models.air import Gust, MeanWind, Response, Turbulence
@@ -149,11 +149,11 @@ class WindSection(Section):
     for other phases"""
     exponent: Annotated[float, Field(ge=0.01, le=1.0)] = 1.0 / 7.0
     """exponent of profile power; 0.11 over open water"""
-    levels: Annotated[list_of(WindLevel), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    levels: Annotated[ListOf[WindLevel], Field(max_length=100)] = ()
     """the wind of profile table, linear between heights, and beyond them as at the nearest"""
     turbulence: TurbulenceSection | None = None
     """Dryden turbulence; null: none"""
-    gusts: Annotated[list_of(GustSection), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    gusts: Annotated[ListOf[GustSection], Field(max_length=100)] = ()
     """gusts of the form 1 - cosine, that add up"""
     response: ResponseSection = ResponseSection()
     """what the aircraft makes of gusts and turbulence"""

@@ -14,13 +14,13 @@ from navsim.scenario.base import (
     Azimuth,
     Checksum,
     Latitude,
+    ListOf,
     LogTime,
     Longitude,
     Section,
     Sigma,
     Size,
     Stretch,
-    list_of,
     reject,
 )
 
@@ -419,7 +419,7 @@ class WaypointApproach(_Captured):
 
     profile: Literal["waypoints"]
     """legs with coordinated turns, by points or as a circuit"""
-    points: Annotated[list_of(WaypointSection), Field(max_length=200)] = ()  # type: ignore[valid-type]
+    points: Annotated[ListOf[WaypointSection], Field(max_length=200)] = ()
     """places that the aircraft flies by, in order; it begins over the first"""
     circuit: TrafficCircuitSection | None = None
     """downwind, base and final, instead of points; null: points"""

@@ -109,9 +109,11 @@ Triple = Annotated[tuple[Signed, Signed, Signed], BeforeValidator(as_tuple)]
 Pair = Annotated[tuple[Signed, Signed], BeforeValidator(as_tuple)]
 
 
-def pair_of(item: Any) -> Any:
-    """The type of a YAML list of two, kept as a tuple."""
-    return Annotated[tuple[item, item], BeforeValidator(as_tuple)]
+T = typing.TypeVar("T")
+PairOf = Annotated[tuple[T, T], BeforeValidator(as_tuple)]
+"""A YAML list of two of a type, kept as a tuple."""
+ListOf = Annotated[tuple[T, ...], BeforeValidator(as_tuple)]
+"""A YAML list of a type, kept as a tuple."""
 
 
 def _whole(value: Any) -> Any:
@@ -176,11 +178,6 @@ class Section(BaseModel):
 
 
 S = typing.TypeVar("S", bound=Section)
-
-
-def list_of(item: Any) -> Any:
-    """The type of a YAML list of `item`, kept as a tuple."""
-    return Annotated[tuple[item, ...], BeforeValidator(as_tuple)]
 
 
 def validated(model: type[S], document: Document) -> S:
@@ -337,7 +334,7 @@ def _models_in(annotation: Any) -> list[Any]:
 
 __all__ = [
     "DEG", "DEG_H", "DEG_SQRT_H", "KMH", "MG", "Azimuth", "Checksum", "CorrelationTime", "Decay", "Elevation",
-    "Latitude", "LogTime", "Longitude", "NonNegative", "Pair", "ScanPeriod", "Section", "Sigma", "Signed", "Size",
-    "Stretch", "Triple", "Utc", "Variance", "Version", "as_tuple", "hint", "list_of", "one_or_list", "one_or_more",
-    "pair_of", "reject", "validated", "whole",
+    "Latitude", "ListOf", "LogTime", "Longitude", "NonNegative", "Pair", "PairOf", "ScanPeriod", "Section", "Sigma",
+    "Signed", "Size", "Stretch", "Triple", "Utc", "Variance", "Version", "as_tuple", "hint", "one_or_list",
+    "one_or_more", "reject", "validated", "whole",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import Section, Triple, list_of, reject
+from navsim.scenario.base import ListOf, Section, Triple, reject
 
 if TYPE_CHECKING:
     from navsim.models.events import Event, Happening
@@ -26,7 +26,7 @@ class EventSection(Section):
 
     what: str
     """what happens"""
-    sources: Annotated[list_of(str), Field(min_length=1)]  # type: ignore[valid-type]
+    sources: Annotated[ListOf[str], Field(min_length=1)]
     """names of satellites and pseudolites, of satellite systems, `pseudolites`, `all`"""
     at_s: When = 0.0
     """when it begins, after time 0"""

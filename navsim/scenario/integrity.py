@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import NonNegative, Section, list_of, reject
+from navsim.scenario.base import ListOf, NonNegative, Section, reject
 from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 
@@ -66,7 +66,7 @@ class LimitsSection(Section):
 class GroundGroup(Section):
     """Pseudolites that can fail together, since they share clock, survey, power or correction link."""
 
-    members: Annotated[list_of(str), Field(min_length=1)]  # type: ignore[valid-type]
+    members: Annotated[ListOf[str], Field(min_length=1)]
     """names of the pseudolites of the group"""
     prior: Prior = 1e-5
     """probability that the whole group is faulty"""
@@ -75,7 +75,7 @@ class GroundGroup(Section):
 class TailsSection(Section):
     """Where it is sampled how often fixes are beyond their levels and nothing is said."""
 
-    at_s: Annotated[list_of(Annotated[float, Field(ge=0.0, le=3600.0)]), Field(min_length=1, max_length=20)]  # type: ignore[valid-type]
+    at_s: Annotated[ListOf[Annotated[float, Field(ge=0.0, le=3600.0)]], Field(min_length=1, max_length=20)]
     """times at which tails are sampled; of each the last fix epoch up to then"""
     samples: Annotated[int, Field(ge=1000, le=1_000_000)] = 100_000
     """samples of each fault at each of the times"""
@@ -189,7 +189,7 @@ class IntegritySection(Section):
     p_pseudolite: Prior | Literal["monitored", "unmonitored"] = 1e-4
     """mhss and filter: probability that a pseudolite is faulty. monitored: 4.3e-5, of one with a monitor of its own
     that shuts it down within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
-    ground_groups: Annotated[list_of(GroundGroup), Field(max_length=20)] | None = None  # type: ignore[valid-type]
+    ground_groups: Annotated[ListOf[GroundGroup], Field(max_length=20)] | None = None
     """pseudolites that can fail together; null: all of them are one group where there are several, with its default
     prior"""
     b_nom_m: Bias = 0.75

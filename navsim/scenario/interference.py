@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import DEG, Azimuth, NonNegative, Section, Signed, list_of, pair_of, reject
+from navsim.scenario.base import DEG, Azimuth, ListOf, NonNegative, PairOf, Section, Signed, reject
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,7 +68,7 @@ class JammerSection(Section):
     only the mean is felt"""
     shadow_db: NonNegative = 0.0
     """loss by what hides it from the aircraft"""
-    on_s: list_of(pair_of(Moment)) = ()  # type: ignore[valid-type]
+    on_s: ListOf[PairOf[Moment]] = ()
     """when it sends: from, to, one or several times; left out: always"""
 
     @model_validator(mode="after")
@@ -117,11 +117,11 @@ class RidgeSection(Section):
     """A straight ridge, or a skyline seen from the threshold of the runway: a knife edge between jammers and the
     aircraft where their path crosses it."""
 
-    ends: pair_of(Point) | None = None  # type: ignore[valid-type]
+    ends: PairOf[Point] | None = None
     """places that a ridge runs between"""
     height_m: Signed | None = None
     """height of the ridge's top above the runway"""
-    azimuth_deg: pair_of(Azimuth) | None = None  # type: ignore[valid-type]
+    azimuth_deg: PairOf[Azimuth] | None = None
     """azimuths of a skyline: from, to, clockwise; 350 to 10 goes through north"""
     elevation_deg: Annotated[float, Field(ge=-10.0, le=60.0)] | None = None
     """elevation up to which a skyline reaches"""
@@ -207,13 +207,13 @@ class NearFarSection(Section):
 class InterferenceSection(Section):
     """Who jams, what hides jammers, and what the receiver does about weak signals."""
 
-    jammers: Annotated[list_of(JammerSection), Field(max_length=50)] = ()  # type: ignore[valid-type]
+    jammers: Annotated[ListOf[JammerSection], Field(max_length=50)] = ()
     """transmitters that jam"""
     pseudolites: NearFarSection | None = None
     """pseudolites jam, too; null: they do not"""
-    horizon: Annotated[list_of(RidgeSection), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    horizon: Annotated[ListOf[RidgeSection], Field(max_length=100)] = ()
     """what stands between jammers and the aircraft; of several edges on a path the worst counts alone"""
-    front_end_mhz: Annotated[list_of(pair_of(Megahertz)), Field(max_length=10)] = ()  # type: ignore[valid-type]
+    front_end_mhz: Annotated[ListOf[PairOf[Megahertz]], Field(max_length=10)] = ()
     """from, to: bands that the receiver passes, each signal by the one that its carrier is in; left out: everything"""
     lock: LockSection = LockSection()
     """when the receiver loses a signal, and when it has it again"""

@@ -28,10 +28,10 @@ from navsim.scenario.approach import (
 from navsim.scenario.base import (
     DEG,
     KeyedError,
+    ListOf,
     Section,
     Utc,
     Version,
-    list_of,
     reject,
 )
 from navsim.scenario.box import BoxSection
@@ -109,7 +109,7 @@ class Landing(Section):
     """transmitters beside the runway"""
     signals: SignalsSection = SignalsSection()
     """errors of the ranging signals of satellites"""
-    events: Annotated[list_of(AnyEvent), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    events: Annotated[ListOf[AnyEvent], Field(max_length=100)] = ()
     """what happens to signals, and when"""
     interference: InterferenceSection | None = None
     """jammers; null: none"""
@@ -121,7 +121,7 @@ class Landing(Section):
     """where the position error has to be at the end of a landing; null: anywhere"""
     integrity: IntegritySection | None = None
     """what watches the fixes; null: nothing"""
-    requirements: Annotated[list_of(AnyRequirement), Field(max_length=100)] = ()  # type: ignore[valid-type]
+    requirements: Annotated[ListOf[AnyRequirement], Field(max_length=100)] = ()
     """what the landing has to meet: a verdict on each"""
 
     @model_validator(mode="before")

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from navsim.scenario.base import (
     Checksum,
     Dotted,
+    ListOf,
     NonNegative,
     Pair,
     Section,
@@ -16,7 +17,6 @@ from navsim.scenario.base import (
     Size,
     SourceName,
     Version,
-    list_of,
     reject,
 )
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, LEVEL_OUTPUTS
@@ -154,7 +154,7 @@ class Optimize(Section):
     set: dict[Dotted, Any] = Field(default_factory=dict)
     """settings of the base: dotted keys and values"""
     pseudolites: Annotated[
-        Annotated[list_of(Number), Tag("list")] | Annotated[Numbers, Tag("range")],  # type: ignore[valid-type]
+        Annotated[ListOf[Number], Tag("list")] | Annotated[Numbers, Tag("range")],
         Discriminator(_written),
     ]
     """numbers of pseudolites to place, a list or first and last; several give the front of accuracy against number"""
@@ -163,7 +163,7 @@ class Optimize(Section):
     where all of the glide has it; or large, the share of its epochs that have levels (level_share)"""
     area: Area | None = None
     """where pseudolites may stand; give this or sites"""
-    sites: list_of(SiteChoice) = ()  # type: ignore[valid-type]
+    sites: ListOf[SiteChoice] = ()
     """instead of area: the places there are; the choice is then combinatorial"""
     height_m: Signed = 0.0
     """height of the antennas above the runway"""

@@ -13,18 +13,18 @@ from navsim.models.conventions import GnssConvention, ImuConvention
 from navsim.models.systems import SYSTEMS, USUAL, System
 from navsim.scenario.base import (
     Checksum,
+    ListOf,
     LogTime,
     NonNegative,
+    PairOf,
     Section,
     Sigma,
     Triple,
     Utc,
     Version,
     hint,
-    list_of,
     one_or_list,
     one_or_more,
-    pair_of,
     reject,
 )  # fmt: skip
 from navsim.scenario.filter import Components, Coupling, Gate, Kind
@@ -150,7 +150,7 @@ class Gnss(Section):
     takes as they are"""
     navigation_sha256: Checksums | None = None
     """checksums of the navigation files, in order; when given, others are refused"""
-    systems: list_of(Name) = ()  # type: ignore[valid-type]
+    systems: ListOf[Name] = ()
     """take the ranges of these systems, each with a clock of its own; left out: GPS and GLONASS"""
     mask_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 10.0
     """satellites lower than this are left out, of RINEX observations"""
@@ -182,9 +182,9 @@ class Gnss(Section):
     """delay from the time a fix is valid to its time in the file; left out: tuned, untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """lever arm from the IMU to the antenna: forward, right, down"""
-    velocity_sigma_m_s: pair_of(Sigma) | None = None  # type: ignore[valid-type]
+    velocity_sigma_m_s: PairOf[Sigma] | None = None
     """1 sigma of velocities: horizontal per axis, vertical; left out: tuned, untuned 0.3 and 0.3"""
-    position_sigma_m: pair_of(Sigma) | None = None  # type: ignore[valid-type]
+    position_sigma_m: PairOf[Sigma] | None = None
     """1 sigma of positions: horizontal per axis, vertical; default 2.5 s times the velocity's: receivers smooth
     positions with it"""
     spacing_s: NonNegative = 0.45
@@ -295,7 +295,7 @@ class Replay(Section):
     """likelihood: noise of fixes and sensors, and latency, as make the innovations of the moving flight most likely"""
     filter: ReplayFilterSection = ReplayFilterSection()
     """what the filter does"""
-    outages: list_of(Outage) = ()  # type: ignore[valid-type]
+    outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
 
     @model_validator(mode="after")

@@ -15,13 +15,13 @@ from navsim.scenario.base import (
     DEG_SQRT_H,
     MG,
     CorrelationTime,
+    ListOf,
     NonNegative,
+    PairOf,
     Section,
     Sigma,
     Signed,
     Triple,
-    list_of,
-    pair_of,
     reject,
 )
 from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
@@ -286,9 +286,9 @@ class VibrationLine(Section):
 class VibrationSection(Section):
     """Vibration where the inertial sensors are, along each axis alike. It is in what they measure, not in the path."""
 
-    lines: Annotated[list_of(VibrationLine), Field(max_length=20)] = ()  # type: ignore[valid-type]
+    lines: Annotated[ListOf[VibrationLine], Field(max_length=20)] = ()
     """single frequencies"""
-    psd: Annotated[list_of(pair_of(Annotated[float, Field(ge=1e-9, le=1e5)])), Field(max_length=50)] = ()  # type: ignore[valid-type]
+    psd: Annotated[ListOf[PairOf[Annotated[float, Field(ge=1e-9, le=1e5)]]], Field(max_length=50)] = ()
     """random part: pairs of a frequency, Hz, and a one-sided power spectral density, g2/Hz, straight in logarithms
     between them, nothing beyond"""
 
@@ -614,7 +614,7 @@ class RadioAltimeterSection(Section):
     """time from a measurement to its arrival"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """IMU to its antenna: forward, right, down"""
-    ground: Annotated[list_of(pair_of(Signed)), Field(max_length=200)] = ()  # type: ignore[valid-type]
+    ground: Annotated[ListOf[PairOf[Signed]], Field(max_length=200)] = ()
     """profile of the ground along the approach, pairs of a distance beyond the threshold in the direction of landing
     (before it: negative) and a height above the runway, straight between them, level beyond; none: all is level
     with the runway"""
@@ -667,7 +667,7 @@ class FilterRadioAltimeter(Section):
     """latency that the filter believes in"""
     lever_arm_m: Triple | None = None
     """lever arm of the antenna that the filter believes in"""
-    ground: Annotated[list_of(pair_of(Signed)), Field(max_length=200)] | None = None  # type: ignore[valid-type]
+    ground: Annotated[ListOf[PairOf[Signed]], Field(max_length=200)] | None = None
     """profile of the ground that the filter believes in; []: all is level with the runway"""
     from_m: Signed | None = None
     """distance beyond the threshold from which on the filter uses heights above ground; 0: over the runway alone;

@@ -14,6 +14,7 @@ from navsim.scenario.base import (
     CorrelationTime,
     Elevation,
     Latitude,
+    ListOf,
     Longitude,
     NonNegative,
     Section,
@@ -23,7 +24,6 @@ from navsim.scenario.base import (
     SourceName,
     Triple,
     as_tuple,
-    list_of,
     reject,
     whole,
 )
@@ -233,9 +233,9 @@ class AntennaSection(Section):
 
     mount: Literal["top", "belly"] = "top"
     """top: its axis is up in body axes; belly: down"""
-    elevation_deg: Annotated[list_of(Elevation), Field(min_length=2, max_length=200)] = (0.0, 90.0)  # type: ignore[valid-type]
+    elevation_deg: Annotated[ListOf[Elevation], Field(min_length=2, max_length=200)] = (0.0, 90.0)
     """elevations over its own horizon, rising; straight between them, beyond them as at the last"""
-    gain_dbi: Annotated[list_of(Gain), Field(min_length=2, max_length=200)] = (0.0, 0.0)  # type: ignore[valid-type]
+    gain_dbi: Annotated[ListOf[Gain], Field(min_length=2, max_length=200)] = (0.0, 0.0)
     """gain at each of them. Satellites have the difference to that at 90, where cn0_dbhz is meant"""
     mask_deg: Elevation = -90.0
     """elevation over its own horizon below which the aircraft shadows it: nothing is received; -90: nowhere"""
@@ -260,11 +260,11 @@ class AntennaSection(Section):
 class PatternSection(Section):
     """Where pseudolites send to: gain by azimuth and elevation, relative to eirp_dbm."""
 
-    azimuth_deg: Annotated[list_of(Azimuth), Field(min_length=1, max_length=360)] = (0.0,)  # type: ignore[valid-type]
+    azimuth_deg: Annotated[ListOf[Azimuth], Field(min_length=1, max_length=360)] = (0.0,)
     """azimuths from north, rising, within one turn; straight between them, all around; one: the same everywhere"""
-    elevation_deg: Annotated[list_of(Elevation), Field(min_length=2, max_length=200)]  # type: ignore[valid-type]
+    elevation_deg: Annotated[ListOf[Elevation], Field(min_length=2, max_length=200)]
     """elevations, rising; straight between them, beyond them as at the last"""
-    gain_db: Annotated[list_of(list_of(Gain)), Field(min_length=1, max_length=360)]  # type: ignore[valid-type]
+    gain_db: Annotated[ListOf[ListOf[Gain]], Field(min_length=1, max_length=360)]
     """for each azimuth a list, of each elevation"""
 
     @model_validator(mode="after")
@@ -300,7 +300,7 @@ class PseudolitesSection(Section):
     """distance from the runway axis, with `count`"""
     l1_m: Signed | None = None
     """distance before the threshold, with `count`"""
-    sites: list_of(Site) = ()  # type: ignore[valid-type]
+    sites: ListOf[Site] = ()
     """instead of count, s_m and l1_m: each pseudolite by itself"""
     frame: Literal["table1", "runway"] = "runway"
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""

@@ -13,11 +13,11 @@ from navsim.scenario.base import (
     Azimuth,
     Checksum,
     Elevation,
+    ListOf,
+    PairOf,
     Section,
-    list_of,
     one_or_list,
     one_or_more,
-    pair_of,
     reject,
 )
 
@@ -56,9 +56,9 @@ class Direction(Section):
 class Interference(Section):
     """A jammed part of the sky: sources inside are lost."""
 
-    azimuth_deg: pair_of(Azimuth) = (0.0, 360.0)  # type: ignore[valid-type]
+    azimuth_deg: PairOf[Azimuth] = (0.0, 360.0)
     """azimuths of the sector, from, to, clockwise; 350 to 10 goes through north"""
-    elevation_deg: pair_of(Elevation) = (-90.0, 90.0)  # type: ignore[valid-type]
+    elevation_deg: PairOf[Elevation] = (-90.0, 90.0)
     """elevations of the sector, from, to"""
 
     @model_validator(mode="after")
@@ -94,14 +94,14 @@ class Sky(Section):
     """checksum of the file, or a list in their order; when given, another file is refused"""
     lenient: bool = False
     """for `source: navigation` and `orbits`: take what is whole of damaged files, and warn of what was left out"""
-    systems: list_of(Name) = ()  # type: ignore[valid-type]
+    systems: ListOf[Name] = ()
     """use these alone, each with a clock unknown of its own; left out: GPS and GLONASS, or that of `nominal-...`"""
     galileo_message: Literal["inav", "fnav"] = "inav"
     """for `source: navigation`: what Galileo satellites fly by, I/NAV (of E1, E5b) or F/NAV (of E5a)"""
     broadcast: bool = False
     """satellites fly what their messages would say: GLONASS by state vectors each 30 minutes, integrated as receivers
     do; so that files exported from the run are exact"""
-    directions: list_of(Direction) = ()  # type: ignore[valid-type]
+    directions: ListOf[Direction] = ()
     """sources X01, X02, ... in fixed directions from the receiver, for `source: directions`"""
     mask_deg: Elevation = 5.0
     """lowest usable elevation"""
@@ -111,9 +111,9 @@ class Sky(Section):
     """file with a table azimuth_deg,elevation_deg of what stands around: nothing below its lines is received"""
     horizon_sha256: Checksum | None = None
     """checksum of that file; when given, another file is refused"""
-    interference: list_of(Interference) = ()  # type: ignore[valid-type]
+    interference: ListOf[Interference] = ()
     """sectors of the sky in which nothing is received"""
-    exclude: list_of(str) = ()  # type: ignore[valid-type]
+    exclude: ListOf[str] = ()
     """names of satellites not to use, such as R05"""
     use_unhealthy: bool = False
     """use satellites that the almanac marks as unhealthy"""

@@ -14,7 +14,7 @@ from navsim.io.schema import (
     SWEEP_QUANTITIES,
     WATCHED_QUANTITIES,
 )
-from navsim.scenario.base import Dotted, Section, Version, list_of, reject
+from navsim.scenario.base import Dotted, ListOf, Section, Version, reject
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)
 """Outputs of every method; of those that fly a filter besides; all that there are."""
@@ -100,9 +100,9 @@ class Vary(Section):
 
     key: Dotted | None = None
     """dotted key of the base scenario, such as pseudolites.s_m"""
-    keys: list_of(Dotted) | None = None  # type: ignore[valid-type]
+    keys: ListOf[Dotted] | None = None
     """keys that change together; `values` is then a list of lists"""
-    values: list_of(Any) | None = None  # type: ignore[valid-type]
+    values: ListOf[Any] | None = None
     """the values one by one; with `keys`, a list of lists"""
     grid: Grid | None = None
     """evenly spaced values by their number"""
@@ -148,11 +148,12 @@ class Sweep(Section):
     """scenario file, relative to this one"""
     set: dict[Dotted, Any] = Field(default_factory=dict)
     """settings of the base that stay the same: dotted keys and values"""
-    vary: Annotated[list_of(Vary), Field(min_length=1)]  # type: ignore[valid-type]
+    vary: Annotated[ListOf[Vary], Field(min_length=1)]
     """axes of the study; every combination is computed"""
     method: Literal["dop", "covariance", "monte-carlo"] = "dop"
     """dop: geometry alone; covariance: linear covariance analysis; monte-carlo: runs"""
-    outputs: list_of(Literal[(*OUTPUTS, REQUIREMENTS)]) = ()  # type: ignore[valid-type]
+    # mypy knows no choice of names that are computed
+    outputs: ListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
     """what is stored; default: all that the method tells of geometry and filter. What is told of watched fixes,
     hpl_p95 to hmi, and verdicts on the base scenario's requirements are asked for by name"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100

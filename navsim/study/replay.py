@@ -181,7 +181,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     gyro_section, accel_section = scenario.imu.resolved()
     gyro, accel = gyro_section.triad(1.0 / interval), accel_section.triad(1.0 / interval)
     gnss = scenario.gnss
-    velocity = _START if gnss.velocity_sigma_m_s is None else gnss.velocity_sigma_m_s
+    velocity: tuple[float, ...] = _START if gnss.velocity_sigma_m_s is None else gnss.velocity_sigma_m_s
     latency = 0.0 if gnss.latency_s is None else gnss.latency_s  # untuned, and where the alignment starts
     open_noise = [gnss.velocity_sigma_m_s is None] * 2
     tight = scenario.filter.coupling == "tight"

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import Decay, ScanPeriod, Section, Sigma, Utc, Version, list_of, reject
+from navsim.scenario.base import Decay, ListOf, ScanPeriod, Section, Sigma, Utc, Version, reject
 from navsim.scenario.tracking.circuit import CircuitSection
 
 
@@ -93,7 +93,7 @@ class Atc(Section):
     """time between scans"""
     onboard_rates: bool = False
     """whether V' and the rates of path angle and track are measured as well"""
-    further_cases: list_of(AtcCase) = (  # type: ignore[valid-type]
+    further_cases: ListOf[AtcCase] = (
         AtcCase(period_s=1.0, onboard_rates=True),
         AtcCase(period_s=4.0),
         AtcCase(period_s=4.0, onboard_rates=True),

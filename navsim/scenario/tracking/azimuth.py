@@ -9,14 +9,14 @@ from pydantic import Field
 
 from navsim.scenario.base import (
     Decay,
+    ListOf,
     NonNegative,
+    PairOf,
     ScanPeriod,
     Section,
     Sigma,
     Utc,
     Version,
-    list_of,
-    pair_of,
 )
 from navsim.scenario.tracking.circuit import CircuitSection
 
@@ -66,7 +66,7 @@ class Filters(Section):
 
     alpha_1_s: Decay = 0.05
     """decay of Singer's acceleration"""
-    singer_sigma_m_s2: pair_of(Sigma) = (1.074264684, 2.504689245)  # type: ignore[valid-type]
+    singer_sigma_m_s2: PairOf[Sigma] = (1.074264684, 2.504689245)
     """1 sigma of Singer's acceleration of S1 (0.2 g in Singer's formula) and S2 (the turn's own g tan 25 deg)"""
     residual_sigma_m_s2: Sigma = 0.2
     """1 sigma of what reported accelerations leave over, L1-L4"""
@@ -75,15 +75,15 @@ class Filters(Section):
 class Map(Section):
     """The map of Singer over onboard-driven, each with its best tuning."""
 
-    periods_s: list_of(ScanPeriod) = (0.5, 1.0, 2.0, 4.0, 6.0, 10.0)  # type: ignore[valid-type]
+    periods_s: ListOf[ScanPeriod] = (0.5, 1.0, 2.0, 4.0, 6.0, 10.0)
     """scan periods of the map"""
-    azimuth_sigmas_deg: list_of(Sigma) = (0.03, 0.05, 0.08, 0.15, 0.30)  # type: ignore[valid-type]
+    azimuth_sigmas_deg: ListOf[Sigma] = (0.03, 0.05, 0.08, 0.15, 0.30)
     """azimuth errors of the map, 1 sigma, at the age of reports of `report`"""
-    latencies_s: list_of(Latency) = (0.0, 0.25, 0.5, 1.0, 2.0)  # type: ignore[valid-type]
+    latencies_s: ListOf[Latency] = (0.0, 0.25, 0.5, 1.0, 2.0)
     """ages of reports of the map, at the azimuth error of `radar`"""
-    singer_sigmas_m_s2: list_of(Sigma) = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5)  # type: ignore[valid-type]
+    singer_sigmas_m_s2: ListOf[Sigma] = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5)
     """tunings of Singer among which the best is taken"""
-    residual_sigmas_m_s2: list_of(Sigma) = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5)  # type: ignore[valid-type]
+    residual_sigmas_m_s2: ListOf[Sigma] = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5)
     """tunings of L4 among which the best is taken"""
     runs: Annotated[int, Field(ge=0, le=10_000)] = 60
     """Monte Carlo runs of each point of the map; 0: no map"""
@@ -104,7 +104,7 @@ class Azimuth(Section):
     """the flight"""
     period_s: ScanPeriod = 1.0
     """time between scans of the radar"""
-    further_periods_s: list_of(ScanPeriod) = (4.0,)  # type: ignore[valid-type]
+    further_periods_s: ListOf[ScanPeriod] = (4.0,)
     """scan periods of cases computed beside the main one"""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Monte Carlo runs of each case"""
@@ -116,7 +116,7 @@ class Azimuth(Section):
     """what the aircraft reports by Mode S"""
     filters: Filters = Filters()
     """how the filters are tuned"""
-    latencies_s: list_of(Latency) = (0.0, 0.5, 1.0, 2.0)  # type: ignore[valid-type]
+    latencies_s: ListOf[Latency] = (0.0, 0.5, 1.0, 2.0)
     """sweep of the age of reports, unknown to the filter and stamped"""
     map: Map = Map()
     """the map of Singer over onboard-driven filters"""

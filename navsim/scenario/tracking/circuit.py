@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from navsim.scenario.base import DEG, Pair, Section, Signed, Triple, list_of
+from navsim.scenario.base import DEG, ListOf, Pair, Section, Signed, Triple
 
 if TYPE_CHECKING:
     from navsim.tracking.circuit import Circuit
@@ -28,26 +28,26 @@ class CircuitSection(Section):
     """track at the start, clockwise from north"""
     speed_m_s: Annotated[float, Field(ge=1.0, le=2000.0)] = 100.0
     """speed at the start"""
-    roll_deg: list_of(Command) = (  # type: ignore[valid-type]
+    roll_deg: ListOf[Command] = (
         (160.0, 6.0, 25.0),
         (189.346, 6.0, -25.0),
         (241.652, 6.0, 25.0),
         (267.907, 6.0, -25.0),
     )
     """raised-cosine ramps of the roll: start s, duration s, increment"""
-    speed_change_m_s: list_of(Command) = (  # type: ignore[valid-type]
+    speed_change_m_s: ListOf[Command] = (
         (40.0, 40.0, -15.0),
         (195.346, 30.0, -9.0),
         (277.907, 20.0, -6.0),
     )
     """raised-cosine ramps of the speed: start s, duration s, increment"""
-    path_angle_deg: list_of(Command) = ((283.795, 8.0, -3.0),)  # type: ignore[valid-type]
+    path_angle_deg: ListOf[Command] = ((283.795, 8.0, -3.0),)
     """raised-cosine ramps of the path angle: start s, duration s, increment"""
     duration_s: Annotated[float, Field(gt=10.0, le=3600.0)] = 406.0
     """length of the flight"""
-    manoeuvre_s: list_of(Pair) = ((160.0, 195.346), (241.652, 273.907))  # type: ignore[valid-type]
+    manoeuvre_s: ListOf[Pair] = ((160.0, 195.346), (241.652, 273.907))
     """stretches in which errors are counted as those of the manoeuvre"""
-    straight_s: list_of(Pair) = ((60.0, 160.0),)  # type: ignore[valid-type]
+    straight_s: ListOf[Pair] = ((60.0, 160.0),)
     """stretches in which errors are counted as those of straight flight"""
 
     def scans(self, period: float) -> int:

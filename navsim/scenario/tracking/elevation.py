@@ -9,14 +9,14 @@ from pydantic import Field, model_validator
 
 from navsim.scenario.base import (
     CorrelationTime,
+    ListOf,
     Pair,
+    PairOf,
     ScanPeriod,
     Section,
     Utc,
     Variance,
     Version,
-    list_of,
-    pair_of,
     reject,
 )
 
@@ -38,7 +38,7 @@ class ElevationFilterSection(Section):
     """correlation time of the angle's acceleration, for the singer model"""
     initial_deg: Pair = (2.4, 0.0042)
     """angle, and rate in deg/s, the filter starts with"""
-    initial_variance: pair_of(Variance) = (0.625, 0.006)  # type: ignore[valid-type]
+    initial_variance: PairOf[Variance] = (0.625, 0.006)
     """variances of angle, deg2, and rate, deg2/s2, that the filter starts with"""
 
 
@@ -64,7 +64,7 @@ class NominalSection(Section):
     """start of the run, on the nominal trajectory"""
     to_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 110.0
     """end of the run, on the nominal trajectory"""
-    rate_variances_deg2_s2: list_of(Variance) = (1e-4, 7.462188e-6, 1.19395e-8)  # type: ignore[valid-type]
+    rate_variances_deg2_s2: ListOf[Variance] = (1e-4, 7.462188e-6, 1.19395e-8)
     """the paper's Q, and what its formula gives for accelerations up and along"""
 
     @model_validator(mode="after")
