@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from navsim.core import states
+from navsim.models.imu import SensorErrors
 from navsim.scenario.source import InputError
 from navsim.simulation.sensors import true_values
 from navsim.study.executor import threads
@@ -40,10 +41,10 @@ def test_what_the_states_are_judged_by() -> None:
     flown = case(*ASKEW, FOLLOWED, "duration_s=5", name="s_turn")
     cross = np.arange(18.0).reshape(2, 3, 3, 1)
 
-    class Errors:
-        bias, scale, cross = np.zeros((1, 6, 1)), np.zeros((6, 1)), np.arange(18.0).reshape(2, 3, 3, 1)
-
-    values = true_values(flown.beliefs.sensors.blocks, Errors)[0, :, 0]  # type: ignore[arg-type]
+    errors = SensorErrors(
+        np.zeros((1, 6, 1)), np.zeros((6, 1)), cross, force=np.zeros((3, 3, 1)), clipped=np.zeros((2, 1))
+    )
+    values = true_values(flown.beliefs.sensors.blocks, errors)[0, :, 0]
     for value, name in zip(values[6:], flown.states[15:], strict=True):
         to, felt = ("xyz".index(axis) for axis in name[-2:])
         assert value == cross[int(name.startswith("acc")), to, felt, 0]

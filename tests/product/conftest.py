@@ -29,10 +29,12 @@ def browser() -> Iterator[Any]:
     """Chromium, as it is installed. No longer than a module: while it is there, this thread has a running event loop,
     beside which others cannot start theirs."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
+    if chromium is None:  # a program of the system, which `.ci/run` installs and a reader's machine may lack
         pytest.skip("needs Chromium (apt-get install chromium), which is not here")
-    api = pytest.importorskip("playwright.sync_api", reason="needs playwright, which is not installed")
-    with api.sync_playwright() as tools:
+    # not at the top: only where there is a browser; it is among the packages of the tests, so that it is there
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as tools:
         here = tools.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         yield here
         here.close()

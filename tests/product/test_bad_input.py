@@ -110,7 +110,7 @@ def test_scenario_refused(name: str, change: tuple[str, str], fragments: list[st
 
 def test_several_mistakes_are_reported_together(workplace: Path) -> None:
     text = LANDING.replace("duration_s: 120", "duratoin_s: 120").replace("mask_deg: 5", "mask_deg: 500")
-    text = text.replace("  preset: paper ", "  accelerometer: {bias_mg: -1}\n  preset: paper ")
+    text = text.replace("  preset: paper ", "  accelerometer:\n    bias_mg: -1\n  preset: paper ")
     (workplace / "s.yaml").write_text(text)
     done = navsim("validate", "s.yaml", cwd=workplace)
     assert_refused(done, workplace, ["duratoin_s", "sky.mask_deg", "imu.accelerometer.bias_mg"])
