@@ -202,13 +202,9 @@ def followed(names: list[str]) -> list[Followed]:
     rows = list(_STATES)
     further = names[3 * len(_STATES) : len(names) - len(clock)]
     for first in further[::3]:
-        if first.startswith(_FIX_ERROR):  # of variance 1
-            rows.append((first.rpartition("_")[0].replace("_", " "), "", 1.0))
-        else:
-            short = first.removesuffix("_x").replace("accelerometer", "accel.").replace("_", " ")
-            rows.append((short, "ppm", 1e6))
-    axes = [*(3 * ("north", "east", "down")), *(2 * "xyz")]
-    axes += [n.rpartition("_")[2] if n.startswith(_FIX_ERROR) else "xyz"[k % 3] for k, n in enumerate(further)]
+        scale = ("", 1.0) if first.startswith(_FIX_ERROR) else ("ppm", 1e6)  # errors of fixes are of variance 1
+        rows.append((first.rpartition("_")[0].replace("accelerometer", "accel.").replace("_", " "), *scale))
+    axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
     out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
     return out + [Followed(n.replace("_", " "), "m/s" if n.endswith("drift") else "m", 1.0, "") for n in clock]
 
