@@ -360,13 +360,16 @@ class Landing(Section):
             raise reject(str(error), "wind", error.key) from error
         except ValueError as error:
             raise reject(f"no such path: {error}", "approach", *self._at_waypoint(error)) from error
-        highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
-        if self.wind.profile == "log" and self.wind.blows and highest > HIGHEST + 1e-6:
-            text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, the path is {highest:.0f} m up"
-            raise reject(f"{text}; use power or table", "wind", "profile")
-        if self.wind.turbulence is not None and highest > HIGHEST + 1e-6:
-            text = f"the turbulence of low altitude ends {HIGHEST:g} m (1000 ft) above the runway"
-            raise reject(f"{text}, the path is {highest:.0f} m up", "wind", "turbulence")
+        by_law = self.wind.profile == "log" and self.wind.blows
+        if by_law or self.wind.turbulence is not None:
+            highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
+            up = f"the path is {highest:.0f} m up"
+            if by_law and highest > HIGHEST + 1e-6:
+                text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, {up}; use power or table"
+                raise reject(text, "wind", "profile")
+            if self.wind.turbulence is not None and highest > HIGHEST + 1e-6:
+                text = f"the turbulence of low altitude ends {HIGHEST:g} m (1000 ft) above the runway, {up}"
+                raise reject(text, "wind", "turbulence")
         for i, gust in enumerate(self.wind.gusts):
             if gust.start_s >= self.duration_s:
                 raise reject(f"is not within duration_s, {self.duration_s:g} s", "wind", "gusts", i, "start_s")
@@ -548,13 +551,13 @@ class Landing(Section):
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
         """What takes runs off the route, and the keys that say so; None where all fly it."""
-        from navsim.models.air import Air
-
         wind, technical = self.wind, None
         if not isinstance(self.approach, FileApproach):
             technical = self.approach.flight_technical_error
         if technical is None and not wind.buffets:
             return None
+        from navsim.models.air import Air  # only where there is something of it
+
         mean, response = wind.mean(self.runway.heading_deg * DEG), wind.response.model()
         turbulence = None if wind.turbulence is None else wind.turbulence.model(mean)
         gusts = tuple(gust.model() for gust in wind.gusts)
