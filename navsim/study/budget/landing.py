@@ -76,7 +76,7 @@ class Extent:
     whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
     each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
     inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
-    which discrete gusts draw nothing."""
+    which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it."""
 
     samples: int
     epochs: int
@@ -94,6 +94,7 @@ class Extent:
     limited: int = 0
     imperfect: bool = False
     ways: bool = False
+    interfering: int | None = None
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -113,13 +114,15 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     """The numbers of a scenario under a sky."""
     fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
     clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
-    names = sum(len(group.names) for group in sources.satellites) + len(sources.pseudolites.names)
+    of_ground = len(sources.pseudolites.names)
+    names = sum(len(group.names) for group in sources.satellites) + of_ground
     if sources.listed is not None:
         clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
         names += len(sources.listed.names)
-    if sources.pseudolites.names:
+    if of_ground:
         clocks.add(sources.pseudolites.clock)
     scales = 1 if sources.effects.one_clock else len(clocks)
+    jamming = sources.jamming
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
         scenario.filter.states(scales, scenario.gain_states, scenario.lasting_states),
@@ -135,6 +138,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         2 if scenario.imu.limited() else 0,
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
+        None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
     )  # fmt: skip
 
 
@@ -284,7 +288,10 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
     truth = (14 if scenario.wind.blows else 10) * (here.samples + 1)
     geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
     messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
-    return NUMBER * (truth + geometry + messages) + 7000
+    result = NUMBER * (truth + geometry + messages) + 7000
+    if here.interfering is not None:  # its ratio and what it leaves of the sources, and which are held
+        result += here.epochs * here.sources * (NUMBER * (here.interfering + 1) + 1)
+    return result
 
 
 def further(scenario: Landing, sources: Environment) -> int:
@@ -307,7 +314,9 @@ def _analysed(scenario: Landing, sources: Environment, here: Extent) -> Budget:
     """A covariance analysis."""
     outputs = here.epochs + 1
     errors = 1 + len(SOURCES) + further(scenario, sources)  # and what is systematic
-    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + errors * here.states) + 101 * VARIABLE
+    # the budget's, the mean, the root mean square of all, and what the filter believes
+    of_states = (errors + 3) * here.states
+    result = _common_bytes(scenario, here) + NUMBER * outputs * (7 + of_states) + 101 * VARIABLE
     return Budget(
         BASE_TIME + prepared(here) + analysis_time(here) + _sampling_time(scenario, here) + bank_time(here),
         shared_memory(here) + ANALYSED_MEMORY * (outputs + 2.0 * (here.aided + here.ahead)) + WRITING * result,
