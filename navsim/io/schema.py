@@ -120,6 +120,7 @@ def _labels(path: str, meaning: str, layouts: str | Sequence[str], *labels: str)
 
 _FLOWN = (LANDING, COVARIANCE)
 _KEPT = "unless `--keep none`"
+_HORIZON = "with `sky.horizon`"
 _WIND = "where there is a mean wind"
 _TRACK = "with `approach.profile: track`"
 _ALL = "with `--keep all`, which is the default for one run"
@@ -186,6 +187,10 @@ _TRUTH = Chapter(
         _a("/geometry/{angle}", "instant source", "rad",
            "{angle} of a source at truth, used or not, nan where no message tells where it is", _FLOWN,
            angle=("azimuth", "elevation")),
+        _a("/geometry/bearing", "bearing", "rad", "azimuths of the corners of the horizon, growing", _FLOWN,
+           when=_HORIZON),
+        _a("/geometry/horizon", "bearing", "rad", "elevation of the horizon, straight between its corners", _FLOWN,
+           when=_HORIZON),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
     ),

@@ -14,13 +14,13 @@ from bokeh.models import ColorBar, ColumnDataSource, CustomJS, LinearColorMapper
 from bokeh.plotting import figure
 
 from navsim.models.approach import TOUCHDOWN
+from navsim.models.sky import Horizon
 from navsim.planner.outlook import Share
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.page.marks import (
     BLUE,
     GREY,
     ORANGE,
-    TEXT,
     bar,
     from_runway,
     line,
@@ -31,7 +31,7 @@ from navsim.report.page.marks import (
     source,
     tell,
 )
-from navsim.report.page.sky import Sector, sky_paper
+from navsim.report.page.sky import Sector, beside, name_marks, sky_paper, skyline
 
 Outline = tuple[str, list[np.ndarray], str]
 """Of an overlay: `area`, `line` or `point`; its parts (n, 2), along and right, m; its name."""
@@ -181,19 +181,20 @@ def reach_of(values: np.ndarray) -> tuple[float, float]:
 class SkyPlan:
     """The sky at the middle of the glide, with its mask."""
 
-    def __init__(self, proposal: PlannedScenario) -> None:
+    def __init__(self, proposal: PlannedScenario, horizon: Horizon | None) -> None:
         sky = proposal.scenario.sky
         masked: list[Sector] = [(0.0, 360.0, 0.0, sky.mask_deg), (0.0, 360.0, sky.mask_upper_deg, 90.0)]
         masked += [(*part.azimuth_deg, *part.elevation_deg) for part in sky.interference]
         on = sky_paper("", 90.0, masked)
         on.update(name="sky", max_width=320)
+        if horizon is not None:
+            skyline(on, horizon.azimuth, horizon.elevation, sky.mask_deg)
         on.toolbar_location = None
         self.figure = on
         self.sources = ColumnDataSource(_directions([]))
         marks: Any = on.scatter("x", "y", source=self.sources, marker="marker", size=10, line_color="colour",
                                 fill_color="colour", fill_alpha="full", line_width=1.5)  # fmt: skip
-        on.text("x", "y", "said", source=self.sources, text_font_size="10px", text_color=TEXT, text_align="align",
-                x_offset="aside", y_offset=-4)  # fmt: skip
+        name_marks(on, self.sources)
         tell(on, [marks], ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
         self.sources.syncable = False
 
@@ -202,19 +203,11 @@ class SkyPlan:
         self.sources.data = _directions([each for each in shares if each.elevation > -10.0])
 
 
-_ASIDE = 60.0
-"""Names of sources farther right than this stand left of them."""
-
-
 def _directions(shares: list[Share]) -> dict[str, list[Any]]:
     azimuth = np.radians([each.azimuth for each in shares])
     away = np.minimum(90.0 - np.array([each.elevation for each in shares]), 90.0)
-    return {
-        "x": (away * np.sin(azimuth)).tolist(),
-        "y": (away * np.cos(azimuth)).tolist(),
-        "align": ["right" if x > _ASIDE else "left" for x in away * np.sin(azimuth)],
-        "aside": [-7.0 if x > _ASIDE else 7.0 for x in away * np.sin(azimuth)],
-        "said": [each.name for each in shares],
+    x, y = (away * np.sin(azimuth)).tolist(), (away * np.cos(azimuth)).tolist()
+    return beside(x, y, [each.name for each in shares], 90.0) | {
         "how": ["used" if each.used else "not used" for each in shares],
         "azimuth": [each.azimuth for each in shares],
         "elevation": [each.elevation for each in shares],

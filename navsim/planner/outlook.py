@@ -16,6 +16,7 @@ import numpy as np
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import dops, geometry_covariance
 from navsim.models.signals import build_signals
+from navsim.models.sky import Horizon
 from navsim.planner.proposal import PlannedScenario
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import LevelScreen, Prepared, screened
@@ -85,6 +86,11 @@ class Outlook:
         self._geometry: Geometry | None = None
         self._watched: Prepared | None = None
         self._case: Case | None = None
+
+    @property
+    def horizon(self) -> Horizon | None:
+        """What hides satellites above the mask, where the scenario has such a thing."""
+        return self._sources.mask.horizon
 
     @property
     def placed(self) -> bool:

@@ -83,7 +83,7 @@ class PlannerSession:
         self._busy = self._gone = self._settling = False
         self._sequence = 0
         self.plan = AerodromePlan(proposal, self._area, overlay, "window.planner.pan(cb_obj)")
-        self.sky = SkyPlan(proposal)
+        self.sky = SkyPlan(proposal, self._outlook.horizon)
         self.orders = ColumnDataSource({"order": []}, name="orders")
         self.news = ColumnDataSource({"news": []}, name="news")
         self.news.syncable = False

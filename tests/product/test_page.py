@@ -370,6 +370,12 @@ def test_a_browser_finds_no_fault(browser: Any, place: Path, tmp_path: Path) -> 
         shown.emulate_media(color_scheme=scheme)
         assert shown.evaluate("document.documentElement.scrollWidth") <= width
         assert shown.evaluate(empty) == 0
+        # rings and marks of a sky have one scale
+        skies = shown.evaluate(
+            "Bokeh.index.roots.filter(v => v.el.closest('#sky')).map(v => [v.frame.bbox.width, v.frame.bbox.height])"
+        )
+        assert skies
+        assert all(wide == high > 200 for wide, high in skies)
         paper = shown.evaluate("getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, re.findall(r"\d+", paper)[:3])) > 600) == (scheme == "light")
     assert EVIL in shown.inner_text("header")

@@ -39,7 +39,7 @@ from navsim.report.page.marks import (
     upright,
     width,
 )
-from navsim.report.page.sky import Sector, sky_paper
+from navsim.report.page.sky import Sector, beside, name_marks, sky_paper, skyline
 from navsim.report.quantities import (
     RunwayErrors,
     descent,
@@ -138,7 +138,7 @@ def sky(results: Sequence[Named]) -> Drawing:
     whole = all("/geometry/instant" in result for _, result in results)
     caption = (
         "Directions by azimuth (north up, east right) and elevation (zenith in the middle) over the approach; marks: "
-        "where sources are at its end. Shaded: below the mask, or taken out of the sky."
+        "where sources are at its end. Shaded: below the mask or the horizon, or taken out of the sky."
         + ("" if whole else " A result of an earlier version keeps used sources alone.")
     )  # fmt: skip
     keys = [Key("used", BLUE, "dot"), Key("not used", GREY, "ring"), Key("pseudolite", ORANGE, "triangle"),
@@ -152,8 +152,12 @@ def _sky(title: str, result: Result) -> figure:
     away = 90.0 - elevation
     edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(np.where(used, away, 0.0), initial=0.0)) / 10.0))
     on = sky_paper(title, edge, _masked(result, edge))
+    if "/geometry/horizon" in result:
+        corners = result["/geometry/bearing"], result["/geometry/horizon"]
+        skyline(on, *corners, float(setting(result, "sky", "mask_deg")))
     x, y = away * np.sin(azimuth), away * np.cos(azimuth)
     marks = []
+    named: list[tuple[float, float, str]] = []
     for i, name in enumerate(map(str, result["/geometry/source"])):
         up = np.isfinite(x[:, i]) & ((elevation[:, i] > 0.0) | used[:, i])
         if not up.any():
@@ -175,7 +179,10 @@ def _sky(title: str, result: Result) -> figure:
             on.scatter("x", "y", source=of, size=10, marker="triangle" if name in ground else "circle",
                        line_color=style, fill_color=style, fill_alpha=1.0 if now else 0.0)
         )  # fmt: skip
-        names(on, x[last, i], y[last, i], [name], text_font_size="10px")
+        named.append((float(x[last, i]), float(y[last, i]), name))
+    if named:
+        across, up, said = zip(*named, strict=True)
+        name_marks(on, source(**beside(across, up, said, edge)))
     tell(on, marks, ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
     return on
 

@@ -40,7 +40,7 @@ MOST_POINTS = 1500
 """Most points of a line; of longer ones every so many-th is drawn, and the caption says so."""
 MOST_LINES = 20
 """Most runs drawn one by one."""
-_FONT = "system-ui, sans-serif"
+FONT = "system-ui, sans-serif"
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,8 @@ def plot(title: str, x: str, y: str, height: int = 260, **more: Any) -> figure:
     out.toolbar.autohide = True
     for axis, said in ((out.xaxis[0], x), (out.yaxis[0], fill(y, height // 7))):
         axis.update(
-            axis_label=said, axis_label_text_color=TEXT, axis_label_text_font=_FONT, axis_label_text_font_size="12px",
-            axis_label_text_font_style="normal", major_label_text_color=TEXT, major_label_text_font=_FONT,
+            axis_label=said, axis_label_text_color=TEXT, axis_label_text_font=FONT, axis_label_text_font_size="12px",
+            axis_label_text_font_style="normal", major_label_text_color=TEXT, major_label_text_font=FONT,
             major_label_text_font_size="11px", axis_line_color=GREY, major_tick_line_color=GREY,
             minor_tick_line_color=None,
         )  # fmt: skip
@@ -193,7 +193,7 @@ def names(on: figure, x: Any, y: Any, said: Iterable[object], colour: str = TEXT
     """Words beside points."""
     style = {"x_offset": 6, "y_offset": 6, "text_font_size": "11px"} | style
     of = source(x=np.atleast_1d(x), y=np.atleast_1d(y), said=[str(text) for text in said])
-    on.text("x", "y", "said", source=of, text_color=colour, text_font=value(_FONT), **style)
+    on.text("x", "y", "said", source=of, text_color=colour, text_font=value(FONT), **style)
 
 
 def labels(on: figure, x: np.ndarray, y: np.ndarray, said: Iterable[object]) -> None:
@@ -217,7 +217,7 @@ def bar(on: figure, mapper: Any, label: str) -> None:
     """The bar of colours beside a plot."""
     on.add_layout(
         ColorBar(
-            color_mapper=mapper, title=label, title_text_color=TEXT, title_text_font=_FONT, title_text_font_size="11px",
+            color_mapper=mapper, title=label, title_text_color=TEXT, title_text_font=FONT, title_text_font_size="11px",
             title_text_font_style="normal", major_label_text_color=TEXT, background_fill_alpha=0.0, width=10,
             bar_line_color=None, padding=4,
         ),

@@ -98,6 +98,9 @@ def _geometry(draft: Draft, case: Case) -> None:
     draft["/geometry/instant"] = s.time[some]
     draft["/geometry/azimuth"] = s.azimuth[some]
     draft["/geometry/elevation"] = s.elevation[some]
+    if (horizon := case.environment.mask.horizon) is not None:
+        draft["/geometry/bearing"] = horizon.azimuth
+        draft["/geometry/horizon"] = horizon.elevation
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
