@@ -35,6 +35,19 @@ SAT_WEIGHT = 9
 """n of them, 0 where there are none."""
 SAT_N = 10
 
+# a ridge that hides pseudolites, a row of `ridges`
+EDGE_FIRST = 0
+"""Where its top begins, x, y, z."""
+EDGE_ACROSS = 3
+"""Across its upright plane."""
+EDGE_ALONG = 6
+"""Along it, level: 1 from its beginning to its end."""
+EDGE_UP = 9
+"""Up."""
+EDGE_RISE = 12
+"""What its end is higher than its beginning."""
+EDGE_N = 13
+
 # what the placements have in common at one epoch, weights counted in those of a pseudolite where one is heard
 _AT = 0
 """Receiver, x, y, z."""
@@ -50,7 +63,11 @@ _VARIANCE = 19
 """Of a source of weight 1."""
 _HEARD = 20
 """1 where pseudolites are heard, else 0."""
-_N = 21
+_SPARE = 21
+"""Satellites less the unknowns there are without pseudolites."""
+_KEPT = 22
+"""n of the satellites on the pseudolites' clock."""
+_N = 23
 
 _TILE = 32
 """Epochs worked on at once: their C of a register of placements stay in the first cache. One loop over them finds C,
@@ -83,6 +100,8 @@ def _common(receiver, up, spare, satellites, weight, count, out):
         row[_UP + 3], row[_UP + 4], row[_UP + 5] = 2.0 * z * x, 2.0 * z * y, z * z
         row[_VARIANCE] = variance
         row[_HEARD] = 1.0 if heard > 0 else 0.0
+        row[_SPARE] = spare[e]
+        row[_KEPT] = satellites[e, SAT_WEIGHT] * variance
     return solvable
 
 
@@ -119,6 +138,73 @@ def _eliminated(row, sites, places, c):
 
 
 @inlined
+def _along(x, y, z, row, of):
+    """The product of a vector and one of a row, from column `of` on."""
+    return fma(x, row[of], fma(y, row[of + 1], z * row[of + 2]))
+
+
+@inlined
+def _seen(row, ridges, x, y, z):
+    """1 where places (x, y, z), ECEF, m, are seen from a receiver, 0 where a ridge is before them."""
+    seen = 1.0
+    for w in range(ridges.shape[0]):
+        edge = ridges[w]
+        # from the beginning of its top
+        px, py, pz = x - edge[EDGE_FIRST], y - edge[EDGE_FIRST + 1], z - edge[EDGE_FIRST + 2]
+        rx = row[_AT] - edge[EDGE_FIRST]
+        ry = row[_AT + 1] - edge[EDGE_FIRST + 1]
+        rz = row[_AT + 2] - edge[EDGE_FIRST + 2]
+        there, here = _along(px, py, pz, edge, EDGE_ACROSS), _along(rx, ry, rz, edge, EDGE_ACROSS)
+        # where the line of sight goes through its plane, as a share of it, from the place on
+        share = there / (there - here)
+        begin, low = _along(px, py, pz, edge, EDGE_ALONG), _along(px, py, pz, edge, EDGE_UP)
+        beside = fma(share, _along(rx, ry, rz, edge, EDGE_ALONG) - begin, begin)
+        height = fma(share, _along(rx, ry, rz, edge, EDGE_UP) - low, low)
+        hidden = (there * here < 0.0) & (beside >= 0.0) & (beside <= 1.0) & (beside * edge[EDGE_RISE] > height)
+        seen = select(hidden, 0.0, seen)
+    return seen
+
+
+@inlined
+def _eliminated_where_seen(row, sites, places, ridges, c):
+    """As `_eliminated`, of the pseudolites that no ridge hides; returns whether there are sources enough."""
+    xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
+    bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
+    heard = 0.0
+    for k in range(sites):
+        seen = _seen(row, ridges, places[k, 0], places[k, 1], places[k, 2])
+        ux = places[k, 0] - row[_AT]
+        uy = places[k, 1] - row[_AT + 1]
+        uz = places[k, 2] - row[_AT + 2]
+        nearness = seen * math.sqrt(1.0 / fma(uz, uz, fma(uy, uy, ux * ux)))
+        ux *= nearness
+        uy *= nearness
+        uz *= nearness
+        xx = fma(ux, ux, xx)
+        yx = fma(uy, ux, yx)
+        yy = fma(uy, uy, yy)
+        zx = fma(uz, ux, zx)
+        zy = fma(uz, uy, zy)
+        zz = fma(uz, uz, zz)
+        bx += ux
+        by += uy
+        bz += uz
+        heard += seen
+    total = row[_KEPT] + heard
+    shared = select(total > 0.0, -1.0 / total, 0.0)
+    px, py, pz = shared * bx, shared * by, shared * bz
+    c[0] = fma(px, bx, xx)
+    c[1] = fma(py, bx, yx)
+    c[2] = fma(py, by, yy)
+    c[3] = fma(pz, bx, zx)
+    c[4] = fma(pz, by, zy)
+    c[5] = fma(pz, bz, zz)
+    # a clock that pseudolites alone keep is one unknown more
+    own = 1.0 if row[_KEPT] == 0.0 else 0.0
+    return row[_SPARE] + heard >= select(heard > 0.0, own, 0.0)
+
+
+@inlined
 def _squares(row, c):
     """Squares of PDOP and VDOP, and whether there is a solution; nan without one."""
     c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
@@ -139,12 +225,13 @@ def _squares(row, c):
 
 
 @kernel
-def placement_dops(receiver, up, spare, satellites, weight, sites, room, places, first, last, out, lost):
+def placement_dops(receiver, up, spare, satellites, weight, ridges, sites, room, places, first, last, out, lost):
     """Statistics over the epochs of PDOP, HDOP, VDOP for the registers first ... last - 1 of placements.
 
     receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. spare: (e,) int, satellites less the unknowns there
     are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT. weight: (e,) of the pseudolites'
-    ranges, 1 or 1/variance, 0 where none is heard. sites: (p, k, 3) ECEF of the k pseudolites of each placement, m.
+    ranges, 1 or 1/variance, 0 where none is heard. ridges: (w, EDGE_N) that hide pseudolites, see
+    EDGE_FIRST. sites: (p, k, 3) ECEF of the k pseudolites of each placement, m.
     room: (k, 3, W), work space, and places: (k, 3), lanes, the same memory. out: (3, 3, g), lanes, written: PDOP, HDOP,
     VDOP by mean, smallest, largest over the epochs that have a solution, nan where none has. lost: (g,), lanes,
     written: epochs without a solution. Lane l of register g is placement W g + l; lanes past the last placement
@@ -169,7 +256,13 @@ def placement_dops(receiver, up, spare, satellites, weight, sites, room, places,
         for begin in range(0, solvable, _TILE):
             rows = common[begin : min(begin + _TILE, solvable)]
             for e in range(rows.shape[0]):
-                _eliminated(rows[e], count if rows[e, _HEARD] > 0.0 else 0, places, c[e])
+                heard = count if rows[e, _HEARD] > 0.0 else 0
+                if ridges.shape[0] == 0:
+                    _eliminated(rows[e], heard, places, c[e])
+                    continue
+                enough = _eliminated_where_seen(rows[e], heard, places, ridges, c[e])
+                for i in range(6):
+                    c[e, i] = select(enough, c[e, i], math.nan)
             for e in range(rows.shape[0]):
                 p_square, v_square, solved = _squares(rows[e], c[e])
                 p, h, v = math.sqrt(p_square), math.sqrt(p_square - v_square), math.sqrt(v_square)

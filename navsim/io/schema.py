@@ -193,6 +193,8 @@ _TRUTH = Chapter(
            when=_HORIZON),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
+        _a("/pseudolites/behind_terrain", "name", "1", "fix epochs at which terrain hides the pseudolite", _FLOWN,
+           WHOLE, when="where there is `terrain`"),
     ),
 )  # fmt: skip
 

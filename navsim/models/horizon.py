@@ -1,4 +1,4 @@
-"""What stands between a transmitter on the ground and an aircraft: ridges, each a straight knife edge.
+"""What stands between a transmitter and an aircraft: ridges, each a straight knife edge.
 
 Page: `docs/theory/interference.md`, section 3.
 
@@ -6,6 +6,8 @@ Sources: [1] ITU-R P.526, section 4.1 (one knife edge; rays over an Earth of 4/3
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +19,8 @@ _BENT = 1.0 / 4.0
 """Curvature of rays by that of the Earth [1]."""
 _CHORD = np.radians(1.0)
 """Azimuth that a straight part of a skyline spans at most."""
+_AT_ONCE = 32
+"""Ridges that sources are looked for behind at a time, so that a skyline takes no more memory than the signals."""
 
 
 def ridge(ends: np.ndarray, height: float) -> np.ndarray:
@@ -37,31 +41,71 @@ def skyline(eye: np.ndarray, azimuths: tuple[float, float], elevation: float, di
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
-def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:
-    """Loss (e,), dB, that the worst of ridges makes of a transmitter at a place (3,) for antennas (e, 3), ECEF, m, by
-    itself [1]; 0 where none lies between them.
-
-    tops: (w, 2, 3) ends of the ridges' tops, ECEF, m; they reach down to the ground. wavelength: m.
-    """
+def upright_planes(tops: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of ridges (w, 2, 3), ECEF, m: where each begins, its top, m, the vertical at its middle, and what of its top is
+    level, m, (w, 3) each."""
     first, along = tops[:, 0], tops[:, 1] - tops[:, 0]
     up = enu_matrix(llh_from_ecef(tops.mean(axis=1)))[:, 2]
-    level = along - np.sum(along * up, axis=1, keepdims=True) * up
+    return first, along, up, along - np.sum(along * up, axis=1, keepdims=True) * up
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Where straight paths from a transmitter to antennas go through the upright planes of ridges, (e, w) each.
+
+    between: whether they do, beneath a top or above it, on the way. share: of the way, from the transmitter on. over:
+    height of the top there over the path, m. way: (e, 1, 3) the paths, m. along: (w, 3) the tops, m. up: (w, 3) the
+    verticals of the planes.
+    """
+
+    between: np.ndarray
+    share: np.ndarray
+    over: np.ndarray
+    way: np.ndarray
+    along: np.ndarray
+    up: np.ndarray
+
+
+def crossings(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray) -> Crossings:
+    """See `Crossings`; tops: (w, 2, 3) ends of the ridges' tops, place: (3,) or (e, 1, 3), antenna: (e, 3), ECEF, m."""
+    first, along, up, level = upright_planes(tops)
     way = antenna[:, None] - place
     # where the straight path goes through the upright plane of each ridge
     normal = np.cross(along, up)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sum((first - place) * normal, axis=1) / np.einsum("eki,wi->ew", way, normal)
+        share = np.sum((first - place) * normal, axis=-1) / np.einsum("eki,wi->ew", way, normal)
     between = (share > 0.0) & (share < 1.0)
     share = np.where(between, share, 0.5)
     crossing = place + share[..., None] * way
     beside = np.sum((crossing - first) * level, axis=2) / np.sum(level**2, axis=1)
     between &= (beside >= 0.0) & (beside <= 1.0)
     over = np.sum((first + beside[..., None] * along - crossing) * up, axis=2)
-    distance = np.linalg.norm(way, axis=2)
-    before, behind = share * distance, (1.0 - share) * distance
-    over -= _BENT * before * behind / (2.0 * EARTH_RADIUS)
+    return Crossings(between, share, over, way, along, up)
+
+
+def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:
+    """Loss (e,), dB, that the worst of ridges makes of a transmitter at a place (3,) for antennas (e, 3), ECEF, m, by
+    itself [1]; 0 where none lies between them.
+
+    tops: (w, 2, 3) ends of the ridges' tops, ECEF, m; they reach down to the ground. wavelength: m.
+    """
+    c = crossings(tops, place, antenna)
+    distance = np.linalg.norm(c.way, axis=2)
+    before, behind = c.share * distance, (1.0 - c.share) * distance
+    over = c.over - _BENT * before * behind / (2.0 * EARTH_RADIUS)
     # what counts is how far the ray misses the edge, across both
-    across = np.cross(along, way)
-    upright = np.abs(np.sum(across * up, axis=2)) / np.where(between, np.linalg.norm(across, axis=2), 1.0)
+    across = np.cross(c.along, c.way)
+    upright = np.abs(np.sum(across * c.up, axis=2)) / np.where(c.between, np.linalg.norm(across, axis=2), 1.0)
     loss = edge_loss(edge_parameter(over * upright, before, behind, wavelength))
-    return np.where(between, loss, 0.0).max(axis=1, initial=0.0)
+    return np.where(c.between, loss, 0.0).max(axis=1, initial=0.0)
+
+
+def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+    """Which of sources (e, s, 3) a ridge hides from an antenna (e, 3), ECEF, m, by straight lines of sight: (e, s)
+    bool. tops: as of `ridge_loss`. A source without a place (nan) is not hidden."""
+    out = np.zeros(sources.shape[:2], bool)
+    for i in range(sources.shape[1]):
+        for some in range(0, len(tops), _AT_ONCE):
+            c = crossings(tops[some : some + _AT_ONCE], sources[:, i, None], antenna)
+            out[:, i] |= (c.between & (c.over > 0.0)).any(axis=1)
+    return out

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from navsim.models.antenna import AircraftAntenna, GroundPattern
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.events import PSEUDOLITES, Event, Scene, happened
+from navsim.models.horizon import behind
 from navsim.models.jamming import TEMPERATURE, Jamming, Received
 from navsim.models.kinematics import Motion
 from navsim.models.lasting import LastingErrors
@@ -100,7 +101,8 @@ class ErrorLaw:
 @dataclass(frozen=True)
 class Environment:
     """All sources of signals, what becomes of them, the antenna that hears them, what happens, and who jams; lever_arm
-    (3,) IMU to antenna, body, m. antenna: of the aircraft, where it has one by a table."""
+    (3,) IMU to antenna, body, m. antenna: of the aircraft, where it has one by a table. terrain: (w, 2, 3) tops of
+    ridges that hide sources, ECEF, m, see `horizon.behind`."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -112,11 +114,23 @@ class Environment:
     events: tuple[Event, ...] = ()
     jamming: Jamming | None = None
     antenna: AircraftAntenna | None = None
+    terrain: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
 
     @property
     def placed(self) -> bool:
-        """Whether what else is heard, or how well a pseudolite is, depends on where pseudolites stand."""
-        return self.effects.placed or self.strength_placed
+        """Whether what else is heard, or how well a pseudolite is where it is seen, depends on where pseudolites
+        stand."""
+        return self.effects.placed or self.strength_placed or self.smoothing_placed
+
+    @property
+    def sight_placed(self) -> bool:
+        """Whether it depends on where a pseudolite stands when it is seen."""
+        return len(self.terrain) > 0
+
+    @property
+    def smoothing_placed(self) -> bool:
+        """Whether that goes on into how well its ranges are smoothed."""
+        return self.sight_placed and self.effects.smoothing > 0.0
 
     @property
     def strength_placed(self) -> bool:
@@ -132,6 +146,11 @@ class Environment:
         """The same where it does not matter where pseudolites stand but for the directions to them."""
         effects = replace(self.effects, thermal_pseudolites=False)
         return replace(self, jamming=None, antenna=None, effects=effects)
+
+    def behind_terrain(self, antenna: np.ndarray) -> np.ndarray:
+        """Which pseudolites (e, p) bool terrain hides from an antenna (e, 3), ECEF, m."""
+        there = ecef_from_llh(self.pseudolites.llh)[None]
+        return behind(self.terrain, np.repeat(there, len(antenna), axis=0), antenna)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -295,6 +314,8 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         with np.errstate(invalid="ignore"):  # satellites without a message at the time
             over = environment.antenna.elevation_of(motion.c_eb, offset / np.linalg.norm(offset, axis=2, keepdims=True))
             used &= over >= environment.antenna.mask
+    if len(environment.terrain):
+        used &= ~behind(environment.terrain, believed, antenna)
     if environment.events:
         scene = Scene(motion.time, built.names, environment.systems, believed, speed, antenna, antenna_velocity, c_ne)
         told = happened(environment.events, scene)

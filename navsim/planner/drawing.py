@@ -131,7 +131,7 @@ class AerodromePlan:
         glide = line(on, of, "y", "#222222", line_dash="dashed")
         tell(on, [glide], ("", "glide"), ("height", "@up{0} m"), ("along", "@x{0} m"))
         interference = proposal.scenario.interference
-        for ridge in () if interference is None else interference.horizon:
+        for ridge in (*proposal.scenario.terrain, *(() if interference is None else interference.horizon)):
             tops = proposal.axes(ridge.tops(proposal.threshold))
             on.multi_line([*tops[..., 0]], [*tops[..., 1]], line_color="#8C4B00", line_width=3)
 

@@ -129,7 +129,7 @@ class Outlook:
     def judge(self, name: str, names: tuple[str, ...], every: int = 1) -> Places:
         """What tells a quantity of placements of pseudolites of these names; by the geometry at every so many-th
         epoch."""
-        if self.placed:
+        if self.placed or (self._sources.sight_placed and QUANTITIES[name].level):
             return lambda places: np.array([self._by_signals(name, each, names) for each in places])
         if not QUANTITIES[name].level:
             geometry = self.geometry.at(np.arange(0, len(self.geometry.receiver), every))

@@ -141,6 +141,7 @@ def _place(result: Result, path: str, name: str) -> int | None:
 
 
 _RANGE = ("mean", "smallest", "largest")
+_BEHIND = "/pseudolites/behind_terrain"
 _GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
 
 
@@ -150,6 +151,14 @@ def _group(result: Result, name: str) -> Cell | str:
         return ABSENT
     mean = number(result["/summary/consistency/mean_group"][i])
     return mean if single(result) else cell("{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]))
+
+
+def _behind(result: Result, name: str) -> Cell | str:
+    """At how many fix epochs terrain hides a pseudolite."""
+    i = _place(result, "/pseudolites/name", name)
+    if i is None or _BEHIND not in result:
+        return ABSENT
+    return cell("{} of {}", int(result[_BEHIND][i]), result["/geometry/time"].size)
 
 
 def _budget(result: Result, name: str) -> Cell | str:
@@ -465,6 +474,11 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     row("ranging errors", ranging_errors)
     row("fixes", _fixes)
     row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
+    hidden = _named([r for _, r in results if _BEHIND in r], "/pseudolites/name")
+    if hidden:
+        section("Pseudolites behind terrain, fix epochs")
+        for name in hidden:
+            row(f"  {name}", lambda r, n=name: _behind(r, n))
     section("Geometry on the glide (mean, min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
 

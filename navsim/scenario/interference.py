@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import DEG, Azimuth, ListOf, NonNegative, PairOf, Section, Signed, reject
+from navsim.scenario.base import ListOf, NonNegative, PairOf, Section, reject
+from navsim.scenario.terrain import RidgeSection, tops_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -113,49 +114,6 @@ class JammerSection(Section):
         )  # fmt: skip
 
 
-class RidgeSection(Section):
-    """A straight ridge, or a skyline seen from the threshold of the runway: a knife edge between jammers and the
-    aircraft where their path crosses it."""
-
-    ends: PairOf[Point] | None = None
-    """places that a ridge runs between"""
-    height_m: Signed | None = None
-    """height of the ridge's top above the runway"""
-    azimuth_deg: PairOf[Azimuth] | None = None
-    """azimuths of a skyline: from, to, clockwise; 350 to 10 goes through north"""
-    elevation_deg: Annotated[float, Field(ge=-10.0, le=60.0)] | None = None
-    """elevation up to which a skyline reaches"""
-    distance_m: Annotated[float, Field(ge=1.0, le=1e5)] | None = None
-    """distance of a skyline along the ground"""
-
-    @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        ridge, skyline = ("ends", "height_m"), ("azimuth_deg", "elevation_deg", "distance_m")
-        given = {name for name in (*ridge, *skyline) if getattr(self, name) is not None}
-        if given not in ({*ridge}, {*skyline}):
-            raise reject("give either ends and height_m, or azimuth_deg, elevation_deg and distance_m")
-        if self.ends is not None and self.ends[0] == self.ends[1]:
-            raise reject("one place is no ridge", "ends")
-        if self.azimuth_deg is not None and self.azimuth_deg[0] == self.azimuth_deg[1]:
-            raise reject("one azimuth is no skyline; all around is from 0 to 360", "azimuth_deg")
-        return self
-
-    def tops(self, threshold: np.ndarray) -> np.ndarray:
-        """Tops (w, 2, 3), ECEF, m, of its straight parts; threshold: (3,) of the runway, rad, rad, m."""
-        import numpy as np
-
-        from navsim.models.horizon import ridge, skyline
-
-        if self.ends is not None:
-            assert self.height_m is not None
-            return ridge(np.array([end.radians for end in self.ends]), threshold[2] + self.height_m)
-        assert self.azimuth_deg is not None
-        assert self.elevation_deg is not None
-        assert self.distance_m is not None
-        first, last = self.azimuth_deg
-        return skyline(threshold, (first * DEG, last * DEG), self.elevation_deg * DEG, self.distance_m)
-
-
 class PulseSection(Section):
     """Pulses of pseudolites, which take turns."""
 
@@ -212,7 +170,7 @@ class InterferenceSection(Section):
     pseudolites: NearFarSection | None = None
     """pseudolites jam, too; null: they do not"""
     horizon: Annotated[ListOf[RidgeSection], Field(max_length=100)] = ()
-    """what stands between jammers and the aircraft; of several edges on a path the worst counts alone"""
+    """what hides jammers alone, beside `terrain`; of several edges on a path the worst counts alone"""
     front_end_mhz: Annotated[ListOf[PairOf[Megahertz]], Field(max_length=10)] = ()
     """from, to: bands that the receiver passes, each signal by the one that its carrier is in; left out: everything"""
     lock: LockSection = LockSection()
@@ -260,9 +218,11 @@ class InterferenceSection(Section):
             text = f"{count} pseudolites cannot take turns: their shares of the time must add up to less than 1"
             raise reject(text, "pseudolites", "pulses", "duty")
 
-    def model(self, threshold: np.ndarray, tracking: CodeTrackingSection, receiver: ReceiverSection) -> Jamming:
+    def model(
+        self, threshold: np.ndarray, tracking: CodeTrackingSection, receiver: ReceiverSection, terrain: np.ndarray
+    ) -> Jamming:
         """The jammers over ground as high as the threshold of the runway, (3,) rad, rad, m, and the loops and the
-        receiver that they disturb."""
+        receiver that they disturb. terrain: (w, 2, 3) tops of ridges that hide them, too, ECEF, m."""
         import numpy as np
 
         from navsim.models.jamming import Jamming
@@ -282,6 +242,6 @@ class InterferenceSection(Section):
             antenna=None if receiver.antenna is None else receiver.antenna.model(),
             noise_figure=receiver.noise_figure_db,
             pseudolites=None if self.pseudolites is None else self.pseudolites.model(),
-            tops=np.concatenate([np.empty((0, 2, 3)), *(ridge.tops(threshold) for ridge in self.horizon)]),
+            tops=np.concatenate([terrain, tops_of(self.horizon, threshold)]),
             bands=tuple(Band(low * 1e6, high * 1e6) for low, high in self.front_end_mhz),
         )

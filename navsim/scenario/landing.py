@@ -2,7 +2,7 @@
 
 Source of structure and defaults: `docs/theory/landing.md`. A section is the only declaration of its
 parameters; where a key may be left out, its default is written there and nowhere else. Sections: `approach`, `sensors`,
-`sky`, `signals`, `events`, `interference`, `filter`, `integrity`, `requirements`.
+`sky`, `signals`, `events`, `terrain`, `interference`, `filter`, `integrity`, `requirements`.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ from navsim.scenario.sensors import (
 )
 from navsim.scenario.signals import ClockNoise, PseudolitesSection, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
+from navsim.scenario.terrain import RidgeSection, tops_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -111,6 +112,8 @@ class Landing(Section):
     """errors of the ranging signals of satellites"""
     events: Annotated[ListOf[AnyEvent], Field(max_length=100)] = ()
     """what happens to signals, and when"""
+    terrain: Annotated[ListOf[RidgeSection], Field(max_length=100)] = ()
+    """ridges and skylines: satellites and pseudolites behind them are not received, jammers are received more weakly"""
     interference: InterferenceSection | None = None
     """jammers; null: none"""
     receiver: ReceiverSection = ReceiverSection()
@@ -641,6 +644,10 @@ class Landing(Section):
 
         llh = llh_from_ecef(frame.origin - self.runway.aim_point_m * frame.axes[:, 0])
         return np.array([llh[0], llh[1], self.runway.ellipsoidal_m])
+
+    def terrain_tops(self, frame: Frame) -> np.ndarray:
+        """Tops (w, 2, 3), ECEF, m, of the ridges around."""
+        return tops_of(self.terrain, self.threshold(frame))
 
     def pseudolite_positions(self, frame: Frame) -> np.ndarray:
         """Surveyed positions (p, 3), rad, rad, m."""

@@ -14,7 +14,20 @@ import numpy as np
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.core.dop import MAX_CLOCKS, normals
 from navsim.core.lanes import WIDTH, in_lanes
-from navsim.core.placement import SAT_A, SAT_B, SAT_N, SAT_WEIGHT, placement_dops
+from navsim.core.placement import (
+    EDGE_ACROSS,
+    EDGE_ALONG,
+    EDGE_FIRST,
+    EDGE_N,
+    EDGE_RISE,
+    EDGE_UP,
+    SAT_A,
+    SAT_B,
+    SAT_N,
+    SAT_WEIGHT,
+    placement_dops,
+)
+from navsim.models.horizon import upright_planes
 from navsim.models.kinematics import Moving
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
@@ -34,6 +47,7 @@ class Geometry:
     receiver: (e, 3) antenna, ECEF m. up: (e, 3). spare: (e,) int, satellites less the unknowns without pseudolites.
     unit, weighted: (e, SAT_N) the satellites' normal matrices with unit weights and with 1/variance. pseudolite_unit,
     pseudolite_weighted: (e,) the same of a pseudolite's range: 1, and 1/variance, 1/m2; 0 where it is not heard.
+    ridges: (w, EDGE_N) that hide pseudolites.
     """
 
     receiver: np.ndarray
@@ -43,10 +57,11 @@ class Geometry:
     weighted: np.ndarray
     pseudolite_unit: np.ndarray
     pseudolite_weighted: np.ndarray
+    ridges: np.ndarray
 
     def at(self, epochs: np.ndarray) -> Geometry:
         """The same at some of the epochs, (n,) int or (e,) bool."""
-        return Geometry(*(getattr(self, f.name)[epochs] for f in fields(self)))
+        return replace(self, **{name: getattr(self, name)[epochs] for name in _OF_EPOCHS})
 
     def dops(self, sites: np.ndarray, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """PDOP, HDOP, VDOP by mean, smallest, largest (3, 3, p), and epochs without a solution (p,).
@@ -72,7 +87,7 @@ class Geometry:
         def share(first: int) -> None:
             room = np.empty((each, 3, WIDTH))
             placement_dops(
-                self.receiver, self.up, self.spare, satellites, weight, sites, room, in_lanes(room),
+                self.receiver, self.up, self.spare, satellites, weight, self.ridges, sites, room, in_lanes(room),
                 first, min(first + step, groups), out, lost,
             )  # fmt: skip
 
@@ -84,6 +99,10 @@ class Geometry:
             with ThreadPoolExecutor(workers) as pool:
                 list(pool.map(share, starts))
         return values.reshape(3, 3, -1)[..., :count], missed.ravel()[:count].astype(np.int64)
+
+
+_OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name != "ridges")
+"""What a geometry has of each epoch."""
 
 
 def glide_geometry(
@@ -99,7 +118,7 @@ def glide_geometry(
     axes = enu_matrix(motion.llh)[counted]
     place = llh_from_ecef(trajectory.frame.origin) + np.array([0.0, 0.0, _OVERHEAD])
     sources = replace(environment, pseudolites=replace(environment.pseudolites, names=("any",), llh=place[None]))
-    parts = []
+    ridges, parts = _edges(environment.terrain), []
     for start in np.atleast_1d(utc):
         s = build_signals(motion, float(start), sources)
         clock, shared = s.clock[:-1], int(s.clock[-1])
@@ -116,9 +135,22 @@ def glide_geometry(
                 weighted=rows(normals(los, clock, weight[:, :-1]), shared),
                 pseudolite_unit=heard.astype(float),
                 pseudolite_weighted=np.where(heard, weight[:, -1], 0.0),
+                ridges=ridges,
             )
         )
-    return Geometry(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Geometry)))
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _OF_EPOCHS})
+
+
+def _edges(tops: np.ndarray) -> np.ndarray:
+    """Ridges (w, 2, 3), ECEF, m, as the rows of `core.placement` (w, EDGE_N)."""
+    first, along, up, level = upright_planes(tops)
+    out = np.empty((len(tops), EDGE_N))
+    out[:, EDGE_FIRST : EDGE_FIRST + 3] = first
+    out[:, EDGE_ACROSS : EDGE_ACROSS + 3] = np.cross(along, up)
+    out[:, EDGE_ALONG : EDGE_ALONG + 3] = level / np.sum(level**2, axis=1, keepdims=True)
+    out[:, EDGE_UP : EDGE_UP + 3] = up
+    out[:, EDGE_RISE] = np.sum(along * up, axis=1)
+    return out
 
 
 def rows(normal: np.ndarray, shared: int) -> np.ndarray:

@@ -242,6 +242,12 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             "receiver.antenna.mask_deg how the aircraft lies: take a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
+    if sources.smoothing_placed and study.objective.startswith("fix_"):
+        text = (
+            f"{study.objective} is judged by directions alone; with terrain and receiver.smoothing_s it matters for "
+            "how long pseudolites are seen: take a level, or an error of the filter"
+        )
+        raise _refused(document, ("objective",), text)
     seen = sources
     if sources.strength_placed:
         # by geometry others are only screened
@@ -291,7 +297,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     )  # fmt: skip
     if study.constraints.requirements:
         here = _with_requirements(here, full, coarse, document)
-    if here.quick and epochs.size and not (sources.placed or sources.singled_out):
+    if here.quick and epochs.size and not (sources.placed or sources.sight_placed or sources.singled_out):
         decided = None if here.requirements is None else here.requirements.decided
         here = replace(here, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
     return here

@@ -58,10 +58,15 @@ def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section,
 
 
 def _of_study(section: Section, document: Document) -> list[str]:
-    """Check a study's base scenario with what the study sets, and its combinations; none of other kinds. Returns
-    warnings. Raises InputError."""
+    """Check a study's base scenario with what the study sets, and its combinations, and what a landing's terrain hides;
+    none of other kinds. Returns warnings. Raises InputError."""
+    from navsim.scenario.landing import Landing
     from navsim.scenario.load import base_of
 
+    if isinstance(section, Landing) and section.terrain:
+        from navsim.study.landing.case import out_of_sight
+
+        return out_of_sight(section, document)
     if document.data["kind"] == "sweep":
         from navsim.scenario.sweep import Sweep
         from navsim.study.sweep import plan

@@ -112,8 +112,8 @@ def test_the_bits_of_a_placement_are_its_own(width: int, monkeypatch: pytest.Mon
     values, missed = np.empty((3, 3, groups, width)), np.empty((groups, width))
     places, out, no_fix = (a[..., 0] if width == 1 else in_lanes(a) for a in (near, values, missed))
     placement_dops(
-        geometry.receiver, geometry.up, geometry.spare, geometry.weighted, geometry.pseudolite_weighted, sites,
-        near, places, 0, groups, out, no_fix,
+        geometry.receiver, geometry.up, geometry.spare, geometry.weighted, geometry.pseudolite_weighted,
+        geometry.ridges, sites, near, places, 0, groups, out, no_fix,
     )  # fmt: skip
     np.testing.assert_array_equal(values.reshape(3, 3, -1)[..., : len(sites)], found)
     np.testing.assert_array_equal(missed.ravel()[: len(sites)], lost)

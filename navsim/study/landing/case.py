@@ -30,7 +30,7 @@ from navsim.models.jamming import LOWEST
 from navsim.models.kinematics import Moving, Trajectory, touchdown_from_threshold
 from navsim.models.recorded_trajectory import largest, recorded_trajectory, smoothed_path, track_trajectory
 from navsim.models.retimed import SLOWEST
-from navsim.models.signals import Environment, Pseudolites, Satellites
+from navsim.models.signals import Environment, Pseudolites, Satellites, antenna_ecef
 from navsim.models.systems import CLOCKS
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
@@ -109,6 +109,7 @@ class Case:
             if aid.time.size and aid.missing == aid.time.size
         ]
         out += self._out_of_sight() + self._shadowed()
+        out += hidden_throughout(self.pseudolites.names, self.behind_terrain())
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
             out += [
@@ -177,6 +178,10 @@ class Case:
             if times
         ]
 
+    def behind_terrain(self) -> np.ndarray:
+        """At which fixes (e, p) bool terrain hides which pseudolites."""
+        return self.environment.behind_terrain(self.world.signals.antenna)
+
     def _received(self, event: EventSection) -> bool:
         """Whether any source of an event is, while it lasts."""
         signals, model = self.world.signals, event.model()
@@ -228,6 +233,28 @@ class Case:
         are lanes."""
         for begin in range(first, first + count, WIDTH):
             yield fly(self.flight, seed, range(begin, min(begin + WIDTH, first + count)), measured)
+
+
+def hidden_throughout(names: Sequence[str], hidden: np.ndarray) -> list[str]:
+    """What to warn of pseudolites that terrain hides at all fixes, (e, p) bool."""
+    return [
+        f"terrain: {name} is behind it during the whole flight, and never received"
+        for name, times in zip(names, hidden.T, strict=True)
+        if times.size and times.all()
+    ]
+
+
+def out_of_sight(scenario: Landing, document: Document) -> list[str]:
+    """The same of a scenario that nobody has made models of yet. Raises InputError for a recording that cannot be
+    used."""
+    if not scenario.terrain or not scenario.pseudolites.placed():
+        return []
+    trajectory, scenario = trajectory_of(scenario, document)
+    motion = trajectory.motion(scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz))
+    sources, _, _ = environment(scenario, document, trajectory)
+    return hidden_throughout(
+        sources.pseudolites.names, sources.behind_terrain(antenna_ecef(motion, sources.lever_arm))
+    )
 
 
 def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:
@@ -359,6 +386,7 @@ def environment(
     horizon, scenario = horizon_of(scenario, document)
     warnings += scenario.sky.unused() + scenario.unused_of_flight()
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
+    terrain = scenario.terrain_tops(trajectory.frame)
     sources = Environment(
         satellites,
         listed,
@@ -370,8 +398,9 @@ def environment(
         tuple(event.model() for event in scenario.events),
         None
         if jammed is None
-        else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking, scenario.receiver),
+        else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking, scenario.receiver, terrain),
         None if scenario.receiver.antenna is None else scenario.receiver.antenna.model(),
+        terrain,
     )
     _check_events(scenario, document, sources)
     there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}

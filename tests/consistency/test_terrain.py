@@ -1,0 +1,159 @@
+"""Terrain hides pseudolites, satellites and jammers: sights by hand, and all that plans with the same world."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from navsim.io.schema import COVARIANCE
+from navsim.planner.outlook import Outlook
+from navsim.planner.proposal import PlannedScenario
+from navsim.report.tables import summary_table
+from navsim.scenario.load import read_study
+from navsim.scenario.optimize import Optimize
+from navsim.scenario.source import load
+from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
+from navsim.study import objective
+from navsim.study.landing import Case, covariance_analysis, covariance_result
+from navsim.study.landing.tree import base
+from navsim.study.sweep import SweepStudy, filter_outputs, plan
+from navsim.work.opening import checked
+from tests.helpers import SCENARIOS, case
+
+EAST, WEST = {"name": "east", "s_m": 600, "l1_m": 500}, {"name": "west", "s_m": -600, "l1_m": 500}
+FIELD: dict[str, Any] = {
+    "receiver.rate_hz": 1, "imu.rate_hz": 20, "duration_s": 72, "sky.source": "nominal", "method": "covariance",
+    "integrity": {"method": "mhss"}, "pseudolites": {"clock": "gps", "height_m": 5, "sites": [EAST, WEST]},
+}  # fmt: skip
+WALL = {"ends": [{"lat_deg": 56.0035, "lon_deg": 37.005}, {"lat_deg": 56.016, "lon_deg": 37.006}], "height_m": 35}
+"""Right of the approach, before the pseudolite in the east."""
+BANK = {"ends": [{"lat_deg": 56.0145, "lon_deg": 36.997}, {"lat_deg": 56.019, "lon_deg": 36.997}], "height_m": 70}
+"""Left of the runway's beginning, and high enough for satellites."""
+
+
+def field(terrain: list[dict[str, Any]], **more: Any) -> Case:
+    given = FIELD | {"terrain": terrain} | more
+    return case(*(f"{key}={json.dumps(value)}" for key, value in given.items()))
+
+
+@pytest.fixture(scope="module")
+def hilly() -> Case:
+    return field([WALL, BANK])
+
+
+def cartesian(lat: float, lon: float, height: float) -> np.ndarray:
+    """A place, deg, deg, m, ECEF, by the ellipsoid's equation."""
+    a, f = 6378137.0, 1.0 / 298.257223563
+    e2, phi, lam = f * (2.0 - f), np.radians(lat), np.radians(lon)
+    n = a / np.sqrt(1.0 - e2 * np.sin(phi) ** 2)
+    across = (n + height) * np.cos(phi)
+    return np.array([across * np.cos(lam), across * np.sin(lam), (n * (1.0 - e2) + height) * np.sin(phi)])
+
+
+def hidden_by_hand(wall: dict[str, Any], source: np.ndarray, antenna: np.ndarray) -> tuple[bool, float]:
+    """Whether the line from a source to an antenna, (3,) ECEF, m, goes through an upright wall under its top, and by
+    how much it misses the edge of what it hides, m: P + t (R - P) = A + u (B - A) + v up."""
+    (a, b) = (cartesian(end["lat_deg"], end["lon_deg"], wall["height_m"]) for end in wall["ends"])
+    lat, lon = (np.radians(0.5 * sum(end[key] for end in wall["ends"])) for key in ("lat_deg", "lon_deg"))
+    up = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    t, u, v = np.linalg.solve(np.column_stack([antenna - source, a - b, -up]), a - source)
+    inside = 0.0 < t < 1.0 and 0.0 <= u <= 1.0
+    return inside and v < 0.0, min(abs(v), np.linalg.norm(b - a) * min(abs(u), abs(1.0 - u)))
+
+
+def test_what_a_wall_hides_is_by_hand(hilly: Case) -> None:
+    """Of each source at each fix; both kinds of it, and neither, are there."""
+    open_field, s = field([]).world.signals, hilly.world.signals
+    assert s.used.shape == open_field.used.shape
+    close = 0
+    for e, i in np.ndindex(*s.used.shape):
+        sights = (hidden_by_hand(wall, s.position[e, i], s.antenna[e]) for wall in (WALL, BANK))
+        hidden, gaps = zip(*sights, strict=True)
+        if min(gaps) < 1e-3:
+            close += 1
+            continue
+        assert s.used[e, i] == (open_field.used[e, i] and not any(hidden))
+    assert close < 10
+    lost = (open_field.used & ~s.used).sum(axis=0)
+    assert all(5 < times < 60 for times in lost[-2:])
+    assert lost[:-2].any()  # a satellite
+
+
+def test_hidden_pseudolites_are_counted_by_name(hilly: Case) -> None:
+    times = (~hilly.world.signals.used[:, -2:]).sum(axis=0).tolist()
+    result = covariance_result(hilly, covariance_analysis(hilly), 1)
+    assert result["/pseudolites/behind_terrain"].tolist() == times
+    rows = {row.texts()[0].strip(): row.texts()[1] for row in summary_table([("", result)]).rows}
+    assert (rows["east"], rows["west"]) == (f"{times[0]} of 72", f"{times[1]} of 72")
+    assert not [said for said in hilly.warnings if said.startswith("terrain")]
+    high = field([WALL | {"height_m": 300}])
+    said = "terrain: east is behind it during the whole flight, and never received"
+    assert said in high.warnings
+    given = (f"{key}={json.dumps(value)}" for key, value in (FIELD | {"terrain": [WALL | {"height_m": 300}]}).items())
+    assert checked(SCENARIOS / "landing.yaml", [*given])[2] == [said]
+
+
+def test_terrain_hides_jammers_as_their_own_horizon_does() -> None:
+    van = {"name": "van", "place": {"lat_deg": 56.012, "lon_deg": 37.012}, "eirp_dbw": -10, "waveform": "noise",
+           "bandwidth_mhz": 20}  # fmt: skip
+    js = []
+    for horizon, terrain in (([], []), ([WALL], []), ([], [WALL])):
+        js.append(field(terrain, interference={"jammers": [van], "horizon": horizon}).world.signals.js)
+    both = np.isfinite(js[1]) & np.isfinite(js[2])
+    np.testing.assert_array_equal(js[1][both], js[2][both])
+    assert (js[0] - js[2])[both].max() > 10.0
+
+
+def unfolded(given: dict[str, Any]) -> dict[str, Any]:
+    """The data of the shipped scenario with dotted keys set."""
+    data: dict[str, Any] = load(SCENARIOS / "landing.yaml").data
+    for key, value in given.items():
+        *sections, last = key.split(".")
+        node = data
+        for section in sections:
+            node = node.setdefault(section, {})
+        node[last] = value
+    return data
+
+
+def test_all_that_plans_sees_it(hilly: Case, tmp_path: Path) -> None:
+    """Sweeps by geometry and by filters, searches and the planner, against the landing behind the same wall."""
+    flown = covariance_result(hilly, covariance_analysis(hilly), 1)
+    wanted = filter_outputs(flown) | {
+        name: float(base(hilly, COVARIANCE)[f"/summary/dop/{name.removesuffix('_max')}"][2 * name.endswith("_max")])
+        for name in ("pdop", "hdop", "vdop", "pdop_max")
+    }
+    plain = field([])
+    free = float(base(plain, COVARIANCE)["/summary/dop/pdop"][0])
+    assert wanted["pdop"] > 1.002 * free
+    given = FIELD | {"terrain": [WALL, BANK]}
+    vary = json.dumps([{"key": "pseudolites.sites", "values": [[EAST, WEST]]}])
+    head = f"version: 1\nbase: {SCENARIOS / 'landing.yaml'}\nset: {json.dumps(given)}\n"
+    for method, names in (("dop", DOP_OUTPUTS), ("covariance", FILTER_OUTPUTS)):
+        path = tmp_path / f"{method}.yaml"
+        path.write_text(f"kind: sweep\n{head}vary: {vary}\nmethod: {method}\n")
+        planned = plan(*read_study(path, Sweep, []), 1)
+        assert (planned.geometry is not None) == (method == "dop")
+        rows, _, _ = SweepStudy(planned).batch(0, 1)
+        for name in set(names) & set(wanted):
+            assert rows[name][0] == pytest.approx(wanted[name], rel=1e-9), name
+    places = np.array([[[EAST["s_m"], EAST["l1_m"]], [WEST["s_m"], WEST["l1_m"]]]], float)
+    area = "area: {s_m: [-900, 900], l1_m: [0, 900]}\npseudolites: [2]\nheight_m: 5\n"
+    for name in ("pdop", "horizontal"):
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(f"kind: optimize\n{head}{area}objective: {name}\n")
+        here = objective.problem(*read_study(path, Optimize, []))
+        assert here.level_screen is None
+        assert here.objective(places)[0] == pytest.approx(wanted[name], rel=1e-9)
+    lines = [f"{key}: {json.dumps(value)}" for key, value in unfolded(given).items()]
+    (tmp_path / "field.yaml").write_text("\n".join(lines))
+    proposal = PlannedScenario(load(tmp_path / "field.yaml"), "\n".join(lines))
+    outlook = Outlook(proposal)
+    found = {name: outlook.judge(name, proposal.names)(proposal.places()[None])[0] for name in ("pdop", "hpl_p95")}
+    assert found["pdop"] == pytest.approx(wanted["pdop"], rel=1e-9)
+    levels = outlook.found().figures
+    assert found["hpl_p95"] == pytest.approx(levels["integrity/hpl_p95"], rel=0.1)  # at some epochs of the glide
