@@ -89,6 +89,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "interference={pseudolites: {isolation_db: 21.1}}",
         )),
         ("landing", (
+            "box={lateral_m: [-4, 6], from_threshold_m: [60, 400]}",
             f"sky={{source: navigation, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}]}}",
             "pseudolites={sites: [{name: west, s_m: -300, l1_m: 1500, height_m: 5}, {lat_deg: 56.03, lon_deg: 37.02}], "
             "cn0_reference_m: 1000, differential: {site: west}}",

@@ -9,10 +9,10 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.figures import legend_above
-from navsim.report.limits import REQUIRED, asked
+from navsim.report.limits import asked, rectangle
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 from navsim.report.quantities import blocks, come_down, ellipse, heights, settled
-from navsim.report.tables import runs_of, setting
+from navsim.report.tables import box_limits, runs_of, setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,15 +147,8 @@ def _scatter(result: Result) -> Figure:
             ax.plot(*(mean[:, None] + whole), color=COLOURS[1], label="95 % of a Gaussian")
             wide = max(wide, float(np.abs(mean[:, None] + whole).max()))
         limits = _limits(result, wide)
-        if x in limits and y in limits:
-            w, h = limits[x], limits[y]
-            ax.plot([-w, w, w, -w, -w], [-h, -h, h, h, -h], color=REQUIRED, lw=1.2, label="limit")
-        else:
-            for name, draw in ((x, ax.axvline), (y, ax.axhline)):
-                for side in (-1.0, 1.0):
-                    if name in limits:
-                        draw(side * limits[name], color=REQUIRED, lw=1.2, label="limit" if side > 0 else None)
-        wide = 1.15 * max([wide, *limits.values()])
+        rectangle(ax, limits.get(x), limits.get(y), "limit")
+        wide = 1.15 * max([wide, *(abs(end) for ends in limits.values() for end in ends)])
         ax.set_xlim(-wide, wide)
         ax.set_ylim(-wide, wide)
         ax.set_box_aspect(1.0)
@@ -165,15 +158,18 @@ def _scatter(result: Result) -> Figure:
     return fig
 
 
-def _limits(result: Result, reach: float) -> dict[str, float]:
-    """What errors at touchdown are limited to by the scenario's box or requirements, m, where that is in sight."""
-    out: dict[str, float] = {}
-    if "/summary/box/limit" in result and float(result["/summary/box/height"]) == 0.0:
-        out = dict(zip(AXES, map(float, result["/summary/box/limit"]), strict=True))
+def _limits(result: Result, reach: float) -> dict[str, tuple[float, float]]:
+    """What errors at touchdown are limited to by the scenario's box, if it is of errors of navigation, or by
+    requirements, from and to, m, where that is in sight."""
+    out: dict[str, tuple[float, float]] = {}
+    navigation = "/summary/box/upper" in result and "/summary/box/axis_gaussian" not in result
+    if navigation and float(result["/summary/box/height"]) == 0.0:
+        out = {name: ends for i, name in enumerate(AXES) if (ends := box_limits(result, i)) is not None}
     for one in asked(result, "error"):
         if one.at == "touchdown":
-            out[one.of] = min(one.size, out.get(one.of, np.inf))
-    return {name: size for name, size in out.items() if size <= 4.0 * reach}
+            low, high = out.get(one.of, (-np.inf, np.inf))
+            out[one.of] = max(-one.size, low), min(one.size, high)
+    return {name: ends for name, ends in out.items() if max(-ends[0], ends[1]) <= 4.0 * reach}
 
 
 def _histogram(result: Result) -> Figure:

@@ -98,6 +98,17 @@ def _line(ax: Axes, begin: float, end: float, size: float, text: str) -> None:
     word(ax, text, (end, size), (-4.0, 2.5), ha="right", va="bottom")
 
 
+def rectangle(ax: Axes, across: tuple[float, float] | None, up: tuple[float, float] | None, label: str) -> None:
+    """From where to where two errors are to be, m, or one of them."""
+    if across is not None and up is not None:
+        (left, right), (low, high) = across, up
+        ax.plot([left, right, right, left, left], [low, low, high, high, low], color=REQUIRED, lw=1.2, label=label)
+        return
+    for ends, draw in ((across, ax.axvline), (up, ax.axhline)):
+        for i, end in enumerate(ends or ()):
+            draw(end, color=REQUIRED, lw=1.2, label=label if i else None)
+
+
 def word(ax: Axes, text: str, at: tuple[float, float], off: tuple[float, float], **how: Any) -> Annotation:
     """A word on a figure, legible over lines: at a point of the data, off by so many points."""
     from matplotlib.patheffects import withStroke

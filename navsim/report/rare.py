@@ -15,7 +15,7 @@ from navsim.io.findings import several
 from navsim.io.results import Result
 from navsim.report.limits import DOTTED, REQUIRED, asked, word
 from navsim.report.table import ABSENT, Cell, Table, cell
-from navsim.report.tables import box_head, box_to_first_order, requirements, runs_of
+from navsim.report.tables import box_head, box_limits, box_sides, box_to_first_order, requirements, runs_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,11 +74,11 @@ def _probability(values: np.ndarray, effective: float, beyond: str = "") -> Cell
 
 
 def _of_axis(result: Result, i: int) -> Cell | str:
-    limit = float(result["/summary/box/limit"][i])
-    if not np.isfinite(limit):
+    if box_limits(result, i) is None:
         return ABSENT
     effective = float(result["/summary/rare/axis_effective_samples"][i])
-    return _probability(result["/summary/rare/axis_probability"][i], effective, f"  (beyond {limit:g} m)")
+    where, ends = box_sides(result, i)
+    return _probability(result["/summary/rare/axis_probability"][i], effective, f"  ({where.format(*ends)})")
 
 
 def _effective(result: Result) -> float:
@@ -104,20 +104,21 @@ def exceedance(result: Result) -> Figure:
     from navsim.report.figures import legend_above
     from navsim.report.printing import COLUMN, new_figure
 
-    some = np.flatnonzero(np.isfinite(result["/summary/box/limit"]))
+    some = np.flatnonzero(np.isfinite(result["/summary/box/upper"]))
     fig = new_figure(COLUMN, 1.9 * some.size + 0.5)
     axes = fig.subplots(some.size, 1, squeeze=False)[:, 0]
     for ax, i in zip(axes, some, strict=True):
         _curve(ax, result, int(i))
-        ax.set_xlabel("size x of the error, m")
+        ax.set_xlabel("x, m" if middle(result, int(i)) else "size x of the error, m")
     legend_above(fig, axes[0], 3)
     return fig
 
 
 @dataclass(frozen=True)
 class Exceedance:
-    """How often an error exceeds a size. size, chance, low, high: by runs (n,), m and chances, as `exceeded`. grid,
-    first_order: to first order. limit: of the box, m. bottom: where the axis of chances begins, 0 for a linear one."""
+    """How often an error is off the middle of its limits by more than a size. size, chance, low, high: by runs (n,), m
+    and chances, as `exceeded`. grid, first_order: to first order. limit: of the box, half of what is between its
+    limits, m. bottom: where the axis of chances begins, 0 for a linear one."""
 
     size: np.ndarray
     chance: np.ndarray
@@ -131,8 +132,12 @@ class Exceedance:
 
 def curve(result: Result, i: int) -> Exceedance:
     """Of the i-th axis, which has a limit."""
-    limit, mean, sigma = (float(result[f"/summary/box/{name}"][i]) for name in ("limit", "axis_mean", "axis_sigma"))
-    x, chance, low, high = exceeded(result["/rare/error"][:, i], result["/rare/log_weight"])
+    limits = box_limits(result, i)
+    assert limits is not None
+    limit, centre = 0.5 * (limits[1] - limits[0]), middle(result, i)
+    mean, sigma = (float(result[f"/summary/box/{name}"][i]) for name in ("axis_mean", "axis_sigma"))
+    mean -= centre
+    x, chance, low, high = exceeded(result["/rare/error"][:, i] - centre, result["/rare/log_weight"])
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
     least = min((p for p in at_limit if p > 0.0), default=_LEAST)
     required = min((one.limit for one in asked(result, "box")), default=math.inf)
@@ -142,6 +147,12 @@ def curve(result: Result, i: int) -> Exceedance:
     if bottom:  # only as far as curves are
         grid = np.linspace(0.0, min(grid[-1], abs(mean) - sigma * normal.quantile(0.5 * bottom)), _POINTS)
     return Exceedance(x, chance, low, high, grid, normal.exceedance(grid, mean, sigma), limit, bottom)
+
+
+def middle(result: Result, i: int) -> float:
+    """Between the limits of the i-th axis, m."""
+    limits = box_limits(result, i)
+    return 0.0 if limits is None else 0.5 * (limits[0] + limits[1])
 
 
 def _curve(ax: Axes, result: Result, i: int) -> None:
@@ -163,7 +174,8 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
             ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(bottom, 1.0)
     ax.set_xlim(0.0, grid[-1])
-    ax.set_ylabel(f"P(|{result['/axis'][i]} error| > x)")
+    off = f" {-centre:+.3g} m" if (centre := middle(result, i)) else ""
+    ax.set_ylabel(f"P(|{result['/axis'][i]} error{off}| > x)")
     _mark(ax, of.limit, float(grid[-1]))
     required = min((one.limit for one in asked(result, "box")), default=math.inf)
     if math.isfinite(required):  # of the box, so of each of its sides at least

@@ -10,10 +10,10 @@ import numpy as np
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS
 from navsim.report.figures import legend_below
-from navsim.report.limits import REQUIRED, asked, glide, rms_lines, spoken, word
+from navsim.report.limits import REQUIRED, asked, glide, rectangle, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
-from navsim.report.tables import runs_of, single
+from navsim.report.tables import box_limits, runs_of, single
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def figures(result: Result) -> dict[str, Figure]:
     out = {}
     if asked(result, "error", "rms"):
         out["requirements"] = errors(result)
-    if "/summary/box/limit" in result:
+    if "/summary/box/upper" in result:
         out["box"] = box(result)
     return out
 
@@ -154,9 +154,9 @@ _ABOVE, _BEHIND = ("along", "lateral", "from above"), ("lateral", "vertical", "f
 
 def box(result: Result) -> Figure:
     """Errors at the height of the box, and the box."""
-    limits = dict(zip(_NAMES, map(float, result["/summary/box/limit"]), strict=True))
-    views = [_ABOVE] if math.isfinite(limits["along"]) else []
-    if not views or math.isfinite(limits["vertical"]):
+    limits = {name: box_limits(result, i) for i, name in enumerate(_NAMES)}
+    views = [_ABOVE] if limits["along"] is not None else []
+    if not views or limits["vertical"] is not None:
         views.append(_BEHIND)
     fig = new_figure(COLUMN * len(views), 3.8)
     panels = abreast(fig, len(views))
@@ -176,12 +176,12 @@ def box(result: Result) -> Figure:
     return fig
 
 
-def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, float]) -> None:
+def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tuple[float, float] | None]) -> None:
     axes = [list(_NAMES).index(name) for name in names]
     reach = [0.0, 0.0]
     if "/summary/box/error_run" in result:
         error = result["/summary/box/error_run"]
-        outside = ~(np.abs(error) <= result["/summary/box/limit"]).all(axis=1)
+        outside = ~((result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])).all(axis=1)
         for some, mark, colour, label in ((~outside, ".", _ERROR, "inside"), (outside, "x", _OUTSIDE, "outside")):
             if some.any():
                 shown = error[some][:: math.ceil(some.sum() / _MOST_POINTS)]
@@ -196,16 +196,14 @@ def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, fl
                         label="mean ±2σ, to first order")  # fmt: skip
             reach = [float(r) for r in np.abs(mean) + 2.0 * sigma]
     wide, high = (limits[name] for name in names)
-    if math.isfinite(wide) and math.isfinite(high):
-        ax.plot(
-            [-wide, wide, wide, -wide, -wide], [-high, -high, high, high, -high], color=REQUIRED, lw=1.2, label="box"
-        )
-    else:
-        for side in (-1.0, 1.0):
-            if math.isfinite(wide):
-                ax.axvline(side * wide, color=REQUIRED, lw=1.2, label="box" if side > 0 else None)
-            if math.isfinite(high):
-                ax.axhline(side * high, color=REQUIRED, lw=1.2, label="box" if side > 0 else None)
-    reach = [max(r, limit if math.isfinite(limit) else 0.0) for r, limit in zip(reach, (wide, high), strict=True)]
-    ax.set_xlim(-1.15 * (reach[0] or 1.0), 1.15 * (reach[0] or 1.0))
-    ax.set_ylim(-1.15 * (reach[1] or 1.0), 1.15 * (reach[1] or 1.0))
+    rectangle(ax, wide, high, "box")
+    ax.set_xlim(_stretch(reach[0], wide))
+    ax.set_ylim(_stretch(reach[1], high))
+
+
+def _stretch(reach: float, limits: tuple[float, float] | None) -> tuple[float, float]:
+    """Of an axis with errors of this size and the limits."""
+    low, high = limits or (0.0, 0.0)
+    low, high = min(-reach, low), max(reach, high)
+    more = 0.075 * (high - low) or 1.15
+    return low - more, high + more

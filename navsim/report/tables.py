@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.core.arrays.sampling import LEAST
 from navsim.io.results import Result
-from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.io.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 
 FINDINGS = "/findings/"
@@ -184,9 +184,15 @@ def _coverage(result: Result, i: int) -> Cell | str:
                 names=("", "", "", "Gaussian"))  # fmt: skip
 
 
+def box_limits(result: Result, axis: int) -> tuple[float, float] | None:
+    """The least and the largest error along an axis inside the box, m, if it limits that."""
+    low, high = (float(result[f"/summary/box/{end}"][axis]) for end in ("lower", "upper"))
+    return (low, high) if math.isfinite(high) else None
+
+
 def box_head(result: Result, flown: bool) -> str:
     """What stands over the chances of leaving a box: with an interval where it is of runs."""
-    if "/summary/box/limit" not in result:
+    if "/summary/box/upper" not in result:
         return ""
     interval = " [95 %]" if flown else ""
     total = ", of total system errors" if "/summary/box/axis_gaussian" in result else ""
@@ -204,30 +210,42 @@ def box_to_first_order(result: Result, i: int | None) -> Cell | str:
     if i is None:
         several = np.isfinite(chances).sum() > 1  # the sum is a bound
         return cell(f"{'at most ' if several else ''}{{:.3g}}  (if Gaussian)" if value > LEAST else shown, value)
-    return cell(shown + "  (beyond {:g} m, if Gaussian)", value, float(result["/summary/box/limit"][i]))
+    where, ends = box_sides(result, i)
+    return cell(f"{shown}  ({where}, if Gaussian)", value, *ends)
+
+
+def box_sides(result: Result, i: int) -> tuple[str, tuple[float, ...]]:
+    """Where an axis of a box that has limits there is left: a pattern, and its values."""
+    limits = box_limits(result, i)
+    assert limits is not None
+    low, high = limits
+    if i == RUNWAY_AXES.index("along") and "/summary/box/place" in result:
+        place = float(result["/summary/box/place"])
+        return "outside {:g} to {:g} m from the threshold", (round(low + place, 9), round(high + place, 9))
+    return ("beyond {:g} m", (high,)) if low == -high else ("outside {:g} to {:g} m", limits)
 
 
 def _box(result: Result, i: int | None) -> Cell | str:
     """How often the box is left: by a count, or to first order."""
-    if "/summary/box/limit" not in result:
+    if "/summary/box/upper" not in result:
         return ABSENT
     if i is None:
         if "/summary/box/probability" not in result:
             return box_to_first_order(result, None)
         found = tuple(map(float, result["/summary/box/probability"]))
         return Cell("{:.3g}  [{:.3g}, {:.3g}]", found, ends=True)
-    limit = float(result["/summary/box/limit"][i])
-    if not np.isfinite(limit):
+    if box_limits(result, i) is None:
         return ABSENT
     if "/summary/box/axis_probability" in result:
         found = tuple(map(float, result["/summary/box/axis_probability"][i]))
+        where, ends = box_sides(result, i)
         of_gaussian = "/summary/box/axis_gaussian"
         chance = float(result[of_gaussian][i]) if of_gaussian in result else math.nan
         if found[0] == 0.0 and math.isfinite(chance):
             shown = "below {:g}" if chance < LEAST else "{:.2g}"
-            text = f"{{:.3g}}  [{{:.3g}}, {{:.3g}}]  (beyond {{:g}} m; {shown} if Gaussian)"
-            return cell(text, *found, limit, max(chance, LEAST))
-        return cell("{:.3g}  [{:.3g}, {:.3g}]  (beyond {:g} m)", *found, limit)
+            text = f"{{:.3g}}  [{{:.3g}}, {{:.3g}}]  ({where}; {shown} if Gaussian)"
+            return cell(text, *found, *ends, max(chance, LEAST))
+        return cell(f"{{:.3g}}  [{{:.3g}}, {{:.3g}}]  ({where})", *found, *ends)
     return box_to_first_order(result, i)
 
 
@@ -544,7 +562,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             ("rate", "largest rate, deg/s", _DEGREE, 1),
         ):
             row(f"  {label}", lambda r, p=path, s=scale, d=digits: _of_track(r, p, s, d))
-    boxed = [r for _, r in results if "/summary/box/limit" in r]
+    boxed = [r for _, r in results if "/summary/box/upper" in r]
     if boxed:
         section("Outside the box", lambda r: box_head(r, "/summary/box/probability" in r))
         row("  any limit exceeded", lambda r: _box(r, None))
@@ -625,7 +643,7 @@ def glance(result: Result) -> list[tuple[str, Cell | str]]:
         ("PDOP on the glide", Cell("{:.2f}  ({:.2f} - {:.2f})", dops, names=_RANGE)),
         ("NEES per state", _unit_mean(result, "nees")),
     ]
-    if "/summary/box/limit" in result:
+    if "/summary/box/upper" in result:
         out.append(("outside the box", _box(result, None)))
     if "/summary/integrity/availability" in result:
         out.append(("epochs available", _share(result, "/summary/integrity/availability")))

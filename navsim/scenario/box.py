@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+import math
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
-from navsim.scenario.base import NonNegative, Section, reject
+from navsim.scenario.base import NonNegative, Pair, Section, reject
 
-Limit = Annotated[float, Field(ge=1e-3, le=1e6)] | None
-"""A size that an error is not to exceed, m, if any."""
+Limit = (
+    Annotated[
+        Annotated[float, Field(ge=1e-3, le=1e6), Tag("size")] | Annotated[Pair, Tag("pair")],
+        Discriminator(lambda value: "pair" if isinstance(value, list | tuple) else "size"),
+    ]
+    | None
+)
+"""A size that an error is not to exceed, m, or the least and the largest that it may be, if any."""
+_LIMITS = ("lateral_m", "along_m", "vertical_m", "from_threshold_m")
 
 
 class BoxSection(Section):
@@ -23,18 +31,39 @@ class BoxSection(Section):
     """what is to stay inside: the position error of the filter, or with it how far the way of the run is off its route,
     which is where an aircraft that steers its estimate ends; total is counted, of runs with ways of their own"""
     lateral_m: Limit = None
-    """largest size of the error across the runway"""
+    """largest size of the error across the runway, or its limits to the left (below 0) and to the right"""
     along_m: Limit = None
-    """largest size of the error along the runway"""
+    """largest size of the error along the runway, or its limits backward (below 0) and forward"""
+    from_threshold_m: Pair | None = None
+    """in place of along_m: from where to where along the runway, counted from the threshold, the place of the route
+    may come to be by the error: with `error: total` the zone to touch down in"""
     vertical_m: Limit = None
-    """largest size of the error in height"""
+    """largest size of the error in height, or its limits downward (below 0) and upward"""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
-        if not any(self.limits()):
-            raise reject("limits nothing: give lateral_m, along_m or vertical_m")
+        given: dict[str, Any] = {name: value for name in _LIMITS if (value := getattr(self, name)) is not None}
+        if not given:
+            raise reject("limits nothing: give lateral_m, along_m, from_threshold_m or vertical_m")
+        if {"along_m", "from_threshold_m"} <= given.keys():
+            raise reject("is the limit along the runway that along_m is; leave one of them out", "from_threshold_m")
+        for name, value in given.items():
+            if isinstance(value, tuple) and not value[0] < value[1]:
+                raise reject("the lower limit comes first, and is below the other", name)
         return self
 
-    def limits(self) -> tuple[float | None, float | None, float | None]:
-        """Lateral, along, vertical."""
-        return self.lateral_m, self.along_m, self.vertical_m
+    def limits(self, place: float) -> tuple[list[float], list[float]]:
+        """Least and largest lateral, along-track and vertical error, m, infinite for none, where the route is this far
+        along the runway from its threshold, m."""
+        along: Any = self.along_m
+        if self.from_threshold_m is not None:
+            along = tuple(end - place for end in self.from_threshold_m)
+        ends = [_both(limit) for limit in (self.lateral_m, along, self.vertical_m)]
+        return [low for low, _ in ends], [high for _, high in ends]
+
+
+def _both(limit: float | tuple[float, float] | None) -> tuple[float, float]:
+    if isinstance(limit, tuple):
+        return limit
+    size = math.inf if limit is None else limit
+    return -size, size

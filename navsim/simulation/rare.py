@@ -78,18 +78,18 @@ class Proposal:
         return -(most + np.log(self.shares @ np.exp(exponents - most)))
 
 
-def proposal(mean: np.ndarray, covariance: np.ndarray, limits: np.ndarray) -> Proposal:
-    """The proposal for a box with limits (K,) of the sizes of errors, inf for none, that have this mean (K,) and
+def proposal(mean: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Proposal:
+    """The proposal for a box with least and largest errors (K,), infinite for none, that have this mean (K,) and
     covariance (K, K) to first order. Raises ValueError for a limited error that does not vary."""
     from scipy.special import ndtr
 
     sigma = np.sqrt(np.diagonal(covariance))
-    faces = list(itertools.product(np.flatnonzero(np.isfinite(limits)).tolist(), (1.0, -1.0)))
+    faces = list(itertools.product(np.flatnonzero(np.isfinite(upper)).tolist(), (1.0, -1.0)))
     if not all(sigma[k] > 0.0 for k, _ in faces):
         raise ValueError("an error that the box bounds does not depend on anything that is drawn")
-    way = np.array([sign * limits[k] - mean[k] for k, sign in faces])
+    way = np.array([(upper if sign > 0.0 else lower)[k] - mean[k] for k, sign in faces])
     inside = np.array([sign * w > 0.0 for w, (_, sign) in zip(way, faces, strict=True)])
-    to_face = np.zeros((len(faces), limits.size))
+    to_face = np.zeros((len(faces), upper.size))
     for row, (k, _) in enumerate(faces):
         # a face that the mean error is beyond needs no push
         to_face[row, k] = way[row] / covariance[k, k] if inside[row] else 0.0
@@ -100,7 +100,7 @@ def proposal(mean: np.ndarray, covariance: np.ndarray, limits: np.ndarray) -> Pr
     share = _EVENLY / len(faces) + (1.0 - _EVENLY) * likely
     return Proposal(
         covariance,
-        np.concatenate([to_face, 0.5 * to_face, np.zeros((1, limits.size))]),
+        np.concatenate([to_face, 0.5 * to_face, np.zeros((1, upper.size))]),
         np.concatenate([_FULL * share, _HALF * share, [1.0 - _FULL - _HALF]]),
     )
 
@@ -116,14 +116,14 @@ class Tilt:
     proposal: Proposal
 
 
-def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, limits: np.ndarray) -> Tilt:
-    """The pushes for a box; slopes: of the K errors that it bounds; mean, limits: see `proposal`, which raises
+def tilt(flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Tilt:
+    """The pushes for a box; slopes: of the K errors that it bounds; mean, lower, upper: see `proposal`, which raises
     ValueError."""
     shifts = carried(flight, slopes)
     pairs = zip(slopes.members(), shifts.members(), strict=True)
     parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
     covariance = np.sum(parts, axis=0)
-    return Tilt(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), limits))
+    return Tilt(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), lower, upper))
 
 
 def pushed(flight: Flight, tilt: Tilt, inputs: Inputs, components: list[int]) -> tuple[Inputs, np.ndarray]:

@@ -40,7 +40,9 @@ def test_result_table_and_figure(place: Path) -> None:
     value, low, high = result["/summary/rare/probability"]
     assert low < value < high
     assert 1.96 * float(result["/summary/rare/relative_error"]) <= 0.2
-    outside = (np.abs(result["/rare/error"]) > result["/summary/box/limit"]).any(axis=1)
+    error, (lower, upper) = result["/rare/error"], (result[f"/summary/box/{end}"] for end in ("lower", "upper"))
+    outside = ((error < lower) | (error > upper)).any(axis=1)
+    np.testing.assert_array_equal(lower, -upper)
     assert int(result["/summary/rare/outside"]) == outside.sum()
     assert value == pytest.approx(np.mean(outside * np.exp(result["/rare/log_weight"])))
     assert np.isnan(result["/summary/rare/axis_probability"][1]).all()
@@ -104,13 +106,21 @@ def test_all_outside_is_said(place: Path) -> None:
 
 
 def test_figures_of_far_and_of_common_errors(place: Path) -> None:
-    """An axis ends where the curves do, which says where the limit is; what is common has its curve too."""
-    from navsim.report.rare import exceedance
+    """An axis ends where the curves do, which says where the limit is; what is common has its curve too. A box that is
+    wider to one side is shown by the distance from its middle."""
+    from navsim.report.rare import curve, exceedance
 
-    for name, lateral, vertical in (("wide.h5", 500, 0.02), ("narrow.h5", 2.4, 3.6)):
-        box = ("--set", f"box={{lateral_m: {lateral}, vertical_m: {vertical}}}", "--runs", 64)
-        assert navsim(*RARE, *box, "-q", "-o", name, cwd=place).returncode == 0
-        far, common = exceedance(read(place / name)).axes
+    for name, given, lateral, vertical in (("wide.h5", "500", 500, 0.02), ("narrow.h5", "[-2, 2.8]", 2.4, 3.6)):
+        box = ("--set", f"box={{lateral_m: {given}, vertical_m: {vertical}}}", "--runs", 64)
+        done = navsim(*RARE, *box, "-o", name, "--figures", "none", cwd=place)
+        assert done.returncode == 0, done.stderr
+        assert ("(beyond 500 m" if given == "500" else "(outside -2 to 2.8 m") in done.stdout
+        result = read(place / name)
+        far, common = exceedance(result).axes
+        assert far.get_ylabel() == ("P(|lateral error| > x)" if given == "500" else "P(|lateral error -0.4 m| > x)")
+        shown = curve(result, 0)
+        beyond = shown.chance[shown.size > lateral]  # of the wide box no run is
+        assert beyond.size == 0 or beyond[-1] == pytest.approx(result["/summary/rare/axis_probability"][0, 0])
         for ax, limit in ((far, lateral), (common, vertical)):
             assert ax.get_xlabel()
             x, chance = map(np.asarray, ax.lines[0].get_data())

@@ -274,7 +274,7 @@ ASKED = (
     "{what: error, of: vertical, at: 50ft, below_m: 1.5}, {what: error, of: vertical, below_m: 90}, "
     "{what: rms, of: horizontal, below_m: 0.4}, {what: level, of: vpl, below_m: 45}, "
     "{what: preset, operation: APV-I}, {what: box, at_most: 1.0e-3}]",
-    "box={along_m: 0.4, lateral_m: 0.3, height_m: 20}",
+    "box={along_m: [-0.5, 0.4], lateral_m: [-0.3, 0.35], height_m: 20}",
     "integrity={method: chi2, limits: {hal_m: 50, tta_s: 2}}",
 )
 """Requirements of every sort that a figure can draw."""
@@ -333,9 +333,9 @@ def test_figures_draw_the_limits_where_they_hold() -> None:
 
     (view,) = drawings["box"].axes
     (edges,) = required_lines(view)
-    np.testing.assert_allclose(np.abs(edges), np.tile([0.4, 0.3], (5, 1)))
+    np.testing.assert_allclose(edges, [[-0.5, -0.3], [0.4, -0.3], [0.4, 0.35], [-0.5, 0.35], [-0.5, -0.3]])
     error = result["/summary/box/error_run"]
-    outside = (np.abs(error[:, :2]) > [0.3, 0.4]).any(axis=1)
+    outside = ((error[:, :2] < [-0.3, -0.5]) | (error[:, :2] > [0.35, 0.4])).any(axis=1)
     assert 0 < outside.sum() < 12
     by_mark = {line.get_marker(): np.asarray(line.get_xydata()) for line in view.lines}
     np.testing.assert_array_equal(by_mark["."], error[~outside][:, [1, 0]])

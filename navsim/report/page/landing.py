@@ -55,7 +55,7 @@ from navsim.report.quantities import (
     true_for,
 )
 from navsim.report.quantities import heights as height_of
-from navsim.report.tables import runs_of, setting, single
+from navsim.report.tables import box_limits, runs_of, setting, single
 
 AXES = ("lateral", "along", "vertical")
 _MOST_FIXES = 1500
@@ -371,7 +371,8 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
         on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", f"{up} error, m", 340, match_aspect=True)
         marks = []
         for i, name, result in kept:
-            points = np.stack([result[f"/summary/at/{axis}_run"][:, column] for axis in (across, up)])
+            which_error = "tse_run" if _of_total(result) else "run"
+            points = np.stack([result[f"/summary/at/{axis}_{which_error}"][:, column] for axis in (across, up)])
             known = np.isfinite(points).all(axis=0)
             which = some(int(known.sum()))
             x, y = (which(each[known]) for each in points)
@@ -382,12 +383,14 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
             if known.sum() >= _FEW and np.linalg.matrix_rank(spread := np.cov(points[:, known])) == 2:
                 rim = points[:, known].mean(axis=1)[:, None] + ellipse(spread)
                 line(on, source(x=rim[0], y=rim[1]), "y", colour(i))
-            if "/summary/box/limit" in result and abs(float(result["/summary/box/height"]) - float(
+            if "/summary/box/upper" in result and abs(float(result["/summary/box/height"]) - float(
                     result["/summary/at/height"][column])) < 0.01:  # fmt: skip
                 _box(on, result, across, up, colour(i) if len(kept) > 1 else GREY)
         tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
         panels.append(on)
-    counted = ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept)
+    counted = ", ".join(
+        f"{name}: {runs_of(result)}{', total system errors' if _of_total(result) else ''}" for _, name, result in kept
+    )
     caption = (
         f"Errors at {where}, truth minus estimate, a point a run ({counted}), with the ellipse that holds 95 % of a "
         "Gaussian of their mean and covariance" + ("; dashed: the box." if boxed else ".")
@@ -396,18 +399,21 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
     return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
 
 
+def _of_total(result: Result) -> bool:
+    """Whether a result has a box of total system errors."""
+    return "/summary/box/axis_gaussian" in result
+
+
 def _box(on: figure, result: Result, across: str, up: str, own: str) -> None:
     """The limits of the box that there are, dashed."""
-    limits = dict(zip(AXES, map(float, result["/summary/box/limit"]), strict=True))
-    x, y = limits[across], limits[up]
-    if np.isfinite([x, y]).all():
-        corners = source(x=np.array([-x, x, x, -x, -x]), y=np.array([-y, -y, y, y, -y]))
+    x, y = (box_limits(result, AXES.index(axis)) for axis in (across, up))
+    if x is not None and y is not None:
+        corners = source(x=np.array([x[0], x[1], x[1], x[0], x[0]]), y=np.array([y[0], y[0], y[1], y[1], y[0]]))
         line(on, corners, "y", own, line_dash="dashed", line_width=1)
         return
     for ends, side in ((x, upright), (y, level)):
-        if np.isfinite(ends):
-            for end in (-ends, ends):
-                side(on, end, own)
+        for end in ends or ():
+            side(on, end, own)
 
 
 def distribution(results: Sequence[Named]) -> Drawing | None:

@@ -23,7 +23,8 @@ from navsim.report.page.marks import (
     tell,
     upright,
 )
-from navsim.report.rare import curve
+from navsim.report.rare import curve, middle
+from navsim.report.tables import box_limits
 
 _MOST = 400
 """Most steps of a curve; of more every so many-th is drawn."""
@@ -45,11 +46,13 @@ def _exceedance(results: Sequence[Named], first: int) -> Drawing:
     panels = []
     for k, axis in enumerate(map(str, results[0][1]["/axis"])):
         curves = [(i, name, curve(result, k)) for i, (name, result) in enumerate(results, first)
-                  if np.isfinite(result["/summary/box/limit"][k])]  # fmt: skip
+                  if box_limits(result, k) is not None]  # fmt: skip
         if not curves:
             continue
         bottom = min(each.bottom for _, _, each in curves)
-        on = plot(axis.capitalize(), "size x of the error, m", f"P(|{axis} error| > x)", 320,
+        off = any(middle(result, k) for _, result in results)
+        error = f"{axis} error, from the middle of its limits" if off else f"{axis} error"
+        on = plot(axis.capitalize(), "x, m" if off else "size x of the error, m", f"P(|{error}| > x)", 320,
                   y_axis_type="log" if bottom > 0.0 else "linear")  # fmt: skip
         on.x_range = Range1d(0.0, max(float(each.grid[-1]) for _, _, each in curves))
         on.y_range = Range1d(bottom, 1.0)
@@ -87,9 +90,8 @@ def _runs(results: Sequence[Named], first: int) -> Drawing:
         of = source(x=which(error[:, 0]), y=which(error[:, 2]), weight=which(weight))
         marks.append(on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6, line_color=None, name=name))
         for k, side in ((0, upright), (2, level)):
-            if np.isfinite(ends := float(result["/summary/box/limit"][k])):
-                for end in (-ends, ends):
-                    side(on, end, colour(i) if len(results) > 1 else GREY)
+            for end in box_limits(result, k) or ():
+                side(on, end, colour(i) if len(results) > 1 else GREY)
     tell(
         on, marks, ("", "$name"), ("lateral", "@x{0.000} m"), ("vertical", "@y{0.000} m"), ("weight", "@weight{0.0e+0}")
     )

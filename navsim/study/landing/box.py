@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.io.draft import Draft
-from navsim.study.landing.case import Case, box_time
+from navsim.study.landing.case import Case, box_place, box_time
 from navsim.study.statistics import share_interval
 
 AXES = ("lateral", "along", "vertical")
@@ -18,17 +18,20 @@ AXES = ("lateral", "along", "vertical")
 
 @dataclass(frozen=True)
 class Box:
-    """height: above the runway at which errors are judged, m; time: when it is passed, s; limits: (3,) of the sizes of
-    the lateral, along-track and vertical error, m, inf for none; total: whether total system errors are."""
+    """height: above the runway at which errors are judged, m; time: when it is passed, s; lower, upper: (3,) least and
+    largest lateral, along-track and vertical error, m, infinite for none; total: whether total system errors are;
+    place: of the route then, along the runway from the threshold, m, where limits are given from there, else nan."""
 
     height: float
     time: float
-    limits: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     total: bool
+    place: float
 
     def beyond(self, errors: np.ndarray) -> np.ndarray:
         """Which errors (..., 3) exceed their limits; those that are no numbers do."""
-        return np.logical_not(np.abs(errors) <= self.limits)
+        return np.logical_not((self.lower <= errors) & (errors <= self.upper))
 
 
 def box_of(case: Case) -> Box | None:
@@ -36,8 +39,12 @@ def box_of(case: Case) -> Box | None:
     section = case.scenario.box
     if section is None:
         return None
-    limits = np.array([math.inf if limit is None else limit for limit in section.limits()])
-    return Box(section.height_m, box_time(case), limits, section.error == "total")
+    place = box_place(case)
+    lower, upper = map(np.array, section.limits(place))
+    return Box(
+        section.height_m, box_time(case), lower, upper, section.error == "total",
+        math.nan if section.from_threshold_m is None else place,
+    )  # fmt: skip
 
 
 def described(draft: Draft, box: Box) -> None:
@@ -46,7 +53,9 @@ def described(draft: Draft, box: Box) -> None:
         draft["/summary/box/axis"] = np.array(AXES)
     draft["/summary/box/height"] = box.height
     draft["/summary/box/time"] = box.time
-    draft["/summary/box/limit"] = box.limits
+    draft["/summary/box/lower"], draft["/summary/box/upper"] = box.lower, box.upper
+    if not math.isnan(box.place):
+        draft["/summary/box/place"] = box.place
 
 
 def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
@@ -61,7 +70,7 @@ def counted(draft: Draft, box: Box, errors: np.ndarray) -> None:
     if box.total:
         chances = np.full(3, np.nan)  # one run has no sigma
         if errors.shape[0] > 1:
-            chances = normal.exceedance(box.limits, errors.mean(axis=0), errors.std(axis=0, ddof=1))
+            chances = normal.outside(box.lower, box.upper, errors.mean(axis=0), errors.std(axis=0, ddof=1))
         draft["/summary/box/axis_gaussian"] = where_limited(box, chances)
 
 
@@ -70,11 +79,11 @@ def to_first_order(draft: Draft, box: Box, mean: np.ndarray, sigma: np.ndarray) 
     described(draft, box)
     draft["/summary/box/axis_mean"] = mean
     draft["/summary/box/axis_sigma"] = sigma
-    draft["/summary/box/axis_first_order"] = where_limited(box, normal.exceedance(box.limits, mean, sigma))
+    draft["/summary/box/axis_first_order"] = where_limited(box, normal.outside(box.lower, box.upper, mean, sigma))
 
 
 def where_limited(box: Box, values: np.ndarray) -> np.ndarray:
     """Values of the axes (3, ...), nan of those without a limit."""
     out = values.copy()
-    out[~np.isfinite(box.limits)] = np.nan
+    out[~np.isfinite(box.upper)] = np.nan
     return out

@@ -34,6 +34,7 @@ from navsim.models.signals import Environment, Pseudolites, Satellites, antenna_
 from navsim.models.systems import CLOCKS
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
+from navsim.scenario.box import BoxSection
 from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
@@ -103,6 +104,8 @@ class Case:
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
                 "the first fix: the errors there are those that the filter begins with"
             )
+        if self.scenario.box is not None and (apart := self._route_outside(self.scenario.box)):
+            out.append(f"box: the route itself is outside {' and '.join(apart)}")
         out += [
             f"{aid.sensor.name}: measures nothing on this flight, whose heights or attitudes are beyond its limits"
             for aid in self.world.aids
@@ -149,6 +152,12 @@ class Case:
             return "integrity.method chi2 computes them for a fault that is there (p_md); mhss does for a risk"
         risk = section.risk_of_levels()
         return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {risk:.3g}"
+
+    def _route_outside(self, box: BoxSection) -> list[str]:
+        """The limits of the box that an error of 0 is beyond."""
+        lower, upper = box.limits(box_place(self))
+        keys = ("lateral_m", "along_m" if box.from_threshold_m is None else "from_threshold_m", "vertical_m")
+        return [key for key, low, high in zip(keys, lower, upper, strict=True) if not low <= 0.0 <= high]
 
     def _out_of_sight(self) -> list[str]:
         """Pseudolites that are heard although the Earth is between them and the whole flight."""
@@ -571,6 +580,12 @@ def box_time(case: Case) -> float:
     """When the height of the scenario's box is passed, s; nan where it is not."""
     assert case.scenario.box is not None
     return times_at_heights(case, [case.scenario.box.height_m])[0]
+
+
+def box_place(case: Case) -> float:
+    """Where the route is then, along the runway from the threshold, m."""
+    along = case.trajectory.path.jet(np.array([box_time(case)]))[0, 0, 0]
+    return float(along) + case.scenario.runway.aim_point_m
 
 
 def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:

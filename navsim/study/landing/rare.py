@@ -78,7 +78,7 @@ def prepare(case: Case) -> Edge:
     along = along_truth(case.flight)
     analysis = analyse(case.flight, np.isin(case.world.signals.names, case.pseudolites.names), along)
     mean = at_heights(case, [box.time], analysis.mean)[0]
-    return Edge(box, tilt(case.flight, sensitivity(case.flight, along, weights), mean, box.limits))
+    return Edge(box, tilt(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper))
 
 
 @dataclass(frozen=True)
@@ -134,20 +134,23 @@ def fly_all(
 def probability(edge: Edge, flown: Ensemble) -> tuple[np.ndarray, float, float]:
     """Of ending outside the box: value with its 95 % interval (3,), relative standard error, effective samples."""
     outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
-    return _share(edge, flown, outside, edge.box.limits)
+    return _share(edge, flown, outside, edge.box.lower, edge.box.upper)
 
 
 def axis_probabilities(edge: Edge, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
     """The same of exceeding each limit alone."""
     outside = edge.box.beyond(flown.per_run("error"))
-    own = np.where(np.eye(3, dtype=bool), edge.box.limits, np.inf)
-    return [_share(edge, flown, one, limits) for one, limits in zip(outside.T, own, strict=True)]
+    alone = np.eye(3, dtype=bool)
+    lower, upper = np.where(alone, edge.box.lower, -np.inf), np.where(alone, edge.box.upper, np.inf)
+    return [_share(edge, flown, *each) for each in zip(outside.T, lower, upper, strict=True)]
 
 
-def _share(edge: Edge, flown: Ensemble, outside: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, float, float]:
+def _share(
+    edge: Edge, flown: Ensemble, outside: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, float, float]:
     """Of runs outside (run,) some limits (3,); see `study.statistics.weighted_share`."""
     mean, mix = edge.tilt.mean, edge.tilt.proposal
-    inside = mix.most_weight_between(-limits - mean, limits - mean)
+    inside = mix.most_weight_between(lower - mean, upper - mean)
     return weighted_share(flown.per_run("log_weight"), outside, mix.most_weight, inside)
 
 
@@ -202,7 +205,7 @@ def findings(case: Case, edge: Edge, flown: Ensemble) -> list[Finding]:
         out.append(Finding("few_effective_samples", text, (), int(effective), flown.runs, flown.runs))
     off = not_linear(edge, flown)
     if off.max() > LINEAR:
-        axis = AXES[np.flatnonzero(np.isfinite(edge.box.limits))[off.argmax()]]
+        axis = AXES[np.flatnonzero(np.isfinite(edge.box.upper))[off.argmax()]]
         text = (
             f"the {axis} error at the box is not linear in what is drawn: {off.max():.2g} sigma of it is not; the "
             "interval is too narrow more often than it says (docs/rare-events.md)"
@@ -237,7 +240,7 @@ def _by_pushes(found: Finding) -> Finding:
 def not_linear(edge: Edge, flown: Ensemble) -> np.ndarray:
     """Standard deviation over the pushed runs of what is not of first order in the limited errors (k,), over their
     sigmas to first order; inf for errors that are no numbers."""
-    some = np.isfinite(edge.box.limits)
+    some = np.isfinite(edge.box.upper)
     off = (flown.per_run("error") - flown.per_run("first_order"))[:, some]
     sigma = np.sqrt(np.diagonal(edge.tilt.proposal.covariance))[some]
     return np.where(np.isfinite(off).all(axis=0), off.std(axis=0), np.inf) / sigma
