@@ -16,6 +16,7 @@ import numpy as np
 from navsim.core.arrays import earth
 from navsim.models.constellation import Constellation
 from navsim.models.lasting import LastingErrors
+from navsim.models.transmitter import WanderingClocks
 
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
@@ -43,7 +44,8 @@ class Signals:
     lasting: errors with a memory that are drawn for each run, or None. fix_sigma: (e, s) 1 sigma of the pseudoranges
     that fixes are made from, of all that is drawn but for `space` of satellites; smoothing: (e, s) int, counts of the
     carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB. offset: (s, k)
-    change by one sigma of the offset of each of k time scales, m, which are drawn for each run, or None.
+    change by one sigma of the offset of each of k time scales, m, which are drawn for each run, or None. wandering:
+    the clocks of pseudolites that are drawn for each run, or None.
     """
 
     time: np.ndarray
@@ -70,6 +72,14 @@ class Signals:
     smoothing: np.ndarray | None
     js: np.ndarray
     offset: np.ndarray | None = None
+    wandering: WanderingClocks | None = None
+
+    @property
+    def fix_rate_sigma(self) -> np.ndarray:
+        """1 sigma of the range rates that fixes are made from, of all that is drawn (e, s), m/s."""
+        if self.wandering is None:
+            return self.rate_sigma
+        return np.hypot(self.rate_sigma, self.wandering.sigmas(self.time)[1])
 
     @property
     def noise_sigma(self) -> np.ndarray:
@@ -117,6 +127,7 @@ class Signals:
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
             js=self.js[:, :, kept],
             offset=None if self.offset is None else self.offset[kept],
+            wandering=None if self.wandering is None else self.wandering.select(kept),
             **each,
         )
 

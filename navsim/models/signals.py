@@ -25,6 +25,7 @@ from navsim.models.kinematics import Motion
 from navsim.models.lasting import LastingErrors
 from navsim.models.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.models.systems import CLOCKS, GPS, OWN
+from navsim.models.transmitter import WanderingClocks
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
@@ -66,7 +67,8 @@ class Pseudolites:
     """Pseudolites: surveyed llh (p, 3) rad, rad, m; survey_error (3,) NED true minus surveyed, m;
     delay: effect of their clock offset on the pseudorange, m; sigma, rate_sigma: m, m/s; cn0: dB-Hz; carrier: Hz;
     radiated: what cn0 follows from instead, where it does; survey_sigma: along each axis, and clock_sigma: 1 sigma of
-    what is drawn of their places and clocks for each run, m."""
+    what is drawn of their places and clocks for each run, m; clock_density, clock_age: see
+    `transmitter.WanderingClocks`."""
 
     names: tuple[str, ...]
     llh: np.ndarray
@@ -80,6 +82,8 @@ class Pseudolites:
     radiated: Radiated | None = None
     survey_sigma: float = 0.0
     clock_sigma: float = 0.0
+    clock_density: tuple[float, float] = (0.0, 0.0)
+    clock_age: float = 0.0
 
     @property
     def calibration_sigma(self) -> float:
@@ -422,6 +426,10 @@ def _affected(
         los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     fix_sigma = np.where(sky, fix_sigma, np.hypot(fix_sigma, pseudolites.calibration_sigma))
+    wandering = None
+    if any(pseudolites.clock_density) and is_pseudolite.any():
+        wandering = WanderingClocks(pseudolites.clock_density, pseudolites.clock_age, is_pseudolite)
+        fix_sigma = np.hypot(fix_sigma, wandering.sigmas(signals.time)[0])
     lasting = None
     if effects.lasting:
         sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.lasting])
@@ -447,6 +455,7 @@ def _affected(
         fix_sigma=fix_sigma,
         smoothing=smoothing,
         offset=_drawn_offsets(environment, signals.clock),
+        wandering=wandering,
     )
 
 

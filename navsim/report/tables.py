@@ -105,7 +105,7 @@ def _fixes(result: Result) -> Cell:
 
 
 _DELAYING = ("ephemeris", "ionosphere", "troposphere")
-_OF_PSEUDOLITES = ("multipath", "survey_error_m", "survey_sigma_m", "clock_sigma_ns")
+_OF_PSEUDOLITES = ("multipath", "survey_error_m", "survey_sigma_m", "clock_sigma_ns", "clock_noise")
 """Keys of `signals`, and of `pseudolites`, with errors of ranges that last, where they are there and not zero."""
 
 

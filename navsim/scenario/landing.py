@@ -269,7 +269,7 @@ class Landing(Section):
     def _checked_lasting(self) -> None:
         """What a filter can do about errors that last."""
         watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
-        drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns") if getattr(self.pseudolites, key) > 0.0]
+        drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns", "clock_noise") if getattr(self.pseudolites, key)]
         if watched and drawn and self.pseudolites.placed():
             text = "lasts, and the filter's levels take errors for independent in time; use 0, or integrity.method mhss"
             raise reject(text, "pseudolites", drawn[0])

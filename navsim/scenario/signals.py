@@ -291,6 +291,28 @@ class PatternSection(Section):
         )
 
 
+class ClockNoiseSection(Section):
+    """Noise of each pseudolite's clock, by Allan variance coefficients of its oscillator; it begins clock_age_s before
+    time 0, and each run draws its own of each pseudolite. The receiver weighs ranges and range rates by it."""
+
+    h0: Annotated[float, Field(ge=0.0, le=1e-12)]
+    """white frequency noise, Allan variance coefficient, s; h0/(2 t) of the Allan variance"""
+    h_minus2: Annotated[float, Field(ge=0.0, le=1e-12)]
+    """random walk of the frequency, Allan variance coefficient, 1/s; (2 pi)^2 h_minus2 t/6 of the Allan variance"""
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if self.h0 == self.h_minus2 == 0.0:
+            raise reject("clocks without noise do not wander: leave clock_noise out", "h0")
+        return self
+
+    def densities(self) -> tuple[float, float]:
+        """Densities of the white noises of phase, m2/s, and frequency, m2/s3."""
+        from navsim.core.arrays.clock import densities
+
+        return densities(self.h0, self.h_minus2)
+
+
 class PseudolitesSection(Section):
     """Transmitters beside the runway: none, one at +S, two at +-S, or any number by `sites`."""
 
@@ -318,6 +340,10 @@ class PseudolitesSection(Section):
     clock_sigma_ns: NonNegative = 0.0
     """1 sigma of what calibration leaves of each pseudolite's clock, drawn for each run; the receiver weighs their
     ranges by it"""
+    clock_noise: ClockNoiseSection | None = None
+    """how the pseudolites' clocks wander from where calibration left them; null: not at all"""
+    clock_age_s: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """how long before time 0 the clocks were set, offset and rate, with clock_noise"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of their pseudoranges"""
     range_law: Literal["constant", "cn0"] = "constant"
@@ -344,6 +370,8 @@ class PseudolitesSection(Section):
     def _strength(self) -> Self:
         if self.eirp_dbm is None and self.pattern is not None:
             raise reject("is relative to eirp_dbm, which is not given", "pattern")
+        if self.clock_noise is None and self.clock_age_s > 0.0:
+            raise reject("is for clock_noise, which is not given", "clock_age_s")
         if self.eirp_dbm is not None and self.cn0_reference_m is not None:
             raise reject("is for cn0_dbhz; with eirp_dbm the strength follows from that", "cn0_reference_m")
         return self
@@ -427,6 +455,8 @@ class PseudolitesSection(Section):
             carrier=self.carrier_mhz * 1e6,
             survey_sigma=self.survey_sigma_m,
             clock_sigma=SPEED_OF_LIGHT * self.clock_sigma_ns * 1e-9,
+            clock_density=(0.0, 0.0) if self.clock_noise is None else self.clock_noise.densities(),
+            clock_age=self.clock_age_s,
             radiated=None
             if self.eirp_dbm is None
             else Radiated(self.eirp_dbm - 30.0, None if self.pattern is None else self.pattern.model()),

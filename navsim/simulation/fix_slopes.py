@@ -44,7 +44,7 @@ def slopes(
     by_range[:, :3] = np.linalg.solve(normal, weighed)[:, :3]
 
     here &= np.isfinite(rates) & np.isfinite(velocity[:, :1])
-    weight = np.where(here, s.rate_sigma, np.inf) ** -2.0
+    weight = np.where(here, s.fix_rate_sigma, np.inf) ** -2.0
     h = np.concatenate([-u, np.ones((e, n, 1))], axis=2)
     relative = np.where(here[:, :, None], s.velocity @ np.swapaxes(c_ne, 1, 2) - velocity[:, None], 0.0)
     residual = np.where(here, rates - np.sum(u * relative, axis=2), 0.0)

@@ -30,7 +30,7 @@ def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.nd
     shapes: tuple[tuple[int, ...], ...] = ((3,), (3,), (MAX_CLOCKS,), (6, 6))
     out = ReceiverFixes(*(np.empty((ranges.shape[0], *shape, WIDTH)) for shape in shapes))
     fixes(
-        start, signals.position, signals.velocity, signals.fix_sigma, signals.rate_sigma, signals.clock,
+        start, signals.position, signals.velocity, signals.fix_sigma, signals.fix_rate_sigma, signals.clock,
         *(in_lanes(m) for m in (ranges, rates, *out)),
     )  # fmt: skip
     return out

@@ -351,6 +351,11 @@ def _measure(
         # as they are after smoothing: in code and carrier alike
         late = [np.sum(signals.lasting.sigma * lasting[..., lane], axis=0) for lane in range(len(runs))]
         delay = delay + np.stack(late, axis=-1)
+    faster = None
+    if signals.wandering is not None:
+        rngs = [generator(seed, run, "clock", 2) for run in runs]
+        late, faster = signals.wandering.drawn(signals.time, rngs)
+        delay = delay + late
     sigma = signals.sigma[..., None]
     if world.heavier is not None:
         # of a branch: the stream itself is that of Gaussian noise
@@ -361,6 +366,8 @@ def _measure(
         _generators(seed, runs, "measurements", lanes), len(runs), true[0], delay, sigma, true[1], signals.rate_sigma,
         signals.used, world.clock, ranges, rates,
     )  # fmt: skip
+    if faster is not None:
+        rates[..., : len(runs)] += faster
     if wandered is not None:
         ranges += wandered.at_fixes[:, None, 0]
         rates += wandered.at_fixes[:, None, 1]
@@ -589,7 +596,7 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     source = np.nonzero(heard)[1]
     return RangeTable(
         signals.position[heard], signals.velocity[heard], signals.range[heard],
-        beliefs.sigma_scale * flight.range_sigma[heard], beliefs.sigma_scale * signals.rate_sigma[heard], source,
+        beliefs.sigma_scale * flight.range_sigma[heard], beliefs.sigma_scale * signals.fix_rate_sigma[heard], source,
         bias[signals.clock[source]], ranges[heard], rates[heard] if beliefs.velocity else np.full_like(rates[heard],
         np.nan), beliefs.lever_arm,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import copy as copying
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -35,6 +36,7 @@ from navsim.estimation.observations import FIX, RANGE, FixTable, RangeTable
 from navsim.estimation.records import OUTPUT, Events, ImuData
 from navsim.models.lasting import SUMS, LastingErrors
 from navsim.models.pseudorange import Signals
+from navsim.models.transmitter import WanderingClocks
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
@@ -79,6 +81,8 @@ OFFSET = "system_offset"
 """The source that drawn offsets of time scales are to a receiver that takes all for one."""
 SURVEY, CALIBRATION = "pseudolite_survey", "pseudolite_clock"
 """The sources that drawn errors of the places and clocks of pseudolites are."""
+WANDERING = "pseudolite_clock_noise"
+"""The source that the noise of pseudolites' clocks is."""
 LASTING = "satellite_lasting_"
 """Begins the names of the sources that ranging errors of satellites are which last."""
 CLOCK = "receiver_clock"
@@ -123,9 +127,9 @@ class Analysis:
         return np.trace(np.linalg.solve(believed, second[:, states_, states_]), axis1=1, axis2=2) / believed.shape[1]
 
 
-class _SourceErrors:
+class _SourceErrors(ABC):
     """Errors of ranges that have a memory with what they have done to the state, (S + s)^2 for each of k kinds: one
-    state a source behind the state.
+    state a source behind the state, or several.
 
     epoch: the one whose errors these are, -1 before the first.
     """
@@ -149,6 +153,19 @@ class _SourceErrors:
     def states(self) -> np.ndarray:
         """Covariances of the state by each kind (k, S, S)."""
         return self.cov[:, : self.size, : self.size]
+
+    def errors(self) -> np.ndarray:
+        """Covariances of the errors of the filter's states by each kind (k, S, S)."""
+        return self.states()
+
+    @abstractmethod
+    def measure(self, i: int) -> None:
+        """The errors become those of epoch i, if they are not yet."""
+
+    @abstractmethod
+    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, s) by the
+        errors; returns what it adds to E[z z'] (m, m)."""
 
 
 class _Lasting(_SourceErrors):
@@ -259,6 +276,37 @@ class _Smoothed(_SourceErrors):
             cross = turn @ with_phase @ direct.T
             self.cov[k] = turn @ self.cov[k] @ turn.T + cross + cross.T + (direct * phase) @ direct.T
         return out
+
+
+class _Wandering(_SourceErrors):
+    """Clocks of pseudolites that wander, of one kind: the offsets of all, then their rates."""
+
+    def __init__(self, size: int, clocks: WanderingClocks, used: np.ndarray, time: np.ndarray):
+        """size: S of the state carried; used (e, s), time (e,) of `Signals`."""
+        super().__init__(1, size, 2 * int(clocks.which.sum()))
+        self.used = np.tile(used[:, clocks.which], 2)
+        self.transition, self.new = clocks.steps(time)
+
+    def measure(self, i: int) -> None:
+        """The errors become those of epoch i, if they are not yet."""
+        own, one = slice(self.size, None), np.eye(self.used.shape[1] // 2)
+        while self.epoch < i:
+            self.epoch += 1
+            on = np.kron(self.transition[self.epoch], one)
+            self.cov[:, own] = on @ self.cov[:, own]
+            self.cov[:, :, own] = self.cov[:, :, own] @ on.T
+            self.cov[:, own, own] += np.kron(self.new[self.epoch], one)
+
+    def fixed(self, i: int, here: np.ndarray, gain: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Weigh numbers of a fix, or of a range, of epoch i by `gain` (S, m), `here` (m, S), slope (m, 2 p) by offsets
+        and rates; returns what it adds to E[z z'] (m, m)."""
+        seen = np.hstack([here, np.where(self.used[i], slope, 0.0)])
+        (cov,) = self.cov
+        by = seen @ cov
+        out = by @ seen.T
+        cov[: self.size] -= gain @ by
+        cov[:, : self.size] -= (cov @ seen.T) @ gain.T
+        return np.asarray(out)
 
 
 class _Augmented:
@@ -390,6 +438,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
+    own += () if s.wandering is None else (WANDERING,)
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     carried, route = _route(flight, along)
     n = carried.n
@@ -425,6 +474,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         _carry_smoothed(flight, along, route, of_pseudolites, out)
     if s.lasting is not None:
         _carry_lasting(flight, along, route, [sources.index(LASTING + name) for name in s.lasting.names], out)
+    if s.wandering is not None:
+        _carry_wandering(flight, along, route, sources.index(WANDERING), out)
 
     # a column for what is systematic, then one for each thing that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
@@ -463,7 +514,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     analysis = Analysis(
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
-    white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None
+    white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None and s.wandering is None
     white &= beliefs.sigma_scale == 1.0
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
@@ -545,7 +596,7 @@ def excess(flight: Flight, route: Route, whole: AlongTruth, other: AlongTruth) -
         return out
     weighed, row = _weighed(flight.events, route, FIX)
     slopes = [(whole.by_range, other.by_range, signals.fix_sigma)]
-    slopes += [(whole.by_rate, other.by_rate, signals.rate_sigma)] if beliefs.velocity else []
+    slopes += [(whole.by_rate, other.by_rate, signals.fix_rate_sigma)] if beliefs.velocity else []
     total = np.zeros((signals.time.size, MOST, MOST))
     for mine, its, sigma in slopes:
         weight = np.where(signals.used, beliefs.sigma_scale * sigma, 0.0)[:, None] ** 2
@@ -635,49 +686,43 @@ def _carry_noises(
 
 def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudolites: np.ndarray, out: _Sums) -> None:
     """Add what the noise of smoothed ranges does."""
-    s, events, lin = flight.world.signals, flight.events, along.lin
+    s = flight.world.signals
     assert s.smoothing is not None
-    n = lin.believed.shape[1]
-    own = copy = _Smoothed(n, s.smoothing, s.sigma, s.used, of_pseudolites)
-    kind = RANGE if flight.beliefs.tight else FIX
-    was_ahead = False
-    for i in range(events.time.size):
-        ahead = bool(events.ahead[i])
-        if ahead and not was_ahead:
-            copy = own.copied()
-        was_ahead = ahead
-        here = copy if ahead else own
-        if route.interval[i] >= 0:
-            here.carry(lin.transition[route.interval[i]])
-        row, w = events.row[i], route.weighed[i]
-        if events.kind[i] == OUTPUT:
-            out.variance[list(_RANGES), row] = np.diagonal(here.states(), axis1=1, axis2=2)
-            out.covariance[row] += here.states().sum(axis=0)
-        if events.kind[i] == kind:
-            here.measure(int(along.epoch[row]))
-        if w >= 0:
-            there = np.flatnonzero(lin.have[w])
-            h, gain = lin.h[w, there], lin.gain[w][:, there]
-            if events.kind[i] == kind:
-                moments = here.fixed(int(along.epoch[row]), h, gain, along.by_range[row, there])
-            else:
-                moments = h @ here.states().sum(axis=0) @ h.T
-                here.carry(np.eye(n) - gain @ h)
-            out.second[w][np.ix_(there, there)] += moments
+    own = _Smoothed(along.lin.believed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
+    _carry_remembered(flight, along, route, own, along.by_range, list(_RANGES), out)
 
 
 def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[int], out: _Sums) -> None:
     """Add what ranging errors that last do, each kind to the variance of its row."""
-    s, events, lin = flight.world.signals, flight.events, along.lin
+    s = flight.world.signals
     assert s.lasting is not None
-    n, e = lin.believed.shape[1], s.time.size
+    n, e = along.lin.believed.shape[1], s.time.size
     shown, believed = np.zeros((e, n, *s.lasting.sigma.shape[::2])), flight.beliefs.lasting
     if believed is not None and believed.followed:
         count = SUMS * len(believed.groups)
         first = n - flight.model.clock_states - count
         shown[:, first : first + count] = flight.world.fix_errors.projections(believed.groups)
-    own = copy = _Lasting(n, s.lasting, s.used, s.time, shown)
+    own = _Lasting(n, s.lasting, s.used, s.time, shown)
     own.measure(0)
+    _carry_remembered(flight, along, route, own, along.by_range, rows, out)
+
+
+def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, out: _Sums) -> None:
+    """Add what clocks of pseudolites that wander do."""
+    s = flight.world.signals
+    assert s.wandering is not None
+    own = _Wandering(along.lin.believed.shape[1], s.wandering, s.used, s.time)
+    slope = np.concatenate([by[..., s.wandering.which] for by in (along.by_range, along.by_rate)], axis=2)
+    _carry_remembered(flight, along, route, own, slope, [row], out)
+
+
+def _carry_remembered(
+    flight: Flight, along: AlongTruth, route: Route, own: _SourceErrors, slope: np.ndarray, rows: list[int], out: _Sums
+) -> None:
+    """Add what errors with a memory do, each kind to the variance of its row; slope: (m, MOST, s) of what is measured
+    by them."""
+    events, lin = flight.events, along.lin
+    n, copy = lin.believed.shape[1], own
     kind = RANGE if flight.beliefs.tight else FIX
     was_ahead = False
     for i in range(events.time.size):
@@ -699,12 +744,11 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
             there = np.flatnonzero(lin.have[w])
             h, gain = lin.h[w, there], lin.gain[w][:, there]
             if events.kind[i] == kind:
-                out.second[w][np.ix_(there, there)] += here.fixed(
-                    int(along.epoch[row]), h, gain, along.by_range[row, there]
-                )
+                moments = here.fixed(int(along.epoch[row]), h, gain, slope[row, there])
             else:
-                out.second[w][np.ix_(there, there)] += h @ here.states().sum(axis=0) @ h.T
+                moments = h @ here.states().sum(axis=0) @ h.T
                 here.carry(np.eye(n) - gain @ h)
+            out.second[w][np.ix_(there, there)] += moments
 
 
 def _carry_columns(route: Route, start_: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

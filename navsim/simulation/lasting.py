@@ -87,7 +87,7 @@ class FixErrors:
     def noise(self) -> np.ndarray:
         """Covariance of what is new in each fix (e, MOST, MOST)."""
         s = self.signals
-        return _spread(self.by_range, s.noise_sigma, s.used) + _spread(self.by_rate, s.rate_sigma, s.used)
+        return _spread(self.by_range, s.noise_sigma, s.used) + _spread(self.by_rate, s.fix_rate_sigma, s.used)
 
     def of_kinds(self, factor: np.ndarray) -> np.ndarray:
         """Covariance of fixes by all kinds of lasting errors (e, MOST, MOST), the variance of each times a factor

@@ -151,6 +151,11 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         delay = _of_lasting(signals, both)
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
+    if signals.wandering is not None:
+        both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
+        delay, faster = _of_clocks(signals, both, slopes.rates)
+        ranges, rates = ranges + delay, rates + faster
+        phases = None if phases is None else phases + delay
     return Slopes(
         initial,
         _of_triad(flight.gyro, slopes.dtheta, world.dtheta, dt),
@@ -178,6 +183,23 @@ def _of_lasting(signals: Signals, slopes: np.ndarray) -> np.ndarray:
             after[:, t] += kept[t + 1, k] * after[:, t + 1]
         out += sigma * (before + after - own)
     return out
+
+
+def _of_clocks(signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The covariance of what clocks of pseudolites do to ranges and range rates times slopes by these (K, e, s)."""
+    clocks = signals.wandering
+    assert clocks is not None
+    transition, new = clocks.steps(signals.time)
+    there = signals.used & clocks.which
+    # with L that makes offsets and rates of all that was new up to then, the covariance is L Q L'
+    later = np.where(there[..., None], np.stack([ranges, rates], axis=-1), 0.0)
+    for t in range(later.shape[1] - 2, -1, -1):
+        later[:, t] += later[:, t + 1] @ transition[t + 1]
+    out = np.einsum("eij,kesj->kesi", new, later)
+    for t in range(1, out.shape[1]):
+        out[:, t] += out[:, t - 1] @ transition[t].T
+    out = np.where(there[..., None], out, 0.0)
+    return out[..., 0], out[..., 1]
 
 
 def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) -> np.ndarray:

@@ -144,6 +144,9 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "pseudolites.survey_error_m": st.just([1.0, -2.0, 3.0]),
     "pseudolites.survey_sigma_m": st.just(0.4),
     "pseudolites.clock_sigma_ns": st.just(3.0),
+    "pseudolites.clock_noise.h0": st.just(2e-20),
+    "pseudolites.clock_noise.h_minus2": st.just(1e-22),
+    "pseudolites.clock_age_s": st.just(60.0),
     "pseudolites.range_sigma_m": METRES,
     "pseudolites.range_rate_sigma_m_s": METRES,
     "pseudolites.cn0_dbhz": STRENGTH,
@@ -293,6 +296,8 @@ def excluded(key: str, drawn: dict[str, Any]) -> bool:
     if key.startswith("pseudolites.pattern."):
         needed = ("pseudolites.eirp_dbm", "pseudolites.pattern.elevation_deg", "pseudolites.pattern.gain_db")
         return not {*needed} <= drawn.keys()
+    if key.startswith("pseudolites.clock_noise.") or key == "pseudolites.clock_age_s":
+        return not {"pseudolites.clock_noise.h0", "pseudolites.clock_noise.h_minus2"} <= drawn.keys()
     if key == "interference.pseudolites.isolation_db":
         without = ("interference.pseudolites.pulses", "interference.pseudolites.lines")
         return any(name.startswith(without) for name in drawn)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import measured
 from navsim.study.landing import covariance_analysis
+from tests.conftest import ROOT
 from tests.helpers import case, scenario
 
 BRIEF = ("duration_s=30", "receiver.rate_hz=2", "pseudolites.frame=runway", "sky.source=nominal-gps")
@@ -59,6 +62,8 @@ def test_shadowed_pseudolites_are_counted_by_name() -> None:
         ("pseudolites={count: 0, eirp_dbm: 0, pattern: {azimuth_deg: [0, 360], elevation_deg: [0, 9], gain_db: "
          "[[0, 0], [0, 0]]}}", "360 is 0 again"),
         ("receiver.antenna={elevation_deg: [0, 45, 90]}", "gain_dbi: has 2 values, elevation_deg has 3"),
+        ("pseudolites.clock_noise={h0: 0, h_minus2: 0}", "clocks without noise do not wander"),
+        ("pseudolites.clock_age_s=5", "is for clock_noise, which is not given"),
         ("interference={pseudolites: {}}", "give pseudolites.eirp_dbm, or pseudolites.cn0_reference_m"),
         ("interference={pseudolites: {lines: false, isolation_db: 21.1}}", "isolation_db: is of lines"),
     ],
@@ -92,6 +97,7 @@ def test_no_mast_over_ground_that_reflects_is_told() -> None:
         (("signals.system_offsets_ns={galileo: 5}", "receiver.one_clock=true"), "some last"),
         (("signals.system_offset_sigma_ns=5", "receiver.one_clock=true"), "some last"),
         (("pseudolites.multipath={}",), "some last"),
+        (("pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}",), "some last"),
     ],
 )  # fmt: skip
 def test_whether_ranging_errors_are_white(settings: tuple[str, ...], said: str) -> None:
@@ -155,3 +161,27 @@ def test_the_analysis_carries_places_and_clocks() -> None:
     assert found[1].max() > 1e-4
     np.testing.assert_allclose(np.sqrt(found[0]), np.linalg.norm(moved[:3], axis=0), rtol=2e-3, atol=1e-6)
     np.testing.assert_allclose(np.sqrt(found[1]), np.abs(moved[3]), rtol=2e-3, atol=1e-6)
+
+
+def rows_of_nees() -> list[tuple[tuple[str, ...], list[float]]]:
+    """Settings, and least and most NEES, of the table of docs/how-to/pseudolite.md: all the time, and from 10 s on."""
+    page = (ROOT / "docs" / "how-to" / "pseudolite.md").read_text(encoding="utf-8")
+    out: list[tuple[tuple[str, ...], list[float]]] = []
+    first: tuple[str, ...] = ()
+    for line in page.partition("| `--set` |")[2].splitlines()[2:]:
+        if not line.startswith("|"):
+            break
+        settings, *found = line.strip("|").split("|")
+        own = tuple(re.findall(r"`([^`]+)`", settings))
+        first = first if "the same" in settings else own
+        every = own if own == first else (*first, *own)
+        out.append((every, [float(number) for part in found for number in part.split(" to ")]))
+    return out
+
+
+@pytest.mark.parametrize(("settings", "told"), rows_of_nees())
+def test_how_much_too_sure_the_filter_is(settings: tuple[str, ...], told: list[float]) -> None:
+    flown = case(*settings, "method=covariance", name="landing_smooth")
+    nees = covariance_analysis(flown).expected_square(slice(0, 6))
+    late = nees[flown.world.filter_time >= 10.0]
+    assert [nees.min(), nees.max(), late.min(), late.max()] == pytest.approx(told, abs=0.006)

@@ -60,7 +60,8 @@ def test_result_file_of_gusts_alone(tmp_path: Path) -> None:
 def test_sources_of_an_analysis() -> None:
     """Each further one has its part of the estimate of a result file."""
     more = (
-        "pseudolites.survey_sigma_m=0.1", "pseudolites.clock_sigma_ns=1", "imu.gyro.misalignment_mrad=1",
+        "pseudolites.survey_sigma_m=0.1", "pseudolites.clock_sigma_ns=1",
+        "pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}", "imu.gyro.misalignment_mrad=1",
         "signals.preset=open-sky", "signals.system_offset_sigma_ns=1", "receiver.one_clock=true",
         "sky.source=nominal", "altimeter={}",
     )  # fmt: skip

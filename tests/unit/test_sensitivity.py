@@ -38,6 +38,9 @@ CASES = {
         "signals.system_offset_sigma_ns=10", "receiver.smoothing_s=20", "receiver.rate_hz=2",
     ),
     "errors that last": ("signals.preset=open-sky", "receiver.rate_hz=2"),
+    "clocks that wander": (
+        "pseudolites.clock_noise={h0: 2e-20, h_minus2: 1e-22}", "pseudolites.clock_age_s=20", "receiver.rate_hz=2",
+    ),
     "few fixes": ("receiver.rate_hz=0.5",),
     "sensors": (
         "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "imu.accelerometer.scale_ppm=3000",

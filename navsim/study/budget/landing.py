@@ -301,11 +301,13 @@ def further(scenario: Landing, sources: Environment) -> int:
     gyro, accel = scenario.imu.triads()
     pseudolites, signals = scenario.pseudolites, scenario.signals
     drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []
+    wander = pseudolites.clock_noise is not None and bool(pseudolites.placed())
     if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
         drawn.append(signals.system_offset_sigma_ns)
     return (
         len({state.source for state in true_states(gyro, accel)} - set(SOURCES))
         + sum(sigma > 0.0 for sigma in drawn)
+        + wander
         + scenario.filter.tight
         + len(signals.errors.models())
         + len(scenario.aiding())
