@@ -49,7 +49,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "gusts: [{amplitude_m_s: 5, towards: right, start_s: 20, ramp_s: 2, hold_s: 3}]}",
             "filter={radio_altimeter: {sigma_floor_m: 1, sigma_share: 0.03, latency_s: 0.05, lever_arm_m: [0, 0, 0.3], "
             "ground: [], from_m: 0}, barometric_altimeter: {sigma_m: 1, lag_s: 0, isa_deviation_k: 0, "
-            "geoid_undulation_m: 16}, scale_factors: true, misalignments: true, latency_s: 0.1, "
+            "geoid_undulation_m: 16, errors: states, qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300}, "
+            "scale_factors: true, misalignments: true, latency_s: 0.1, "
             "lever_arm_m: [0.5, 0, -0.3], initial: {attitude_deg: 5, position_m: 10, velocity_m_s: 1}, "
             "imu: {gyro: {drift_deg_h: 500, noise_deg_h: 30, scale_ppm: 300, markov_deg_h: 10, markov_time_s: 300, "
             "misalignment_mrad: 1, rate_random_walk_deg_h_sqrt_h: 5}, "

@@ -56,7 +56,8 @@ decays by `decay` (1/s) and is driven by white noise of the density `drive` (uni
 class Block:
     """Three like states of a triad: name, unit, and as of `DECLARED`; through: each multiplies what is felt along its
     own axis (0), the next one (1) or the one before (2), of specific force where 3 more, None: nothing; first: the
-    number of the first among the lasting errors of a kind of measurements; numbered: the three have no axes."""
+    number of the first among the lasting errors of a kind of measurements; numbered: the three have no axes; size: 1
+    for a state by itself, of a kind of measurements: behind all threes, and of those less than three."""
 
     name: str
     unit: str
@@ -66,11 +67,17 @@ class Block:
     drive: float = 0.0
     first: int = 0
     numbered: bool = False
+    size: int = 3
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of its states."""
+        return tuple(f"{self.name}_{axis}" for axis in self.axes) if self.size > 1 else (self.name,)
 
     @property
     def axes(self) -> tuple[str, str, str]:
-        """What tells the three from each other: axes of the body, with the one felt where it is another, or of the
-        ground, or numbers."""
+        """What tells three from each other: axes of the body, with the one felt where it is another, or of the ground,
+        or numbers."""
         if self.numbered:
             return "1", "2", "3"
         if self.triad > ACCELEROMETERS:
@@ -105,6 +112,13 @@ G_SENSITIVITY = tuple(Block(f"gyro_g_sensitivity_{k}", "rad/s/(m/s2)", GYROS, th
 """Blocks of constant gains of gyros from specific force, of a truth alone."""
 
 
+def alone(name: str, unit: str, kind: int, first: int, sigma: float, time: float, step: float) -> Block:
+    """One error of measurements of a kind that lasts, the one with the number `first`: a Gauss-Markov process of this 1
+    sigma, in its unit; time, step: as of `lasting`."""
+    drive = -math.expm1(-2.0 * step / time) / step
+    return Block(name, unit, kind, decay=1.0 / time, drive=sigma**2 * drive, first=first, size=1)
+
+
 def lasting(name: str, kind: int, time: float, step: float, first: int = 0, numbered: bool = False) -> Block:
     """Three errors of measurements of a kind (`estimation.observations`) that last, each a Gauss-Markov process with a
     1 sigma of one; what one of each does to a measurement is the business of the measurement's table.
@@ -122,7 +136,7 @@ def declared(blocks: Sequence[Block]) -> np.ndarray:
         [
             (b.triad, b.first + axis, _signal(b, axis), b.decay, b.drive)
             for b in blocks
-            for axis in range(3)
+            for axis in range(b.size)
         ],
         dtype=DECLARED,
     )
@@ -141,7 +155,7 @@ _NAVIGATION = (("position", "m"), ("velocity", "m/s"), ("attitude", "rad"))
 
 def slices(blocks: Sequence[Block]) -> dict[str, slice]:
     """Groups of three error states by their names, in order."""
-    names = [*(name for name, _ in _NAVIGATION), *(b.name for b in blocks)]
+    names = [*(name for name, _ in _NAVIGATION), *(b.name for b in blocks if b.size == 3)]
     return {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(names)}
 
 
@@ -151,11 +165,11 @@ def clock_states(scales: int) -> int:
 
 
 def names(blocks: Sequence[Block], scales: Sequence[str] = ()) -> tuple[str, ...]:
-    """Names of the error states: of navigation along north, east, down, of sensors along their axes (`Block.axes`), of
-    the receiver's clock against these time scales."""
+    """Names of the error states: of navigation along north, east, down, of sensors (`Block.states`), of the receiver's
+    clock against these time scales."""
     return (
         *(f"{name}_{axis}" for name, _ in _NAVIGATION for axis in ("north", "east", "down")),
-        *(f"{b.name}_{axis}" for b in blocks for axis in b.axes),
+        *(name for b in blocks for name in b.states),
         *(f"clock_bias_{scale}" for scale in scales),
         *(["clock_drift"] if scales else []),
     )
@@ -163,8 +177,8 @@ def names(blocks: Sequence[Block], scales: Sequence[str] = ()) -> tuple[str, ...
 
 def units(blocks: Sequence[Block], scales: int = 0) -> tuple[str, ...]:
     """Units of the error states, with the clock's against so many time scales."""
-    groups = (*(unit for _, unit in _NAVIGATION), *(b.unit for b in blocks))
-    return (*(unit for unit in groups for _ in range(3)), *(["m"] * scales), *(["m/s"] if scales else []))
+    groups = (*((unit, 3) for _, unit in _NAVIGATION), *((b.unit, b.size) for b in blocks))
+    return (*(unit for unit, size in groups for _ in range(size)), *(["m"] * scales), *(["m/s"] if scales else []))
 
 
 SLICES = slices(biases())

@@ -106,7 +106,7 @@ def clock_sigma(scales: int) -> np.ndarray:
 
 
 def initial_covariance(sigma: Sequence[float], blocks: Sequence[Block]) -> np.ndarray:
-    """P (n, n) from 1 sigma of each group of three states, none below what keeps it regular."""
-    each = np.repeat(np.asarray(sigma, dtype=float), 3)
+    """P (n, n) from 1 sigma of position, velocity and attitude, and of each block, none below what keeps it regular."""
+    each = np.repeat(np.asarray(sigma, dtype=float), [3, 3, 3, *(block.size for block in blocks)])
     floors = np.array([_FLOORS[unit] for unit in states.units(blocks)])
     return np.diag(np.maximum(each, floors) ** 2)

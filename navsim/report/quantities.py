@@ -198,15 +198,15 @@ class Followed:
 
 def followed(names: list[str]) -> list[Followed]:
     """How states of a filter are shown, three a row; names: as the result has them."""
-    clock = [name for name in names if name.startswith("clock_")]
+    alone = [name for name in names if name.startswith(("barometric_", "clock_"))]
     rows = list(_STATES)
-    further = names[3 * len(_STATES) : len(names) - len(clock)]
+    further = names[3 * len(_STATES) : len(names) - len(alone)]
     for first in further[::3]:
         scale = ("", 1.0) if first.startswith(_FIX_ERROR) else ("ppm", 1e6)  # errors of fixes are of variance 1
         rows.append((first.rpartition("_")[0].replace("accelerometer", "accel.").replace("_", " "), *scale))
     axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
     out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]
-    return out + [Followed(n.replace("_", " "), "m/s" if n.endswith("drift") else "m", 1.0, "") for n in clock]
+    return out + [Followed(n.replace("_", " "), "m/s" if n == "clock_drift" else "m", 1.0, "") for n in alone]
 
 
 def shares(result: Result, states: list[int]) -> np.ndarray:

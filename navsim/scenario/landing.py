@@ -236,10 +236,31 @@ class Landing(Section):
             if self.runway.geoid_undulation_m is None:
                 text = "heights by pressure are above sea level: give the height of the geoid above the ellipsoid"
                 raise reject(text, "runway", "geoid_undulation_m")
+            self._checked_pressure(self.filter.barometric_altimeter)
         elif self.filter.barometric_altimeter != FilterBarometricAltimeter():
             raise reject("there is none: give `barometric_altimeter: {sigma_m: ...}`", "filter", "barometric_altimeter")
         self._checked_gains("scale_factors", "scale_ppm")
         self._checked_gains("misalignments", "misalignment_mrad")
+
+    def _checked_pressure(self, its: FilterBarometricAltimeter) -> None:
+        """What a filter can follow of the errors of the barometric altimeter."""
+        if its.errors == "states":
+            if not self.height_states:
+                text = "there are none: give barometric_altimeter.qnh_sigma_hpa or drift_m, or those of the filter"
+                raise reject(text, "filter", "barometric_altimeter", "errors")
+            return
+        for key in ("qnh_sigma_hpa", "drift_m", "drift_time_s"):
+            if getattr(its, key) is not None:
+                raise reject("is for `errors: states`", "filter", "barometric_altimeter", key)
+
+    @property
+    def height_states(self) -> int:
+        """How many errors of the barometric altimeter the filter follows."""
+        sensor, its = self.barometric_altimeter, self.filter.barometric_altimeter
+        if sensor is None or its.errors == "none":
+            return 0
+        setting, drift, _ = sensor.lasting(its)
+        return int(setting > 0.0) + int(drift > 0.0)
 
     def _checked_gains(self, name: str, key: str) -> None:
         """What a filter that follows gains of the inertial sensors (its key `name`) is told of them, by `key`."""
@@ -315,13 +336,6 @@ class Landing(Section):
                 "method monte-carlo, or `error_model: gaussian`",
                 "integrity",
                 "error_model",
-            )
-        if self.barometric_altimeter is not None and self.barometric_altimeter.lasts:
-            raise reject(
-                "the covariance analysis, on which method rare rests too, has no errors of it that last; use method "
-                "monte-carlo, or qnh_sigma_hpa and drift_m of 0",
-                "barometric_altimeter",
-                "drift_m" if self.barometric_altimeter.drift_m > 0.0 else "qnh_sigma_hpa",
             )
         if self.filter.tight and self.method == "rare":
             raise reject(

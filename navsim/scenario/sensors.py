@@ -695,29 +695,37 @@ class BarometricAltimeterSection(Section):
     isa_deviation_k: Warmer = 0.0
     """by how much the air is warmer than the standard atmosphere, at all heights"""
     qnh_error_hpa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
-    """by how much it is set too high, about 8.3 m each; the filter knows nothing of it"""
+    """by how much it is set too high, about 8.3 m each; without filter.barometric_altimeter.errors the filter knows
+    nothing of it"""
     qnh_sigma_hpa: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    """1 sigma of what comes to qnh_error_hpa in each run; the filter knows nothing of it"""
+    """1 sigma of what comes to qnh_error_hpa in each run"""
     drift_m: NonNegative = 0.0
-    """1 sigma of a Gauss-Markov error that drifts; the filter knows nothing of it"""
+    """1 sigma of a Gauss-Markov error that drifts"""
     drift_time_s: CorrelationTime = 600.0
     """its correlation time"""
 
-    @property
-    def lasts(self) -> bool:
-        """Whether runs have errors that last."""
-        return self.qnh_sigma_hpa > 0.0 or self.drift_m > 0.0
+    def lasting(self, given: FilterBarometricAltimeter) -> tuple[float, float, float]:
+        """What a filter that follows its errors takes for 1 sigma of its setting, hPa, a known mistake with its size,
+        and of its drift, m, with its correlation time, s."""
+        setting = math.hypot(self.qnh_error_hpa, self.qnh_sigma_hpa)
+        return (
+            setting if given.qnh_sigma_hpa is None else given.qnh_sigma_hpa,
+            self.drift_m if given.drift_m is None else given.drift_m,
+            self.drift_time_s if given.drift_time_s is None else given.drift_time_s,
+        )
 
     def model(self, runway: Runway, given: FilterBarometricAltimeter) -> BarometricAltimeter:
         """The sensor in SI units at a runway, and what a filter takes it for."""
-        from navsim.models.pressure import AirColumn, BarometricAltimeter, PressureBeliefs
+        from navsim.models.pressure import SLOPE, AirColumn, BarometricAltimeter, PressureBeliefs
 
         warmer = self.isa_deviation_k if given.isa_deviation_k is None else given.isa_deviation_k
+        setting, drift, drift_time = self.lasting(given)
         believed = PressureBeliefs(
             self.sigma_m if given.sigma_m is None else given.sigma_m,
             self.lag_s if given.lag_s is None else given.lag_s,
             AirColumn(runway.elevation_m, warmer),
             runway.undulation_m if given.geoid_undulation_m is None else given.geoid_undulation_m,
+            *((SLOPE * setting, drift, drift_time) if given.errors == "states" else ()),
         )
         air = AirColumn(runway.elevation_m, self.isa_deviation_k)
         return BarometricAltimeter(
@@ -737,6 +745,15 @@ class FilterBarometricAltimeter(Section):
     """by how much the filter believes the air warmer than the standard atmosphere; 0: heights as they are shown"""
     geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | None = None
     """height of the geoid above the ellipsoid that the filter believes in; default: runway.geoid_undulation_m"""
+    errors: Literal["states", "none"] = "none"
+    """what the filter does about errors that last: states: follow the setting and the drift, those that it believes
+    in, by a state each; none: nothing"""
+    qnh_sigma_hpa: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
+    """1 sigma of the wrong setting that the filter believes in; default: qnh_error_hpa and qnh_sigma_hpa together"""
+    drift_m: NonNegative | None = None
+    """1 sigma of the drift that the filter believes in"""
+    drift_time_s: CorrelationTime | None = None
+    """correlation time of the drift that the filter believes in"""
 
 
 class Vectors(Section):

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from navsim.core.streams import generator
+from navsim.core import states
+from navsim.core.states import Block
+from navsim.core.streams import branch, generator
 from navsim.estimation.observations import (
     ABOVE_GROUND,
     ALTITUDE,
@@ -24,7 +26,8 @@ from navsim.estimation.observations import (
 )
 from navsim.models.altimeter import Altimeter, Centreline, RadioAltimeter
 from navsim.models.kinematics import Frame, Moving
-from navsim.models.pressure import BarometricAltimeter
+from navsim.models.lasting import LastingErrors
+from navsim.models.pressure import DRIFT, SETTING, BarometricAltimeter
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,8 @@ class Sensor:
     it would measure on a flight at times (m,), s, without noise (m, k), nan where it measures nothing; sigma:
     1 sigma (m, k) of the white noise there; table: what was measured (m, k) as that kind's table; slope: of the
     innovation by a number; as_believed: whether a filter takes a model for what it is; believed_latency:
-    how old it takes the measurements for when they come, s; lasting: what a run adds beside the white noise, from a
-    model, times (m,) and a generator (m, k), None: nothing."""
+    how old it takes the measurements for when they come, s; lasting: what they have of errors that last, None:
+    nothing."""
 
     name: str
     kind: int
@@ -47,7 +50,22 @@ class Sensor:
     slope: Callable[[Any], float]
     as_believed: Callable[[Any], bool]
     believed_latency: Callable[[Any], float] = lambda model: 0.0
-    lasting: Callable[[Any, np.ndarray, np.random.Generator], np.ndarray] | None = None
+    lasting: Lasting | None = None
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """Errors of the numbers of a sensor that last, all of a model. errors: which there are, of one source at one time;
+    mean: (j,) of each. drawn: what a run adds to the numbers (j, m) by each, at times (m,), s. between: errors (j, o)
+    of a run at other times (o,) by those of its measurements. followed: which the filter has a state for, in order;
+    states: these, their 1 sigma, and what a state is by an error, for steps of the filter, s."""
+
+    errors: Callable[[Any], LastingErrors]
+    mean: Callable[[Any], np.ndarray]
+    drawn: Callable[[Any, np.ndarray, np.random.Generator], np.ndarray]
+    between: Callable[[Any, np.ndarray, np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
+    followed: Callable[[Any], tuple[int, ...]]
+    states: Callable[[Any, float], tuple[tuple[Block, float], ...]]
 
 
 @dataclass(frozen=True)
@@ -88,7 +106,25 @@ class Aid:
             sigma = self.sensor.sigma(self.model, exact)
         draw = generator(seed, run, "aids", self.sensor.kind)
         measured: np.ndarray = exact + sigma * draw.standard_normal(exact.shape)
-        return measured if self.sensor.lasting is None else measured + self.sensor.lasting(self.model, self.time, draw)
+        if self.sensor.lasting is None:
+            return measured
+        return measured + self.sensor.lasting.drawn(self.model, self.time, draw).sum(axis=0)[:, None]
+
+    @property
+    def followed(self) -> tuple[int, ...]:
+        """The errors that last for which the filter has a state."""
+        return () if self.sensor.lasting is None else self.sensor.lasting.followed(self.model)
+
+    def errors(self, seed: int, run: int, at: np.ndarray) -> np.ndarray:
+        """What the filter's states of its errors that last really are in a run (o, j), at times (o,), s."""
+        lasting, which = self.sensor.lasting, list(self.followed)
+        if lasting is None or not which:
+            return np.empty((at.size, 0))
+        draw = generator(seed, run, "aids", self.sensor.kind)
+        draw.standard_normal(self.exact.shape)  # that of its noise, which comes first
+        drawn = lasting.drawn(self.model, self.time, draw)
+        there = lasting.between(self.model, at, self.time, drawn, branch(draw, 0))
+        return self.slope * (lasting.mean(self.model)[:, None] + there)[which].T
 
     def table(self, measured: np.ndarray) -> Any:
         """Measurements (m, k), or of lanes, as the filter takes them."""
@@ -102,6 +138,26 @@ def _of_ground(model: RadioAltimeter, frame: Frame, measured: np.ndarray) -> Gro
         measured[:, 0].copy(), its.floor, its.share, its.start, strip.threshold, strip.scale, strip.direction,
         its.ground.along, its.ground.height, its.lever_arm,
     )  # fmt: skip
+
+
+def _pressure_states(model: BarometricAltimeter, step: float) -> tuple[tuple[Block, float], ...]:
+    """States of a barometric altimeter's errors, in m of the height that the filter makes of what it shows."""
+    its = model.believed
+    names, times, sigmas = ("setting", "drift"), (np.inf, its.drift_time), (its.setting, its.drift)
+    out = []
+    for error in its.followed():
+        sigma = sigmas[error] / its.air.stretch
+        block = states.alone(f"barometric_{names[error]}", "m", PRESSURE, error, sigma, times[error], step)
+        out.append((block, sigma))
+    return tuple(out)
+
+
+def _pressure_between(
+    model: BarometricAltimeter, at: np.ndarray, time: np.ndarray, drawn: np.ndarray, draw: np.random.Generator
+) -> np.ndarray:
+    """The errors of a barometric altimeter at times (o,), s, by those (2, m) at its measurements (m,), s."""
+    setting = np.full(at.size, drawn[SETTING, 0] if time.size else 0.0)
+    return np.stack([setting, model.drift_at(at, time, drawn[DRIFT], draw)])
 
 
 _STEP = 0.01
@@ -157,10 +213,23 @@ _SENSORS: Mapping[type, Sensor] = {
         _of_pressure,
         lambda model: 1.0 / model.believed.air.stretch,
         lambda model: model.as_believed,
-        lasting=lambda model, time, draw: model.lasting(time, draw)[:, None],
+        lasting=Lasting(
+            lambda model: model.lasting,
+            lambda model: model.mean_lasting,
+            lambda model, time, draw: model.drawn(time, draw),
+            _pressure_between,
+            lambda model: model.believed.followed(),
+            _pressure_states,
+        ),
     ),
 }
 """The sensor of each model."""
+
+
+def followed_errors(models: Sequence[Any], step: float) -> tuple[tuple[Block, float], ...]:
+    """States that a filter has for errors of these models that last, and their 1 sigma; step: of the filter, s."""
+    lasting = ((model, _SENSORS[type(model)].lasting) for model in models)
+    return tuple(state for model, one in lasting if one is not None for state in one.states(model, step))
 
 
 def believed_latency(model: Any) -> float:

@@ -661,6 +661,7 @@ def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
     ranges, rates, phases = _measure(world, seed, runs, WIDTH, wandered, lasting, flown)
     if lasting is not None:
         sensors = np.concatenate([sensors, _lasting_of(flight, lasting)], axis=1)
+    sensors = np.concatenate([sensors, _aided_errors(world, seed, runs)], axis=1)
     clock, sensors = _clock_of(flight, seed, runs, wandered, sensors)
     for lanes in (initial, dtheta, dv, sensors, ranges, rates, *([] if phases is None else [phases]), *aided, clock):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
@@ -681,6 +682,15 @@ def _lasting_of(flight: Flight, errors: np.ndarray) -> np.ndarray:
         # one run at a time: sums over its numbers have one order
         own = np.ascontiguousarray(np.moveaxis(errors[..., lane], 0, 1))
         out[..., lane] = np.sum(effect * own[:, None], axis=(2, 3))[epoch]
+    return out
+
+
+def _aided_errors(world: World, seed: int, runs: Sequence[int]) -> np.ndarray:
+    """What the errors of sensors beside the receiver that the filter follows really are at its outputs (o, k, W)."""
+    out = np.empty((world.filter_time.size, sum(len(aid.followed) for aid in world.aids), WIDTH))
+    for lane, run in enumerate(runs):
+        own = [aid.errors(seed, run, world.filter_time) for aid in world.aids if aid.followed]
+        out[..., lane] = np.concatenate(own, axis=1) if own else out[..., lane]
     return out
 
 

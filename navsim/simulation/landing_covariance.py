@@ -20,7 +20,7 @@ import copy as copying
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -37,6 +37,7 @@ from navsim.estimation.records import OUTPUT, Events, ImuData
 from navsim.models.lasting import SUMS, LastingErrors
 from navsim.models.pseudorange import Signals
 from navsim.models.transmitter import WanderingClocks
+from navsim.simulation.aiding import Aid
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
@@ -154,8 +155,8 @@ class _SourceErrors(ABC):
         """Covariances of the state by each kind (k, S, S)."""
         return self.cov[:, : self.size, : self.size]
 
-    def errors(self) -> np.ndarray:
-        """Covariances of the errors of the filter's states by each kind (k, S, S)."""
+    def errors(self, when: float) -> np.ndarray:
+        """Covariances of the errors of the filter's states by each kind (k, S, S) at a time, s."""
         return self.states()
 
     @abstractmethod
@@ -169,15 +170,19 @@ class _SourceErrors(ABC):
 
 
 class _Lasting(_SourceErrors):
-    """Ranging errors that last, of each kind those of the sources of variance one.
+    """Errors of measurements that last, of each kind those of the sources of variance one.
 
-    shown: (e, n, k, s) what the filter's states, its own lasting ones, are by them.
+    shown: (e, n, k, s) what the filter's states, its own lasting ones, are by them; moving: whether these go on between
+    epochs, or are as at the last one.
     """
 
-    def __init__(self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray, shown: np.ndarray):
+    def __init__(
+        self, size: int, errors: LastingErrors, used: np.ndarray, time: np.ndarray, shown: np.ndarray,
+        moving: bool = False,
+    ):  # fmt: skip
         """size: S of the state carried; errors, used (e, s), time (e,) of `Signals`."""
         super().__init__(len(errors.names), size, used.shape[1])
-        self.shown = shown
+        self.shown, self.time, self.decay, self.moving = shown, time, 1.0 / errors.time, moving
         self.sigma = np.where(used, errors.sigma, 0.0)
         self.kept, self.new = errors.steps(time)
 
@@ -203,13 +208,18 @@ class _Lasting(_SourceErrors):
             cov[:, : self.size] -= (cov @ seen.T) @ gain.T
         return out
 
-    def errors(self) -> np.ndarray:
-        """Covariances of the errors of the filter's states by each kind (k, S, S)."""
+    def errors(self, when: float) -> np.ndarray:
+        """Covariances of the errors of the filter's states by each kind (k, S, S) at a time, s."""
         turn = np.eye(self.size, self.cov.shape[1])
         out = np.empty((self.cov.shape[0], self.size, self.size))
+        at = max(self.epoch, 0)
+        age = abs(when - self.time[at]) if self.moving else 0.0
         for k, cov in enumerate(self.cov):
-            turn[:, self.size :] = self.shown[max(self.epoch, 0), :, k]
+            shown, kept = self.shown[at, :, k], math.exp(-age * self.decay[k])
+            turn[:, self.size :] = kept * shown
             out[k] = turn @ cov @ turn.T
+            if kept < 1.0:
+                out[k] += (1.0 - kept**2) * shown @ shown.T
         return out
 
 
@@ -439,6 +449,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     own += (CLOCK,) if flight.scales else ()
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
     own += () if s.wandering is None else (WANDERING,)
+    own += tuple(f"{aid.sensor.name}_{name}" for aid in world.aids for name in _lasting_of(aid))
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     carried, route = _route(flight, along)
     n = carried.n
@@ -476,6 +487,9 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         _carry_lasting(flight, along, route, [sources.index(LASTING + name) for name in s.lasting.names], out)
     if s.wandering is not None:
         _carry_wandering(flight, along, route, sources.index(WANDERING), out)
+    for aid in world.aids:
+        if names := _lasting_of(aid):
+            _carry_aided(flight, along, route, aid, [sources.index(f"{aid.sensor.name}_{name}") for name in names], out)
 
     # a column for what is systematic, then one for each thing that is drawn once
     columns, owner = _at_start(carried, sources, flight.initial, true)
@@ -491,6 +505,10 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     off[:, :, 0] = lin.z
     off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
     errors, seen = _carry_columns(route, columns, off)
+    for aid in world.aids:
+        if aid.sensor.lasting is not None:
+            mean = aid.sensor.lasting.mean(aid.model)[list(aid.followed)]
+            errors[:, _states_of(flight, aid), 0] += aid.slope * mean
     for source in set(owner[1:].tolist()):
         out.variance[source] += np.sum(errors[:, :, owner == source] ** 2, axis=2)
     out.covariance[...] += errors[:, :, 1:] @ np.swapaxes(errors[:, :, 1:], 1, 2)
@@ -521,7 +539,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
     blocks = {*beliefs.sensors.blocks}
     gains = (not blocks.isdisjoint(any_of_them) for any_of_them in (states.SCALE_FACTORS, states.MISALIGNMENTS))
-    matched &= _same(beliefs.sensors, followed(gyro, accel, *gains))
+    inertial = tuple(b for b in beliefs.sensors.blocks if b.triad in (states.GYROS, states.ACCELEROMETERS))
+    matched &= _same(replace(beliefs.sensors, blocks=inertial), followed(gyro, accel, *gains))
     if beliefs.clock is not None:
         matched &= np.allclose(beliefs.clock, world.clock_density, rtol=1e-12, atol=0.0)
     begins = np.allclose(lin.believed[0], analysis.covariance[0], rtol=1e-9, atol=0.0)
@@ -689,7 +708,7 @@ def _carry_smoothed(flight: Flight, along: AlongTruth, route: Route, of_pseudoli
     s = flight.world.signals
     assert s.smoothing is not None
     own = _Smoothed(along.lin.believed.shape[1], s.smoothing, s.sigma, s.used, of_pseudolites)
-    _carry_remembered(flight, along, route, own, along.by_range, list(_RANGES), out)
+    _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, along.by_range, list(_RANGES), out)
 
 
 def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[int], out: _Sums) -> None:
@@ -700,11 +719,11 @@ def _carry_lasting(flight: Flight, along: AlongTruth, route: Route, rows: list[i
     shown, believed = np.zeros((e, n, *s.lasting.sigma.shape[::2])), flight.beliefs.lasting
     if believed is not None and believed.followed:
         count = SUMS * len(believed.groups)
-        first = n - flight.model.clock_states - count
+        first = n - flight.model.clock_states - sum(len(aid.followed) for aid in flight.world.aids) - count
         shown[:, first : first + count] = flight.world.fix_errors.projections(believed.groups)
     own = _Lasting(n, s.lasting, s.used, s.time, shown)
     own.measure(0)
-    _carry_remembered(flight, along, route, own, along.by_range, rows, out)
+    _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, along.by_range, rows, out)
 
 
 def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, out: _Sums) -> None:
@@ -713,17 +732,59 @@ def _carry_wandering(flight: Flight, along: AlongTruth, route: Route, row: int, 
     assert s.wandering is not None
     own = _Wandering(along.lin.believed.shape[1], s.wandering, s.used, s.time)
     slope = np.concatenate([by[..., s.wandering.which] for by in (along.by_range, along.by_rate)], axis=2)
-    _carry_remembered(flight, along, route, own, slope, [row], out)
+    _carry_remembered(flight, along, route, own, _own_kind(flight), along.epoch, slope, [row], out)
+
+
+def _lasting_of(aid: Aid) -> tuple[str, ...]:
+    """Names of the errors of a sensor that last, those that there are."""
+    if aid.sensor.lasting is None:
+        return ()
+    errors = aid.sensor.lasting.errors(aid.model)
+    return tuple(name for name, sigma in zip(errors.names, errors.sigma, strict=True) if sigma.any())
+
+
+def _states_of(flight: Flight, aid: Aid) -> np.ndarray:
+    """Places of the filter's states for the errors of a sensor that last."""
+    behind = False
+    first = flight.covariance.shape[0] - flight.model.clock_states
+    for one in reversed(flight.world.aids):
+        first -= 0 if behind else len(one.followed)
+        behind |= one is aid
+    return first + np.arange(len(aid.followed))
+
+
+def _carry_aided(flight: Flight, along: AlongTruth, route: Route, aid: Aid, rows: list[int], out: _Sums) -> None:
+    """Add what the errors of a sensor beside the receiver do that last, each to the variance of its row."""
+    n, m = along.lin.believed.shape[1], aid.time.size
+    assert aid.sensor.lasting is not None
+    errors = aid.sensor.lasting.errors(aid.model)
+    there = np.flatnonzero(errors.sigma.any(axis=(1, 2)))
+    sigma = errors.sigma[there] * np.ones((1, m, 1))
+    shown = np.zeros((m, n, there.size, 1))
+    for state, error in zip(_states_of(flight, aid), aid.followed, strict=True):
+        for k in np.flatnonzero(there == error):
+            shown[:, state, k] = aid.slope * sigma[k]
+    those = LastingErrors(_lasting_of(aid), errors.time[there], sigma)
+    own = _Lasting(n, those, np.ones((m, 1), bool), aid.time, shown, moving=True)
+    by = np.zeros((m, MOST, 1))
+    by[:, : aid.exact.shape[1]] = aid.slope
+    own.measure(0)
+    _carry_remembered(flight, along, route, own, aid.sensor.kind, np.arange(m), by, rows, out)
+
+
+def _own_kind(flight: Flight) -> int:
+    """Of the measurements that the receiver gives the filter."""
+    return RANGE if flight.beliefs.tight else FIX
 
 
 def _carry_remembered(
-    flight: Flight, along: AlongTruth, route: Route, own: _SourceErrors, slope: np.ndarray, rows: list[int], out: _Sums
-) -> None:
-    """Add what errors with a memory do, each kind to the variance of its row; slope: (m, MOST, s) of what is measured
-    by them."""
+    flight: Flight, along: AlongTruth, route: Route, own: _SourceErrors, kind: int, epoch: np.ndarray,
+    slope: np.ndarray, rows: list[int], out: _Sums,
+) -> None:  # fmt: skip
+    """Add what errors with a memory of the measurements of a kind do, each kind to the variance of its row; epoch: (m,)
+    of each measurement; slope: (m, MOST, s) of what is measured by them."""
     events, lin = flight.events, along.lin
     n, copy = lin.believed.shape[1], own
-    kind = RANGE if flight.beliefs.tight else FIX
     was_ahead = False
     for i in range(events.time.size):
         ahead = bool(events.ahead[i])
@@ -735,16 +796,16 @@ def _carry_remembered(
             here.carry(lin.transition[route.interval[i]])
         row, w = events.row[i], route.weighed[i]
         if events.kind[i] == OUTPUT:
-            errors = here.errors()
+            errors = here.errors(float(events.time[i]))
             out.variance[rows, row] += np.diagonal(errors, axis1=1, axis2=2)
             out.covariance[row] += errors.sum(axis=0)
         if events.kind[i] == kind:
-            here.measure(int(along.epoch[row]))
+            here.measure(int(epoch[row]))
         if w >= 0:
             there = np.flatnonzero(lin.have[w])
             h, gain = lin.h[w, there], lin.gain[w][:, there]
             if events.kind[i] == kind:
-                moments = here.fixed(int(along.epoch[row]), h, gain, slope[row, there])
+                moments = here.fixed(int(epoch[row]), h, gain, slope[row, there])
             else:
                 moments = h @ here.states().sum(axis=0) @ h.T
                 here.carry(np.eye(n) - gain @ h)

@@ -10,7 +10,7 @@ Missile Guidance, the chapters on the method of adjoints (what each error contri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from navsim.estimation.observations import FIX
 from navsim.estimation.records import OUTPUT, TIME_TOLERANCE
 from navsim.models import code_loop
 from navsim.models.imu import Triad
+from navsim.models.lasting import LastingErrors
 from navsim.models.pseudorange import Signals
+from navsim.simulation.aiding import Aid
 from navsim.simulation.landing import CARRIER_SIGMA, Flight, Inputs, expected_measurements
 from navsim.simulation.landing_covariance import AlongTruth
 
@@ -148,7 +150,8 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         phases = None if phases is None else phases + delay
     if signals.lasting is not None:
         both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
-        delay = _of_lasting(signals, both)
+        heard = replace(signals.lasting, sigma=np.where(signals.used, signals.lasting.sigma, 0.0))
+        delay = _of_lasting(heard, signals.time, both)
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
     if signals.wandering is not None:
@@ -163,17 +166,25 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         ranges,
         rates,
         phases,
-        tuple(a * aid.sigma**2 for a, aid in zip(slopes.aided, world.aids, strict=True)),
+        tuple(_of_aid(aid, a) for a, aid in zip(slopes.aided, world.aids, strict=True)),
     )
 
 
-def _of_lasting(signals: Signals, slopes: np.ndarray) -> np.ndarray:
-    """The covariance of the errors of ranges that last times their slopes (K, e, s)."""
-    lasting = signals.lasting
-    assert lasting is not None
-    kept, _ = lasting.steps(signals.time)
+def _of_aid(aid: Aid, slopes: np.ndarray) -> np.ndarray:
+    """The covariance of the errors of what a sensor measures times their slopes (K, m, k)."""
+    out = slopes * aid.sigma**2
+    if aid.sensor.lasting is not None:
+        errors = aid.sensor.lasting.errors(aid.model)
+        sigma = errors.sigma * np.ones((1, aid.time.size, 1))
+        out += _of_lasting(LastingErrors(errors.names, errors.time, sigma), aid.time, slopes)
+    return np.asarray(out)
+
+
+def _of_lasting(lasting: LastingErrors, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """The covariance of errors that last, at epochs (e,), s, times their slopes (K, e, s)."""
+    kept, _ = lasting.steps(time)
     out = np.zeros_like(slopes)
-    for k, sigma in enumerate(np.where(signals.used, lasting.sigma, 0.0)):
+    for k, sigma in enumerate(lasting.sigma):
         # the covariance of unit errors at epochs i and j is the product of what is kept between them
         own = slopes * sigma
         before, after = own.copy(), own.copy()

@@ -16,7 +16,7 @@ from navsim.core.arrays.earth import llh_from_ecef
 from navsim.models import geoid, pressure
 from navsim.scenario.source import InputError
 from navsim.study.executor import threads
-from navsim.study.landing import fly_all
+from navsim.study.landing import covariance_analysis, fly_all
 from tests.conftest import DATA, Within
 from tests.helpers import case, scenario
 
@@ -86,8 +86,6 @@ def test_errors_of_a_run_that_last() -> None:
         flown = case(*GENTLE, UNDULATION, BARO % ", ".join(("rate_hz: 1", *settings)))
         (aid,) = flown.world.aids
         assert not aid.as_believed
-        with pytest.raises(InputError, match="errors of it that last"):
-            case(*GENTLE, UNDULATION, BARO % ", ".join(settings), "method=covariance")
         return np.array([(aid.measured(1, run) - plain.measured(1, run))[:, 0] for run in runs])
 
     setting = added("qnh_sigma_hpa: 0.5")
@@ -98,6 +96,53 @@ def test_errors_of_a_run_that_last() -> None:
     for lag in (10, 40):
         found = np.mean(drift[:, lag:] * drift[:, :-lag]) / np.mean(drift**2)
         assert found == pytest.approx(np.exp(-lag / 40.0), abs=0.05)
+
+
+def test_a_drift_goes_on_between_measurements() -> None:
+    """As the process does: covariances of its values at all times, sampled or in between."""
+    (aid,) = case(*GENTLE, UNDULATION, BARO % "rate_hz: 1, drift_m: 2, drift_time_s: 12").world.aids
+    time, at = np.array([0.0, 10.0, 20.0]), np.array([0.0, 4.0, 7.0, 10.0, 13.0, 26.0])
+    rng = np.random.default_rng(5)
+    every = []
+    for _ in range(4000):
+        _, drift = aid.model.drawn(time, rng)
+        every.append([*drift, *aid.model.drift_at(at, time, drift, rng)])
+    values, times = np.array(every), np.append(time, at)
+    np.testing.assert_allclose(values[:, [3, 6]], values[:, [0, 1]], rtol=1e-12)
+    expected = 4.0 * np.exp(-np.abs(times[:, None] - times) / 12.0)
+    np.testing.assert_allclose(values.T @ values / len(values), expected, atol=0.3)
+
+
+LASTING = BARO % "rate_hz: 2, drift_m: 3, drift_time_s: 40, qnh_sigma_hpa: 0.5, qnh_error_hpa: 0.2"
+FOLLOWED = ("filter.barometric_altimeter={errors: states, qnh_sigma_hpa: 0.5}", "duration_s=61")
+
+
+@pytest.mark.parametrize("kind", [("eskf", "loose"), ("gaussian-sum", "tight")])
+def test_a_filter_follows_errors_that_last(kind: tuple[str, str]) -> None:
+    """Errors of all states are as large as the filter believes, and as the covariance analysis says; without the
+    states those of velocity and position are not, and the analysis says so too."""
+    chosen = (*GENTLE, UNDULATION, f"filter.kind={kind[0]}", f"filter.coupling={kind[1]}")
+    flown = case(*chosen, LASTING.replace(", qnh_error_hpa: 0.2", ""), *FOLLOWED)
+    assert flown.states[15:17] == ("barometric_setting", "barometric_drift")
+    assert len(flown.groups) == 5
+    runs = fly_all(flown, 8, 0, 240, threads())
+    assert runs["error"].shape[2] == len(flown.states) == flown.scenario.filter.states(1, 0) + 2
+    for name, size in (("nees_position_velocity", 6), ("nees", len(flown.states))):
+        nees = runs[name].mean(axis=0)[5:] / size
+        assert 0.9 < nees.mean() < 1.15, (name, nees)
+    analysis = covariance_analysis(flown)  # whose own check is that innovations are as the filter expects
+    down = [states.R_D, states.V_D, 15, 16]
+    expected = np.sqrt(np.diagonal(analysis.covariance, axis1=1, axis2=2))
+    found = np.sqrt(np.mean(runs["error"] ** 2, axis=0))
+    np.testing.assert_allclose((found / expected)[10:, down].mean(axis=0), 1.0, atol=0.1)
+    if kind[1] == "tight":
+        return
+    blind = case(*chosen, LASTING, "duration_s=61")
+    runs, analysis = fly_all(blind, 8, 0, 240, threads()), covariance_analysis(blind)
+    assert runs["nees_position_velocity"].mean(axis=0)[5:].mean() / 6 > 50.0
+    variance = np.diagonal(analysis.covariance, axis1=1, axis2=2) + analysis.mean**2
+    found = np.sqrt(np.mean(runs["error"] ** 2, axis=0))
+    np.testing.assert_allclose((found / np.sqrt(variance))[10:, states.R_D].mean(), 1.0, atol=0.1)
 
 
 def test_both_altimeters_fly_together() -> None:
@@ -165,6 +210,8 @@ def test_auto_writes_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
         (("barometric_altimeter.sigma_m=1",), "above sea level"),
         (("barometric_altimeter={}", UNDULATION), "sigma_m"),
         (("filter.barometric_altimeter={lag_s: 1}",), "there is none"),
+        ((BARO % "lag_s: 1", UNDULATION, "filter.barometric_altimeter.errors=states"), "there are none"),
+        ((BARO % "drift_m: 1", UNDULATION, "filter.barometric_altimeter.drift_m=2"), "is for `errors: states`"),
         (("runway.geoid_undulation_m=much",), "geoid_undulation_m"),
     ],
 )

@@ -125,7 +125,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     jamming = sources.jamming
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
-        scenario.filter.states(scales, scenario.gain_states, scenario.lasting_states),
+        scenario.filter.states(scales, scenario.gain_states, scenario.lasting_states) + scenario.height_states,
         sum(times_of(model, scenario.duration_s, scenario.imu.rate_hz).size for model in scenario.aiding()),
         fixes.size * _waiting(scenario) * sum(model.rate for model in scenario.aiding()),
         0 if scenario.integrity is None else fixes.size,

@@ -168,6 +168,7 @@ def search_time(here: PlacementProblem) -> float:
     fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
     heard = 24 + max(here.study.counts)
     samples, followed = epochs(case.duration_s, case.imu.rate_hz).size, case.filter.states(1, case.gain_states)
+    followed += case.height_states
     whole = Extent(samples, fixes, heard, 1, followed, 0, 0.0, 0, 0)
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
     full, coarse = (0.0, 0.0) if here.quick else (analysis_time(whole), analysis_time(rough))

@@ -42,6 +42,7 @@ from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.simulation.aiding import followed_errors as followed_heights
 from navsim.simulation.landing import (
     Flight,
     InitialErrors,
@@ -523,6 +524,10 @@ def _beliefs(scenario: Landing) -> tuple[Beliefs, InitialErrors]:
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
         lasting, blocks = followed_errors(section.about_lasting_errors(), kinds, scenario.duration_s, interval, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))
+    of_aids = followed_heights(scenario.aiding(), 1.0 / scenario.imu.rate_hz)
+    sensors = replace(
+        sensors, blocks=(*sensors.blocks, *(b for b, _ in of_aids)), sigma=(*sensors.sigma, *(s for _, s in of_aids))
+    )
     lever_arm = scenario.receiver.lever_arm_m if section.lever_arm_m is None else section.lever_arm_m
     beliefs = Beliefs(
         kind=FILTER_KINDS[section.kind],

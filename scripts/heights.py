@@ -1,0 +1,101 @@
+"""What a filter makes of errors of altimeters that it knows nothing of, one by one, and of those that it follows;
+writes docs/heights-measured.md.
+
+Run by `make validate`, some three minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from navsim.core import states
+from navsim.scenario.load import read
+from navsim.study.executor import threads
+from navsim.study.landing import fly_all, prepare
+from navsim.study.statistics import consistency_band
+
+ROOT = Path(__file__).resolve().parent.parent
+SEED = 512
+"""Of no run that anything was chosen by."""
+RUNS = 400
+BELOW = 30.0
+"""Heights above the runway that are looked at, m."""
+ALWAYS = (
+    "filter.kind=eskf", "receiver.rate_hz=1", "duration_s=61", "initial_errors.attitude_deg=1",
+    "imu.gyro.drift_deg_h=70", "runway.geoid_undulation_m=15.5",
+)  # fmt: skip
+RADIO = "radio_altimeter={sigma_floor_m: 0.3, sigma_share: 0.02, lever_arm_m: [0, 0, 0.3], latency_s: 0.1%s}"
+BARO = "barometric_altimeter={sigma_m: 0.5, lag_s: 0.4, isa_deviation_k: -15, rate_hz: 5%s}"
+RISING = ", ground: [[-600, -6], [0, 0]]"
+FOLLOWED = "filter.barometric_altimeter={errors: states}"
+CASES: list[tuple[str, tuple[str, ...]]] = [
+    ("no altimeter", ()),
+    ("radio, all known", (RADIO % "",)),
+    ("its ground rises by 1 % to the threshold", (RADIO % RISING, "filter.radio_altimeter.ground=[]")),
+    ("the same, used over the runway alone", (RADIO % RISING, "filter.radio_altimeter={ground: [], from_m: 0}")),
+    ("its latency, 0.1 s", (RADIO % "", "filter.radio_altimeter.latency_s=0")),
+    ("its lever arm, 0.3 m", (RADIO % "", "filter.radio_altimeter.lever_arm_m=[0, 0, 0]")),
+    ("its noise, twice as large as believed", (
+        RADIO % "", "filter.radio_altimeter={sigma_floor_m: 0.15, sigma_share: 0.01}")),
+    ("barometric, all known", (BARO % "",)),
+    ("its lag, 0.4 s", (BARO % "", "filter.barometric_altimeter.lag_s=0")),
+    ("air 15 K colder", (BARO % "", "filter.barometric_altimeter.isa_deviation_k=0")),
+    ("the geoid, 1 m", (BARO % "", "filter.barometric_altimeter.geoid_undulation_m=14.5")),
+    ("its noise, twice as large as believed", (BARO % "", "filter.barometric_altimeter.sigma_m=0.25")),
+    ("its setting, 0.2 hPa too high", (BARO % ", qnh_error_hpa: 0.2",)),
+    ("its setting, 1σ of 0.5 hPa", (BARO % ", qnh_sigma_hpa: 0.5",)),
+    ("the same, followed", (BARO % ", qnh_sigma_hpa: 0.5", FOLLOWED)),
+    ("its drift, 3 m, 300 s", (BARO % ", drift_m: 3, drift_time_s: 300",)),
+    ("the same, followed", (BARO % ", drift_m: 3, drift_time_s: 300", FOLLOWED)),
+    ("setting and drift", (BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300",)),
+    ("the same, followed", (BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300", FOLLOWED)),
+    ("both altimeters, all known or followed", (
+        RADIO % "", BARO % ", qnh_sigma_hpa: 0.5, drift_m: 3, drift_time_s: 300", FOLLOWED)),
+]  # fmt: skip
+"""What the filter does not know, and what is set for it."""
+
+
+def row(label: str, settings: tuple[str, ...]) -> str:
+    """Of a case below `BELOW`, told while it is made too."""
+    case = prepare(*read(ROOT / "scenarios" / "landing.yaml", (*ALWAYS, *settings)))
+    runs = fly_all(case, SEED, 0, RUNS, threads(), keep="errors")
+    height = np.interp(case.world.filter_time, case.world.truth.time, case.world.truth.llh[:, 2])
+    height -= case.scenario.runway.ellipsoidal_m
+    low = (height < BELOW) & (height > 0.1)
+    error, sigma = (float(np.sqrt(np.mean(runs[name][:, low, states.R_D] ** 2))) for name in ("error", "sigma"))
+    six, every = (
+        float(runs[name][:, low].mean()) / size
+        for name, size in (("nees_position_velocity", 6), ("nees", len(case.states)))
+    )
+    line = f"| {label} | {error:.2f}, {sigma:.2f} | {six:.3g} | {every:.3g} |"
+    print(line, file=sys.stderr)
+    return line
+
+
+def main() -> None:
+    """Fly every case and write the table."""
+    low, high = consistency_band(6, RUNS)
+    lines = [
+        "# Altimeters, measured",
+        "",
+        "Made by `make validate` (`scripts/heights.py`), landing.yaml to 61 s with fixes at 1 Hz, filter `eskf`, 1° of",
+        f"attitude, gyros of 70 °/h, {RUNS} runs of seed {SEED}. The radio altimeter has 0.3 m or 2 %, 0.1 s of",
+        "latency and an arm of 0.3 m, the barometric one 0.5 m, 0.4 s of lag and air 15 K colder than the standard",
+        "atmosphere. Each row has one thing that the filter does not know, or follows. What stands behind it:",
+        "[theory/altimeters.md](theory/altimeters.md).",
+        "",
+        f"Vertical error (RMS) below {BELOW:g} m and the filter's σ, m; NEES of position and velocity over 6, of all",
+        f"states over their number, there. The 95 % band of a single moment of NEES/6 is {low:.2f} to {high:.2f}.",
+        "",
+        "| not known | vertical, σ | NEES/6 | NEES |",
+        "|---|---|---|---|",
+        *(row(label, settings) for label, settings in CASES),
+    ]
+    (ROOT / "docs" / "heights-measured.md").write_text("\n".join([*lines, ""]))
+
+
+if __name__ == "__main__":
+    main()
