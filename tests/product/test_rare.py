@@ -150,7 +150,8 @@ def test_rejected_fixes_are_reported(place: Path) -> None:
     ("words", "message"),
     [
         (("--set", "box=null"), "box: method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`"),
-        (("--set", "box={}"), "error: --set box={}: box: limits nothing: give lateral_m, along_m or vertical_m"),
+        (("--set", "box={}"), "error: --set box={}: box: limits nothing: give lateral_m, along_m, from_threshold_m or "
+         "vertical_m"),
         (("--set", "box.height_m=5000"), "the aircraft never comes down through 5000 m above the runway"),
         (
             ("--set", "filter.kind=rts"),
