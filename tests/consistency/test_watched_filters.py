@@ -64,11 +64,14 @@ def weighed(c: Case, seed: int, runs: range, patch: pytest.MonkeyPatch) -> tuple
     return asked[0]
 
 
-def difference(bank: FilterBank, given: tuple[Any, ...], k: int, axis: int) -> np.ndarray:
-    """Sizes of the differences (e, W) of filter k, along an axis north, east, down."""
-    scale = np.zeros_like(bank.scale)
-    scale[1:, k, axis] = 1.0
-    return replace(bank, scale=scale).statistic(*given)
+def differences(bank: FilterBank, given: tuple[Any, ...], k: int, patch: pytest.MonkeyPatch) -> np.ndarray:
+    """Sizes of the differences (3, e, W) of filter k, north, east, down: of a bank of that filter alone."""
+    alone = replace(bank, taken=bank.taken[[k]], gains=np.ascontiguousarray(bank.gains[:, [k]]))
+    fixes = alone._apart(*given[1:]) if (bank.fix >= 0).any() else None
+    with patch.context() as here:
+        here.setattr(FilterBank, "_apart", lambda *_: fixes)
+        scales = np.eye(3)[:, None, None] * (np.arange(bank.scale.shape[0]) > 0)[:, None, None]
+        return np.array([replace(alone, scale=np.ascontiguousarray(scale)).statistic(*given) for scale in scales])
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
@@ -88,9 +91,9 @@ def test_differences_are_those_of_filters_that_are_given_less(
         for k in monitored:
             less = replace(inputs, ranges=np.where(bank.taken[k][None, :, None], np.nan, inputs.ranges))
             apart = np.abs(whole.error - fly_inputs(bare, less, WIDTH).error)[:, 1:, :3]
-            for axis in range(3):
+            for axis, size in enumerate(differences(bank, given, k, monkeypatch)):
                 sigma = bank.found.spread.apart[k][:, AXES[axis]]
-                ours = difference(bank, given, k, axis).T / sigma
+                ours = size.T / sigma
                 off.append(np.sqrt(np.mean((ours - apart[..., axis] / sigma) ** 2)))
                 same.append(np.mean((ours > 2.0) == (apart[..., axis] / sigma > 2.0)))
     assert np.median(off) < 0.08
@@ -115,9 +118,9 @@ def test_differences_are_as_large_as_their_sigma_says(
     for first in range(0, runs, WIDTH):
         given = weighed(c, 85, range(first, first + WIDTH), monkeypatch)
         for i, k in enumerate(monitored):
-            for axis in range(3):
+            for axis, size in enumerate(differences(bank, given, k, monkeypatch)):
                 sigma = bank.found.spread.apart[k][epochs, AXES[axis]] / scale
-                squares[i, axis] += np.sum((difference(bank, given, k, axis)[epochs] / sigma[:, None]) ** 2, axis=1)
+                squares[i, axis] += np.sum((size[epochs] / sigma[:, None]) ** 2, axis=1)
     low, high = (chi_square.quantile(p, runs) / runs for p in (1e-5, 1.0 - 1e-5))
     if scale == 1.0:
         assert counted.mean() > 0.8
@@ -126,6 +129,18 @@ def test_differences_are_as_large_as_their_sigma_says(
         assert np.sqrt(squares[counted].mean() / runs) == pytest.approx(1.0, abs=0.05)
     else:  # sigmas that are believed too large are the differences', too, but not in proportion
         assert 0.6 < np.sqrt(squares[counted].mean() / runs) < 1.5
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+def test_the_statistic_is_the_largest_difference(settings: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    c = case(*SHORT, FILTER, *settings)
+    bank = bank_of(c)
+    given = weighed(c, 86, range(WIDTH), monkeypatch)
+    each = [
+        np.max(differences(bank, given, k, monkeypatch) * bank.scale[1:, k].T[..., None], axis=0)
+        for k in range(len(bank.taken))
+    ]
+    np.testing.assert_allclose(bank.statistic(*given), np.max(each, axis=0), rtol=1e-12)
 
 
 def test_tight_filters_differ_by_the_difference_of_their_covariances() -> None:
