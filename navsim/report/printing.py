@@ -3,6 +3,7 @@ and labels that fit the width; files whose bytes are the same each time."""
 
 from __future__ import annotations
 
+import functools
 import io
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 
 from navsim.report.figure_files import MARK, mark_of_text
@@ -184,10 +186,20 @@ def _lines(line: str, room: float, size: float) -> list[str]:
 
 def _length(line: str, size: float) -> float:
     """How long a line is, points."""
+    return 0.01 * size * _hundredfold(line)
+
+
+@functools.lru_cache(maxsize=4096)
+def _hundredfold(line: str) -> float:
+    """How long a line is, points, in letters of a hundred points: all sizes have the same outlines."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    return float(TextPath((0, 0), line, size, prop=FontProperties()).get_extents().width) if line.strip() else 0.0
+    if not line.strip():
+        return 0.0
+    path = TextPath((0, 0), line, 100.0, prop=FontProperties())
+    # outlines have a point where they are farthest, curves reach no further than theirs; where one is closed is none
+    return float(np.ptp(path.vertices[path.codes != path.CLOSEPOLY, 0]))
 
 
 def _renderer(figure: Figure) -> Any:

@@ -586,18 +586,29 @@ def carried(samples: Samples, factor: float, bias: np.ndarray, nudged: bool = Tr
     turned, gained, step = factor * gathered(samples.rate), gathered(samples.force), np.diff(grid)[:, None]
     ways = [turned - (bias + shift) * step for shift in (np.zeros(3), *(_NUDGE * np.eye(3)))[: 4 if nudged else 1]]
     half = np.stack([Rotation.from_rotvec(0.5 * way).as_matrix() for way in ways], axis=1)
-    middle, attitude = np.empty_like(half), np.empty((grid.size, 3, 3))
-    now = np.tile(np.eye(3), (len(ways), 1, 1))
-    attitude[0] = np.eye(3)
-    for index in range(grid.size - 1):
-        middle[index] = now @ half[index]
-        now = middle[index] @ half[index]
-        attitude[index + 1] = now[0]
+    now = _products(half @ half)
+    middle, attitude = now[:-1] @ half, now[:, 0]
     force = np.zeros((len(ways), grid.size, 3, 3, 3))
     for way in range(len(ways)):
         np.cumsum(middle[:, way, :, :, None] * gained[:, None, None, :], axis=0, out=force[way, 1:])
     turning = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(middle[:, 0] * step[:, :, None], axis=0)])
     return _Carried(grid, force, turning, attitude)
+
+
+def _products(turns: np.ndarray) -> np.ndarray:
+    """The products (n + 1, w, 3, 3) of the first 0, 1, ... n of turns (n, w, 3, 3), in their order: within rows of a
+    matrix of turns, all rows at once, then from row to row."""
+    count, ways = turns.shape[:2]
+    length = max(1, round(count**0.5))
+    rows = -(-count // length)
+    out = np.tile(np.eye(3), (rows * length + 1, ways, 1, 1))
+    within = out[1:].reshape(rows, length, ways, 3, 3)
+    within.reshape(-1, ways, 3, 3)[:count] = turns
+    for step in range(1, length):
+        within[:, step] = within[:, step - 1] @ within[:, step]
+    for row in range(1, rows):
+        within[row] = within[row - 1, -1] @ within[row]
+    return out[: count + 1]
 
 
 def gained(fixes: Fixes, scale: np.ndarray, piece: float = PIECE, pieces: int = PIECES) -> _Gained:
