@@ -113,7 +113,7 @@ def test_ranges_are_those_of_the_antenna() -> None:
 
 def test_sigmas_of_deviations() -> None:
     """Of place, velocity and acceleration: those of the process, by height where it shrinks; it ends on the ground."""
-    world = case(FTE).world
+    world = case(FTE, "imu.rate_hz=20", "receiver.rate_hz=1").world
     ways = ways_of(world)
     time = ways.disturbance.time
     some = np.searchsorted(time, [0.0, 20.0, 40.0])

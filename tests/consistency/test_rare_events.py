@@ -65,7 +65,7 @@ def test_counting_agrees(chance: float, aids: tuple[str, ...]) -> None:
     """5 degrees (1 with altimeters) and 700 deg/h, a box of all three errors, with altimeters wider to one side: the
     share of runs that are counted lies within 3 standard errors. `scripts/rare_events.py` does so for the default
     filter, with more runs."""
-    settings = ("receiver.rate_hz=1", "filter.velocity=false", "filter.kind=eskf", *aids)
+    settings = ("imu.rate_hz=50", "receiver.rate_hz=1", "filter.velocity=false", "filter.kind=eskf", *aids)
     near, far = (0.5, 1.5) if aids else (1.0, 1.0)
     sides = np.array([ndtri(near * chance / 6.0), -ndtri(far * chance / 6.0)])
     limits = (sides * sigmas("landing_gnss_only", *settings)[:, None]).tolist()
