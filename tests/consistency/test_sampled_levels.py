@@ -21,17 +21,17 @@ SHORT = ("--set", "duration_s=20", "--set", "receiver.rate_hz=2", "--set", "filt
 
 @pytest.mark.parametrize("method", ["monte-carlo", "covariance"])
 def test_levels_of_a_landing_keep_what_is_allowed(tmp_path: Path, method: str) -> None:
-    """By separation: no fault, all faults and what is not monitored, with the interval; the same again by its seed."""
+    """By separation: no fault, all faults and what is not monitored, with the interval; runs again by their seed."""
     section = "integrity={p_constellation: 1.0e-8, tails: {at_s: [0, 7.3], samples: 20000}}"
     found = []
-    for name in ("a.h5", "b.h5"):
+    for name in ("a.h5", "b.h5") if method == "monte-carlo" else ("a.h5",):
         given = ("--set", section, "--set", f"method={method}", "-o", name)
         said = navsim("run", SCENARIOS / "landing.yaml", *SHORT, *given, cwd=tmp_path)
         found.append(read(tmp_path / name))
     result = found[0]
     as_declared(result)
     assert "7 s, up, worst fault" in said.stdout
-    np.testing.assert_array_equal(result[f"{BRANCH}/risk"], found[1][f"{BRANCH}/risk"])
+    np.testing.assert_array_equal(result[f"{BRANCH}/risk"], found[-1][f"{BRANCH}/risk"])
     np.testing.assert_allclose(result[f"{BRANCH}/at"], [0.5, 7.0])
     assert list(result[f"{BRANCH}/axis"]) == ["east", "north", "up"]
     total, allowed = result[f"{BRANCH}/total"], result[f"{BRANCH}/allowed"]
