@@ -54,7 +54,7 @@ def covariance_steps(p_, phi_, h_, r_, noise, dt, steps, every):
     a, pht, k, work = room(p, (n, SENSORS)), room(p, (n, MOST)), room(p, (n, MOST)), room(p, (n, MOST))
     s = room(p, (MOST, MOST))
     for step in range(1, steps + 1):
-        carry_covariance(p, phi, a)
+        carry_covariance(p, phi, n, a)
         add_white(p, noise, dt)
         if step % every == 0:
             gain(p, h, r, MOST, pht, s, k)

@@ -255,6 +255,18 @@ def _column(p, j):
 
 
 @inlined
+def _block_row(phi, i, c):
+    """What a block of states from c on does to row i."""
+    return phi[i, c], phi[i, c + 1], phi[i, c + 2]
+
+
+@inlined
+def _is_any(c):
+    """Whether any of three is not zero, in any lane."""
+    return any_lane((c[0] != 0.0) | (c[1] != 0.0) | (c[2] != 0.0))
+
+
+@inlined
 def _add(c, x, s):
     """s + c' x of three."""
     return fma(c[2], x[2], fma(c[1], x[1], fma(c[0], x[0], s)))
@@ -267,9 +279,19 @@ def _add_outer(c, x, s):
 
 
 @kernel
-def _carried(phi, p, half, out):
+def felt(declared):
+    """How many of the declared states inertial sensors feel: the first ones (`states.declared`)."""
+    count = 0
+    for c in range(declared.shape[0]):
+        count += 1 if declared[c].triad <= ACCELEROMETERS else 0
+    return count
+
+
+@kernel
+def _carried(phi, coupled, p, half, out):
     """out[j, i] <- the navigation rows i of Phi p, transposed, for the columns j of p (n, m): for all of them (`half`
-    0), or for those up to i alone, and some that no one needs (1).
+    0), or for those up to i alone, and some that no one needs (1). coupled: how many states act on those of navigation,
+    the first ones.
 
     Rows go side by side as many as have their couplings in registers while the columns go by: each number of p is
     loaded for several of them. Couplings that are zero (`transition`) are left out.
@@ -310,13 +332,16 @@ def _carried(phi, p, half, out):
         n, e, d = fma(nv[1], v[1], n), fma(ev[0], v[0], e), fma(dv[1], v[1], d)
         n, e, d = _add(na, a, n), _add(ea, a, e), _add(da, a, d)
         out[j, A_N], out[j, A_E], out[j, A_D] = _add(ng, g, n), _add(eg, g, e), _add(dg, g, d)
-    # sensor states beside the biases
-    for c in range(N, phi.shape[1]):
-        for i in range(SENSORS):
-            d = phi[i, c]
-            if any_lane(d != 0.0):
-                for j in range(i + 1 if half else whole):
-                    out[j, i] = fma(d, p[c, j], out[j, i])
+    # blocks of sensor states beside the biases act on position, on velocity, on attitude, or do not
+    for c in range(N, coupled, 3):
+        for i in range(0, SENSORS, 3):
+            n, e, d = _block_row(phi, i, c), _block_row(phi, i + 1, c), _block_row(phi, i + 2, c)
+            if _is_any(n) or _is_any(e) or _is_any(d):
+                for j in range(i + 3 if half else whole):
+                    x = p[c, j], p[c + 1, j], p[c + 2, j]
+                    out[j, i], out[j, i + 1], out[j, i + 2] = (
+                        _add(n, x, out[j, i]), _add(e, x, out[j, i + 1]), _add(d, x, out[j, i + 2]),
+                    )  # fmt: skip
 
 
 @kernel
@@ -330,23 +355,27 @@ def decay_rows(declared, dt, matrix):
 
 
 @kernel
-def vary(declared, dt, p):
-    """What decay and drive of the sensor states do to P over dt, s, in place, after `predict`."""
-    decay_rows(declared, dt, p)
-    for c in range(declared.shape[0]):
-        part = kept(declared[c].decay, dt)
-        for i in range(p.shape[0]):
-            p[i, SENSORS + c] *= part
-        p[SENSORS + c, SENSORS + c] += declared[c].drive * dt
-    # two factors in another order are another number
-    for i in range(SENSORS, p.shape[0]):
-        for j in range(i):
-            p[j, i] = p[i, j]
+def age(p, first, left, gathered):
+    """What decay and drive of states do to P (n, n), in place: of those from `first` on `left` (k,) is left, and
+    `gathered` (k,) is added to their variance."""
+    last = first + left.shape[0]
+    for i in range(first, last):
+        own = left[i - first]
+        for j in range(first):
+            t = own * p[i, j]
+            p[i, j], p[j, i] = t, t
+        for j in range(first, i):
+            t = own * p[i, j] * left[j - first]
+            p[i, j], p[j, i] = t, t
+        p[i, i] = own * p[i, i] * own + gathered[i - first]
+        for j in range(last, p.shape[0]):
+            t = own * p[i, j]
+            p[i, j], p[j, i] = t, t
 
 
 @kernel
 def is_varying(declared):
-    """Whether any sensor state decays or is driven, so that `vary` is needed."""
+    """Whether any of these states decays or is driven, so that `age` is needed."""
     varying = False
     for c in range(declared.shape[0]):
         varying |= declared[c].decay > 0.0 or declared[c].drive > 0.0
@@ -354,14 +383,25 @@ def is_varying(declared):
 
 
 @kernel
-def carry_covariance(p, phi, a):
+def gather(declared, dt, left, gathered):
+    """Let dt (s) more pass in what `age` needs of declared states (k,)."""
+    part = 1.0
+    for c in range(declared.shape[0]):
+        if c == 0 or declared[c].decay != declared[c - 1].decay:
+            part = kept(declared[c].decay, dt)
+        left[c] *= part
+        gathered[c] = part * gathered[c] * part + declared[c].drive * dt
+
+
+@kernel
+def carry_covariance(p, phi, coupled, a):
     """P <- Phi P Phi' (n, n) but for the decay of its sensor states, in place and exactly symmetric.
 
-    phi: as `transition` writes it. a: (n, 9) work space.
+    phi: as `transition` writes it. coupled: as of `_carried`. a: (n, 9) work space.
     """
     n = p.shape[0]
-    _carried(phi, p, 0, a)
-    _carried(phi, a, 1, p)
+    _carried(phi, coupled, p, 0, a)
+    _carried(phi, coupled, a, 1, p)
     for i in range(SENSORS):
         for j in range(i):
             p[i, j] = p[j, i]
@@ -389,13 +429,13 @@ def add_white(p, noise, dt):
 
 @inlined
 def predict(p, mid, dt, increments, noise, declared, phi, a):
-    """P <- Phi P Phi' + Q over one interval, in place, but for decay and drive of the sensor states (`vary`).
+    """P <- Phi P Phi' + Q over one interval, in place, but for decay and drive of the sensor states (`age`).
 
     p: (n, n). mid, dt, increments, declared, phi: as of `transition`. noise: (2,) densities of the white noises. a: (n,
     9) work space.
     """
     transition(mid, dt, increments, declared, phi)
-    carry_covariance(p, phi, a)
+    carry_covariance(p, phi, SENSORS + felt(declared), a)
     add_white(p, noise, dt)
 
 
@@ -405,7 +445,7 @@ def carry_errors(phi, declared, dt, matrix, work):
 
     phi: (9, n) as `transition` writes it for the declared states. work: (m, 9).
     """
-    _carried(phi, matrix, 0, work)
+    _carried(phi, SENSORS + felt(declared), matrix, 0, work)
     for i in range(SENSORS):
         for j in range(matrix.shape[1]):
             matrix[i, j] = work[j, i]
@@ -554,35 +594,35 @@ def reset(p, x, y, z, jac, work):
 def transport(p, diagonal, column, work):
     """P <- G P G' for a G of 3 x 3 blocks on the diagonal and in the attitude column, in place.
 
-    p: (n, n). diagonal, column: (n / 3, 3, 3), column added to the attitude column; its attitude block must be zero.
-    States behind the last whole block stay as they are. work: (n, n) space. The result is exactly symmetric.
+    p: (n, n). diagonal, column: (k, 3, 3) of the first 3 k states, column added to the attitude column; its attitude
+    block must be zero. States behind those stay as they are. work: (n, 3 k) space. The result is exactly symmetric.
     """
-    _apply_blocks(diagonal, column, p, 0, work)
-    _apply_blocks(diagonal, column, work, 1, p)
-    for i in range(p.shape[0]):
+    n, moved = p.shape[0], 3 * diagonal.shape[0]
+    _apply_blocks(diagonal, column, p, n, 0, work)
+    _apply_blocks(diagonal, column, work, moved, 1, p)
+    for i in range(moved):
         for j in range(i):
             p[j, i] = p[i, j]
+        for j in range(moved, n):
+            p[i, j] = work[j, i]
+            p[j, i] = work[j, i]
 
 
 @kernel
-def _apply_blocks(diagonal, column, p, half, out):
-    """out (n, n) <- (G p)': out[j, i] for all columns j (`half` 0), or for those with j >= i, and some that no one
-    needs (1); see `transport`."""
-    n = p.shape[0]
+def _apply_blocks(diagonal, column, p, last, half, out):
+    """out[j, i] <- (G p)[i, j] of the states i that move, for the columns j below `last`: for all of them (`half` 0),
+    or for those with j >= i, and some that no one needs (1); see `transport`."""
     for block in range(diagonal.shape[0]):
         o = 3 * block
         own, across = diagonal[block], column[block]
         a0, a1, a2, a3, a4, a5 = own[0, 0], own[0, 1], own[0, 2], across[0, 0], across[0, 1], across[0, 2]
         b0, b1, b2, b3, b4, b5 = own[1, 0], own[1, 1], own[1, 2], across[1, 0], across[1, 1], across[1, 2]
         c0, c1, c2, c3, c4, c5 = own[2, 0], own[2, 1], own[2, 2], across[2, 0], across[2, 1], across[2, 2]
-        for j in range(half * o, n):
+        for j in range(half * o, last):
             x0, x1, x2, x3, x4, x5 = p[o, j], p[o + 1, j], p[o + 2, j], p[A_N, j], p[A_E, j], p[A_D, j]
             out[j, o] = fma(a5, x5, fma(a4, x4, fma(a3, x3, fma(a2, x2, fma(a1, x1, a0 * x0)))))
             out[j, o + 1] = fma(b5, x5, fma(b4, x4, fma(b3, x3, fma(b2, x2, fma(b1, x1, b0 * x0)))))
             out[j, o + 2] = fma(c5, x5, fma(c4, x4, fma(c3, x3, fma(c2, x2, fma(c1, x1, c0 * x0)))))
-    for i in range(3 * diagonal.shape[0], n):
-        for j in range(half * i, n):
-            out[j, i] = p[i, j]
 
 
 @kernel

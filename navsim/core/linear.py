@@ -53,7 +53,15 @@ def cholesky(a, n):
         pivot = math.sqrt(select(positive, t, 1.0))
         a[j, j] = pivot
         good = good & positive
-        for i in range(j + 1, n):
+        # four rows at once: none waits for the sums of another
+        last = j + 1 + (n - j - 1) // 4 * 4
+        for i in range(j + 1, last, 4):
+            t, u, v, w = a[i, j], a[i + 1, j], a[i + 2, j], a[i + 3, j]
+            for k in range(j):
+                b = a[j, k]
+                t, u, v, w = t - a[i, k] * b, u - a[i + 1, k] * b, v - a[i + 2, k] * b, w - a[i + 3, k] * b
+            a[i, j], a[i + 1, j], a[i + 2, j], a[i + 3, j] = t / pivot, u / pivot, v / pivot, w / pivot
+        for i in range(last, n):
             t = a[i, j]
             for k in range(j):
                 t -= a[i, k] * a[j, k]

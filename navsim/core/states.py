@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.core.defect import Defect
+
 # --- error state: the navigation block
 POS, VEL, ATT = 0, 3, 6
 """First index of the position, velocity and attitude errors."""
@@ -131,7 +133,11 @@ def lasting(name: str, kind: int, time: float, step: float, first: int = 0, numb
 
 
 def declared(blocks: Sequence[Block]) -> np.ndarray:
-    """The states of the blocks as kernels take them (k,), see `DECLARED`."""
+    """The states of the blocks as kernels take them (k,), see `DECLARED`; those of inertial sensors come first. Raises
+    Defect where they do not."""
+    others = [b.triad > ACCELEROMETERS for b in blocks]
+    if others != sorted(others):
+        raise Defect(f"states of inertial sensors behind others: {', '.join(b.name for b in blocks)}")
     return np.array(
         [
             (b.triad, b.first + axis, _signal(b, axis), b.decay, b.drive)

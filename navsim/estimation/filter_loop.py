@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.core.covariance import gain, is_varying, kept, predict, vary
+from navsim.core.covariance import age, felt, gain, gather, is_varying, predict
 from navsim.core.jit import inlined, kernel, within
 from navsim.core.lanes import any_lane, registers, room, select
 from navsim.core.linear import copy, copy_matrix
-from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS
+from navsim.core.states import NAV_GYRO, NAV_HELD, NAV_SENSORS, SENSORS, N
 from navsim.core.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.estimation.answers import answer, nothing_yet, opened
 from navsim.estimation.charts import turn_axes
@@ -45,7 +45,8 @@ from navsim.estimation.weighing import decide, errors_from, numbers_in, update, 
 
 class Workshop(NamedTuple):
     """Work space: mid (MID_N,), phi (9, n), a (n, 9), c_nb (3, 3), inverse (2, 3, 3) of `advance`; diagonal, column
-    (n / 3, 3, 3), square (n, n), columns (n, 3) of `correct`; straight: as of `charts`."""
+    (5, 3, 3), turned (n, 15), columns (n, 3) of `correct`; left, gathered (n - 9,), no lanes, of what time does to
+    sensor states; straight: as of `charts`."""
 
     mid: np.ndarray
     phi: np.ndarray
@@ -54,8 +55,10 @@ class Workshop(NamedTuple):
     inverse: np.ndarray
     diagonal: np.ndarray
     column: np.ndarray
-    square: np.ndarray
+    turned: np.ndarray
     columns: np.ndarray
+    left: np.ndarray
+    gathered: np.ndarray
     straight: int
 
 
@@ -68,8 +71,8 @@ def workshop(nav, n, straight):
             phi[i, j] = 0.0
     return Workshop(
         room(nav, (MID_N,)), phi, room(nav, (n, SENSORS)), room(nav, (3, 3)), room(nav, (2, 3, 3)),
-        room(nav, (n // 3, 3, 3)), room(nav, (n // 3, 3, 3)), room(nav, (n, n)), room(nav, (n, 3)),
-        straight,
+        room(nav, (N // 3, 3, 3)), room(nav, (N // 3, 3, 3)), room(nav, (n, N)), room(nav, (n, 3)),
+        np.empty(n - SENSORS), np.empty(n - SENSORS), straight,
     )  # fmt: skip
 
 
@@ -93,6 +96,21 @@ def set_off(imu, nav, declared, cursor, increments):
 
 
 @inlined
+def start_ageing(left, gathered):
+    """No time has passed for declared states (k,) yet, see `core.covariance.gather`."""
+    for c in range(left.shape[0]):
+        left[c], gathered[c] = 1.0, 0.0
+
+
+@inlined
+def grow_old(nav, p, first, left, gathered):
+    """Let the declared states from `first` on decay and be driven, in their estimates and in P."""
+    for c in range(left.shape[0]):
+        nav[NAV_SENSORS + first + c] *= left[c]
+    age(p, SENSORS + first, left, gathered)
+
+
+@inlined
 def is_ahead(time, cursor):
     """Whether a time is later than the present of a filter: where not there is nowhere to `advance` to, and a call of
     so many arrays costs as much as an interval."""
@@ -108,7 +126,14 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
     """
     time, dtheta, dv = imu.time, registers(imu.dtheta), registers(imu.dv)
     declared, noise = model.declared, model.noise
-    varying, mixed = is_varying(declared), is_mixed(declared)
+    inertial = felt(declared)
+    own, lasting = declared[:inertial], declared[inertial:]
+    varying, others_vary, mixed = is_varying(own), is_varying(lasting), is_mixed(declared)
+    left, gathered = space.left[:inertial], space.gathered[:inertial]
+    # errors that last act on nothing before they are measured: what time does to them is done once
+    known = declared.shape[0]
+    others_left, others_gathered = space.left[inertial:known], space.gathered[inertial:known]
+    start_ageing(others_left, others_gathered)
     if mixed:
         unmixing(nav, declared, space.inverse)
     k = int(cursor[0])
@@ -132,9 +157,11 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
         step(nav, tx, ty, tz, ux, uy, uz, increments, dt, space.c_nb, space.mid)
         predict(p, space.mid, dt, increments, noise[min(k, noise.shape[0] - 1)], declared, space.phi, space.a)
         if varying:
-            vary(declared, dt, p)
-            for c in range(declared.shape[0]):
-                nav[NAV_SENSORS + c] *= kept(declared[c].decay, dt)
+            start_ageing(left, gathered)
+            gather(own, dt, left, gathered)
+            grow_old(nav, p, 0, left, gathered)
+        if others_vary:
+            gather(lasting, dt, others_left, others_gathered)
         turn_axes(chart, nav, p, increments, dt)
         cursor[2] = dt
         if to_end:
@@ -142,6 +169,8 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
             now = end
         else:
             now = until
+    if others_vary:
+        grow_old(nav, p, inertial, others_left, others_gathered)
     run_clock_on(model.clock, now - cursor[1], nav, p)
     cursor[0] = k
     cursor[1] = now

@@ -185,7 +185,7 @@ def _close_ranks(mixture):
 
 @kernel
 def _invert_blocks(diagonal, column):
-    """The inverse of a matrix of such blocks (n / 3, 3, 3), see `core.covariance.transport`, in place."""
+    """The inverse of a matrix of such blocks (5, 3, 3), see `core.covariance.transport`, in place."""
     attitude = ATT // 3
     inverse, theta, work = small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3), small_matrix(diagonal, 3, 3)
     invert3(diagonal[attitude], theta)
@@ -275,7 +275,7 @@ def moments(mixture, nav, p, flat, space, bench):
                     space.diagonal[block, a, b], space.column[block, a, b] = 1.0 if a == b else 0.0, 0.0
         _invert_blocks(space.diagonal, space.column)
         copy_matrix(mixture.covariance[j], square)
-        transport(square, space.diagonal, space.column, space.square)
+        transport(square, space.diagonal, space.column, space.turned)
         for a in range(n):
             for b in range(a + 1):
                 p[a, b] = select(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])

@@ -28,7 +28,7 @@ def turned(jac, u, out):
 def blocks_of_motion(x, diagonal, column, straight):
     """The parts of the reset matrix that position, velocity and attitude have in both group filters.
 
-    x: (n,) the estimate. diagonal, column: (n / 3, 3, 3) out; those of the sensor states, and where it is `straight`
+    x: (n,) the estimate. diagonal, column: (5, 3, 3) out; those of the sensor states, and where it is `straight`
     (`charts`) of position, say that they stay as they are.
     """
     a, b, c = x[A_N], x[A_E], x[A_D]
@@ -65,12 +65,12 @@ def move_rigidly(nav, x, jac, straight):
 def correct(nav, p, x, space):
     """Feed the estimated errors x (n,) back and carry P (n, n) to the new estimate. space: `filter_loop.Workshop`."""
     feed_back(nav, x, space)
-    transport(p, space.diagonal, space.column, space.square)
+    transport(p, space.diagonal, space.column, space.turned)
 
 
 @kernel
 def feed_back(nav, x, space):
-    """Feed the estimated errors x (n,) back, in place; diagonal, column (n / 3, 3, 3) of `space`: the reset matrix, as
+    """Feed the estimated errors x (n,) back, in place; diagonal, column (5, 3, 3) of `space`: the reset matrix, as
     `core.covariance.transport` takes it."""
     n = x.shape[0]
     diagonal, column = space.diagonal, space.column

@@ -91,12 +91,12 @@ def correct(nav, p, x, space):
     """Feed the estimated plain errors x (n,) back and carry P (n, n) to the new estimate. space: as of
     `filter_loop`."""
     feed_back(nav, x, space)
-    transport(p, space.diagonal, space.column, space.square)
+    transport(p, space.diagonal, space.column, space.turned)
 
 
 @kernel
 def feed_back(nav, x, space):
-    """Feed the estimated plain errors x (n,) back, in place; diagonal, column (n / 3, 3, 3) of `space`: the reset
+    """Feed the estimated plain errors x (n,) back, in place; diagonal, column (5, 3, 3) of `space`: the reset
     matrix, as `core.covariance.transport` takes it.
 
     Sensor states beside the biases stay as they are.

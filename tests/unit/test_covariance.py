@@ -178,7 +178,9 @@ def test_predict_agrees_with_dense_algebra(followed: str) -> None:
     ours = p.copy()
     covariance.predict(ours, mid, DT, increments, NOISE, declared, np.zeros((9, n)), np.empty((n, 9)))
     np.testing.assert_array_equal(ours, ours.T)
-    covariance.vary(declared, DT, ours)
+    left, gathered = np.ones(n - 9), np.zeros(n - 9)
+    covariance.gather(declared, DT, left, gathered)
+    covariance.age(ours, 9, left, gathered)
     np.testing.assert_array_equal(ours, ours.T)
     np.testing.assert_allclose(ours, phi @ p @ phi.T + q, rtol=1e-12, atol=1e-15)
 

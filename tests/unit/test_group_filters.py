@@ -78,7 +78,7 @@ X = np.array([3.0, -2.0, 1.0, 0.4, -0.3, 0.2, 0.05, -0.12, 0.25, 1e-3, -2e-3, 1.
 
 
 def workshop(straight: int = 0) -> filter_loop.Workshop:
-    shapes = ((MID_N,), (9, N), (N, 9), (3, 3), (2, 3, 3), (5, 3, 3), (5, 3, 3), (N, N), (N, 3))
+    shapes = ((MID_N,), (9, N), (N, 9), (3, 3), (2, 3, 3), (5, 3, 3), (5, 3, 3), (N, N), (N, 3), (N - 9,), (N - 9,))
     return filter_loop.Workshop(*(np.empty(shape) for shape in shapes), straight)
 
 

@@ -361,7 +361,7 @@ def test_the_hot_loop_is_vector_code() -> None:
     """The prediction works on whole registers, with fused multiplications and no calls."""
     matrix = lanes.array_type(lanes.WIDTH, 2)
     again = numba.njit(nogil=True, error_model="numpy")(_carried.py_func)  # type: ignore[attr-defined]
-    signature = (matrix, matrix, numba.int64, matrix)
+    signature = (matrix, numba.int64, matrix, numba.int64, matrix)
     again.compile(signature)
     code = again.inspect_asm(signature)
     register = "%zmm" if lanes.WIDTH == 8 else "%ymm"
