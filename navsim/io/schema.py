@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from types import MappingProxyType
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Of the names and meanings on this page; root attribute of every result."""
 LANDING, COVARIANCE, RARE, REPLAY, LIVE = "landing", "covariance", "rare", "replay", "live"
 SWEEP, OPTIMIZE, TABLE2, INTEGRITY_TABLE = "sweep", "optimize", "table2", "integrity-table"

@@ -104,8 +104,31 @@ def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.nda
     """Which of sources (e, s, 3) a ridge hides from an antenna (e, 3), ECEF, m, by straight lines of sight: (e, s)
     bool. tops: as of `ridge_loss`. A source without a place (nan) is not hidden."""
     out = np.zeros(sources.shape[:2], bool)
-    for i in range(sources.shape[1]):
+    low = _below_tops(tops, sources, antenna)
+    for i in np.flatnonzero(low.any(axis=0)):
+        at = low[:, i]
+        hidden = np.zeros(int(at.sum()), bool)
         for some in range(0, len(tops), _AT_ONCE):
-            c = crossings(tops[some : some + _AT_ONCE], sources[:, i, None], antenna)
-            out[:, i] |= (c.between & (c.over > 0.0)).any(axis=1)
+            c = crossings(tops[some : some + _AT_ONCE], sources[at, i, None], antenna[at])
+            hidden |= (c.between & (c.over > 0.0)).any(axis=1)
+        out[at, i] = hidden
     return out
+
+
+def _below_tops(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+    """Which sources an antenna sees no higher than a bound of the highest of all tops (e, s) bool: only those can be
+    behind one. Arguments as of `behind`."""
+    up = enu_matrix(llh_from_ecef(antenna))[:, 2]
+    highest = np.full(len(antenna), -1.0)
+    for some in range(0, len(tops), _AT_ONCE):
+        ends = tops[some : some + _AT_ONCE] - antenna[:, None, None]  # (e, w, 2, 3)
+        height = np.einsum("ewpc,ec->ewp", ends, up).max(axis=2)
+        along = ends[:, :, 1] - ends[:, :, 0]
+        nearest = np.clip(-np.sum(ends[:, :, 0] * along, axis=2) / np.sum(along**2, axis=2), 0.0, 1.0)
+        # a top above the antenna is seen highest from near, one below it from far
+        near = np.linalg.norm(ends[:, :, 0] + nearest[..., None] * along, axis=2)
+        far = np.linalg.norm(ends, axis=3).max(axis=2)
+        highest = np.maximum(highest, (height / np.where(height > 0.0, near, far)).max(axis=1))
+    towards = sources - antenna[:, None]
+    sine = np.einsum("esc,ec->es", towards, up) / np.linalg.norm(towards, axis=2)
+    return np.asarray(sine <= highest[:, None] + 1e-9)

@@ -21,7 +21,7 @@ from navsim.models.transmitter import WanderingClocks
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
     "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
-    "elevation", "cn0", "divergence", "fix_sigma",
+    "elevation", "cn0", "divergence", "fix_sigma", "fix_rate_sigma",
 )  # fmt: skip
 """Fields of `Signals` by epoch and source that are always there."""
 
@@ -41,11 +41,11 @@ class Signals:
     rad, also of unused sources. cn0: (e, s) dB-Hz. divergence: (e, s) code less carrier, m: what carriers lack
     of the delay. space: (e, s, 4) change by one sigma of errors of place and clock, which are drawn for each run, or
     None: of satellites by their messages, of pseudolites by their survey and calibration.
-    lasting: errors with a memory that are drawn for each run, or None. fix_sigma: (e, s) 1 sigma of the pseudoranges
-    that fixes are made from, of all that is drawn but for `space` of satellites; smoothing: (e, s) int, counts of the
-    carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by that of the signal, dB. offset: (s, k)
-    change by one sigma of the offset of each of k time scales, m, which are drawn for each run, or None. wandering:
-    the clocks of pseudolites that are drawn for each run, or None.
+    lasting: errors with a memory that are drawn for each run, or None. fix_sigma, fix_rate_sigma: (e, s) 1 sigma of the
+    pseudoranges and range rates that fixes are made from, of all that is drawn but for `space` of satellites.
+    smoothing: (e, s) int, counts of the carrier smoothing, or None for bare code. js: (j, e, s) power of jammers by
+    that of the signal, dB. offset: (s, k) change by one sigma of the offset of each of k time scales, m, which are
+    drawn for each run, or None. wandering: the clocks of pseudolites that are drawn for each run, or None.
     """
 
     time: np.ndarray
@@ -69,17 +69,11 @@ class Signals:
     space: np.ndarray | None
     lasting: LastingErrors | None
     fix_sigma: np.ndarray
+    fix_rate_sigma: np.ndarray
     smoothing: np.ndarray | None
     js: np.ndarray
     offset: np.ndarray | None = None
     wandering: WanderingClocks | None = None
-
-    @property
-    def fix_rate_sigma(self) -> np.ndarray:
-        """1 sigma of the range rates that fixes are made from, of all that is drawn (e, s), m/s."""
-        if self.wandering is None:
-            return self.rate_sigma
-        return np.hypot(self.rate_sigma, self.wandering.sigmas(self.time)[1])
 
     @property
     def noise_sigma(self) -> np.ndarray:
@@ -98,7 +92,7 @@ class Signals:
         """What breaks the promise of finite numbers: names of source and field."""
         out = []
         for field in ("position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "cn0",
-                      "divergence", "space", "fix_sigma"):  # fmt: skip
+                      "divergence", "space", "fix_sigma", "fix_rate_sigma"):  # fmt: skip
             values = getattr(self, field)
             if values is not None:
                 finite = np.isfinite(values).all(axis=tuple(range(2, values.ndim)))

@@ -311,6 +311,7 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
         space=None,
         lasting=None,
         fix_sigma=np.empty((e, s)),
+        fix_rate_sigma=np.empty((e, s)),
         smoothing=None,
         js=np.empty((0, e, s)),
     )
@@ -426,10 +427,11 @@ def _affected(
         los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     fix_sigma = np.where(sky, fix_sigma, np.hypot(fix_sigma, pseudolites.calibration_sigma))
-    wandering = None
+    wandering, fix_rate_sigma = None, rate_sigma
     if any(pseudolites.clock_density) and is_pseudolite.any():
         wandering = WanderingClocks(pseudolites.clock_density, pseudolites.clock_age, is_pseudolite)
-        fix_sigma = np.hypot(fix_sigma, wandering.sigmas(signals.time)[0])
+        of_ranges, of_rates = wandering.sigmas(signals.time)
+        fix_sigma, fix_rate_sigma = np.hypot(fix_sigma, of_ranges), np.hypot(rate_sigma, of_rates)
     lasting = None
     if effects.lasting:
         sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.lasting])
@@ -453,6 +455,7 @@ def _affected(
         space=space,
         lasting=lasting,
         fix_sigma=fix_sigma,
+        fix_rate_sigma=fix_rate_sigma,
         smoothing=smoothing,
         offset=_drawn_offsets(environment, signals.clock),
         wandering=wandering,

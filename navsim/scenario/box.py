@@ -9,9 +9,10 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from navsim.scenario.base import NonNegative, Pair, Section, reject
 
+_LEAST = 1e-3
 Limit = (
     Annotated[
-        Annotated[float, Field(ge=1e-3, le=1e6), Tag("size")] | Annotated[Pair, Tag("pair")],
+        Annotated[float, Field(ge=_LEAST, le=1e6), Tag("size")] | Annotated[Pair, Tag("pair")],
         Discriminator(lambda value: "pair" if isinstance(value, list | tuple) else "size"),
     ]
     | None
@@ -48,8 +49,8 @@ class BoxSection(Section):
         if {"along_m", "from_threshold_m"} <= given.keys():
             raise reject("is the limit along the runway that along_m is; leave one of them out", "from_threshold_m")
         for name, value in given.items():
-            if isinstance(value, tuple) and not value[0] < value[1]:
-                raise reject("the lower limit comes first, and is below the other", name)
+            if isinstance(value, tuple) and not value[1] - value[0] >= _LEAST:
+                raise reject(f"the lower limit comes first, and is below the other by {_LEAST:g} m at least", name)
         return self
 
     def limits(self, place: float) -> tuple[list[float], list[float]]:

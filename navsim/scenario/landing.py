@@ -248,6 +248,10 @@ class Landing(Section):
             if not self.height_states:
                 text = "there are none: give barometric_altimeter.qnh_sigma_hpa or drift_m, or those of the filter"
                 raise reject(text, "filter", "barometric_altimeter", "errors")
+            assert self.barometric_altimeter is not None
+            if its.drift_time_s is not None and not self.barometric_altimeter.lasting(its)[1]:
+                text = "there is no drift: give barometric_altimeter.drift_m, or that of the filter"
+                raise reject(text, "filter", "barometric_altimeter", "drift_time_s")
             return
         for key in ("qnh_sigma_hpa", "drift_m", "drift_time_s"):
             if getattr(its, key) is not None:
@@ -291,9 +295,16 @@ class Landing(Section):
         """What a filter can do about errors that last."""
         watched = self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
         drawn = [key for key in ("survey_sigma_m", "clock_sigma_ns", "clock_noise") if getattr(self.pseudolites, key)]
+        lasts = "lasts, and the filter's levels take errors for independent in time"
         if watched and drawn and self.pseudolites.placed():
-            text = "lasts, and the filter's levels take errors for independent in time; use 0, or integrity.method mhss"
-            raise reject(text, "pseudolites", drawn[0])
+            none = "leave it out" if drawn[0] == "clock_noise" else "use 0"
+            raise reject(f"{lasts}; {none}, or integrity.method mhss", "pseudolites", drawn[0])
+        sensor = self.barometric_altimeter
+        if watched and sensor is not None and self.filter.barometric_altimeter.errors == "none":
+            there = [key for key in ("qnh_sigma_hpa", "drift_m") if getattr(sensor, key)]
+            if there:
+                text = f"{lasts}; use 0, or filter.barometric_altimeter.errors: states"
+                raise reject(text, "barometric_altimeter", there[0])
         if not self.signals.errors.models():
             if self.filter.fix_errors is not None:
                 text = "there are none: give signals.errors, or a signals.preset that has them"

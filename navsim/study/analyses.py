@@ -87,7 +87,7 @@ class Prepared:
         share = self.share if signals.smoothing is None else self.share**2
         signals = replace(
             signals, sigma=share * signals.sigma, rate_sigma=self.share * signals.rate_sigma,
-            fix_sigma=signals.with_noise(share),
+            fix_sigma=signals.with_noise(share), fix_rate_sigma=self.share * signals.fix_rate_sigma,
         )  # fmt: skip
         return replace(self.case, environment=sources).over(replace(self.case.world, signals=signals))
 

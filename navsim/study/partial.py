@@ -232,6 +232,9 @@ def begun_by(folder: Path) -> Command:
     """The command line whose work lies in a folder. Raises PartialError where none is known, or it would not go on
     from this work."""
     if not folder.is_dir():
+        beside = folder.with_name(f"{folder.name}.partial")
+        if beside.is_dir():
+            raise PartialError(f"{folder}: no folder of partial work; its own is {beside}: give that")
         raise PartialError(f"{folder}: no folder of partial work, RESULT.h5.partial; none is left of a complete result")
     file = folder / _COMMAND_FILE
     if not file.exists():

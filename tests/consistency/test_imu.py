@@ -239,6 +239,15 @@ def test_the_paper_gives_nothing_unasked() -> None:
         assert [p.key for p in caught.value.problems] == [key]
 
 
+def test_gains_of_a_sheet_that_nobody_follows_are_told() -> None:
+    sheet = ("duration_s=2", "receiver.rate_hz=1", "imu={preset: stim300, gyro: {drift_deg_h: 10}}")
+    told = "imu.preset: stim300 has scale factors and misalignments, which the filter takes for none: give filter.scale"
+    assert [said for said in case(*sheet).warnings if said.startswith(told)]
+    followed = case(*sheet, "filter.scale_factors=true").warnings
+    assert "has misalignments, which the filter takes for none: give filter.misalignments: true" in " ".join(followed)
+    assert "imu.preset" not in " ".join(case(*sheet, "filter={scale_factors: true, misalignments: true}").warnings)
+
+
 def test_names_of_presets() -> None:
     assert scenario("imu.preset=adis16488").imu.gyro.drift_deg_h == 720.0
     assert set(get_args(ImuPreset)) == {*IMU_PRESETS, "none"}

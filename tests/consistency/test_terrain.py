@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from navsim.io.schema import COVARIANCE
+from navsim.models import horizon
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.tables import summary_table
@@ -83,6 +84,24 @@ def test_what_a_wall_hides_is_by_hand(hilly: Case) -> None:
     assert lost[:-2].any()  # a satellite
 
 
+def test_only_what_is_low_is_asked() -> None:
+    """Hidden is what it would be if each source were held against each ridge: rolling ridges, near and far, also below
+    the antenna, sources from under the horizon to overhead."""
+    rng = np.random.default_rng(3)
+    antenna = np.array([cartesian(56.0, 37.0 + 1e-3 * k, 100.0 + 40.0 * k) for k in range(6)])
+    ends = rng.uniform([55.97, 36.95], [56.03, 37.05], (90, 2, 2))
+    tops = np.array([[cartesian(*end, height) for end in pair]
+                     for pair, height in zip(ends, rng.uniform(0.0, 120.0, 90), strict=True)])  # fmt: skip
+    places = rng.uniform([55.8, 36.6, 0.0], [56.2, 37.4, 3e3], (60, 3))
+    sources = np.repeat(np.array([cartesian(*place) for place in places])[None], 6, axis=0)
+    sources[:, 0] = np.nan
+    found = horizon.behind(tops, sources, antenna)
+    for i in range(60):
+        c = horizon.crossings(tops, sources[:, i, None], antenna)
+        np.testing.assert_array_equal(found[:, i], (c.between & (c.over > 0.0)).any(axis=1))
+    assert 0.05 < found.mean() < 0.95
+
+
 def test_hidden_pseudolites_are_counted_by_name(hilly: Case) -> None:
     times = (~hilly.world.signals.used[:, -2:]).sum(axis=0).tolist()
     result = covariance_result(hilly, covariance_analysis(hilly), 1)
@@ -101,8 +120,8 @@ def test_terrain_hides_jammers_as_their_own_horizon_does() -> None:
     van = {"name": "van", "place": {"lat_deg": 56.012, "lon_deg": 37.012}, "eirp_dbw": -10, "waveform": "noise",
            "bandwidth_mhz": 20}  # fmt: skip
     js = []
-    for horizon, terrain in (([], []), ([WALL], []), ([], [WALL])):
-        js.append(field(terrain, interference={"jammers": [van], "horizon": horizon}).world.signals.js)
+    for ridges, terrain in (([], []), ([WALL], []), ([], [WALL])):
+        js.append(field(terrain, interference={"jammers": [van], "horizon": ridges}).world.signals.js)
     both = np.isfinite(js[1]) & np.isfinite(js[2])
     np.testing.assert_array_equal(js[1][both], js[2][both])
     assert (js[0] - js[2])[both].max() > 10.0

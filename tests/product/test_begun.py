@@ -57,6 +57,7 @@ def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytes
     store = begun(file, tmp_path / "a b" / "o p.h5", 2)
     monkeypatch.chdir(tmp_path / "a b")
     store.note(["sweep", file.name, "-o", "o p.h5", "--fresh", "--dry-run"])
+    assert "its own is a b/o p.h5.partial: give that" in navsim("resume", "a b/o p.h5", cwd=tmp_path, code=2).stderr
     said = navsim("resume", "a b/o p.h5.partial", cwd=tmp_path).stderr
     assert said.startswith("navsim sweep begun.yaml -o 'o p.h5' --dry-run\n")
     assert "2 of 3 pieces of the combinations are kept" in said

@@ -366,7 +366,7 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
     near = [k for k, at in enumerate(kept[0][2]["/summary/at/height"]) if boxed and abs(at - boxed[0]) < 0.01]
     if near:
         column, where = near[0], list(HEIGHTS)[near[0]].replace("ft", " ft")
-    panels = []
+    panels, drawn = [], False
     for across, up in (("lateral", "vertical"), ("lateral", "along")):
         on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", f"{up} error, m", 340, match_aspect=True)
         marks = []
@@ -386,16 +386,19 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
             if "/summary/box/upper" in result and abs(float(result["/summary/box/height"]) - float(
                     result["/summary/at/height"][column])) < 0.01:  # fmt: skip
                 _box(on, result, across, up, colour(i) if len(kept) > 1 else GREY)
+                drawn = True
         tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
         panels.append(on)
     counted = ", ".join(
         f"{name}: {runs_of(result)}{', total system errors' if _of_total(result) else ''}" for _, name, result in kept
     )
+    total = [_of_total(result) for _, _, result in kept]
+    what = "" if all(total) else ", truth minus estimate" + (" where not total" if any(total) else "")
     caption = (
-        f"Errors at {where}, truth minus estimate, a point a run ({counted}), with the ellipse that holds 95 % of a "
-        "Gaussian of their mean and covariance" + ("; dashed: the box." if boxed else ".")
+        f"Errors at {where}{what}, a point a run ({counted}), with the ellipse that holds 95 % of a Gaussian of their "
+        "mean and covariance" + ("; dashed: the box." if drawn else ".")
     )  # fmt: skip
-    keys = [Key("box", GREY, "dash")] if boxed else []
+    keys = [Key("box", GREY, "dash")] if drawn else []
     return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
 
 

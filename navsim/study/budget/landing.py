@@ -55,8 +55,8 @@ COMPONENTS = 0.25
 """Part of the components that a Gaussian sum may have that it has on average: 2 to 6 of 20 in the shipped scenarios."""
 FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
-SIGHT_TIME = 3e-6
-"""Seconds a source of signals at an epoch, from orbits to what is seen of it."""
+SIGHT_TIME, RIDGE_TIME = 3e-6, 0.6e-6
+"""Seconds a source of signals at an epoch, from orbits to what is seen of it, and a ridge of the terrain at one."""
 _BANK_TIME, _WATCHED_TIME = 0.07, 0.085
 """Parts of a covariance analysis that the gains of a filter take by which the filter is watched, and of a run that its
 fixes do."""
@@ -76,7 +76,8 @@ class Extent:
     whose ranges are measurements, epochs whose innovations are watched, filters that watch the filter, about; draws at
     each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
     inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
-    which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it."""
+    which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it;
+    corners of the horizon; ridges of the terrain."""
 
     samples: int
     epochs: int
@@ -95,6 +96,8 @@ class Extent:
     imperfect: bool = False
     ways: bool = False
     interfering: int | None = None
+    corners: int = 0
+    ridges: int = 0
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -139,6 +142,8 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         any(triad.further.there for triad in scenario.imu.triads()),
         scenario.air() is not None,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
+        0 if sources.mask.horizon is None else sources.mask.horizon.azimuth.size,
+        len(sources.terrain),
     )  # fmt: skip
 
 
@@ -241,7 +246,7 @@ def bank_time(here: Extent) -> float:
 
 
 def prepared(here: Extent) -> float:
-    return _PREPARED_TIME * here.samples + SIGHT_TIME * here.epochs * here.sources
+    return _PREPARED_TIME * here.samples + here.epochs * (SIGHT_TIME * here.sources + RIDGE_TIME * here.ridges)
 
 
 def shared_memory(here: Extent) -> float:
@@ -299,7 +304,7 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
 def further(scenario: Landing, sources: Environment) -> int:
     """Sources of error beside `SOURCES` that the covariance analysis finds in a scenario under a sky."""
     gyro, accel = scenario.imu.triads()
-    pseudolites, signals = scenario.pseudolites, scenario.signals
+    pseudolites, signals, sensor = scenario.pseudolites, scenario.signals, scenario.barometric_altimeter
     drawn = [pseudolites.survey_sigma_m, pseudolites.clock_sigma_ns] if pseudolites.placed() else []
     wander = pseudolites.clock_noise is not None and bool(pseudolites.placed())
     if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
@@ -311,6 +316,7 @@ def further(scenario: Landing, sources: Environment) -> int:
         + scenario.filter.tight
         + len(signals.errors.models())
         + len(scenario.aiding())
+        + (0 if sensor is None else sum(size > 0.0 for size in (sensor.qnh_sigma_hpa, sensor.drift_m)))
     )
 
 
@@ -342,7 +348,7 @@ def _pushed(scenario: Landing, here: Extent, runs: int, workers: int, away: bool
         BASE_TIME + prepared(here) + analysis_time(here) + time,
         shared_memory(here) + ANALYSED_MEMORY * here.epochs + flying
         + 3 * STATISTICS * runs + WRITING * numbers,
-        numbers + 22 * VARIABLE,
+        numbers + 24 * VARIABLE,
         runs * STATISTICS + batches * BATCH_FILE if runs > BATCH else 0.0,
     )  # fmt: skip
 

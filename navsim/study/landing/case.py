@@ -38,6 +38,7 @@ from navsim.scenario.box import BoxSection
 from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
+from navsim.scenario.presets import IMU_SHEETS
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import SOURCES_FROM_FILES
@@ -95,6 +96,7 @@ class Case:
                 f"runway.bearing_deg: the published direction is {abs(off):.1f} deg {side} of that between the "
                 f"thresholds, {self.scenario.runway.heading_deg:.2f} deg, which is flown"
             )
+        out += self._gains_of_sheet()
         if (broken_off := self.trajectory.path.events.get(GO_AROUND, math.inf)) <= self.scenario.duration_s:
             out.append(
                 f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
@@ -154,6 +156,21 @@ class Case:
         risk = section.risk_of_levels()
         return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {risk:.3g}"
 
+    def _gains_of_sheet(self) -> list[str]:
+        """Gains that the data sheet of a preset brings and the filter takes for none."""
+        imu, its = self.scenario.imu, self.scenario.filter
+        if imu.preset not in IMU_SHEETS:
+            return []
+        gains = (
+            ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
+        )  # fmt: skip
+        there = [(name, f"filter.{key}: true") for error, name, key in gains if not getattr(its, key)
+                 and (getattr(imu.gyro, error) or getattr(imu.accelerometer, error))]  # fmt: skip
+        if not there:
+            return []
+        names, keys = (" and ".join(words) for words in zip(*there, strict=True))
+        return [f"imu.preset: {imu.preset} has {names}, which the filter takes for none: give {keys}"]
+
     def _route_outside(self, box: BoxSection) -> list[str]:
         """The limits of the box that an error of 0 is beyond."""
         lower, upper = box.limits(box_place(self))
@@ -166,7 +183,10 @@ class Case:
         ground = self.scenario.runway.ellipsoidal_m
         over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if self.pseudolites.names else path
         out = []
-        for name, llh in zip(self.pseudolites.names, self.pseudolites.llh, strict=True):
+        hidden = self.behind_terrain()
+        for i, (name, llh) in enumerate(zip(self.pseudolites.names, self.pseudolites.llh, strict=True)):
+            if hidden[:, i].all():  # and not heard
+                continue
             away = np.linalg.norm(path - ecef_from_llh(llh), axis=1)
             if away.size and (away > radio_horizon(over, max(llh[2] - ground, LOWEST))).all():
                 far = f"{name} is {away.min() / 1000.0:.0f} km away"
