@@ -649,7 +649,11 @@ def test_a_terminal_that_hangs_up(flown, tmp_path: Path) -> None:  # type: ignor
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "navsim", *SCENARIO, "--receiver", "-", "--silence", "100", "-o", "a.h5"]
     pipes = {"stdin": subprocess.PIPE, "stdout": theirs, "stderr": theirs}
-    with subprocess.Popen(command, cwd=tmp_path, start_new_session=True, **pipes) as process:
+
+    def heard() -> None:  # also where the tests themselves run under nohup
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+    with subprocess.Popen(command, cwd=tmp_path, start_new_session=True, preexec_fn=heard, **pipes) as process:
         assert process.stdin is not None
         os.close(theirs)
         process.stdin.write("\n".join(table.read_text().splitlines()[:31]).encode() + b"\n")
