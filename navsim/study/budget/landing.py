@@ -55,7 +55,7 @@ COMPONENTS = 0.25
 """Part of the components that a Gaussian sum may have that it has on average: 2 to 6 of 20 in the shipped scenarios."""
 FLOWN = 60
 """Numbers that a run has at an epoch while it flies, beside its measurements and what is kept of it."""
-SIGHT_TIME, RIDGE_TIME = 3e-6, 0.6e-6
+SIGHT_TIME, RIDGE_TIME = 3e-6, 5e-6
 """Seconds a source of signals at an epoch, from orbits to what is seen of it, and a ridge of the terrain at one."""
 _BANK_TIME, _WATCHED_TIME = 0.07, 0.085
 """Parts of a covariance analysis that the gains of a filter take by which the filter is watched, and of a run that its
