@@ -104,6 +104,8 @@ def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.nda
     """Which of sources (e, s, 3) a ridge hides from an antenna (e, 3), ECEF, m, by straight lines of sight: (e, s)
     bool. tops: as of `ridge_loss`. A source without a place (nan) is not hidden."""
     out = np.zeros(sources.shape[:2], bool)
+    if not len(tops):
+        return out
     low = _below_tops(tops, sources, antenna)
     for i in np.flatnonzero(low.any(axis=0)):
         at = low[:, i]

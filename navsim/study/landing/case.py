@@ -114,8 +114,9 @@ class Case:
             for aid in self.world.aids
             if aid.time.size and aid.missing == aid.time.size
         ]
-        out += self._out_of_sight() + self._shadowed()
-        out += hidden_throughout(self.pseudolites.names, self.behind_terrain())
+        hidden = self.behind_terrain()
+        out += self._out_of_sight(hidden) + self._shadowed()
+        out += hidden_throughout(self.pseudolites.names, hidden)
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
             out += [
@@ -177,13 +178,13 @@ class Case:
         keys = ("lateral_m", "along_m" if box.from_threshold_m is None else "from_threshold_m", "vertical_m")
         return [key for key, low, high in zip(keys, lower, upper, strict=True) if not low <= 0.0 <= high]
 
-    def _out_of_sight(self) -> list[str]:
-        """Pseudolites that are heard although the Earth is between them and the whole flight."""
+    def _out_of_sight(self, hidden: np.ndarray) -> list[str]:
+        """Pseudolites that are heard although the Earth is between them and the whole flight. hidden: as of
+        `behind_terrain`."""
         path = self.trajectory.motion(self.world.signals.time).position_ecef
         ground = self.scenario.runway.ellipsoidal_m
         over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if self.pseudolites.names else path
         out = []
-        hidden = self.behind_terrain()
         for i, (name, llh) in enumerate(zip(self.pseudolites.names, self.pseudolites.llh, strict=True)):
             if hidden[:, i].all():  # and not heard
                 continue
