@@ -346,7 +346,8 @@ _SUMMARY = Chapter(
            "too, from the route", LANDING,
            when=_WAYS, axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_fte_run", "run height", "m",
-           "{axis} flight-technical error of each run, when the route passes the height", LANDING, when=_WAYS,
+           "{axis} flight-technical error of each run, when the route passes the height; of one that is steered by its "
+           "estimate, how far that is off the route", LANDING, when=_WAYS,
            axis=RUNWAY_AXES),
         _a("/summary/at/{axis}_tse", "height interval", "m",
            "root mean square over runs of the {axis} total system error", LANDING, when=_WAYS, axis=RUNWAY_AXES),

@@ -385,7 +385,8 @@ def gust_lag(wing_loading: float, speed: np.ndarray, slope: float) -> np.ndarray
 @dataclass(frozen=True)
 class Response:
     """How an aircraft answers. nose_lag: s, of each of two lags of the nose behind gusts across and up; bank_lag: the
-    same of the bank behind the acceleration that a flight-technical error takes across. wing_loading: N/m2. lift_slope,
+    same of the bank behind the acceleration that a flight-technical error takes across, and of the way behind what
+    guidance commands. wing_loading: N/m2. lift_slope,
     side_slope: of the coefficients of lift and side force, 1/rad; drag: coefficient. loop: time constant of the
     guidance that brings back what gusts move, s."""
 
@@ -453,7 +454,8 @@ def third_order(beta: float) -> Process:
 @dataclass(frozen=True)
 class Air:
     """What takes aircraft off the route: flight-technical error across the course, along it and in height, turbulence,
-    each run's own, and gusts, which all meet; and how the aircraft answers."""
+    each run's own, and gusts, which all meet; and how the aircraft answers. follow: time constant of the guidance that
+    steers by the estimate, s; None where it has the truth."""
 
     response: Response
     lateral: Deviation | None = None
@@ -461,6 +463,7 @@ class Air:
     vertical: Deviation | None = None
     turbulence: Turbulence | None = None
     gusts: tuple[Gust, ...] = ()
+    follow: float | None = None
 
     @property
     def draws(self) -> int:

@@ -1,4 +1,5 @@
-"""How flown ways deviate from a reference, each run in its own way: flight-technical error, turbulence, gusts.
+"""How flown ways deviate from a reference, each run in its own way: flight-technical error, turbulence, gusts,
+estimates that are steered by.
 
 `Air` says what there is (`navsim.models.air`); along a trajectory it becomes `Disturbance`, which draws a `Departure`
 for each run; `deviated` is the motion of an aircraft on it. Equations: `docs/theory/air.md`, sections 3 to 5.
@@ -11,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays import earth
-from navsim.models.air import GRAVITY, Air, Deviation, through, two_lags
+from navsim.models.air import GRAVITY, Air, Deviation, Process, through, two_lags
 from navsim.models.buffeting import Buffeting, buffeting
 from navsim.models.course import ALONG, LATERAL, VERTICAL, Course, Walk
 from navsim.models.kinematics import EARTH_RATE, Frame, Motion, Trajectory
+from navsim.models.steering import Held, acceleration, steered
 
 _GRADIENT_STEP = 100.0
 """Baseline of the differences of gravity, m."""
@@ -91,8 +93,11 @@ class Disturbance:
             trajectory.pitch_follows_path,
         )  # fmt: skip
 
-    def drawn(self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int, lanes: int) -> Departure:
-        """Departures of the first `count` of so many runs, W; rngs: W generators for each of the walks."""
+    def drawn(
+        self, rngs: dict[int, tuple[np.random.Generator, ...]], count: int, lanes: int, known: Held | None = None
+    ) -> Departure:
+        """Departures of the first `count` of so many runs, W; rngs: W generators for each of the walks; known: the
+        errors of estimates that aircraft are steered by, None where nobody steers by them."""
         way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
         course, air = self.course, self.air
         states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
@@ -110,6 +115,8 @@ class Disturbance:
                 self._turn(turn, 1, up[1], up[2])
         for axis, met in self.buffeting.items():
             self._buffeted(axis, met, states.get(_TURBULENCE + axis), way, turn)
+        if known is not None:
+            self._steered(known, way, turn)
         return Departure(self.time, way, turn)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
@@ -139,6 +146,31 @@ class Disturbance:
         if axis == LATERAL:
             self._turn(turn, 2, *nose)
             self._bank(turn, met.guided(moved), met.guided(moved[1:]))
+
+    def _steered(self, known: Held, way: np.ndarray, turn: np.ndarray) -> None:
+        """Adds what guidance by estimates makes; nose and bank as of a flight-technical error."""
+        loop, lag = self.air.follow, self.air.response.bank_lag
+        assert loop is not None
+        step, row = float(self.time[1] - self.time[0]), acceleration(lag)
+        across, else_ = steered(loop, lag, lag), steered(loop, lag, None)
+
+        def moved(process: Process, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Place with two derivatives (3, k, W) along unit vectors (m, 3), and all states (n, k, W)."""
+            amount = np.einsum("maw,ma->mw", known.values, direction)
+            states = known.drives(process, amount, self.time.size, step).transpose(1, 0, 2)
+            return np.stack([states[1], states[2], np.tensordot(row, states[:3], axes=1)]), states
+
+        right, states = moved(across, self.course.right[0, known.first])
+        _add(way, right, self.course.right)
+        self._turn(turn, 2, right[1], right[2])
+        self._bank(turn, states[3], states[4])
+        _add(way, moved(else_, self.course.ahead[0, known.first])[0], self.course.ahead)
+        high, _ = moved(else_, np.broadcast_to([0.0, 0.0, -1.0], (known.first.size, 3)))
+        up = _product(self.course.airborne[..., None], high)
+        for order in range(3):
+            way[:, 3 * order + 2] -= up[order]
+        if self.pitches:
+            self._turn(turn, 1, up[1], up[2])
 
     def _bank(self, turn: np.ndarray, acceleration: np.ndarray, rate: np.ndarray) -> None:
         """Adds the bank for an acceleration to the right (k, W), m/s2, and its rate, m/s3, as far as the aircraft

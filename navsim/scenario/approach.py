@@ -176,12 +176,17 @@ class FlightTechnicalErrorSection(Section):
     vertical: DeviationSection | None = None
     """in height; it ends on the ground; null: none"""
     bank_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.3
-    """time constant of each of the two lags by which the bank is behind the acceleration to the side"""
+    """time constant of each of the two lags by which the bank is behind the acceleration to the side, and with
+    follow_estimate_s the way behind what guidance commands"""
+    follow_estimate_s: Annotated[float, Field(ge=1.0, le=300.0)] | None = None
+    """time constant of a guidance that keeps the estimate on the route, so that navigation errors take the aircraft off
+    it (each run flies twice); null: guidance has the truth"""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
-        if self.lateral is None and self.along is None and self.vertical is None:
-            raise reject("there is none: give lateral, along or vertical")
+        parts = (self.lateral, self.along, self.vertical, self.follow_estimate_s)
+        if all(part is None for part in parts):
+            raise reject("there is none: give lateral, along, vertical or follow_estimate_s")
         return self
 
 

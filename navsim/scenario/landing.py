@@ -187,6 +187,9 @@ class Landing(Section):
         if self.box is not None and self.box.error == "total" and self.air() is None:
             text = "all runs fly the route: give approach.flight_technical_error, wind.turbulence or wind.gusts"
             raise reject(text, "box", "error")
+        if self.steered and self.filter.kind in SMOOTHERS:
+            text = f"{self.filter.kind} is a smoother, which tells after the flight; use null, or another filter.kind"
+            raise reject(text, "approach", "flight_technical_error", "follow_estimate_s")
         there = {"": True, "box": self.box is not None, "integrity": self.integrity is not None}
         there["integrity.limits"] = self.integrity is not None and self.integrity.limits is not None
         for i, requirement in enumerate(self.requirements):
@@ -597,7 +600,13 @@ class Landing(Section):
         lateral, along, vertical = (None if part is None else part.model() for part in parts)
         own = replace(response, bank_lag=technical.bank_lag_s)
         keys = ("approach", "flight_technical_error"), *keys
-        return Air(own, lateral, along, vertical, turbulence, gusts), keys
+        return Air(own, lateral, along, vertical, turbulence, gusts, technical.follow_estimate_s), keys
+
+    @property
+    def steered(self) -> bool:
+        """Whether aircraft are steered by their estimates."""
+        air = self.air()
+        return air is not None and air[0].follow is not None
 
     def draws_of_way(self) -> int:
         """Numbers that are drawn at each sample of the IMU for the way of a run."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.core.arrays import earth
 from navsim.core.deviated import deviate, ranges_from
 from navsim.core.lanes import in_lanes
 from navsim.core.streams import generator
@@ -20,6 +21,7 @@ from navsim.models.deviation import Departure, Disturbance, deviated
 from navsim.models.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 from navsim.models.pseudorange import Signals
 from navsim.models.signals import antenna_motion
+from navsim.models.steering import Held
 
 
 @dataclass(frozen=True)
@@ -96,14 +98,28 @@ class Ways:
             half.c_eb), trajectory.increments(imu_time), at_filter, at_fixes, signals, sources, lever_arm,
         )  # fmt: skip
 
-    def flown(self, seed: int, runs: Sequence[int], lanes: int) -> Flown:
-        """The ways of runs, in the first of so many lanes; lanes that are left over fly that of the last one."""
+    @property
+    def follows(self) -> bool:
+        """Whether aircraft are steered by their estimates."""
+        return self.disturbance.air.follow is not None
+
+    def known(self, error: np.ndarray) -> Held:
+        """What guidance knows of where it is, by errors of position (o, 3, W), truth - estimate in NED, m, at the
+        filter's outputs."""
+        samples = self.disturbance.time
+        since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
+        turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
+        return Held.of(since, np.einsum("oaj,ojw->oaw", turn, error))
+
+    def flown(self, seed: int, runs: Sequence[int], lanes: int, known: Held | None = None) -> Flown:
+        """The ways of runs, in the first of so many lanes; lanes that are left over fly that of the last one. known:
+        the errors by which they are steered, None before they are known."""
         frame, others = self.trajectory.frame, lanes - len(runs)
         rngs = {}
         for number in self.disturbance.walks:
             own = [generator(seed, run, "air", number) for run in runs]
             rngs[number] = (*own, *(own[-1] for _ in range(others)))
-        departure = self.disturbance.drawn(rngs, len(runs), lanes)
+        departure = self.disturbance.drawn(rngs, len(runs), lanes, known)
         for each in (departure.way, departure.turn):
             each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
         dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)

@@ -49,6 +49,7 @@ from navsim.models.kinematics import Motion, Moving, Trajectory
 from navsim.models.receiver import Receiver, wander
 from navsim.models.signals import Environment, build_signals, true_positions
 from navsim.models.sky import enu_matrix
+from navsim.models.steering import Held
 from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.exclusion import Excluder, SettledFixes
@@ -636,13 +637,13 @@ class Inputs:
     flown: Flown | None = None
 
 
-def draw(flight: Flight, seed: int, runs: Sequence[int]) -> Inputs:
+def draw(flight: Flight, seed: int, runs: Sequence[int], known: Held | None = None) -> Inputs:
     """The inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; lanes that are left over have
-    those of the last one. Raises ValueError for more."""
+    those of the last one. known: see `Ways.flown`. Raises ValueError for more."""
     if not 0 < len(runs) <= WIDTH:
         raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
     world, beliefs = flight.world, flight.beliefs
-    flown = None if world.ways is None else world.ways.flown(seed, runs, WIDTH)
+    flown = None if world.ways is None else world.ways.flown(seed, runs, WIDTH, known)
     initial = np.empty((states.SENSORS, WIDTH))
     aided = tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in world.aids)
     for lane, run in enumerate(runs):
@@ -713,8 +714,14 @@ def _clock_of(
 
 def fly(flight: Flight, seed: int, runs: Sequence[int], measured: bool = True) -> Run:
     """At most WIDTH landings at once, numbered `runs`, of the ensemble of `seed`; measured: with their measurements.
-    Raises ValueError for more."""
-    return fly_inputs(flight, draw(flight, seed, runs), len(runs), measured)
+    Where aircraft are steered by their estimates they fly twice: first without that, to know their errors. Raises
+    ValueError for more."""
+    inputs, ways = draw(flight, seed, runs), flight.world.ways
+    if ways is not None and ways.follows:
+        before = fly_inputs(flight, inputs, len(runs)).error[..., states.SLICES["position"]]
+        of_lanes = before[np.minimum(np.arange(WIDTH), len(runs) - 1)].transpose(1, 2, 0)
+        inputs = draw(flight, seed, runs, ways.known(of_lanes))
+    return fly_inputs(flight, inputs, len(runs), measured)
 
 
 _ROWS = 64

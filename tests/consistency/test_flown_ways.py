@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, dlsim, tf2ss
 from scipy.stats import binom, binomtest, norm
 
 from navsim.core import attitude, states, strapdown
@@ -15,11 +16,13 @@ from navsim.io.results import read
 from navsim.models.deviation import Departure
 from navsim.models.kinematics import integrate
 from navsim.models.signals import build_signals
+from navsim.models.steering import Held, steered
 from navsim.scenario.source import InputError
 from navsim.simulation.flown import Flown, Ways
-from navsim.simulation.landing import World
+from navsim.simulation.landing import World, fly
 from navsim.study.executor import threads
 from navsim.study.landing import covariance_analysis, fly_all
+from navsim.study.landing.ensemble import LandingStudy
 from navsim.study.landing.result import result as summarised
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case, scenario
@@ -129,6 +132,67 @@ def test_sigmas_of_deviations() -> None:
     assert way[time > 66.0, 1].any()
 
 
+STEERED = "approach.flight_technical_error={follow_estimate_s: 5}"
+
+
+@pytest.mark.validates("an aircraft that is steered by its estimate", "transfer functions (scipy)", value="1e-9 m")
+def test_the_truth_goes_where_the_estimate_is_off(within: Within) -> None:
+    """Behind three lags, and twice differentiably: the errors of the flight before, held between outputs; the errors of
+    this flight are nearly the same."""
+    guided, before = (case(*more, *GENTLE, "runway.heading_deg=75") for more in ((STEERED,), ()))
+    ways, runs, time = ways_of(guided.world), range(WIDTH), guided.world.imu_time
+    flown, blind = (fly(one.flight, 1, runs, measured=False) for one in (guided, before))
+    error = blind.error[..., states.SLICES["position"]]
+    # the earth's curve turns verticals by 0.7 mrad on the way
+    start = earth.llh_from_ecef(ways.trajectory.frame.origin)
+    axes = earth.heading_axes(start, np.radians(75.0))[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+    off = np.einsum("roj,ojk->rok", error, earth.ned_matrix(guided.world.at_filter.llh) @ axes)
+    held = off[:, np.searchsorted(guided.world.filter_time, time + 1e-6, side="right") - 1]
+    loop = ([1.0], np.polymul([5.0, 1.0], np.polymul([0.3, 1.0], [0.3, 1.0])))
+    sampled = cont2discrete(tf2ss(*loop), time[1] - time[0], method="zoh")
+    for axis in range(3):
+        for lane in runs:
+            (way,) = dlsim(sampled, held[lane, :, axis])[1].T
+            at = np.interp(guided.world.filter_time, time, way)[:60]  # the ground ends it
+            np.testing.assert_allclose(flown.deviation[lane, :60, axis], at, atol=within["value"])
+    change = (flown.error - blind.error)[..., states.SLICES["position"]]
+    assert np.sqrt(np.mean(change**2)) < 0.02 * np.sqrt(np.mean(error**2))
+    assert np.abs(flown.deviation).max() > 0.3
+    known = ways.known(blind.error[..., states.SLICES["position"]].transpose(1, 2, 0))
+    position, turn = mechanised(guided.world, ways.flown(1, runs, WIDTH, known), 0)
+    assert position < 0.01
+    assert turn < 1e-6
+
+
+def test_errors_of_steered_runs() -> None:
+    """What the truth is off the route is the total system error, and what the estimate is off it flight-technical."""
+    guided = case(STEERED, *GENTLE, "box={error: total, lateral_m: 5, vertical_m: 5}")
+    flown = fly_all(guided, 1, 0, WIDTH, threads(2), keep="all")
+    judged = summarised(guided, flown, 1, keep="all")
+    as_declared(judged)
+    at = LandingStudy(guided, 1, "all").crossings
+    for axis, name in enumerate(("lateral", "along", "vertical")):
+        off = [np.interp(at, guided.world.filter_time, one) for one in judged[f"/filter/deviation_{name}"]]
+        np.testing.assert_allclose(judged[f"/summary/at/{name}_tse_run"], off, atol=1e-9)
+        np.testing.assert_allclose(judged["/summary/box/error_run"][:, axis], np.array(off)[:, 0], atol=1e-9)
+        parts = judged[f"/summary/at/{name}_fte_run"] + judged[f"/summary/at/{name}_run"]
+        np.testing.assert_allclose(judged[f"/summary/at/{name}_tse_run"], parts, atol=1e-12)
+
+
+def test_an_estimate_that_is_lost_is_held() -> None:
+    """Guidance keeps what it knew last; before it knows anything it does nothing; of two outputs at one sample the
+    later counts."""
+    first, values = np.array([0, 0, 10, 20]), np.zeros((4, 3, 2))
+    values[0], values[1], values[2], values[3] = 9.0, 1.0, np.nan, 3.0
+    values[:2, :, 1] = np.nan
+    held = Held.of(first, values)
+    np.testing.assert_array_equal(held.first, [0, 10, 20])
+    np.testing.assert_array_equal(held.values[:, 0], [[1.0, 0.0], [1.0, 0.0], [3.0, 3.0]])
+    out = held.drives(steered(5.0, 0.3, None), held.values[:, 0], 40, 0.01)
+    assert not out[:21, :, 1].any()
+    np.testing.assert_allclose(out[:21, 0, 0], 1.0 - np.exp(-0.002 * np.arange(21)), atol=1e-15)
+
+
 def test_a_run_is_its_own() -> None:
     """Its way depends on its number alone, not on those that fly beside it; lanes left over repeat the last."""
     ways = ways_of(case(FTE, "duration_s=10").world)
@@ -199,6 +263,7 @@ def test_covariance_analysis_is_of_the_route() -> None:
         (("box={lateral_m: 3, error: total}",), "box.error"),
         (("box={lateral_m: 3, error: total}", "method=covariance", FTE), "box.error"),
         (("approach.flight_technical_error={}",), "approach.flight_technical_error"),
+        ((STEERED, "filter.kind=rts"), "approach.flight_technical_error.follow_estimate_s"),
         (("approach.flight_technical_error={lateral: {sigma_m: 30, correlation_time_s: 2}}",),
          "approach.flight_technical_error.lateral.correlation_time_s"),
         (("approach.flight_technical_error={vertical: {sigma_m: 3, floor_m: 1}}",),

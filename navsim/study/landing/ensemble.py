@@ -467,8 +467,16 @@ def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndar
 
 
 def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
-    """Deviations from the route (run, h, 3) at the crossings of the route, where runs deviate from it."""
-    return {} if case.world.ways is None else {"at_deviation": at_times(case, crossings, runs.deviation)}
+    """Flight-technical errors (run, h, 3) at the crossings of the route, where runs deviate from it."""
+    return {} if case.world.ways is None else {"at_deviation": _technical(case, crossings, runs)}
+
+
+def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
+    """How far the way of each run is off the route (run, h, 3); where aircraft are steered by their estimates, how far
+    those are."""
+    off = at_times(case, when, runs.deviation)
+    ways = case.world.ways
+    return off if ways is None or not ways.follows else off - at_heights(case, when, runs.error)
 
 
 def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:
@@ -476,7 +484,7 @@ def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:
     error, box = at_heights(case, when, runs.error), case.scenario.box
     if box is None or box.error == "navigation":
         return error
-    return error + at_times(case, when, runs.deviation)
+    return error + _technical(case, when, runs)
 
 
 def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
