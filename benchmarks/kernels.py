@@ -185,8 +185,8 @@ def by_states(plan: Plan) -> tuple[list[Line], Curve]:
 def placements(plan: Plan) -> list[Line]:
     """DOPs of 200 x 200 placements of two pseudolites at 121 epochs, 12 sources: 4.84 million solutions."""
     from navsim.simulation.geometry import glide_geometry
-    from navsim.study.landing.case import environment
     from navsim.study.placement import RunwayPlane
+    from navsim.study.sources import environment
 
     scenario, document = read(SCENARIO, ["pseudolites.frame=runway", "pseudolites.count=0", "sky.mask_deg=0"])
     sources, scenario, _ = environment(scenario, document)

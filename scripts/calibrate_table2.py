@@ -30,7 +30,7 @@ from navsim.scenario.base import DEG
 from navsim.scenario.load import read
 from navsim.simulation.geometry import glide_geometry, rows
 from navsim.study.landing import covariance_analysis, covariance_result, prepare
-from navsim.study.landing.case import environment, glide_epochs
+from navsim.study.sources import environment, glide_epochs
 from navsim.study.table2 import PUBLISHED, PUBLISHED_DOPS, PUBLISHED_SKO, ROWS
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -80,7 +80,8 @@ def replay(log: Scenario, /, **given: Unpack[Requiring]) -> ResultFile:
 def validate(scenario: Scenario, /, *, set: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Check a scenario, study or log, as `navsim validate` does; returns it with every default written out.
 
-    set: values for keys, dotted. Warns of what a study would leave out. Raises BadInput, with all that is wrong.
+    set: values for keys, dotted. Reads the files that it names; warns as the command does.
+    Raises BadInput, with all that is wrong.
     """
     with of_python():
         section, _, heard = opening.checked(_source(scenario, "scenario"), _assignments(set))

@@ -27,10 +27,10 @@ def validate(
     ],
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
-    """Check a scenario, study or log and say what is wrong with it."""
+    """Check a scenario, study or log, and the files that it names, and say what is wrong with it."""
     with leaving():
-        section, document, warnings = checked(scenario, set_ or [])
-    for text in (*getattr(section, "unused", list)(), *warnings):
+        _, document, warnings = checked(scenario, set_ or [])
+    for text in warnings:
         AT_TERMINAL.warn(text)
     kind = str(document.data["kind"])
     print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")

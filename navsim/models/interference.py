@@ -24,6 +24,8 @@ EARTH_RADIUS = 6371.0e3
 """Mean radius of the Earth, m [2]."""
 _HORIZON = 4120.0
 """Distance to the horizon of an antenna 1 m high over an Earth of 4/3 of the radius, m [2]."""
+LOWEST = 1.0
+"""Height over the ground, m, that antennas have at least for the radio horizon: on the ground there would be none."""
 _CLEAR = -0.78
 """Knife edges below it do not matter [2]."""
 

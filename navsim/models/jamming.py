@@ -15,6 +15,7 @@ from navsim.models.antenna import AircraftAntenna
 from navsim.models.code_loop import CodeLoop, antenna_gain
 from navsim.models.horizon import ridge_loss
 from navsim.models.interference import (
+    LOWEST,
     blanked_loss,
     cross_correlation,
     gated_loss,
@@ -29,8 +30,6 @@ from navsim.models.lock import FrequencyLoop, LockRule
 from navsim.models.sky import enu_matrix
 from navsim.models.spectra import Band, Modulated, SweptTone, Waveform, bpsk
 
-LOWEST = 1.0
-"""Height over the ground, m, that antennas have at least for the radio horizon: on the ground there would be none."""
 TEMPERATURE = 290.0
 """Of a receiver, K: what its carrier to noise density ratios tell the power of signals by."""
 ISOLATION = -cross_correlation(10)

@@ -21,10 +21,11 @@ from navsim.planner.proposal import PlannedScenario
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import LevelScreen, Prepared, screened
 from navsim.study.landing import integrity, prepare
-from navsim.study.landing.case import Case, environment, glide_epochs
+from navsim.study.landing.case import Case
 from navsim.study.landing.tree import geometry_summary
 from navsim.study.objective import of_geometry
 from navsim.study.placement import RunwayPlane
+from navsim.study.sources import environment, glide_epochs
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.rewrite import Rewritten, rewritten
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
-from navsim.study.landing.case import trajectory_of
 from navsim.study.placement import RunwayPlane
+from navsim.study.sources import trajectory_of
 
 _MILLIMETRES = 3
 """Decimals of metres that are written."""

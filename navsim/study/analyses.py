@@ -35,10 +35,11 @@ from navsim.study.landing import (
     integrity,
     judged_without_runs,
 )
-from navsim.study.landing.case import touchdown_time, world_of
+from navsim.study.landing.case import world_of
 from navsim.study.landing.integrity import spread_over
 from navsim.study.landing.requirements import Fulfilment, sizes_of
 from navsim.study.placement import Rules, RunwayPlane
+from navsim.study.sources import touchdown_time
 from navsim.study.sweep import filter_outputs
 
 Judge = Callable[[np.ndarray], np.ndarray]

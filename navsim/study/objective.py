@@ -42,15 +42,10 @@ from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotte
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
 from navsim.study.landing import Case, prepare
-from navsim.study.landing.case import (
-    Ask,
-    crossing_times,
-    environment,
-    glide_epochs,
-    touchdown_time,
-)
+from navsim.study.landing.case import Ask, crossing_times
 from navsim.study.landing.requirements import MET, Fulfilment
 from navsim.study.placement import Rules, rules
+from navsim.study.sources import environment, glide_epochs, touchdown_time
 
 BROKEN = 1e9
 """Objective of a placement that breaks a rule by nothing; more for worse."""

@@ -151,9 +151,20 @@ class Recording:
         return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
 
-def prepare(scenario: Replay, document: Document) -> Recording:
-    """Read, check and align. Raises InputError for files that cannot be used or seem to be written otherwise than the
-    log says, ReplayError where no alignment is found."""
+@dataclass(frozen=True)
+class ReadLog:
+    """The files of a log: what they have to fly, the scenario with their checksums, remarks."""
+
+    scenario: Replay
+    samples: Samples
+    fixes: Fixes
+    ranges: Ranges | None
+    warnings: list[str]
+
+
+def read(scenario: Replay, document: Document) -> ReadLog:
+    """Read and check. Raises InputError for files that cannot be used or seem to be written otherwise than the log
+    says."""
     motion, place, fewest = scenario.imu.convention(), scenario.gnss.convention(), scenario.gnss.min_satellites
     tables = [_table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1]))]
     ranges = None
@@ -170,7 +181,15 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         if table.refusal is not None:
             raise table.refusal
         warnings += table.lost.said()
-    samples, fixes, first = _wanted(scenario, document, *(table.rows for table in tables))
+    samples, fixes = (table.rows for table in tables)
+    return ReadLog(scenario, samples, fixes, ranges, warnings)
+
+
+def prepare(scenario: Replay, document: Document) -> Recording:
+    """Read, check and align. Raises InputError as `read`, ReplayError where no alignment is found."""
+    log = read(scenario, document)
+    scenario, ranges, warnings = log.scenario, log.ranges, log.warnings
+    samples, fixes, first = _wanted(scenario, document, log.samples, log.fixes)
     if ranges is not None:
         apart = _spaced(ranges.time, scenario.gnss.spacing_s)
         apart = apart[ranges.time[apart] <= samples.time[-1]]

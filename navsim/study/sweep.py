@@ -57,11 +57,11 @@ from navsim.study.landing import (
     result,
 )
 from navsim.study.landing import fly_all as fly_landing
-from navsim.study.landing.case import environment, files_of, glide_epochs, on_glide
 from navsim.study.landing.requirements import UNDECIDED, Fulfilment, Statement, statements
 from navsim.study.landing.tree import geometry_summary
 from navsim.study.partial import Arrays, PartialError, Store, code_key
 from navsim.study.root import root_attributes
+from navsim.study.sources import environment, files_of, glide_epochs, on_glide
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""

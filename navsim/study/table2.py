@@ -25,8 +25,8 @@ from navsim.study.ensemble import Ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import among, marks
 from navsim.study.landing import Case, findings, fly_all, prepare
-from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.root import root_attributes
+from navsim.study.sources import environment, glide_epochs
 from navsim.study.statistics import rms_interval
 
 

@@ -48,25 +48,31 @@ _LOOKED_AT = 1000
 
 
 def checked(source: Source, assignments: Sequence[Assignment]) -> tuple[Section, Document, list[str]]:
-    """A scenario, study or log that is right as far as can be told without computing it, and warnings of what a study
-    would leave out. Raises BadInput."""
+    """A scenario, study or log that is right as far as can be told without computing it, the files too that it names,
+    and warnings of what would not be used or would be left out. Raises BadInput."""
     from navsim.scenario.load import read_any
 
     with misread():
         section, document = read_any(source, assignments)
-        return section, document, _of_study(section, document)
+        return section, document, _told(section, document)
 
 
-def _of_study(section: Section, document: Document) -> list[str]:
-    """Check a study's base scenario with what the study sets, and its combinations, and what a landing's terrain hides;
-    none of other kinds. Returns warnings. Raises InputError."""
+def _told(section: Section, document: Document) -> list[str]:
+    """Warnings of what a section says. Its files are read as whoever computes it does, a study's base scenario is
+    checked with what the study sets, and its combinations. Raises InputError."""
     from navsim.scenario.landing import Landing
     from navsim.scenario.load import base_of
 
-    if isinstance(section, Landing) and section.terrain:
-        from navsim.study.landing.case import out_of_sight
+    if isinstance(section, Landing):
+        from navsim.study.foreseen import told
 
-        return out_of_sight(section, document)
+        return told(section, document)
+    if document.data["kind"] == "replay":
+        from navsim.scenario.replay import Replay
+        from navsim.study.replay import read
+
+        assert isinstance(section, Replay)
+        return read(section, document).warnings
     if document.data["kind"] == "sweep":
         from navsim.scenario.sweep import Sweep
         from navsim.study.sweep import plan
@@ -75,18 +81,18 @@ def _of_study(section: Section, document: Document) -> list[str]:
         whole = plan(section, document, base_of(section, document), seed=1)
         looked, wrong = whole.invalid(_LOOKED_AT)
         if not wrong:
-            return []
+            return whole.warnings
         settings, error = wrong[0]
         where = ", ".join(f"{key} = {value}" for key, value in settings.items())
         of = f"all {looked}" if looked == whole.size else f"{looked} looked at, of {whole.size}"
         count = f"{len(wrong)} of {of} combinations are no valid scenario and would be left out"
-        return [f"{count}; the first, with {where}: {'; '.join(map(str, error.problems))}"]
+        return [*whole.warnings, f"{count}; the first, with {where}: {'; '.join(map(str, error.problems))}"]
     if document.data["kind"] == "optimize":
         from navsim.scenario.optimize import Optimize
         from navsim.study.objective import problem
 
         assert isinstance(section, Optimize)
-        problem(section, document, base_of(section, document))
+        return problem(section, document, base_of(section, document)).warnings
     return []
 
 

@@ -30,8 +30,9 @@ from navsim.simulation.landing_covariance import AnalysisError
 from navsim.study import objective
 from navsim.study.findings import LANDING
 from navsim.study.landing import covariance_analysis, covariance_result
-from navsim.study.landing.case import on_glide, world_of
+from navsim.study.landing.case import world_of
 from navsim.study.landing.tree import base
+from navsim.study.sources import on_glide
 from navsim.study.sweep import COMPUTED, INVALID, NO_FIX, SweepStudy, filter_outputs, plan
 from tests.helpers import SCENARIOS, case, scenario
 

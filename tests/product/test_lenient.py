@@ -11,7 +11,7 @@ from navsim.models import timescales
 from navsim.scenario.load import read, read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay
-from navsim.study.landing.sky import read_satellites
+from navsim.study.satellites import read_satellites
 from tests.conftest import SCENARIOS
 from tests.recordings import write_flight
 from tests.rinex import in_version_4, navigation_3

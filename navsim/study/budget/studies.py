@@ -46,10 +46,10 @@ from navsim.study.budget.landing import (
     times_as_long,
 )  # fmt: skip
 from navsim.study.ensemble import BATCH
-from navsim.study.landing.case import environment, glide_epochs
 from navsim.study.landing.ensemble import HISTORIES, history_bytes
 from navsim.study.objective import PlacementProblem
 from navsim.study.search import CHUNK, COARSE, FULL, GEOMETRY, LEVELS
+from navsim.study.sources import environment, glide_epochs
 from navsim.study.sweep import MOST_MAP_SITES, Axis, Plan, columns
 
 _WIDTHS = 100

@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.core.arrays import normal
 from navsim.io.draft import Draft
-from navsim.study.landing.case import Case, box_place, box_time
+from navsim.study.landing.case import Case
 from navsim.study.statistics import share_interval
 
 AXES = ("lateral", "along", "vertical")
@@ -39,10 +39,10 @@ def box_of(case: Case) -> Box | None:
     section = case.scenario.box
     if section is None:
         return None
-    place = box_place(case)
+    place = case.foreseen.box_place
     lower, upper = map(np.array, section.limits(place))
     return Box(
-        section.height_m, box_time(case), lower, upper, section.error == "total",
+        section.height_m, case.foreseen.box_time, lower, upper, section.error == "total",
         math.nan if section.from_threshold_m is None else place,
     )  # fmt: skip
 

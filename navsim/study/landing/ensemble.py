@@ -30,7 +30,7 @@ from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
 from navsim.study.landing import integrity
-from navsim.study.landing.case import Case, box_time, crossing_times, rms_window
+from navsim.study.landing.case import Case, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
 from navsim.study.sums import Sums
@@ -110,7 +110,7 @@ class LandingStudy:
     @cached_property
     def box_time(self) -> list[float]:
         """When the height of the box is passed, s; of no box nothing."""
-        return [] if self.case.scenario.box is None else [box_time(self.case)]
+        return [] if self.case.scenario.box is None else [self.case.foreseen.box_time]
 
     @cached_property
     def crossings(self) -> list[float]:

@@ -34,8 +34,9 @@ from navsim.simulation.monitoring import (
     vertical_sigma,
 )
 from navsim.study.ensemble import Ensemble
-from navsim.study.landing.case import Case, on_glide, times_at_heights
+from navsim.study.landing.case import Case, times_at_heights
 from navsim.study.partial import Arrays
+from navsim.study.sources import on_glide
 from navsim.study.statistics import mean_interval, share_interval
 
 WINDOW = 15.0

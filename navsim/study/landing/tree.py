@@ -16,8 +16,9 @@ from navsim.models.kinematics import Trajectory
 from navsim.models.recorded_trajectory import largest
 from navsim.models.systems import CLOCKS
 from navsim.scenario.approach import TrackApproach
-from navsim.study.landing.case import FOOT, Case, crossing_times, on_glide
+from navsim.study.landing.case import FOOT, Case, crossing_times
 from navsim.study.root import root_attributes
+from navsim.study.sources import on_glide
 
 
 def base(case: Case, layout: str) -> Draft:

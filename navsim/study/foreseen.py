@@ -1,0 +1,318 @@
+"""What can be told of a landing before it is flown: what its input is warned of, what refuses it.
+
+Nothing here is compiled: `navsim validate` says it, too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
+from navsim.models.approach import TOUCHDOWN
+from navsim.models.go_around import GO_AROUND
+from navsim.models.interference import LOWEST, radio_horizon
+from navsim.models.kinematics import Moving
+from navsim.scenario.approach import FileApproach
+from navsim.scenario.base import KeyedError
+from navsim.scenario.box import BoxSection
+from navsim.scenario.events import EventSection
+from navsim.scenario.integrity import IntegritySection
+from navsim.scenario.landing import Landing
+from navsim.scenario.presets import IMU_SHEETS
+from navsim.scenario.requirements import INTEGRITY, PresetRequirement
+from navsim.scenario.sky import SOURCES_FROM_FILES
+from navsim.scenario.source import Document, InputError, Problem, dotted
+
+if TYPE_CHECKING:
+    from navsim.models.pseudorange import Signals
+    from navsim.models.signals import Environment
+
+_ROUGH = 50
+MISPRINT = 1.0
+"""Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """A landing before it is flown. signals: at all its fixes. outputs: times of the filter's, the first at 0, s."""
+
+    scenario: Landing
+    trajectory: Moving
+    environment: Environment
+    signals: Signals
+    outputs: np.ndarray
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the input has to be warned of beside its sky: a landing that does not end on the ground, a box before
+        any fix, sources that are never heard."""
+        out = of_way(self.scenario, self.trajectory)
+        if self.scenario.box is not None and (self.outputs[1:2] > (when := self.box_time)).any():
+            out.append(
+                f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
+                "the first fix: the errors there are those that the filter begins with"
+            )
+        if self.scenario.box is not None and (apart := self._route_outside(self.scenario.box)):
+            out.append(f"box: the route itself is outside {' and '.join(apart)}")
+        hidden = self.behind_terrain()
+        path = self.trajectory.motion(self.signals.time).position_ecef
+        out += _out_of_sight(self.scenario, path, self.environment.pseudolites.llh, np.all(hidden, axis=0))
+        out += self._shadowed()
+        out += _hidden_throughout(self.environment.pseudolites.names, hidden)
+        if (section := self.scenario.integrity) is not None:
+            out += section.unused(self.environment.systems)
+            out += [
+                f"requirements[{i}]: continuity and hazardously misleading information are counted by "
+                f"integrity.limits, which are not those of {each.operation}: undecided; give limits: "
+                f"{{operation: {each.operation}, tta_s: ...}}"
+                for i, each in enumerate(self.scenario.requirements)
+                if isinstance(each, PresetRequirement) and not each.counts_by(section.limits)
+            ]
+            out += [
+                f"requirements[{i}]: levels are not those of {each.operation}, which allows a risk of {INTEGRITY:g} an "
+                f"approach: {self._risk_of_levels(section)}"
+                for i, each in enumerate(self.scenario.requirements)
+                if isinstance(each, PresetRequirement) and not each.levels_are_its_own(section)
+            ]
+        out += [
+            f"events[{i}]: {event.what} of {', '.join(event.sources)}: none of them is received then"
+            for i, event in enumerate(self.scenario.events)
+            if event.what != "silence" and not self._received(event)
+        ]
+        if (jamming := self.environment.jamming) is not None:
+            heard = np.isfinite(self.signals.js).any(axis=(1, 2))
+            out += [
+                f"interference.jammers[{j}]: {jammer.name} is never received: it is off, or beyond the radio horizon"
+                for j, jammer in enumerate(jamming.jammers)
+                if not heard[j]
+            ]
+            stopped = [*itertools.compress(self.environment.names, ~jamming.passed(self.environment.carriers))]
+            if stopped:
+                text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
+                out.append(f"interference.front_end_mhz: {text}")
+        return out
+
+    @staticmethod
+    def _risk_of_levels(section: IntegritySection) -> str:
+        if section.method == "chi2":
+            return "integrity.method chi2 computes them for a fault that is there (p_md); mhss does for a risk"
+        risk = section.risk_of_levels()
+        return f"integrity.p_hmi_v, p_hmi_h and p_unmonitored_max allow {risk:.3g}"
+
+    def _route_outside(self, box: BoxSection) -> list[str]:
+        """The limits of the box that an error of 0 is beyond."""
+        lower, upper = box.limits(self.box_place)
+        keys = ("lateral_m", "along_m" if box.from_threshold_m is None else "from_threshold_m", "vertical_m")
+        return [key for key, low, high in zip(keys, lower, upper, strict=True) if not low <= 0.0 <= high]
+
+    def _shadowed(self) -> list[str]:
+        """Pseudolites that the aircraft is in the way of, by name."""
+        antenna, signals, count = self.environment.antenna, self.signals, len(self.environment.pseudolites.names)
+        if antenna is None or not count:
+            return []
+        away = signals.position[:, -count:] - signals.antenna[:, None]
+        towards = away / np.linalg.norm(away, axis=2, keepdims=True)
+        c_eb = self.trajectory.motion(signals.time).c_eb
+        hidden = (antenna.elevation_of(c_eb, towards) < antenna.mask).sum(axis=0)
+        return [
+            f"receiver.antenna: the aircraft shadows {name} at {times} of {signals.time.size} fixes"
+            for name, times in zip(self.environment.pseudolites.names, hidden.tolist(), strict=True)
+            if times
+        ]
+
+    def behind_terrain(self) -> np.ndarray:
+        """At which fixes (e, p) bool terrain hides which pseudolites."""
+        return self.environment.behind_terrain(self.signals.antenna)
+
+    def _received(self, event: EventSection) -> bool:
+        """Whether any source of an event is, while it lasts."""
+        signals, model = self.signals, event.model()
+        lasting = (signals.time >= model.begin) & (signals.time < model.end)
+        concerned = model.concerns(signals.names, self.environment.systems_of(signals.names))
+        return bool(signals.used[np.ix_(lasting, concerned)].any())
+
+    def times_at_heights(self, heights: Sequence[float]) -> list[float]:
+        """As `passed`; nan where it is not before the filter's last output."""
+        last = self.outputs[-1] + 1e-9
+        return [when if when <= last else math.nan for when in passed(self.scenario, self.trajectory, heights)]
+
+    @cached_property
+    def box_time(self) -> float:
+        """When the height of the scenario's box is passed, s; nan where it is not."""
+        assert self.scenario.box is not None
+        return self.times_at_heights([self.scenario.box.height_m])[0]
+
+    @property
+    def box_place(self) -> float:
+        """Where the route is then, along the runway from the threshold, m."""
+        along = self.trajectory.path.jet(np.array([self.box_time]))[0, 0, 0]
+        return float(along) + self.scenario.runway.aim_point_m
+
+    def check(self, document: Document) -> None:
+        """Raise InputError for a box that is never passed, for more noise of a station than ranges have."""
+        self._check_box(document)
+        self._check_ground(document)
+
+    def _check_box(self, document: Document) -> None:
+        box = self.scenario.box
+        if box is None or not math.isnan(self.box_time):
+            return
+        (when,), last = passed(self.scenario, self.trajectory, [box.height_m]), float(self.outputs[-1])
+        what = f"comes down through {box.height_m:g} m above the runway" if box.height_m else "touches down"
+        after = f"the aircraft {what} at {when:.2f} s, after the filter's last output at {last:g} s"
+        text = f"the aircraft never {what} within duration_s" if math.isnan(when) else after
+        raise InputError([Problem(document.place(("box", "height_m")), "box.height_m", text)])
+
+    def _check_ground(self, document: Document) -> None:
+        """What the ground leaves in a range is a part of it."""
+        section, signals = self.scenario.integrity, self.signals
+        station = None if section is None or section.comparison is None else section.comparison.gbas
+        if station is None or not signals.used.any():
+            return
+        least = float(signals.fix_sigma[signals.used].min())
+        if station.ground_sigma_m > least:
+            path = ("integrity", "comparison", "gbas", "ground_sigma_m")
+            text = f"is a part of each range's sigma, of which the least is {least:.3g} m: at most that"
+            raise InputError([Problem(document.place(path), dotted(path), text)])
+
+
+def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
+    """What the way that is flown is warned of, and sections that need no sources of signals to be judged."""
+    out = []
+    touchdown = trajectory.path.events.get(TOUCHDOWN, -math.inf)
+    if touchdown > scenario.duration_s:
+        out.append(
+            f"touchdown would be at {touchdown:.1f} s, after the end of the simulation "
+            f"(duration_s: {scenario.duration_s:g}); figures at touchdown are not defined"
+            + (", and requirements judge the part of the glide that is flown" if scenario.requirements else "")
+        )
+    if abs(off := scenario.runway.misprint_deg) > MISPRINT:
+        side = "right" if off > 0.0 else "left"
+        out.append(
+            f"runway.bearing_deg: the published direction is {abs(off):.1f} deg {side} of that between the "
+            f"thresholds, {scenario.runway.heading_deg:.2f} deg, which is flown"
+        )
+    out += _gains_of_sheet(scenario)
+    if (broken_off := trajectory.path.events.get(GO_AROUND, math.inf)) <= scenario.duration_s:
+        out.append(
+            f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
+            "there are not defined, and those of the last seconds before it are of the end of the simulation"
+        )
+    return out
+
+
+def _gains_of_sheet(scenario: Landing) -> list[str]:
+    """Gains that the data sheet of a preset brings and the filter takes for none."""
+    imu, its = scenario.imu, scenario.filter
+    if imu.preset not in IMU_SHEETS:
+        return []
+    gains = (
+        ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
+    )  # fmt: skip
+    there = [(name, f"filter.{key}: true") for error, name, key in gains if not getattr(its, key)
+             and (getattr(imu.gyro, error) or getattr(imu.accelerometer, error))]  # fmt: skip
+    if not there:
+        return []
+    names, keys = (" and ".join(words) for words in zip(*there, strict=True))
+    return [f"imu.preset: {imu.preset} has {names}, which the filter takes for none: give {keys}"]
+
+
+def _out_of_sight(scenario: Landing, path: np.ndarray, llh: np.ndarray, hidden: np.ndarray) -> list[str]:
+    """Pseudolites that are heard although the Earth is between them and the whole flight. path: (e, 3) ECEF, m, at the
+    fixes. llh: (p, 3) of the pseudolites, rad, rad, m. hidden: (p,) bool, by terrain at all fixes: they are not
+    heard."""
+    names, ground = scenario.pseudolites.names(), scenario.runway.ellipsoidal_m
+    over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if names else path
+    out = []
+    for name, place, unheard in zip(names, llh, hidden, strict=True):
+        away = np.linalg.norm(path - ecef_from_llh(place), axis=1)
+        if not unheard and away.size and (away > radio_horizon(over, max(place[2] - ground, LOWEST))).all():
+            far = f"{name} is {away.min() / 1000.0:.0f} km away"
+            out.append(f"pseudolites: {far}, beyond the radio horizon of the whole flight, and heard nevertheless")
+    return out
+
+
+def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment, Landing, list[str]]:
+    """The motion to be flown, the sources of signals, the scenario with the checksums of its files written into it,
+    warnings of its sky. Raises InputError for files that cannot be used, pseudolites that are in the way."""
+    from navsim.study.sources import environment, trajectory_of
+
+    trajectory, scenario = trajectory_of(scenario, document)
+    if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track
+        try:
+            scenario.pseudolite_sites(trajectory.frame, scenario.track(trajectory))
+        except KeyedError as error:
+            raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
+    return trajectory, *environment(scenario, document, trajectory)
+
+
+def _needs_sources(scenario: Landing) -> bool:
+    """Whether files are to be read, or there is something to be told that goes by the sources of signals."""
+    sky = scenario.sky
+    sections = (
+        sky.source in SOURCES_FROM_FILES, sky.horizon, scenario.terrain, scenario.box, scenario.events,
+        scenario.integrity, scenario.interference, scenario.receiver.antenna, scenario.signals.system_offsets_ns,
+    )  # fmt: skip
+    return isinstance(scenario.approach, FileApproach) or any(sections)
+
+
+def told(scenario: Landing, document: Document) -> list[str]:
+    """What a landing is warned of that nobody has prepared yet, but for what sensors beside the receiver measure.
+    Raises InputError as whoever prepares it."""
+    if not _needs_sources(scenario):
+        way = scenario.trajectory()
+        fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
+        sites = scenario.pseudolite_positions(way.frame)
+        path, hidden = way.motion(fixes).position_ecef, np.zeros(len(sites), dtype=bool)
+        return [*scenario.unused(), *of_way(scenario, way), *_out_of_sight(scenario, path, sites, hidden)]
+    from navsim.models.signals import build_signals
+
+    trajectory, sources, scenario, warnings = modelled(scenario, document)
+    receiver = scenario.receiver_model()
+    fixes = receiver.epochs(scenario.duration_s, scenario.imu.rate_hz)
+    signals = build_signals(trajectory.motion(fixes), scenario.epoch.timestamp(), sources)
+    outputs = np.concatenate([[0.0], fixes + receiver.latency])
+    ahead = Foreseen(scenario, trajectory, sources, signals, outputs)
+    ahead.check(document)
+    return [*warnings, *ahead.warnings]
+
+
+def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:
+    """Times when the true height above the runway last comes down through these, m, 0 for touchdown, s; nan where it
+    does not within the flight."""
+    path = trajectory.path
+    touchdown = path.events.get(TOUCHDOWN, math.inf)
+    fine = np.arange(0.0, min(touchdown, scenario.duration_s), 1e-3)
+    climbing = fine >= path.events.get(GO_AROUND, math.inf)
+    if climbing.any():  # to the bottom of the pull-up: what comes after is not passed coming down
+        fine = fine[: int(np.argmax(climbing)) + int(np.argmin(-path.jet(fine[climbing])[:, 0, 2])) + 1]
+    # the last moment above a height is sought among every 50th, then among those that follow it
+    rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
+    times = []
+    for height in heights:
+        last = np.flatnonzero(rough >= height)[-1:] * _ROUGH
+        near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
+        above = near[-path.jet(near)[:, 0, 2] >= height]
+        if height == 0.0 or (above.size and above[-1] == fine[-1]):
+            # on the ground, or between the last of the times and it, unless the flight ends before
+            when = touchdown
+        else:
+            when = float(above[-1]) if above.size else math.nan
+        times.append(when if when <= scenario.duration_s + 1e-9 else math.nan)
+    return times
+
+
+def _hidden_throughout(names: Sequence[str], hidden: np.ndarray) -> list[str]:
+    """What to warn of pseudolites that terrain hides at all fixes, (e, p) bool."""
+    return [
+        f"terrain: {name} is behind it during the whole flight, and never received"
+        for name, times in zip(names, hidden.T, strict=True)
+        if times.size and times.all()
+    ]

@@ -1,0 +1,88 @@
+"""What is told of a file before anything is computed: files that are not there, and what flying it would warn of."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from navsim.kinds import OF_FILES
+from navsim.scenario.keys import rows
+from navsim.scenario.load import read, section
+from navsim.study.landing import prepare
+from navsim.work.errors import BadInput
+from navsim.work.opening import checked
+from tests.conftest import SCENARIOS
+
+NAMING = [
+    ("landing", ["sky.source=almanac", "sky.almanac=none.agl"], "sky.almanac"),
+    ("landing", ["sky.source=navigation", "sky.navigation=[none.rnx]"], "sky.navigation"),
+    ("landing", ["sky.source=orbits", "sky.orbits=none.sp3"], "sky.orbits"),
+    ("landing", ["sky.horizon=none.csv"], "sky.horizon"),
+    ("track", ["approach.file=none.csv"], "approach.file"),
+    ("recorded_flight", ["imu.file=none.csv"], "imu.file"),
+    ("recorded_flight", ["gnss.file=none.csv"], "gnss.file"),
+    ("recorded_flight", ["gnss.navigation=none.rnx"], "gnss.navigation[0]"),
+    ("placement_sweep", ["base=none.yaml"], "base"),
+    ("placement_optimum", ["base=none.yaml"], "base"),
+    ("placement_optimum", ["constraints.keep_out=none.geojson"], "constraints.keep_out"),
+]
+"""Template, what names a file that is not there, the key that is blamed."""
+
+
+@pytest.mark.parametrize(("name", "given", "key"), NAMING, ids=[f"{name}-{key}" for name, _, key in NAMING])
+def test_files_that_are_not_there(name: str, given: list[str], key: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        checked(SCENARIOS / f"{name}.yaml", given)
+    (problem,) = caught.value.problems
+    assert "cannot be read: No such file or directory" in problem.message or "no such file" in problem.message
+    # of a base the file itself is named, and where it stands behind it
+    assert problem.key == key or f"named at --set {key}=" in problem.message
+
+
+def test_every_key_that_names_a_file_is_tried() -> None:
+    """Those that have a checksum beside them, and the bases of studies."""
+    named = set()
+    for kind in OF_FILES:
+        keys = {row.key for row in rows(section(kind).model_json_schema())}
+        named |= {key for key in keys if f"{key}_sha256" in keys or key == "base"}
+    assert named == {key.partition("[")[0] for _, _, key in NAMING}
+
+
+def test_a_file_is_read_as_whoever_flies_does(tmp_path: Path) -> None:
+    """With its line, and the place that names it."""
+    shutil.copy(SCENARIOS / "odense.yaml", tmp_path / "mine.yaml")
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "odense_horizon.csv").write_text("azimuth_deg,elevation_deg\n0,3\n10,north\n")
+    with pytest.raises(BadInput) as caught:
+        checked(tmp_path / "mine.yaml", [])
+    (problem,) = caught.value.problems
+    assert str(problem).startswith(f"{tmp_path / 'data' / 'odense_horizon.csv'}:3")
+    assert f"named at {tmp_path / 'mine.yaml'}:" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["duration_s=20"], "touchdown would be at 60.2 s"),
+        (["pseudolites.s_m=60000"], "beyond the radio horizon of the whole flight"),
+        (["box={lateral_m: [1, 2], vertical_m: 1}"], "box: the route itself is outside lateral_m"),
+        (["box={lateral_m: 1, vertical_m: 1, height_m: 152.9}"], "before the first fix"),
+        (["events=[{what: step, sources: [R01], at_s: 0, until_s: 9, error_m: 3}]", "sky.exclude=[R01]"],
+         "none of them is received then"),
+        (["integrity={method: mhss, p_constellations: {gps: 1e-5}}"], "the sky has none of them"),
+        (["receiver.antenna={elevation_deg: [-90, 90], gain_dbi: [0, 0], mask_deg: 20}"], "the aircraft shadows PL1"),
+        (["signals.system_offsets_ns={galileo: 3}"], "no source keeps the time of galileo"),
+    ],
+)  # fmt: skip
+def test_warnings_are_those_of_the_flight(given: list[str], said: str) -> None:
+    file = SCENARIOS / "landing.yaml"
+    told = checked(file, given)[2]
+    assert any(said in text for text in told), told
+    assert told == prepare(*read(file, [*given, "imu.rate_hz=20"])).warnings
+
+
+def test_a_box_that_is_never_passed_is_refused() -> None:
+    with pytest.raises(BadInput, match="never comes down through 500 m above the runway within duration_s"):
+        checked(SCENARIOS / "landing.yaml", ["box={lateral_m: 1, vertical_m: 1, height_m: 500}"])
