@@ -69,6 +69,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "{what: rms, of: horizontal, below_m: 0.4}, {what: box, at_most: 1e-6}, "
             "{what: level, of: hpl, below_m: 40}, {what: time_to_alert, within_s: 6}]",
         )),
+        ("odense", ("runway.end_height_m=17",)),
         ("landing", (
             "imu.gyro={drift_deg_h: 700, noise_deg_h: 30, bias_instability_deg_h: 8}",
             "pseudolites.clock_noise={h0: 2e-22, h_minus2: 1.5e-25}", "pseudolites.clock_age_s=60",

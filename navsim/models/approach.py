@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -198,6 +198,26 @@ def smooth_profile(
     )
     path = Path(segments, {GLIDE_START: t1, FLARE: t3, TOUCHDOWN: t4})
     return path if ending.taxi is None else _slowed(path, rollout_deceleration, ending.taxi)
+
+
+def sloped(path: Path, slope: float) -> Path:
+    """A landing on a runway that rises by `slope`, m a m, in the direction of landing: from touchdown on the way is up
+    that slope, which the blend there leads to. Of a path that does not touch down, itself.
+
+    What comes after the blend is along the x axis, as of the profiles here."""
+    touchdown = path.events.get(TOUCHDOWN)
+    if slope == 0.0 or touchdown is None:
+        return path
+    last = max(i for i, each in enumerate(path.segments) if each.start <= touchdown)
+    up = []
+    for each in path.segments[last + 1 :]:
+        assert isinstance(each, Segment)
+        polynomial = each.polynomial.copy()
+        polynomial[_Z] -= slope * polynomial[_X]
+        up.append(replace(each, polynomial=polynomial))
+    begin, end = path.segments[last].start, up[0].start
+    joint = joined(begin, end, path.segments[last - 1], up[0])
+    return replace(path, segments=(*path.segments[:last], joint, *up))
 
 
 def _slowed(path: Path, deceleration: float, taxi: Taxi) -> Path:

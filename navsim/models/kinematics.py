@@ -157,7 +157,9 @@ class Trajectory:
     pitch_follows_path: bool = True
     """False: the nose keeps `angle_of_attack` above the horizon, whatever the slope."""
     grounded: float = np.inf
-    """Time, s, from which the path is the frame's x axis, where the nose stays, however slow the aircraft."""
+    """Time, s, from which the path is up the runway, where the nose stays, however slow the aircraft."""
+    runway_slope: float = 0.0
+    """Rise of the runway along the frame's x axis, m a m."""
 
     def motion(self, t: np.ndarray) -> Motion:
         """Everything at the times t (n,), s."""
@@ -169,7 +171,7 @@ class Trajectory:
 
         rolls = (t >= self.grounded)[:, None]
         # at rest there is no direction of motion; from here on it is known
-        course = np.where(rolls, self.frame.axes[:, 0], velocity)
+        course = np.where(rolls, self.frame.axes[:, 0] - self.runway_slope * self.frame.axes[:, 2], velocity)
         course_rate = np.where(rolls, 0.0, acceleration)
         direction = course / np.linalg.norm(course, axis=1, keepdims=True)
         step = 0.5 * _GRADIENT_STEP * direction
@@ -287,8 +289,10 @@ def touchdown_from_start(start: tuple[float, float], height: float, heading: flo
     return tangent_frame(touchdown, heading)
 
 
-def touchdown_from_threshold(threshold: tuple[float, float], height: float, heading: float, aim_point: float) -> Frame:
-    """The touchdown frame `aim_point` metres beyond a threshold (latitude, longitude, rad)."""
+def touchdown_from_threshold(
+    threshold: tuple[float, float], height: float, heading: float, aim_point: float, rise: float = 0.0
+) -> Frame:
+    """The touchdown frame `aim_point` metres beyond a threshold (latitude, longitude, rad), `rise` metres above it."""
     runway = tangent_frame(np.array([threshold[0], threshold[1], height]), heading)
     llh = earth.llh_from_ecef(runway.origin + aim_point * runway.axes[:, 0])
-    return tangent_frame(np.array([llh[0], llh[1], height]), heading)
+    return tangent_frame(np.array([llh[0], llh[1], height + rise]), heading)

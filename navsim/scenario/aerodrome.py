@@ -45,12 +45,16 @@ def with_published(data: Any) -> Any:
         except NoDeclination as error:
             raise reject(str(error), "runway", "declination_deg") from None
     _write_heading(runway)
+    _write_slope(runway)
     if _number(runway.get("tch_m")):
         slope = approach.get("glide_slope_deg", 5.0)
         if approach.get("profile") in ("recorded", "track"):
             raise reject("a flight of a file has no slope that an aim point follows from", "runway", "tch_m")
         if _number(slope) and 0.0 < slope < 90.0:
-            _write(runway, "aim_point_m", runway["tch_m"] / math.tan(slope * DEG), "tch_m")
+            rise = runway.get("slope_percent", 0.0)
+            below = math.tan(slope * DEG) + (0.01 * rise if _number(rise) else 0.0)
+            if below > 0.0:
+                _write(runway, "aim_point_m", runway["tch_m"] / below, "tch_m")
     return {**data, "runway": runway}
 
 
@@ -85,13 +89,34 @@ def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
         raise reject(f"is {value:.6g} by {source}; leave one of them out", "runway", key)
 
 
+def _write_slope(runway: dict[str, Any]) -> None:
+    """The slope of the runway from the heights of both thresholds."""
+    first, end = _point(runway.get("threshold")), _point(runway.get("end"))
+    height, other = runway.get("height_m", 0.0), runway.get("end_height_m")
+    if first is not None and end is not None and _number(height) and _number(other):
+        length = distance(first, end)
+        if length > 0.0:
+            _write(runway, "slope_percent", 100.0 * (other - height) / length, "end_height_m")
+
+
 def between(first: tuple[float, float], end: tuple[float, float]) -> float:
     """Direction from a place to another, latitudes and longitudes, deg; clockwise from true north, 0 to 360 deg."""
+    north, east = _apart(first, end)
+    return math.degrees(math.atan2(east, north)) % 360.0
+
+
+def distance(first: tuple[float, float], end: tuple[float, float]) -> float:
+    """From a place to another, latitudes and longitudes, deg, in the plane of the first, m."""
+    return math.hypot(*_apart(first, end))
+
+
+def _apart(first: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+    """How far north and east a place is from another, m."""
     from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 
     a, b = (np.array([*(math.radians(value) for value in each), 0.0]) for each in (first, end))
     north, east, _ = ned_matrix(a) @ (ecef_from_llh(b) - ecef_from_llh(a))
-    return math.degrees(math.atan2(east, north)) % 360.0
+    return float(north), float(east)
 
 
 def turned(a: float, b: float) -> float:

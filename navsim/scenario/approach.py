@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.aerodrome import turned
+from navsim.scenario.aerodrome import distance, turned
 from navsim.scenario.base import (
     DEG,
     KMH,
@@ -69,8 +69,13 @@ class Runway(Section):
     geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | Literal["auto"] | None = None
     """height of the geoid above the ellipsoid at the runway; auto: that of EGM96 at runway.threshold or approach.start,
     which needs the extra `geoid`; the stored scenario has the number"""
+    slope_percent: Annotated[float, Field(ge=-5.0, le=5.0)] = 0.0
+    """rise of the runway in the direction of landing, from the threshold on, which height_m is of; with end_height_m it
+    follows from it"""
+    end_height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] | None = None
+    """height of runway.end, above what height_m is above, as published for both thresholds; null: slope_percent"""
     length_m: Size = 1000.0
-    """length of the runway, for drawings only"""
+    """length of the runway, for drawings, and, where runway.end is not given, for how far it rises by slope_percent"""
     width_m: Size = 30.0
     """width of the runway, for drawings only"""
     aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
@@ -92,6 +97,8 @@ class Runway(Section):
     def _derived(self) -> Self:
         if self.end is not None and self.threshold is None:
             raise reject("is counted from the threshold: give runway.threshold", "end")
+        if self.end_height_m is not None and self.end is None:
+            raise reject("is of the threshold of the other direction: give runway.end", "end_height_m")
         if self.bearing_deg is None:
             for key in ("declination_deg", "bearing_year"):
                 if getattr(self, key) is not None:
@@ -120,6 +127,23 @@ class Runway(Section):
     def ellipsoidal_m(self) -> float:
         """Height above the ellipsoid, m."""
         return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
+
+    @property
+    def rise_m(self) -> float:
+        """Height of the touchdown point above the threshold, m."""
+        return 0.01 * self.slope_percent * self.aim_point_m
+
+    @property
+    def surface(self) -> tuple[tuple[float, float], ...]:
+        """Distances beyond the threshold, m, and heights above it, m, between which the runway is straight; none where
+        it is level."""
+        if self.slope_percent == 0.0:
+            return ()
+        length = self.length_m
+        if self.threshold is not None and self.end is not None:
+            first, other = ((place.lat_deg, place.lon_deg) for place in (self.threshold, self.end))
+            length = distance(first, other)
+        return (0.0, 0.0), (length, 0.01 * self.slope_percent * length)
 
     @property
     def elevation_m(self) -> float:

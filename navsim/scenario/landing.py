@@ -564,11 +564,13 @@ class Landing(Section):
             self.runway.ellipsoidal_m,
             self.runway.heading_deg * DEG,
             self.runway.aim_point_m,
+            self.runway.rise_m,
         )
 
     def path(self) -> AnyPath:
         """The way over ground, in the tangent plane of the touchdown point; recorded approaches are read elsewhere.
         Raises ValueError where there is none, AirError where there is none in this wind."""
+        from navsim.models.approach import sloped
         from navsim.models.retimed import held_airspeed
 
         assert not isinstance(self.approach, FileApproach)
@@ -576,6 +578,7 @@ class Landing(Section):
             path = self.approach.path(self._waypoints(self.approach))
         else:
             path = self.approach.path()
+        path = sloped(path, 0.01 * self.runway.slope_percent)
         if self.approach.speed_is == "ground" or not self.wind.blows:
             return path
         return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
@@ -638,7 +641,8 @@ class Landing(Section):
         path = self.path()
         if self.approach.start is not None:
             begin, heading = path.jet(np.zeros(1))[0, 0], self.runway.heading_deg * DEG
-            frame = touchdown_from_start(self.approach.start.radians, self.runway.ellipsoidal_m, heading, begin)
+            height = self.runway.ellipsoidal_m + self.runway.rise_m
+            frame = touchdown_from_start(self.approach.start.radians, height, heading, begin)
         else:
             frame = self._frame_of_threshold()
         return self.trajectory_along(path, frame)
@@ -668,6 +672,7 @@ class Landing(Section):
             self.approach.angle_of_attack_deg * DEG,
             isinstance(self.approach, TrackApproach) or self.approach.pitch == "path",
             events.get(ROLL_OUT, math.inf),
+            0.01 * self.runway.slope_percent,
         )
 
     def threshold(self, frame: Frame) -> np.ndarray:

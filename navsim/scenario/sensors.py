@@ -586,7 +586,7 @@ def check_profile(ground: tuple[tuple[float, float], ...], *path: str) -> None:
 
 
 def profile_of(ground: tuple[tuple[float, float], ...]) -> Ground:
-    """The profile that a key stands for; level with the runway where it has no points."""
+    """The profile of these points; level with the threshold where there are none."""
     import numpy as np
 
     from navsim.models.altimeter import Ground
@@ -616,8 +616,8 @@ class RadioAltimeterSection(Section):
     """IMU to its antenna: forward, right, down"""
     ground: Annotated[ListOf[PairOf[Signed]], Field(max_length=200)] = ()
     """profile of the ground along the approach, pairs of a distance beyond the threshold in the direction of landing
-    (before it: negative) and a height above the runway, straight between them, level beyond; none: all is level
-    with the runway"""
+    (before it: negative) and a height above it, straight between them, level beyond; none: the runway's own, and level
+    before and beyond"""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -632,10 +632,11 @@ class RadioAltimeterSection(Section):
 
         from navsim.models.altimeter import RadioAltimeter, RadioBeliefs
 
+        ground = profile_of(self.ground or runway.surface)
         believed = RadioBeliefs(
             self.sigma_floor_m if given.sigma_floor_m is None else given.sigma_floor_m,
             self.sigma_share if given.sigma_share is None else given.sigma_share,
-            profile_of(self.ground if given.ground is None else given.ground),
+            ground if given.ground is None else profile_of(given.ground),
             np.array(self.lever_arm_m if given.lever_arm_m is None else given.lever_arm_m),
             self.latency_s if given.latency_s is None else given.latency_s,
             -math.inf if given.from_m is None else given.from_m,
@@ -648,7 +649,7 @@ class RadioAltimeterSection(Section):
             highest=self.highest_m,
             tilt=self.attitude_limit_deg * DEG,
             latency=self.latency_s,
-            ground=profile_of(self.ground),
+            ground=ground,
             lever_arm=np.array(self.lever_arm_m),
             aim_point=runway.aim_point_m,
             height=runway.ellipsoidal_m,
@@ -668,7 +669,7 @@ class FilterRadioAltimeter(Section):
     lever_arm_m: Triple | None = None
     """lever arm of the antenna that the filter believes in"""
     ground: Annotated[ListOf[PairOf[Signed]], Field(max_length=200)] | None = None
-    """profile of the ground that the filter believes in; []: all is level with the runway"""
+    """profile of the ground that the filter believes in; []: all is level with the threshold"""
     from_m: Signed | None = None
     """distance beyond the threshold from which on the filter uses heights above ground; 0: over the runway alone;
     left out: everywhere"""

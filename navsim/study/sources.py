@@ -71,8 +71,9 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
     threshold = scenario.runway.threshold
     assert threshold is not None
     frame = touchdown_from_threshold(
-        threshold.radians, scenario.runway.ellipsoidal_m, scenario.runway.heading_deg * DEG, scenario.runway.aim_point_m
-    )
+        threshold.radians, scenario.runway.ellipsoidal_m, scenario.runway.heading_deg * DEG,
+        scenario.runway.aim_point_m, scenario.runway.rise_m,
+    )  # fmt: skip
     events = {} if approach.touchdown_s is None else {TOUCHDOWN: approach.touchdown_s - start}
     moving: Moving
     try:

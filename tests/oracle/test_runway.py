@@ -9,9 +9,11 @@ import sys
 import types
 from typing import Any
 
+import numpy as np
 import pytest
 from pymap3d.vincenty import vdist
 
+from navsim.core.arrays.earth import llh_from_ecef
 from navsim.models.magnetic import declination
 from navsim.scenario.aerodrome import between
 from navsim.scenario.source import InputError
@@ -75,6 +77,45 @@ def test_thresholds_overrule_what_is_published() -> None:
             assert again == ready.scenario
 
 
+SLOPING = ("runway.slope_percent=1.5", "runway.height_m=14", "runway.aim_point_m=200", "pseudolites={count: 0}")
+
+
+def test_the_runway_rises() -> None:
+    """The touchdown point lies higher, and what rolls on stays on the surface, by the ground that a radio altimeter
+    meets; a slope of nothing changes nothing."""
+    taxiing = ("approach.taxi_speed_kmh=18", "approach.rollout_deceleration_m_s2=2.5")
+    for name, taxi in (("landing", ()), ("landing_smooth", taxiing)):
+        landing = scenario(*SLOPING, *taxi, "radio_altimeter={sigma_floor_m: 0.1}", name=name)
+        trajectory = landing.trajectory()
+        touchdown = trajectory.path.events["touchdown"]
+        after = trajectory.motion(touchdown + np.linspace(1.5, 12.0, 22))
+        x, y, z = np.transpose((after.position_ecef - trajectory.frame.origin) @ trajectory.frame.axes)
+        np.testing.assert_allclose(-z / x, 0.015, rtol=1e-9)
+        assert not np.any(np.abs(y) > 1e-9)
+        assert llh_from_ecef(trajectory.frame.origin)[2] == pytest.approx(14.0 + 3.0, abs=1e-6)
+        np.testing.assert_allclose(after.rpy[:, 1], math.atan(0.015) + math.radians(3.0), atol=2e-4)
+        (radio,) = landing.aiding()
+        above = radio.exact(trajectory.frame, after)
+        np.testing.assert_allclose(above, x**2 / (2.0 * 6.378e6), atol=1e-4)  # the earth bends away from the plane
+        level = scenario(*SLOPING, *taxi, "runway.slope_percent=0", name=name).trajectory()
+        t = np.linspace(0.0, touchdown + 10.0, 50)
+        before = trajectory.path.jet(t[t < touchdown - 0.3])
+        np.testing.assert_array_equal(before, level.path.jet(t[t < touchdown - 0.3]))
+
+
+def test_slope_from_both_ends() -> None:
+    """By the way between thresholds (pymap3d); with it the line down the slope passes the threshold at its height."""
+    length, _ = vdist(*ODENSE[0], *ODENSE[1])
+    both = BOTH % ", height_m: 14, end_height_m: 17.5, tch_m: 15.24"
+    landing = scenario("approach={profile: paper, glide_slope_deg: 4}", both, "pseudolites={count: 0}")
+    assert landing.runway.slope_percent == pytest.approx(100.0 * 3.5 / float(length), rel=1e-4)
+    assert landing.runway.surface[1] == pytest.approx((float(length), 3.5), rel=1e-4)
+    aim = landing.runway.aim_point_m
+    assert aim * math.tan(math.radians(4.0)) + landing.runway.rise_m == pytest.approx(15.24)
+    again = type(landing).model_validate(landing.model_dump(mode="json", exclude_none=True))
+    assert again == landing
+
+
 def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = ("runway={bearing_deg: 355, bearing_is: magnetic}",)
     assert scenario(*settings, "runway.declination_deg=11.2").runway.heading_deg == pytest.approx(6.2)
@@ -109,6 +150,10 @@ def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
         (("runway.bearing_deg=5", "runway.heading_deg=7"), "runway.heading_deg", "is 5 by bearing_deg"),
         (("runway.tch_m=15.24", "runway.aim_point_m=300"), "runway.aim_point_m", "is 174.194 by tch_m"),
         ((f"runway.end={point(ODENSE[0])}",), "runway.end", "give runway.threshold"),
+        (("runway.end_height_m=20",), "runway.end_height_m", "give runway.end"),
+        (("approach={profile: paper}", BOTH % ", end_height_m: 3.5, slope_percent: 1"), "runway.slope_percent",
+         "by end_height_m"),
+        (("runway.slope_percent=6",), "runway.slope_percent", "less than or equal to 5"),
     ],
 )
 def test_what_does_not_go_together(settings: tuple[str, ...], place: str, words: str) -> None:
