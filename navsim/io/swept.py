@@ -7,15 +7,25 @@ from collections.abc import Iterator
 import numpy as np
 
 from navsim.io.results import Result
-from navsim.io.schema import VERDICTS
+from navsim.io.schema import SWEEP_QUANTITIES, VERDICTS
 
 VERDICT = "_verdict"
 """How the outputs end that are verdicts on requirements."""
 
 
 def outputs(result: Result) -> list[str]:
-    """The outputs of a sweep, in order."""
-    return [path.split("/")[2] for path in result.variables if path.startswith("/sweep/") and path.count("/") == 2]
+    """The outputs of a sweep: quantities in the order of the layout, each with the ends of its interval behind it, then
+    requirements by their numbers. A file has its variables by the alphabet."""
+    found = [path.split("/")[2] for path in result.variables if path.startswith("/sweep/") and path.count("/") == 2]
+    order = list(SWEEP_QUANTITIES)
+    ends = ("_low", "_high", VERDICT)
+
+    def place(name: str) -> tuple[int, int, int]:
+        end = next((i for i, each in enumerate(ends, 1) if name.endswith(each)), 0)
+        stem = name.removesuffix(ends[end - 1]) if end else name
+        return (order.index(stem), 0, end) if stem in order else (len(order), int(stem.rpartition("_")[2]), end)
+
+    return sorted(found, key=place)
 
 
 def dimensions(result: Result) -> tuple[str, ...]:
@@ -28,6 +38,11 @@ def keys(result: Result) -> dict[str, str]:
     found = {p.split("/")[3]: v.dims[0] for p, v in result.variables.items() if p.startswith("/sweep/axes/")}
     order = dimensions(result)
     return dict(sorted(found.items(), key=lambda item: order.index(item[1])))
+
+
+def key_path(result: Result, key: str) -> str:
+    """A varied key as the scenario has it, dotted."""
+    return result.variables[f"/sweep/axes/{key}"].long_name.removeprefix("values of ")
 
 
 def setting(result: Result, key: str, index: tuple[int, ...]) -> object:

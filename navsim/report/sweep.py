@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import LARGE, VERDICTS
-from navsim.io.swept import VERDICT, dimensions, heads, keys, outputs, rows, setting
+from navsim.io.swept import VERDICT, dimensions, heads, key_path, keys, outputs, rows, setting
 from navsim.report import table
 from navsim.report.table import Cell, Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
@@ -83,12 +83,13 @@ def tables(result: Result) -> list[Table | str]:
     combinations = int(result.attributes["combinations"])
     title = f"{combinations} combinations, method {result.attributes['method']}; the best for each output"
     dims, notes = dimensions(result), list[str]()
-    out = Table(title, ("output", "smallest", "median", "largest", *(f"best {name}" for name in names)))
+    columns = ("output", "smallest", "median", "largest", *(f"best {key_path(result, name)}" for name in names))
+    out = Table(title, columns)
     for name in shown(result):
-        cube = result[f"/sweep/{name}"]
+        cube, said = result[f"/sweep/{name}"], label(result, name)
         index = best(cube, large(result, name))
         if index is None:
-            out.add(name, table.ABSENT, table.ABSENT, table.ABSENT)
+            out.add(said, table.ABSENT, table.ABSENT, table.ABSENT)
             continue
         spread = [cell("{:.4g}", float(value)) for value in (np.nanmin(cube), np.nanmedian(cube), np.nanmax(cube))]
         tied = alike(cube, index)
@@ -98,11 +99,11 @@ def tables(result: Result) -> list[Table | str]:
         if ends:
             notes.append("* the end of its range: the best may lie beyond")
         if whole is None:
-            notes.append(f"{name}: {int(tied.sum())} combinations are as good as each other; the first one stands here")
+            notes.append(f"{said}: {int(tied.sum())} combinations are as good as each other; the first one stands here")
         places = (
             "any" if key in free else _place(setting(result, key, index), " *" if key in ends else "") for key in names
         )
-        out.add(name, *spread, *places)
+        out.add(said, *spread, *places)
     out.notes = "\n".join(dict.fromkeys(notes))
     judged = requirements(result)
     return [out] if judged is None else [out, judged]
@@ -235,6 +236,7 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
 
 
 def label(result: Result, name: str) -> str:
+    """An output in words, with its unit."""
     variable = result.variables[f"/sweep/{name}"]
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
 

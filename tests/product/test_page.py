@@ -16,11 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.models import ColorBar
 
+from navsim.io import swept
 from navsim.io.results import Result, read
 from navsim.kinds import KINDS
 from navsim.report import citations, tables
-from navsim.report.page import landing
+from navsim.report.page import landing, placement
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
 from navsim.report.table import Table
@@ -139,6 +141,24 @@ def test_a_page_has_all_that_is_shown(names: tuple[str, ...], place: Path) -> No
 def test_the_same_results_give_the_same_page(place: Path) -> None:
     assert drawn_anew(place, "covariance", "one") == made(place, "covariance", "one")
     assert drawn_anew(place, "sweep") == made(place, "sweep")
+
+
+def test_a_sweep_is_told_in_words_in_the_order_of_quantities(place: Path) -> None:
+    """Outputs by what they mean, with their units, varied keys as the scenario has them; colours with what they are of,
+    the runway whole."""
+    result = read(place / "sweep.h5")
+    (table,) = (part for part in view("sweep").tables([("sweep", result)]) if isinstance(part, Table))
+    assert table.heads[4:] == ("best pseudolites.count", "best pseudolites.s_m", "best pseudolites.l1_m")
+    firsts = [str(row.cells[0]) for row in table.rows]
+    assert firsts[:3] == [f"{dop}, mean over the glide" for dop in ("PDOP", "HDOP", "VDOP")]
+    assert firsts[-1] == "vertical RMS of a fix, mean over the glide, m"
+    drawings = placement.sweeps([("sweep", result)])
+    assert [drawing.name for drawing in drawings] == [f"{name}-0" for name in swept.outputs(result)]
+    for drawing, said in zip(drawings, firsts, strict=True):
+        for panel in drawing.panels:
+            assert [bar.title for bar in panel.select(ColorBar)] == [said]
+            assert panel.x_range.start < 0.0 < 1000.0 < panel.x_range.end
+            assert panel.y_range.start < 0.0 < panel.y_range.end
 
 
 def test_what_differs_is_said(place: Path) -> None:
@@ -376,8 +396,23 @@ def test_a_browser_finds_no_fault(browser: Any, place: Path, tmp_path: Path) -> 
         )
         assert skies
         assert all(wide == high > 200 for wide, high in skies)
+        # digests and paths are broken, not cut off
+        own = "(e => [e.scrollWidth, e.clientWidth])(document.querySelector('#provenance .scroll'))"
+        inner, outer = shown.evaluate(own)
+        assert inner <= outer or width < 800
         paper = shown.evaluate("getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, re.findall(r"\d+", paper)[:3])) > 600) == (scheme == "light")
+    # three lines under the pointer, one box is seen
+    panel = shown.locator("#dop-0")
+    panel.scroll_into_view_if_needed()
+    box = panel.bounding_box()
+    boxes = "[...document.querySelectorAll('.bk-Tooltip')].map(b => getComputedStyle(b).visibility)"
+    for x in (0.4, 0.5):
+        shown.mouse.move(box["x"] + x * box["width"], box["y"] + 0.5 * box["height"])
+    shown.wait_for_function(f"{boxes}.length === 3 && {boxes}.filter(v => v === 'visible').length === 1")
+    # on paper a figure that a page has room for is not parted
+    whole = shown.evaluate("[...document.querySelectorAll('figure')].filter(f => f.classList.contains('whole')).length")
+    assert 8 <= whole < Text(file.read_text()).tags["figure"]
     assert EVIL in shown.inner_text("header")
     assert said == [f"request: {file.as_uri()}"]
     printed = shown.pdf(format="A4")

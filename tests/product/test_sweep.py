@@ -237,7 +237,7 @@ outputs: [pdop, horizontal, vertical_200ft]
     assert np.all(np.abs(ratio - 1.0) < 0.15), ratio
     assert np.all(flown["/sweep/horizontal_low"] < flown["/sweep/horizontal"])
     assert np.all(np.diff(linear["/sweep/horizontal"], axis=0) < 0)
-    assert "pdop" in navsim("show", "covariance.h5", cwd=place).stdout
+    assert "PDOP" in navsim("show", "covariance.h5", cwd=place).stdout
 
 
 def test_latin_hypercube(place: Path) -> None:

@@ -15,7 +15,9 @@ from navsim.report.page.marks import (
     Key,
     Named,
     band,
+    band_key,
     colour,
+    drawn_as,
     from_runway,
     keys_of,
     level,
@@ -30,7 +32,10 @@ from navsim.report.page.marks import (
 from navsim.report.quantities import settled
 
 _NED = ("north", "east", "down")
-_BAND = Key("±3σ", GREY, "band")
+
+
+def _three_sigma(results: Sequence[Named]) -> Key:
+    return band_key("±3σ", colour(0), len(results) > 1)
 
 
 def replays(results: Sequence[Named]) -> list[Drawing]:
@@ -88,7 +93,7 @@ def _innovations(results: Sequence[Named]) -> Drawing:
                     low=which(-3.0 * sigma),
                     high=which(3.0 * sigma),
                 )
-                band(on, of, "low", "high", colour(i))
+                band(on, of, "low", "high", colour(i), len(results) > 1)
                 marks.append(line(on, of, "y", colour(i), name=called, line_width=1.0))
                 if np.isfinite(values).any():
                     # a few wild fixes must not flatten the rest
@@ -99,10 +104,9 @@ def _innovations(results: Sequence[Named]) -> Drawing:
                  ("3σ", f"@high{{0.000}} {unit}"))  # fmt: skip
             panels.append(on)
     thinned = most_thinned(some(r["/innovations/time"].size, 1000) for _, r in results)
-    caption = "Fix less prediction; shaded: 3σ of the filter. A few wild fixes lie beyond the axes." + thinned.words(
-        "epoch"
-    )
-    return Drawing("innovations", "Innovations", panels, caption, keys_of(results, _BAND), 3)
+    caption = f"Fix less prediction; {drawn_as(results)}: 3σ of the filter. A few wild fixes lie beyond the axes."
+    caption += thinned.words("epoch")
+    return Drawing("innovations", "Innovations", panels, caption, keys_of(results, _three_sigma(results)), 3)
 
 
 def _attitude(results: Sequence[Named]) -> Drawing:
@@ -184,7 +188,7 @@ def lives(results: Sequence[Named]) -> list[Drawing]:
             which = some(time.size)
             thinned.append(which)
             of = source(x=which(time), y=which(error), low=which(-sigma), high=which(sigma))
-            band(on, of, "low", "high", colour(i))
+            band(on, of, "low", "high", colour(i), len(results) > 1)
             marks.append(line(on, of, "y", colour(i), name=name))
             late = settled(time) if time.size else np.zeros(0, bool)
             seen += [np.abs(error[late]), sigma[late]]
@@ -192,7 +196,6 @@ def lives(results: Sequence[Named]) -> list[Drawing]:
         level(on, 0.0, dash="solid")
         tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("error", "@y{0.000} m"), ("3σ", "@high{0.000} m"))
         panels.append(on)
-    caption = "Errors of position, truth minus estimate; shaded: ±3σ of the filter." + most_thinned(thinned).words(
-        "output"
-    )
-    return [Drawing("errors", "Errors", panels, caption, keys_of(results, _BAND), 3)]
+    caption = f"Errors of position, truth minus estimate; {drawn_as(results)}: ±3σ of the filter."
+    caption += most_thinned(thinned).words("output")
+    return [Drawing("errors", "Errors", panels, caption, keys_of(results, _three_sigma(results)), 3)]

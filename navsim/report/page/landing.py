@@ -22,8 +22,10 @@ from navsim.report.page.marks import (
     Key,
     Named,
     band,
+    band_key,
     colour,
     downwards,
+    drawn_as,
     from_runway,
     keys_of,
     level,
@@ -286,7 +288,7 @@ def heights(results: Sequence[Named]) -> Drawing | None:
         for k, on in enumerate(panels):
             if len(kept) == 1 and not single(result):
                 _single_runs(on, flown["x"], found.runs[:, :, k])
-            lines, reached = _against_height(on, flown, found, k, single(result), colour(i), own)
+            lines, reached = _against_height(on, flown, found, k, single(result), colour(i), own, len(kept) > 1)
             marks[k] += lines
             seen[k] += [*reached, _bars(on, result, AXES[k], aside, colour(i))]
     for k, on in enumerate(panels):
@@ -302,19 +304,21 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += "from left to right. "
     what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
     what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and "/filter/error" in kept[0][2] else ""
-    what += "Bars: ±3σ of the filter where errors are told; shaded: the same all the way"
+    what += f"Bars: ±3σ of the filter where errors are told; {drawn_as(kept)}: the same all the way"
     what += ", where the runway runs along a parallel or meridian" if turned else "."
     what += " (across other axes σ is known at the bars alone, the RMS of a covariance analysis not)." if turned else ""
     what += most_thinned(thinned).words("output")
-    keys = keys_of(results, Key("±3σ of the filter", BLUE if len(kept) == 1 else GREY, "band"), of=kept)
+    keys = keys_of(results, band_key("±3σ of the filter", BLUE, len(kept) > 1), of=kept)
     return Drawing("heights", "Errors in runway axes against height", panels, what, keys, 3)
 
 
 def _against_height(
-    on: figure, flown: dict[str, np.ndarray], found: RunwayErrors, k: int, alone: bool, colour: str, own: dict[str, Any]
-) -> tuple[list[Any], list[np.ndarray]]:
+    on: figure, flown: dict[str, np.ndarray], found: RunwayErrors, k: int, alone: bool, colour: str,
+    own: dict[str, Any], several: bool,
+) -> tuple[list[Any], list[np.ndarray]]:  # fmt: skip
     """The error of a run, or 3 RMS of several, and 3 sigma, along the k-th axis; the marks to tell of, and sizes that
-    the plot has to reach. flown: heights and times. own: name and width of the line."""
+    the plot has to reach. flown: heights and times. own: name and width of the line. several: other results are
+    drawn beside it."""
     columns, late = dict(flown), settled(flown["time"])
     reached: list[np.ndarray] = []
     if found.sigma is not None:
@@ -329,7 +333,7 @@ def _against_height(
         reached.append(columns["up"][late])
     of = source(**columns)
     if found.sigma is not None:
-        band(on, of, "low", "high", colour)
+        band(on, of, "low", "high", colour, several)
     drawn = ["error"] if alone else ["up", "down"] if found.rms is not None else []
     return [line(on, of, each, colour, **own) for each in drawn][:1], reached
 
@@ -378,8 +382,9 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
             x, y = (which(each[known]) for each in points)
             of = source(x=x, y=y, run=which(result["/run"][known]))
             marks.append(
-                on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6, line_color=None, name=name)
-            )
+                on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6 if len(kept) == 1 else 1.0,
+                           line_color=None, name=name)
+            )  # fmt: skip
             if known.sum() >= _FEW and np.linalg.matrix_rank(spread := np.cov(points[:, known])) == 2:
                 rim = points[:, known].mean(axis=1)[:, None] + ellipse(spread)
                 line(on, source(x=rim[0], y=rim[1]), "y", colour(i))
@@ -445,7 +450,8 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
             of = source(left=edges[:-1], right=edges[1:], top=count / (errors[i].size * np.diff(edges)), count=count)
             marks.append(
                 on.quad(left="left", right="right", bottom=0.0, top="top", source=of, fill_color=colour(i),
-                        fill_alpha=0.3, line_color=colour(i), line_alpha=0.7, name=name)
+                        fill_alpha=0.3 if len(kept) == 1 else 0.0, line_color=colour(i),
+                        line_width=width(i, len(kept)), name=name)
             )  # fmt: skip
             sigma = float(result[f"/summary/at/{axis}_sigma"][0])
             x = np.linspace(edges[0], edges[-1], 121)
@@ -526,7 +532,7 @@ def states(results: Sequence[Named]) -> Drawing | None:
             seen[k] += [np.abs(drawn[late]), 3.0 * sigma[late, j] * scale]
         of = source(**columns)
         for k in mine:
-            band(panels[k], of, f"t{k}", f"s{k}", colour(i))
+            band(panels[k], of, f"t{k}", f"s{k}", colour(i), len(kept) > 1)
             marks[k].append(line(panels[k], of, f"e{k}", colour(i), name=name, line_width=width(i, len(kept))))
     for k, on in enumerate(panels):
         reach(on, seen[k], symmetric=any(single(r) for _, _, r, _ in kept))
@@ -536,9 +542,9 @@ def states(results: Sequence[Named]) -> Drawing | None:
     lone = [single(r) for _, _, r, _ in kept]
     what = "the error of the run, truth minus estimate" if all(lone) else "3 RMS over all runs"
     what = what if len(set(lone)) == 1 else "3 RMS over all runs, of one run its error"
-    caption = f"Line: {what}; shaded: 3σ of the filter. The axes fit what is left once the start has settled."
+    caption = f"Line: {what}; {drawn_as(kept)}: 3σ of the filter. The axes fit what is left once the start has settled."
     caption += most_thinned(thinned).words("output")
-    keys = keys_of(results, Key("3σ of the filter", GREY, "band"), of=kept)
+    keys = keys_of(results, band_key("3σ of the filter", BLUE, len(kept) > 1), of=kept)
     return Drawing("states", "All states of the filter over time", panels, caption, keys, 3)
 
 
@@ -547,7 +553,7 @@ def fixes(results: Sequence[Named]) -> Drawing | None:
     kept = having(results, "/receiver/position_llh")
     if not kept:
         return None
-    panels = []
+    panels, predicted = [], ORANGE if len(kept) == 1 else GREY
     for i, name, result in kept:
         on = plot(
             name if len(results) > 1 else "", "fix minus true antenna, east, m", "north, m", 340, match_aspect=True
@@ -560,14 +566,14 @@ def fixes(results: Sequence[Named]) -> Drawing | None:
                 "x", "y", source=source(x=shown[:, 1], y=shown[:, 0]), size=3, color=colour(i), alpha=0.5
             )
             rim = ellipse(np.nanmean(result["/receiver/covariance_enu"][:, :2, :2], axis=0))
-            line(on, source(x=rim[0], y=rim[1]), "y", ORANGE if colour(i) != ORANGE else BLUE)
+            line(on, source(x=rim[0], y=rim[1]), "y", predicted, line_width=2)
             tell(on, [drawn], ("east", "@x{0.00} m"), ("north", "@y{0.00} m"))
         panels.append(on)
     caption = (
         "Fixes of the receiver about where its antenna is, some of all runs alike, with the ellipse that holds 95 % by "
         "the mean of their predicted covariance."
     )
-    return Drawing("fixes", "Fixes", panels, caption, [Key("95 % as predicted", ORANGE)])
+    return Drawing("fixes", "Fixes", panels, caption, [Key("95 % as predicted", predicted)])
 
 
 def consistency(results: Sequence[Named]) -> Drawing:
@@ -591,15 +597,19 @@ def consistency(results: Sequence[Named]) -> Drawing:
                          else line(on, of, "y", colour(i), name=called, line_width=width(i, len(results))))  # fmt: skip
             values.append(data[settled(time)])
             if "band_low" in variable.attributes:
-                stretch(on, float(variable.attributes["band_low"]), float(variable.attributes["band_high"]), colour(i))
+                low, high = (float(variable.attributes[f"band_{end}"]) for end in ("low", "high"))
+                if len(results) == 1:
+                    stretch(on, low, high, colour(i))
+                for end in (low, high) if len(results) > 1 else ():
+                    level(on, end, colour(i), "dotted")
         level(on, 1.0, dash="solid")
         reach(on, values, 1.5)
         tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("per degree", "@y{0.000}"))
         panels.append(on)
     caption = (
         "Squared errors by the filter's own covariance, per degree of freedom: 1 is right, more is overconfident. "
-        "Shaded: where the mean of so many runs lies at 95 % of instants if the filter is right. Of a covariance "
-        "analysis: what is to be expected." + most_thinned(thinned).words("output")
+        f"{drawn_as(results).capitalize()}: where the mean of so many runs lies at 95 % of instants if the filter is "
+        "right. Of a covariance analysis: what is to be expected." + most_thinned(thinned).words("output")
     )
     return Drawing("consistency", "Consistency", panels, caption, keys_of(results), 3)
 

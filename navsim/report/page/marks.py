@@ -151,16 +151,31 @@ def line(on: figure, of: ColumnDataSource, y: str, colour: str, x: str = "x", **
     return on.line(x, y, source=of, line_color=colour, line_width=style.pop("line_width", 1.6), **style)
 
 
-def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, x: str = "x") -> Any:
-    """What lies between two columns."""
-    return on.varea(x, low, high, source=of, fill_color=colour, fill_alpha=0.18)
+def band(on: figure, of: ColumnDataSource, low: str, high: str, colour: str, several: bool = False) -> None:
+    """What lies between two columns. several: bands of several results lie over each other: only the ends are drawn,
+    dotted, since translucent colours would mix into those of nobody."""
+    if several:
+        for end in (low, high):
+            line(on, of, end, colour, line_dash="dotted", line_width=1)
+    else:
+        on.varea("x", low, high, source=of, fill_color=colour, fill_alpha=0.18)
+
+
+def drawn_as(results: Sequence[Any]) -> str:
+    """How a `band` of each of these is drawn, in a word."""
+    return "dotted" if len(results) > 1 else "shaded"
+
+
+def band_key(text: str, colour: str, several: bool = False) -> Key:
+    """The entry of a legend for a `band`."""
+    return Key(text, GREY, "dots") if several else Key(text, colour, "band")
 
 
 def tell(on: figure, marks: Sequence[Any], *said: tuple[str, str], vertical: bool = False) -> None:
     """What is said under the pointer of these marks: pairs of a label and a pattern of Bokeh's. vertical: of all marks
-    at the same x."""
+    at the same x. Each says one thing at a time, and of several marks the page shows what the nearest says."""
     on.add_tools(
-        HoverTool(renderers=list(marks), tooltips=list(said), mode="vline" if vertical else "mouse",
+        HoverTool(renderers=list(marks), tooltips=list(said), mode="vline" if vertical else "mouse", limit=1,
                   point_policy="snap_to_data", line_policy="nearest", attachment="horizontal")
     )  # fmt: skip
 
@@ -214,14 +229,14 @@ def image(
 
 
 def bar(on: figure, mapper: Any, label: str) -> None:
-    """The bar of colours beside a plot."""
+    """The bar of colours below a plot, where there is room for what it is of."""
     on.add_layout(
         ColorBar(
-            color_mapper=mapper, title=label, title_text_color=TEXT, title_text_font=FONT, title_text_font_size="11px",
-            title_text_font_style="normal", major_label_text_color=TEXT, background_fill_alpha=0.0, width=10,
-            bar_line_color=None, padding=4,
+            color_mapper=mapper, title=label, title_text_color=TEXT, title_text_font=FONT, title_text_font_size="12px",
+            title_text_font_style="normal", major_label_text_color=TEXT, major_label_text_font=FONT,
+            background_fill_alpha=0.0, height=10, bar_line_color=None, padding=4, title_standoff=3,
         ),
-        "right",
+        "below",
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from bokeh.plotting import figure
 
 from navsim.io.results import Result
 from navsim.io.schema import LARGE
+from navsim.io.swept import key_path
 from navsim.report import optimize, sweep
 from navsim.report.page.marks import (
     GREY,
@@ -52,7 +53,8 @@ def sweeps(results: Sequence[Named]) -> list[Drawing]:
         moved = sweep.plane(result)
         for each in outputs[:_MOST_MAPS]:
             made = _map(result, each, moved) if moved else _curves(result, each)
-            title = f"{each}{f' ({name})' if len(results) > 1 else ''}"
+            said = result.variables[f"/sweep/{each}"].long_name
+            title = f"{said[:1].upper()}{said[1:]}{f' ({name})' if len(results) > 1 else ''}"
             panels, caption, keys = made
             left = len(outputs) - _MOST_MAPS
             caption += (
@@ -60,7 +62,7 @@ def sweeps(results: Sequence[Named]) -> list[Drawing]:
                 if left > 0 and each == outputs[_MOST_MAPS - 1]
                 else ""
             )
-            out.append(Drawing(f"{each}-{k}", title, panels, caption, keys))
+            out.append(Drawing(f"{each}-{k}", title, panels, caption, keys, min(2, len(panels))))
     return out
 
 
@@ -68,22 +70,35 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
     better = sweep.large(result, name)
     low, high = sweep.colours(result[f"/sweep/{name}"], better)
     mapper = shades(low, high, reverse=not better)
-    panels = []
+    panels, hollow = [], False
     for panel in sweep.panels(result, name, moved):
-        on = plot(panel.title, "along the runway from the threshold, m", "right of the axis, m", 320)
+        on = plot(panel.title, "along the runway from the threshold, m", "right of the axis, m", 350)
         marks: list[Any] = []
+        if not np.isfinite(panel.values).all():
+            hollow = True
+            for site in panel.sites:
+                _ground(on, *site)
         for (along, right), corners in zip(panel.sites, panel.corners, strict=True):
             marks.append(_cells(on, panel.values, along, right, corners, mapper))
-        bar(on, mapper, "")
+        bar(on, mapper, sweep.label(result, name))
         if panel.best is not None:
             star = source(x=panel.best[0], y=panel.best[1])
             on.scatter("x", "y", source=star, marker="star", size=15, fill_color=ORANGE, line_color="white")
         _runway(on, result, panel.sites)
-        tell(on, marks, ("along", "$x{0} m"), ("right", "$y{0} m"), (name, "@image{0.0000}"))
+        unit = result.variables[f"/sweep/{name}"].units
+        tell(on, marks, ("along", "$x{0} m"), ("right", "$y{0} m"),
+             ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
         panels.append(on)
-    text = f"{sweep.label(result, name)}, by where pseudolites stand; star: the best."
-    text += " Nothing is drawn where there is no solution."
-    return panels, text, [_RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star")]
+    text = f"Colours: {sweep.label(result, name)}, by where pseudolites stand; star: the best."
+    keys = [_RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star")]
+    return panels, text, [*keys, Key("no solution", GREY, "band")] if hollow else keys
+
+
+def _ground(on: figure, along: np.ndarray, right: np.ndarray) -> None:
+    """Shade what places span, before a map with holes is drawn over it."""
+    ends = [(float(np.nanmin(each)), float(np.nanmax(each))) for each in (along, right)]
+    on.quad(left=ends[0][0], right=ends[0][1], bottom=ends[1][0], top=ends[1][1], fill_color=GREY, fill_alpha=0.3,
+            line_color=None, level="image")  # fmt: skip
 
 
 def _cells(
@@ -114,27 +129,25 @@ def _cells(
 
 
 def _runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Runway and ground track, as far as they lie by the map."""
+    """Runway and ground track by a map: the whole runway, where the map keeps half of the axes."""
     along, right = (np.concatenate([site[i].ravel() for site in sites]) for i in (0, 1))
-    ends = [(float(np.nanmin(each)), float(np.nanmax(each))) for each in (along, right)]
-    on.line([0.0, setting(result, "runway", "length_m")], [0.0, 0.0], line_color=GREY, line_width=5)
+    length = float(setting(result, "runway", "length_m"))
+    on.line([0.0, length], [0.0, 0.0], line_color=GREY, line_width=5)
     if "/plan/track_along" in result:
         of = source(x=result["/plan/track_along"], y=result["/plan/track_right"])
         line(on, of, "y", GREY, line_dash="dashed")
-    for axis, (low, high) in zip(("x_range", "y_range"), ends, strict=True):
+    for axis, each, more in (("x_range", along, (0.0, length)), ("y_range", right, (0.0, 0.0))):
+        low, high = float(np.nanmin(each)), float(np.nanmax(each))
+        wide = min(low, *more), max(high, *more)
+        low, high = wide if wide[1] - wide[0] <= 2.0 * (high - low) else (low, high)
         room = 0.06 * max(high - low, 1.0)
-        low, high = (
-            (min(low, 0.0), max(high, 0.0))
-            if axis == "y_range" and min(abs(low), abs(high)) < 0.1 * (high - low)
-            else (low, high)
-        )
         setattr(on, axis, Range1d(low - room, high + room))
     from_runway(on)
 
 
 def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
     of = sweep.curves(result, name, _MOST_CURVES)
-    on = plot("", of.axis, sweep.label(result, name), 320)
+    on = plot("", _axis_words(result, of.axis), sweep.label(result, name), 320)
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
     said = [as_text(value) for value in of.x]
@@ -146,9 +159,15 @@ def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
         marks.append(on.scatter("x", "y", source=columns, size=6, color=colour(k), name=which or name))
     if not numeric:
         ticks(on, on.xaxis[0], [float(each) for each in at], said)
-    tell(on, marks, ("", "$name"), (of.axis, "@said"), (name, "@y{0.0000}"))
+    unit = result.variables[f"/sweep/{name}"].units
+    tell(on, marks, ("", "$name"), (of.axis, "@said"), ("value", "@y{0.0000}" + ("" if unit == "1" else f" {unit}")))
     keys = [Key(which, colour(k)) for k, which in enumerate(of.names) if which]
     return [on], f"{sweep.label(result, name)}.{f' Shown: {of.some}.' if of.some else ''}", keys
+
+
+def _axis_words(result: Result, axis: str) -> str:
+    """What runs along an axis: its key as the scenario has it, or, of several keys, the number of the point."""
+    return key_path(result, axis) if f"/sweep/axes/{axis}" in result else axis
 
 
 def optima(results: Sequence[Named]) -> list[Drawing]:
@@ -169,12 +188,12 @@ def _front(results: Sequence[Named]) -> Drawing:
         for i, name, result in mine:
             counts, found, met = optimize.front_points(result)
             values.append(found)
-            said = (
+            verdicts = (
                 ["requirements met" if each else "requirements not met" for each in met]
                 if met is not None
                 else [""] * len(counts)
             )
-            of = source(x=counts, y=found, said=said)
+            of = source(x=counts, y=found, said=verdicts)
             line(on, of, "y", colour(i))
             marks.append(on.scatter("x", "y", source=of, size=9, color=colour(i), name=name))
             if met is not None:
@@ -182,13 +201,14 @@ def _front(results: Sequence[Named]) -> Drawing:
                 on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=ORANGE, line_width=2)
         on.xaxis[0].ticker = sorted({int(c) for _, _, r in mine for c in optimize.front_points(r)[0]})
         reach(on, values)
-        tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), (objective, "@y{0.0000}"), ("", "@said"))
+        said = (optimize.label(mine[0][2]), "@y{0.0000}")
+        tell(on, marks, ("", "$name"), ("pseudolites", "@x{0}"), said, ("", "@said"))
         panels.append(on)
     judged = any("/front/met" in r for _, r in results)
     caption = "The best found for each number of pseudolites." + (
         " Crosses: requirements are not met." if judged else ""
     )
-    return Drawing("front", "What pseudolites buy", panels, caption, keys_of(results))
+    return Drawing("front", "What pseudolites buy", panels, caption, keys_of(results), min(2, len(panels)))
 
 
 def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
@@ -197,7 +217,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     s, along = result["/map/s"], -result["/map/l1"]
     panels = []
     for i, count in enumerate(map(int, result["/pseudolites"])):
-        on = plot(optimize.plan_title(result, i), "along the runway from the threshold, m", "right of the axis, m", 340)
+        on = plot(optimize.plan_title(result, i), "along the runway from the threshold, m", "right of the axis, m", 410)
         values = result["/map/objective"][i]
         known = values[np.isfinite(values)]
         sites = (-result["/optimum/l1"][i][:count], result["/optimum/s"][i][:count])
@@ -207,7 +227,9 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
             flipped = values[:, ::-1] if along[-1] < along[0] else values
             half = [0.5 * abs(float(e[1] - e[0])) if e.size > 1 else 1.0 for e in (along, s)]
             ends = [(float(e.min()) - h, float(e.max()) + h) for e, h in zip((along, s), half, strict=True)]
-            drawn = image(on, flipped if s[-1] > s[0] else flipped[::-1], ends[0], ends[1], mapper, "")
+            flipped = flipped if s[-1] > s[0] else flipped[::-1]
+            _ground(on, *map(np.array, ends))
+            drawn = image(on, flipped, ends[0], ends[1], mapper, optimize.label(result))
             tell(on, [drawn], ("along", "$x{0} m"), ("right", "$y{0} m"), ("PL1 there", "@image{0.0000}"))
         of = source(x=sites[0], y=sites[1], said=[f"PL{n + 1}" for n in range(count)])
         stars = on.scatter("x", "y", source=of, marker="star", size=15, fill_color=ORANGE, line_color="white")
@@ -217,11 +239,12 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
         panels.append(on)
     unmet = ", or requirements are not met" if "/front/met" in result else ""
     caption = (
-        f"{optimize.label(result)}: colours tell it with PL1 moved there and the others kept; nothing is drawn where "
-        f"that is not allowed{unmet}. Stars: the placement found."
+        f"Colours: {optimize.label(result)}, with PL1 moved there and the others kept; grey where that is not allowed"
+        f"{unmet}. Stars: the placement found."
     )
     title = f"Placement map{f' ({name})' if several else ''}"
-    return Drawing(f"plan-{k}", title, panels, caption, [_RUNWAY, Key("pseudolites", ORANGE, "star")])
+    keys = [_RUNWAY, Key("pseudolites", ORANGE, "star"), Key(f"not allowed{unmet}", GREY, "band")]
+    return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))
 
 
 def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:

@@ -63,7 +63,10 @@ def _exceedance(results: Sequence[Named], first: int) -> Drawing:
             of = source(
                 x=which(each.size), y=which(each.chance), low=np.maximum(which(each.low), floor), high=which(each.high)
             )
-            on.varea_step("x", "low", "high", source=of, step_mode="after", fill_color=colour(i), fill_alpha=0.2)
+            if len(curves) == 1:
+                on.varea_step("x", "low", "high", source=of, step_mode="after", fill_color=colour(i), fill_alpha=0.2)
+            for end in ("low", "high") if len(curves) > 1 else ():  # translucent colours would mix
+                on.step("x", end, source=of, mode="after", line_color=colour(i), line_dash="dotted")
             marks.append(on.step("x", "y", source=of, mode="after", line_color=colour(i), line_width=1.6, name=name))
             line(on, source(x=each.grid, y=each.first_order), "y", colour(i), line_dash="dashed")
             upright(on, each.limit, colour(i) if len(results) > 1 else GREY)
@@ -88,7 +91,8 @@ def _runs(results: Sequence[Named], first: int) -> Drawing:
         which = some(len(error))
         weight = np.exp(result["/rare/log_weight"])
         of = source(x=which(error[:, 0]), y=which(error[:, 2]), weight=which(weight))
-        marks.append(on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6, line_color=None, name=name))
+        marks.append(on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6 if len(results) == 1 else 1.0,
+                                line_color=None, name=name))  # fmt: skip
         for k, side in ((0, upright), (2, level)):
             for end in box_limits(result, k) or ():
                 side(on, end, colour(i) if len(results) > 1 else GREY)

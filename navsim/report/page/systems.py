@@ -198,11 +198,11 @@ def _where(result: Result, anchor: str, called: str) -> Drawing:
     for values, across, label in zip(both, (result["/map/azimuth_sigma"], result["/map/report_age"]),
                                      ("σ of azimuth, deg", "age of reports, s"), strict=True):  # fmt: skip
         columns = [f"{x:g}" for x in across]
-        on = plot("", label, "scan period, s", 320, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
+        on = plot("", label, "scan period, s", 370, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
         drawn = _cells(on, rows, columns, values, "{:.2f}", mapper)
         tell(on, [drawn], (label, "@x"), ("scan period", "@y s"), ("Singer / L4", "@value{0.000}"))
+        bar(on, mapper, "RMSE of Singer over that of L4")
         panels.append(on)
-    bar(panels[-1], mapper, "")
     low, high = azimuth.CLAIM
     caption = (
         f"Singer's error over that of L4, each at its best, in the manoeuvre; the paper claims {low:g} to {high:g}."
