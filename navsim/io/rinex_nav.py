@@ -37,12 +37,30 @@ _KLOBUCHAR = ("LNAV", "CNVX")
 """Messages of GPS that send Klobuchar's coefficients; they are the same ones."""
 
 
+_TIME_OFFSETS = {"GAGP": GALILEO, "GPGA": GALILEO, "QZGP": QZSS}
+"""Offsets of times of systems to that of GPS in headers of version 3, by their codes; GPGA is an older name [2]."""
+
+
+@dataclass(frozen=True)
+class TimeOffset:
+    """Time of a system less GPS time, as its messages say: a0, s, and its rate a1 at `reference`, gpst, s."""
+
+    a0: float
+    a1: float
+    reference: float
+
+    def at(self, gpst: float) -> float:
+        """The offset at a time, s."""
+        return self.a0 + self.a1 * (gpst - self.reference)
+
+
 @dataclass(frozen=True)
 class Navigation:
     """Messages of a navigation file: elements by system and message, glonass (None where the file has none), Klobuchar
     coefficients alpha, beta (4,) or None (of several the newest), GPS - UTC in s or None, how many records were skipped
     since they are not modelled, or not wanted: by letter of the system, in version 4 by system and message (`G CNAV`,
-    `STO G LNAV`). left_out: what of a damaged file was left out, in words."""
+    `STO G LNAV`). left_out: what of a damaged file was left out, in words. offsets: of times of systems to GPS time, of
+    the header of a file of version 3."""
 
     elements: Mapping[tuple[System, str], gps.Elements]
     glonass: StateVectors | None
@@ -50,6 +68,7 @@ class Navigation:
     leap_seconds: int | None
     skipped: dict[str, int] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+    offsets: Mapping[System, TimeOffset] = field(default_factory=dict)
 
     @property
     def gps(self) -> gps.Elements | None:
@@ -89,7 +108,7 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
     """
     dropped = Dropped(lenient)
     lines = read_lines(path, dropped)
-    version, system, klobuchar, leap, first = _header(path, lines)
+    version, system, klobuchar, leap, offsets, first = _header(path, lines)
     wanted = [of for of in _READ if of in systems]
     records: dict[tuple[System, str], list[tuple[float, ...]]] = {}
     usual = dict.fromkeys(_READ, 0)
@@ -124,11 +143,16 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
         leap,
         skipped,
         dropped.said(),
+        offsets,
     )
 
 
-def _header(path: Path, lines: list[str]) -> tuple[float, str, tuple[np.ndarray, np.ndarray] | None, int | None, int]:
-    """Version, system letter, Klobuchar coefficients, leap seconds, index of the first line after the header."""
+_Header = tuple[float, str, tuple[np.ndarray, np.ndarray] | None, int | None, dict[System, TimeOffset], int]
+
+
+def _header(path: Path, lines: list[str]) -> _Header:
+    """Version, system letter, Klobuchar coefficients, leap seconds, offsets of times of systems, index of the first
+    line after the header."""
     version, system = rinex_version(path, lines)
     kind = lines[0][20:21]
     of_old_files = {of.old_file: of.letter for of in SYSTEMS if of.old_file}
@@ -137,6 +161,7 @@ def _header(path: Path, lines: list[str]) -> tuple[float, str, tuple[np.ndarray,
     if version < 3.0:
         system = of_old_files[kind]
     corrections: dict[str, np.ndarray] = {}
+    offsets: dict[System, TimeOffset] = {}
     leap = None
     for index, line in enumerate(lines[1:], 2):
         label = line[60:80].strip()
@@ -146,12 +171,24 @@ def _header(path: Path, lines: list[str]) -> tuple[float, str, tuple[np.ndarray,
         elif label == "IONOSPHERIC CORR" and line[:4] in ("GPSA", "GPSB"):
             values = [number(path, index, line[5 + 12 * i : 17 + 12 * i], label) for i in range(4)]
             corrections[line[:4]] = np.array(values)
+        elif label == "TIME SYSTEM CORR" and (of := _TIME_OFFSETS.get(line[:4])) is not None:
+            offsets[of] = _time_offset(path, index, line)
         elif label == "LEAP SECONDS":
             leap = int(within(path, index, whole(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
         elif label == "END OF HEADER":
             both = {"GPSA", "GPSB"} <= corrections.keys()
-            return version, system, (corrections["GPSA"], corrections["GPSB"]) if both else None, leap, index
+            ionosphere = (corrections["GPSA"], corrections["GPSB"]) if both else None
+            return version, system, ionosphere, leap, offsets, index
     raise FileError(len(lines), "the file ends within its header: no END OF HEADER", path)
+
+
+def _time_offset(path: Path, index: int, line: str) -> TimeOffset:
+    """That of a line TIME SYSTEM CORR [2, table A5]."""
+    a0, a1, second, week = (
+        number(path, index, line[first:last], f"TIME SYSTEM CORR, {name}")
+        for first, last, name in ((5, 22, "a0"), (22, 38, "a1"), (38, 45, "reference time"), (45, 50, "week"))
+    )
+    return TimeOffset(a0, a1, week * timescales.WEEK + second)
 
 
 def rinex_version(path: Path, lines: list[str]) -> tuple[float, str]:

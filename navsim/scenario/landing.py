@@ -152,6 +152,10 @@ class Landing(Section):
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.one_clock:
             text = "a receiver with a clock unknown for each system does not notice: for `receiver.one_clock: true`"
             raise reject(text, "signals", "system_offset_sigma_ns")
+        for name, value in self.signals.system_offsets_ns.items():
+            if value == "broadcast" and self.sky.source != "navigation":
+                text = "messages say it: give `sky: {source: navigation, navigation: [FILE]}`, or a number"
+                raise reject(text, "signals", "system_offsets_ns", name)
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
         if self.method != "monte-carlo":

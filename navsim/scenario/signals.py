@@ -491,8 +491,12 @@ class SignalsSection(Section):
     """errors that last, whatever they come from, in place of the preset's"""
     gps_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """GPS time less GLONASS time, which a receiver with a clock unknown for each does not notice"""
-    system_offsets_ns: dict[Name, Annotated[float, Field(ge=-1e9, le=1e9)]] = Field(default_factory=dict)
-    """time of other systems less GLONASS time, by name; the receiver's own bias between their signals is in it"""
+    system_offsets_ns: dict[Name, Annotated[float, Field(ge=-1e9, le=1e9)] | Literal["broadcast"]] = Field(
+        default_factory=dict
+    )
+    """time of other systems less GLONASS time, by name; the receiver's own bias between their signals is in it;
+    broadcast: gps_offset_ns and what the header of sky.navigation says of galileo or qzss, without such a bias; the
+    stored scenario has the number"""
     system_offset_sigma_ns: NonNegative = 0.0
     """1 sigma of what is drawn for each run of the offset of each system to the first of the sky; for `one_clock`"""
 
@@ -534,7 +538,10 @@ class SignalsSection(Section):
         from navsim.core.arrays.earth import SPEED_OF_LIGHT
 
         # a clock ahead of the other makes its signals seem to come earlier
-        ahead = {**self.system_offsets_ns, GPS.name: self.gps_offset_ns}
+        ahead = {GPS.name: self.gps_offset_ns}
+        for name, value in self.system_offsets_ns.items():
+            assert value != "broadcast", "files have been read"
+            ahead[name] = value
         return tuple(-SPEED_OF_LIGHT * ahead[c] * 1e-9 if c in ahead else 0.0 for c in CLOCKS)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from navsim.models.constellation import Constellation
 from navsim.models.design import design
 from navsim.models.signals import Satellites
 from navsim.models.sky import Horizon
-from navsim.models.systems import CLOCKS, NAMES, SYSTEMS
+from navsim.models.systems import CLOCKS, NAMES, SYSTEMS, System
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES, Sky
 from navsim.scenario.source import Document, InputError, Place, Problem
@@ -36,7 +38,7 @@ def read_satellites(
         files = _Files(scenario, document, key)
         for name in getattr(sky, key):
             constellations += files.read(name, _READERS[key], utc, warnings)
-        scenario = files.with_checksums()
+        scenario = files.with_what_they_say()
         if not constellations:
             where = document.place(("sky", key))
             message = f"no satellite of {' or '.join(s.name for s in wanted)}{''.join(f'; {w}' for w in warnings)}"
@@ -92,8 +94,13 @@ def horizon_of(scenario: Landing, document: Document) -> tuple[Horizon | None, L
     return horizon, scenario.model_copy(update={"sky": pinned})
 
 
-_Read = tuple[Sequence[Constellation], Sequence[str]]
-"""Constellations of a file, and what the user should hear of it."""
+class _Read(NamedTuple):
+    """Constellations of a file, what the user should hear of it, and times of systems less GPS time, s, at the epoch,
+    as it has them."""
+
+    constellations: Sequence[Constellation]
+    remarks: Sequence[str]
+    offsets: Mapping[System, float] = MappingProxyType({})
 
 
 # what reads files is imported for those who have some
@@ -111,21 +118,22 @@ def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
             f"{found.untitled} of its two-line elements have no names, which would tell their systems; give "
             f"sky.almanac_system ({' or '.join(NAMES)}), or a file with names",
         )
-    return found.constellations, found.not_used
+    return _Read(found.constellations, found.not_used)
 
 
 def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     from navsim.io.rinex_nav import read_nav
 
     found = read_nav(path, sky.lenient, sky.wanted())
-    return found.constellations(sky.messages()), found.left_out
+    offsets = {system: each.at(float(timescales.gps_from_utc(utc))) for system, each in found.offsets.items()}
+    return _Read(found.constellations(sky.messages()), found.left_out, offsets)
 
 
 def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
     from navsim.io.sp3 import read_sp3
 
     table = read_sp3(path, sky.lenient)
-    return [orbits for orbits in map(table.of, SYSTEMS) if orbits.names], table.left_out
+    return _Read([orbits for orbits in map(table.of, SYSTEMS) if orbits.names], table.left_out)
 
 
 _READERS: dict[str, Callable[[Path, float, Sky], _Read]] = {
@@ -142,6 +150,7 @@ class _Files:
         self.scenario, self.document, self.key = scenario, document, key
         self.wanted = getattr(scenario.sky, f"{key}_sha256")
         self.found: list[str] = []
+        self.offsets: dict[System, float] = {}
 
     def read(
         self, name: str, reader: Callable[[Path, float, Sky], _Read], utc: float, warnings: list[str]
@@ -152,7 +161,7 @@ class _Files:
         path = self.document.resolve(place, name)
         try:
             checksum = files.checksum(path)
-            constellations, remarks = reader(path, utc, self.scenario.sky)
+            read = reader(path, utc, self.scenario.sky)
         except FileError as error:
             curable = error.salvageable and self.key in LENIENT
             cure = "; `sky.lenient: true` takes what is whole" if curable else ""
@@ -164,12 +173,25 @@ class _Files:
         if self.wanted is not None and (number >= len(self.wanted) or checksum != self.wanted[number]):
             raise self._wrong(name, path, f"has the checksum {checksum}, not the one of sky.{self.key}_sha256")
         self.found.append(checksum)
-        warnings += [f"{name}: {remark}" for remark in remarks]
-        return constellations
+        warnings += [f"{name}: {remark}" for remark in read.remarks]
+        self.offsets |= read.offsets
+        return read.constellations
 
-    def with_checksums(self) -> Landing:
+    def with_what_they_say(self) -> Landing:
+        """The scenario with their checksums, and the offsets of times that it takes from them as numbers."""
         sky = self.scenario.sky.model_copy(update={f"{self.key}_sha256": tuple(self.found)})
-        return self.scenario.model_copy(update={"sky": sky})
+        signals, numbers = self.scenario.signals, dict(self.scenario.signals.system_offsets_ns)
+        for name, value in signals.system_offsets_ns.items():
+            if value != "broadcast":
+                continue
+            offset = next((s for system, s in self.offsets.items() if system.name == name), None)
+            if offset is None:
+                key = ("signals", "system_offsets_ns", name)
+                text = f"no header of sky.navigation says how far {name} time is from GPS time (TIME SYSTEM CORR)"
+                raise InputError([Problem(self.document.place(key), ".".join(key), text)])
+            numbers[name] = round(signals.gps_offset_ns + 1e9 * offset, 6)
+        signals = signals.model_copy(update={"system_offsets_ns": numbers})
+        return self.scenario.model_copy(update={"sky": sky, "signals": signals})
 
     def _wrong(self, name: str, path: Path, message: str, line: int = 0) -> InputError:
         named = self.document.place(("sky", self.key))

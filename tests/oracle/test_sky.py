@@ -19,6 +19,7 @@ from navsim.models.design import design
 from navsim.models.sky import azimuth_elevation, enu_matrix
 from navsim.models.systems import BEIDOU, GALILEO, GPS, QZSS, SYSTEMS, System
 from navsim.scenario.load import read
+from navsim.scenario.source import InputError
 from navsim.study.landing import prepare
 from tests.conftest import DATA, SCENARIOS, Within
 
@@ -203,6 +204,51 @@ WALKER = gps.on_circles(
     GALILEO, np.arange(1, 25), 29599.801e3, np.radians(56.0), walker.walker(3, 8, 15.0, (0.0, 0.0)),
     DATE_OF_SLOTS, DATE_OF_SLOTS,
 )  # fmt: skip
+
+
+@pytest.mark.validates("GPS's 24 slots", "GPS SPS Performance Standard (2001), Table 3-1", angle="5e-3 deg")
+def test_slots_of_the_standard(shared: Path, within: Within) -> None:
+    """Directions from the Earth's centre by the nodes, arguments and the Greenwich hour angle of the table."""
+    given = oracle("gps_24_slots")
+    utc = timescales.posix(*(int(part) for part in given["epoch"][:10].split("-")))
+    records = gps.nominal(utc).records
+    np.testing.assert_allclose(np.degrees(records.i0), given["inclination_deg"], rtol=1e-15)
+    np.testing.assert_allclose(records.sqrt_a**2, 1e3 * given["a_km"], rtol=1e-15)
+    rows = np.loadtxt(shared / "data/almanacs/gps_24_slots.csv", delimiter=",", skiprows=2, usecols=(1, 2))
+    node, argument = np.radians(rows - [given["greenwich_hour_angle_deg"], 0.0]).T
+    sin, cos, tilt = np.sin(argument), np.cos(argument), np.radians(given["inclination_deg"])
+    place = np.stack([cos * np.cos(node) - sin * np.cos(tilt) * np.sin(node),
+                      cos * np.sin(node) + sin * np.cos(tilt) * np.cos(node), sin * np.sin(tilt)], axis=1)  # fmt: skip
+    found = gps.nominal(utc).state(np.array([float(timescales.gps_from_utc(utc))]))[0][0]
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    apart = np.degrees(np.arccos(np.clip(np.sum(place * found, axis=1), -1.0, 1.0)))
+    assert apart.max() < within["angle"]
+
+
+@pytest.mark.validates("Galileo's time against GPS's", "the header GAGP of a real day", offset="1e-4 m")
+def test_time_offset_of_messages(navigation: Navigation, shared: Path, within: Within) -> None:
+    """As the header says it, at any time of its line; a scenario takes it on request, and stores the number."""
+    given = oracle("ggto")
+    offset = navigation.offsets[GALILEO]
+    assert (offset.a0, offset.a1) == (given["a0_s"], given["a1"])
+    assert offset.reference == given["week"] * 604800.0 + given["t_ref_s"]
+    assert SPEED_OF_LIGHT * offset.at(offset.reference) == pytest.approx(given["offset_m_at_ref"], abs=within["offset"])
+    assert offset.at(offset.reference + 1e4) == given["a0_s"] + 1e4 * given["a1"]
+    sky = f"sky={{source: navigation, navigation: [{shared / BROADCAST}], systems: [gps, galileo]}}"
+    flown, document = read(SCENARIOS / "landing.yaml", [
+        sky, "epoch=2020-06-25T12:00:00Z", "signals={gps_offset_ns: 1, system_offsets_ns: {galileo: broadcast}}",
+        "receiver.one_clock=true",
+    ])  # fmt: skip
+    stored = prepare(flown, document).scenario
+    now = float(timescales.gps_from_utc(flown.epoch.timestamp()))
+    assert stored.signals.system_offsets_ns["galileo"] == pytest.approx(1.0 + 1e9 * offset.at(now), abs=1e-6)
+    assert stored.signals.offsets()[3] == pytest.approx(-SPEED_OF_LIGHT * (1e-9 + offset.at(now)), abs=1e-6)
+
+
+def test_no_time_offset() -> None:
+    """Of what no file says, and no file is named for."""
+    with pytest.raises(InputError, match=r"system_offsets_ns\.galileo: messages say it"):
+        read(SCENARIOS / "landing.yaml", ["signals.system_offsets_ns={galileo: broadcast}"])
 
 
 @pytest.mark.validates(
