@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -180,9 +181,13 @@ def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:
     from navsim.report.table import Table, chosen, console
 
     if how.rows is not None:
-        parts = [table for part in parts if isinstance(part, Table) and (table := chosen(part, how.rows)).rows]
+        tables = [part for part in parts if isinstance(part, Table)]
+        parts = chosen(tables, how.rows)
         if not parts:
-            leave(BAD_INPUT, f"--rows {how.rows}: no table has such a row")
+            named = {str(row.cells[0]).strip() for table in tables for row in table.rows}
+            near = difflib.get_close_matches(how.rows, sorted(named), n=3)
+            ask = f"nearest: {'; '.join(near)}" if near else "without --rows all stand there"
+            leave(BAD_INPUT, f"--rows {how.rows}: no row has it, nor a heading of rows; {ask}")
     if how.format == "terminal":
         print_console(console(parts), width)
     else:
@@ -191,17 +196,17 @@ def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:
 
 def _written(parts: Sequence[Table | str], form: str) -> str:
     """Tables, and words between them, as text of a format; as CSV tables alone."""
-    from navsim.report.table import TIDY, Table, csv_text, markdown, tex, tex_text, tidy
+    from navsim.report.table import TIDY, Table, csv_text, markdown, markdown_text, tex, tex_text, tidy
 
     if form == "csv":
         return csv_text(TIDY, (row for part in parts if isinstance(part, Table) for row in tidy(part)))
     lines: list[str] = []
     for part in parts:
         if not isinstance(part, Table):
-            lines += [part if form == "markdown" else tex_text(part), ""]
+            lines += [markdown_text(part) if form == "markdown" else tex_text(part), ""]
         elif form == "markdown":
-            lines += [*([f"**{part.title}**", ""] if part.title else []), *markdown(part)]
-            lines += [part.notes, ""] if part.notes else []
+            lines += [*([f"**{markdown_text(part.title)}**", ""] if part.title else []), *markdown(part)]
+            lines += [markdown_text(part.notes), ""] if part.notes else []
         else:
             lines += tex(part)
     return "\n".join(lines) + "\n"

@@ -127,8 +127,9 @@ def _against(a: Cell | str, b: Cell | str, apart: bool) -> list[Cell | str]:
         pairs = [(float(x), float(y)) for x, y in zip(a.values, b.values, strict=False)]
         differences = tuple(y - x for x, y in pairs)
         ratios = tuple(y / x if x else math.nan for x, y in pairs)
-        return [Cell("  ".join([f"{{:+{digits}}}"] * len(pairs)), differences, several=True),
-                Cell("  ".join(["{:.3f}"] * len(pairs)), ratios, several=True, unit="1")]  # fmt: skip
+        names = b.names[: len(pairs)]
+        return [Cell("  ".join([f"{{:+{digits}}}"] * len(pairs)), differences, several=True, names=names),
+                Cell("  ".join(["{:.3f}"] * len(pairs)), ratios, several=True, names=names, unit="1")]  # fmt: skip
     x, y = float(a.values[0]), float(b.values[0])
     if not math.isfinite(x) or not math.isfinite(y):
         return [ABSENT, ABSENT]

@@ -48,7 +48,8 @@ def _pairs(result: Result, title: str, pattern: str, *names: str) -> Table:
     out = _table(result, title)
     for k, added in enumerate(result["/pseudolites"]):
         pairs = zip(*(result[f"/useful/{name}"][k].tolist() for name in names), strict=True)
-        out.add(str(added), *(Cell(pattern, pair) if np.isfinite(pair).any() else ABSENT for pair in pairs))
+        cells = (Cell(pattern, pair, names=names) if np.isfinite(pair).any() else ABSENT for pair in pairs)
+        out.add(str(added), *cells)
     return out
 
 
@@ -59,7 +60,8 @@ def _useful(result: Result) -> list[Table]:
         "{:.2f} / {:.2f}", "worst", "median",
     )  # fmt: skip
     counts = zip(result["/useful/subsets"].tolist(), result["/useful/subsets_of_all"].tolist(), strict=True)
-    shares.add("subsets", *(Cell("{} of {}", pair, trials=pair[1], trial="subset") for pair in counts))
+    names = ("count", "of")
+    shares.add("subsets", *(Cell("{} of {}", pair, trials=pair[1], trial="subset", names=names) for pair in counts))
     title = "The levels themselves: HPL / VPL, m, median over epochs, median subset"
     return [shares, _pairs(result, title, "{:.0f} / {:.0f}", "hpl", "vpl")]
 

@@ -22,7 +22,8 @@ def _reach(values: np.ndarray) -> Cell | str:
     known = values[np.isfinite(values)]
     if not known.size:
         return ABSENT
-    return cell("{:.0f} - {:.0f}" + ("" if known.size == values.size else " *"), float(known.min()), float(known.max()))
+    pattern = "{:.0f} - {:.0f}" + ("" if known.size == values.size else " *")
+    return cell(pattern, float(known.min()), float(known.max()), names=("smallest", "largest"))
 
 
 def tables(result: Result) -> list[Table | str]:
@@ -101,8 +102,9 @@ def _fulfilled(verdict: str, value: float, utilisation: float) -> Cell:
     if np.isnan(value):
         return cell("{}", verdict)
     if not np.isfinite(utilisation):
-        return cell("{}: {:.4g}", verdict, value)
-    return cell("{}: {:.4g} ({:.1f} %)", verdict, value, 100.0 * (1.0 - utilisation))
+        return cell("{}: {:.4g}", verdict, value, names=("verdict", "found"))
+    room, names = 100.0 * (1.0 - utilisation), ("verdict", "found", "room")
+    return cell("{}: {:.4g} ({:.1f} %)", verdict, value, room, names=names)
 
 
 def best_plain(result: Result) -> dict[str, Any]:

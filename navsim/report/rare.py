@@ -65,12 +65,13 @@ def _probability(values: np.ndarray, effective: float, beyond: str = "") -> Cell
     few = f"  ({several(round(effective), 'effective sample')})" if effective < FEW else ""
     tails = "  (if tails are Gaussian)" if not value >= _FAR else ""
     if effective == 0.0:
-        return cell("none outside; below {:.2g}" + beyond, high)
+        return cell("none outside; below {:.2g}" + beyond, high, names=("below",))
     if np.isnan(value):
-        return cell("below {:.2g}" + beyond + tails + few, high)
+        return cell("below {:.2g}" + beyond + tails + few, high, names=("below",))
     if value == 1.0:
-        return cell("all outside; above {:.3g}" + beyond + few, low)
-    return cell("{:.3g}  [{:.3g}, {:.3g}]" + beyond + tails + few, value, low, high)
+        return cell("all outside; above {:.3g}" + beyond + few, low, names=("above",))
+    pattern = "{:.3g}  [{:.3g}, {:.3g}]" + beyond + tails + few
+    return Cell(pattern, (value, low, high), ends=True, names=("probability", "", ""))
 
 
 def _of_axis(result: Result, i: int) -> Cell | str:
@@ -91,7 +92,7 @@ def _relative_error(result: Result) -> Cell:
 
 def _first_order(result: Result, i: int) -> Cell:
     mean, sigma = (float(result[f"/summary/box/axis_{name}"][i]) for name in ("mean", "sigma"))
-    return cell("{:+.3f}, {:.3f}", round(mean, 3) + 0.0, sigma)  # no negative zero
+    return cell("{:+.3f}, {:.3f}", mean, sigma, names=("mean", "σ"))
 
 
 def figures(result: Result) -> dict[str, Figure]:

@@ -19,8 +19,8 @@ def tables(result: Result) -> list[Table | str]:
     """Innovations, what was tuned, drift without fixes."""
     seen = Table("Innovations, rms", ("fixes", "position N E D, m", "velocity N E D, m/s", "NIS per degree"))
     for i, name in enumerate(result["/summary/fixes"]):
-        position = numbers(result["/summary/innovation_position"][i], 2)
-        velocity = numbers(result["/summary/innovation_velocity"][i], 3)
+        position = numbers(result["/summary/innovation_position"][i], 2, ("north", "east", "down"))
+        velocity = numbers(result["/summary/innovation_velocity"][i], 3, ("north", "east", "down"))
         seen.add(str(name), position, velocity, number(result["/summary/nis"][i], 2))
     tuned = Table("Noise and latency", ("what", "value", "unit", "from"))
     for path, variable in sorted(result.variables.items()):

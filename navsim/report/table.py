@@ -25,7 +25,10 @@ class _Said(float):
     """A number that is said as `ABSENT` where it is not finite."""
 
     def __format__(self, how: str) -> str:
-        return float.__format__(self, how) if math.isfinite(self) else ABSENT
+        if not math.isfinite(self):
+            return ABSENT
+        said = float.__format__(self, how)
+        return said if said.strip("+-.0") else float.__format__(0.0, how)  # no negative zero
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,8 @@ class Cell:
     """Values, and the pattern of `str.format` that says them. whole: nothing is said where the first is not known.
     ends: whether the second and third are the ends of the first's 95 % interval. several: whether each value stands
     for itself, as percentiles do. names: of the values, for programs; numbers from 1 where there are none. unit: where
-    it is not that of its row. trials: the first value is a count, of what came about in so many, each called `trial`;
-    0 where it is none."""
+    it is not that of its row; units: of each value, "" for that. trials: the first value is a count, of what came about
+    in so many, each called `trial`; 0 where it is none."""
 
     pattern: str
     values: tuple[float | int | str, ...]
@@ -43,6 +46,7 @@ class Cell:
     several: bool = False
     names: tuple[str, ...] = ()
     unit: str = ""
+    units: tuple[str, ...] = ()
     trials: int = 0
     trial: str = "run"
 
@@ -53,9 +57,9 @@ class Cell:
         return self.pattern.format(*(_Said(v) if isinstance(v, float) else v for v in self.values))
 
 
-def cell(pattern: str, *values: float | int | str) -> Cell:
-    """A cell of these values."""
-    return Cell(pattern, values)
+def cell(pattern: str, *values: float | int | str, names: tuple[str, ...] = ()) -> Cell:
+    """A cell of these values, and what they are called."""
+    return Cell(pattern, values, names=names)
 
 
 def number(value: float, digits: int = 3) -> Cell:
@@ -63,10 +67,10 @@ def number(value: float, digits: int = 3) -> Cell:
     return Cell(f"{{:.{digits}f}}", (float(value),))
 
 
-def numbers(values: Iterable[float], digits: int) -> Cell:
-    """Numbers in a row, each with so many digits behind the point."""
+def numbers(values: Iterable[float], digits: int, names: Iterable[str] = ()) -> Cell:
+    """Numbers in a row, each with so many digits behind the point, and what they are called."""
     known = tuple(map(float, values))
-    return Cell("  ".join([f"{{:.{digits}f}}"] * len(known)), known, several=True)
+    return Cell("  ".join([f"{{:.{digits}f}}"] * len(known)), known, several=True, names=tuple(names))
 
 
 def interval(values: Iterable[float], digits: int, scale: float = 1.0) -> Cell:
@@ -174,11 +178,29 @@ def _html_table(table: Table) -> str:
     return f"<table>{title}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>{notes}"
 
 
+_MARKS = str.maketrans({"*": r"\*", "|": r"\|", "<": "&lt;"})
+
+
+def markdown_text(text: str) -> str:
+    """Text that Markdown shows as it stands, lines and all."""
+    return text.translate(_MARKS).replace("\n", "<br>")
+
+
 def markdown(table: Table) -> list[str]:
-    """The lines of a table in Markdown, without its title, an empty one behind them."""
-    heads = [f"| {' | '.join(table.heads)} |", "|" + "---|" * len(table.heads)]
-    rows = [f"| {' | '.join(text.replace(chr(10), '<br>') for text in row.texts())} |" for row in table.rows]
-    return [*heads, *rows, ""]
+    """The lines of a table in Markdown, without its title and notes, an empty one behind them; headings of rows are
+    bold."""
+
+    def line(texts: Iterable[str]) -> str:
+        return f"| {' | '.join(texts)} |"
+
+    rows = []
+    for row in table.rows:
+        texts = [markdown_text(text.strip()) for text in row.texts()]
+        texts += [""] * (len(table.heads) - len(texts))
+        if row.heading:
+            texts = [f"**{text}**" if text else "" for text in texts]
+        rows.append(line(texts))
+    return [line(map(markdown_text, table.heads)), "|" + "---|" * len(table.heads), *rows, ""]
 
 
 _TEX = {
@@ -204,26 +226,95 @@ def _tex_row(texts: list[str]) -> str:
     return " & ".join([first, *texts[1:]]) + r" \\"
 
 
+_LINE, _SMALL_LINE = 68, 84
+"""Letters in a line of 345 pt, the text width of LaTeX's article on A4 and letter paper, set in 10 pt and in
+\\footnotesize."""
+_APART = 3
+"""Letters that the room between two columns takes."""
+_PAGE = 36
+"""Lines of a table that a page holds beside its caption."""
+
+
 def tex(table: Table) -> list[str]:
-    """The lines of a table for LaTeX with the package booktabs, captioned by its title and its caption."""
+    """The lines of a table for LaTeX with the packages booktabs, array and longtable, captioned by its title and its
+    caption. What is wider than the text is set smaller, then broken within its columns; what is longer than a page
+    goes on on the next."""
     columns = len(table.heads)
-    lines = [r"\begin{table}"]
+    widths = [
+        max(map(len, column)) for column in zip(table.heads, *(row.texts() for row in _filled(table)), strict=True)
+    ]
+    room = _SMALL_LINE - _APART * (columns - 1)
+    small = sum(widths) > _LINE - _APART * (columns - 1)
+    kept = _shared(widths, room)
+    rows = [_tex_texts(row, kept) for row in table.rows]
+    form = "".join(
+        ("l" if i == 0 else "r")
+        if width <= share
+        else rf">{{\raggedright\arraybackslash}}p{{{share / _SMALL_LINE:.3f}\linewidth}}"
+        for i, (width, share) in enumerate(zip(widths, kept, strict=True))
+    )
+    height = sum(
+        max(math.ceil(len(text) / max(share, 1)) for text, share in zip(row.texts(), kept, strict=False))
+        for row in table.rows
+    )
+    head = [r"\toprule", _tex_row([tex_text(head) for head in table.heads]), r"\midrule"]
+    body = []
+    for i, (row, texts) in enumerate(zip(table.rows, rows, strict=True)):
+        if row.heading and i:
+            body.append(r"\addlinespace")
+        body.append(_tex_row(texts))
     said = ". ".join(filter(None, (table.title, table.caption)))
-    if said:
-        lines.append(rf"\caption{{{tex_text(said)}}}")
-    lines += [rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}", r"\toprule"]
-    lines += [_tex_row([tex_text(head) for head in table.heads]), r"\midrule"]
-    for i, row in enumerate(table.rows):
-        texts = list(map(tex_text, row.texts()))
-        texts += [""] * (columns - len(texts))
-        if row.heading:
-            texts[0] = rf"\emph{{{texts[0]}}}"
-            if i:
-                lines.append(r"\addlinespace")
-        lines.append(_tex_row(texts))
-    lines += [r"\bottomrule", r"\end{tabular}"]
-    lines += [rf"\par {tex_text(line)}" for line in table.notes.splitlines()]
-    return [*lines, r"\end{table}", ""]
+    caption = [rf"\caption{{{tex_text(said)}}}"] if said else []
+    notes = [rf"\par {tex_text(line)}" for line in table.notes.splitlines()]
+    size = [r"\footnotesize"] if small else []
+    if height <= _PAGE:
+        inner = [rf"\begin{{tabular}}{{@{{}}{form}@{{}}}}", *head, *body, r"\bottomrule", r"\end{tabular}"]
+        return [r"\begin{table}", *caption, *size, *inner, *notes, r"\end{table}", ""]
+    caption = [line + r" \\" for line in caption]
+    inner = [*caption, *head, r"\endfirsthead", *head, r"\endhead", *body, r"\bottomrule"]
+    return [
+        r"\begingroup",
+        *size,
+        rf"\begin{{longtable}}{{@{{}}{form}@{{}}}}",
+        *inner,
+        r"\end{longtable}",
+        *notes,
+        r"\endgroup",
+        "",
+    ]
+
+
+def _filled(table: Table) -> list[Row]:
+    """Rows with a cell for each head."""
+    return [replace(row, cells=(*row.cells, *[""] * (len(table.heads) - len(row.cells)))) for row in table.rows]
+
+
+def _tex_texts(row: Row, widths: Sequence[int]) -> list[str]:
+    """The cells of a row for TeX: a heading is emphasised, what stands under one is set in by as much as it is here;
+    words that are longer than their column, as checksums, may be broken."""
+    texts = [_breakable(text.strip(), width) for text, width in zip(row.texts(), widths, strict=False)]
+    if row.heading:
+        texts[0] = rf"\emph{{{texts[0]}}}"
+    elif str(row.cells[0]).startswith("  "):
+        texts[0] = rf"\quad {texts[0]}"
+    return texts + [""] * (len(widths) - len(texts))
+
+
+def _breakable(text: str, width: int) -> str:
+    most = max(width // 2, 1)
+    pieces = ([word[i : i + most] for i in range(0, len(word), most)] if len(word) > width else [word]
+              for word in text.split(" "))  # fmt: skip
+    return " ".join(r"\allowbreak{}".join(map(tex_text, word)) for word in pieces)
+
+
+def _shared(widths: Sequence[int], room: int) -> list[int]:
+    """What columns of some widths get of the room: all they need where that is no more than others get."""
+    kept = [*widths]
+    wide = sorted(range(len(widths)), key=lambda i: widths[i])
+    for done, i in enumerate(wide):
+        kept[i] = min(widths[i], max(room // (len(wide) - done), 1))
+        room -= kept[i]
+    return kept
 
 
 TIDY = ("table", "section", "row", "column", "part", "unit", "value", "low", "high", "text")
@@ -275,26 +366,34 @@ def _numbers(one: Cell) -> list[tuple[str, float | int, float, float, str]]:
     for k in chosen_ones:
         ends = (one.values[1], one.values[2]) if one.ends and k == 0 else (math.nan, math.nan)
         name = one.names[k] if one.names else "" if len(chosen_ones) == 1 else str(k + 1)
-        unit = one.unit or (units[k] if k < len(units) else "")
+        unit = (one.units[k] if one.units else "") or one.unit or (units[k] if k < len(units) else "")
         out.append((name, one.values[k], float(ends[0]), float(ends[1]), unit))
     return out  # type: ignore[return-value] # numbers were chosen
 
 
-def chosen(table: Table, pattern: str) -> Table:
-    """The rows whose first cell, or whose heading, has the pattern, `*` and `?` as in names of files, anywhere and in
-    any case; headings of rows that stay stay."""
+def chosen(tables: Sequence[Table], pattern: str) -> list[Table]:
+    """The rows whose first cell has the pattern, `*` and `?` as in names of files, anywhere and in any case, with the
+    headings over them; where no row has it, those whose heading has it. Tables without any are left out."""
     wanted = re.compile(fnmatch.translate(f"*{pattern}*"), re.IGNORECASE)
+    for by_heading in (False, True):
+        found = [replace(table, rows=rows) for table in tables if (rows := _chosen(table, wanted, by_heading))]
+        if found:
+            return found
+    return []
+
+
+def _chosen(table: Table, wanted: re.Pattern[str], by_heading: bool) -> list[Row]:
     rows: list[Row] = []
     heading: Row | None = None
-    all_of_it = False
+    under = False
     for row in table.rows:
         first = str(row.cells[0])
         if row.heading:
-            heading, all_of_it = row, bool(wanted.match(first))
-        elif all_of_it or wanted.match(first):
+            heading, under = row, bool(wanted.match(first))
+        elif under if by_heading else wanted.match(first):
             rows += [row] if heading is None else [heading, row]
             heading = None
-    return replace(table, rows=rows)
+    return rows
 
 
 def csv_text(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:

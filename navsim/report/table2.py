@@ -126,8 +126,8 @@ def _fits(result: Result) -> Table:
         out.add(
             f"{result['/fit/letter'][c]}  {name}",
             cell("{}", int(result["/fit/parameters"][c])),
-            cell("{:.1f} / {:.1f}", fit["dop_rms"], fit["dop_max"]),
-            cell("{:.1f} / {:.1f}", fit["sko_rms"], fit["sko_max"]),
+            cell("{:.1f} / {:.1f}", fit["dop_rms"], fit["dop_max"], names=("rms", "max")),
+            cell("{:.1f} / {:.1f}", fit["sko_rms"], fit["sko_max"], names=("rms", "max")),
             str(result["/fit/meaning"][c]),
         )
     return out

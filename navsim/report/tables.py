@@ -49,11 +49,11 @@ def _accuracy(values: np.ndarray, sigma: np.ndarray, scale: float = 1.0, sign: n
     believed = float(sigma) * scale
     if sign is not None:
         shown = float(sign) * scale if np.isfinite(value) else value
-        return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True, names=("", "σ"))
+        return Cell("{:+.3f}  σ {:.3f}", (shown, believed), whole=True, names=("error", "σ"))
     if low == high:
-        return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True, names=("", "σ"))
+        return Cell("{:.3f}  σ {:.3f}", (value, believed), whole=True, names=("rms", "σ"))
     return Cell("{:.3f}  [{:.3f}, {:.3f}]  σ {:.3f}", (value, low, high, believed), whole=True, ends=True,
-                names=("", "", "", "σ"))  # fmt: skip
+                names=("rms", "", "", "σ"))  # fmt: skip
 
 
 def _late(result: Result, name: str, i: int | None = None, scale: float = 1.0) -> Cell:
@@ -77,7 +77,8 @@ def _percentiles(result: Result, path: str, i: int | None = None) -> Cell | str:
     if single(result) or path not in result:
         return ABSENT
     values = result[path] if i is None else result[path][i]
-    return numbers(values, 3) if np.all(np.isfinite(values)) else ABSENT
+    names = [f"p{level:g}" for level in result["/summary/percentile"].tolist()]
+    return numbers(values, 3, names) if np.all(np.isfinite(values)) else ABSENT
 
 
 def _unit_mean(result: Result, name: str) -> Cell | str:
@@ -89,19 +90,21 @@ def _unit_mean(result: Result, name: str) -> Cell | str:
         return ABSENT
     mean = float(known.mean())
     if "band_low" not in variable.attributes:
-        return cell("{:.3f}  (expected; {:.3f} to {:.3f})", mean, float(known.min()), float(known.max()))
+        return cell("{:.3f}  (expected; {:.3f} to {:.3f})", mean, float(known.min()), float(known.max()), names=_RANGE)
     if single(result):
-        return cell("{:.3f}  (one run, over time)", mean)
+        return cell("{:.3f}  (one run, over time)", mean, names=("mean",))
     low, high = (float(variable.attributes[f"band_{end}"]) for end in ("low", "high"))
     inside = 100 * float(np.mean((known >= low) & (known <= high)))
-    return cell("{:.3f}  (95 % band {:.3f} to {:.3f}; {:.0f} % of times inside)", mean, low, high, inside)
+    return cell("{:.3f}  (95 % band {:.3f} to {:.3f}; {:.0f} % of times inside)", mean, low, high, inside,
+                names=("mean", "band from", "band to", "inside"))  # fmt: skip
 
 
 def _fixes(result: Result) -> Cell:
     runs, fixes = result["/run"].size, int(result["/summary/count/fixes"])
     if runs > 1:
-        return Cell("{}  ({:.6g} a run)", (fixes, fixes / runs), trials=runs)
-    return Cell("{}", (fixes,), trials=runs)
+        return Cell("{}  ({:.6g} a run)", (fixes, fixes / runs), trials=runs, names=("count", "a run"),
+                    units=("", "1/run"))  # fmt: skip
+    return Cell("{}", (fixes,), trials=runs, names=("count",))
 
 
 _DELAYING = ("ephemeris", "ionosphere", "troposphere")
@@ -142,6 +145,8 @@ def _place(result: Result, path: str, name: str) -> int | None:
 
 _RANGE = ("mean", "smallest", "largest")
 _BEHIND = "/pseudolites/behind_terrain"
+_SENSORS = ("altimeter", "radio_altimeter", "barometric_altimeter")
+"""Sections of sensors beside the receiver."""
 _GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
 
 
@@ -149,8 +154,25 @@ def _group(result: Result, name: str) -> Cell | str:
     i = _place(result, _GROUPS, name)
     if i is None:
         return ABSENT
-    mean = number(result["/summary/consistency/mean_group"][i])
-    return mean if single(result) else cell("{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]))
+    mean = cell("{:.3f}", float(result["/summary/consistency/mean_group"][i]), names=("mean",))
+    return mean if single(result) else cell(
+        "{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]), names=("mean", "verdict")
+    )
+
+
+def _carries(result: Result, sensor: str) -> bool:
+    """Whether a sensor beside the receiver flies; earlier versions have fewer."""
+    return setting(result).get(sensor) is not None
+
+
+def _aiding(result: Result, sensor: str) -> Cell | str:
+    """What became of the measurements of a sensor beside the receiver."""
+    branch = f"/summary/aiding/{sensor}"
+    if f"{branch}/nis" not in result:
+        return "carried to first order" if _carries(result, sensor) else ABSENT
+    counts = (int(result[f"{branch}/{name}"]) for name in ("rejected", "missing"))
+    return Cell("{} rejected, {} missing; NIS {:.3f}", (*counts, float(result[f"{branch}/nis"])),
+                names=("rejected", "missing", "NIS"), trials=result["/run"].size)  # fmt: skip
 
 
 def _behind(result: Result, name: str) -> Cell | str:
@@ -158,7 +180,7 @@ def _behind(result: Result, name: str) -> Cell | str:
     i = _place(result, "/pseudolites/name", name)
     if i is None or _BEHIND not in result:
         return ABSENT
-    return cell("{} of {}", int(result[_BEHIND][i]), result["/geometry/time"].size)
+    return cell("{} of {}", int(result[_BEHIND][i]), result["/geometry/time"].size, names=("hidden", "of"))
 
 
 def _budget(result: Result, name: str) -> Cell | str:
@@ -179,9 +201,9 @@ def _coverage(result: Result, i: int) -> Cell | str:
     value, low, high = map(float, 100 * result["/summary/coverage/position"][i])
     expected = 100 * float(result["/summary/coverage/expected"][i])
     if not np.isfinite(low):
-        return Cell("{:.1f} %  (Gaussian {:.1f} %)", (value, expected), names=("", "Gaussian"))
+        return Cell("{:.1f} %  (Gaussian {:.1f} %)", (value, expected), names=("share", "Gaussian"))
     return Cell("{:.1f} %  [{:.1f}, {:.1f}]  (Gaussian {:.1f} %)", (value, low, high, expected), ends=True,
-                names=("", "", "", "Gaussian"))  # fmt: skip
+                names=("share", "", "", "Gaussian"))  # fmt: skip
 
 
 def box_limits(result: Result, axis: int) -> tuple[float, float] | None:
@@ -194,7 +216,7 @@ def box_head(result: Result, flown: bool) -> str:
     """What stands over the chances of leaving a box: with an interval where it is of runs."""
     if "/summary/box/upper" not in result:
         return ""
-    interval = " [95 %]" if flown else ""
+    interval = " [95 %]" if flown and (result["/run"].size > 1 or "/summary/rare/probability" in result) else ""
     total = ", of total system errors" if "/summary/box/axis_gaussian" in result else ""
     return f"probability{interval}, {float(result['/summary/box/height']):g} m above the runway{total}"
 
@@ -209,9 +231,15 @@ def box_to_first_order(result: Result, i: int | None) -> Cell | str:
     value = max(value, LEAST)
     if i is None:
         several = np.isfinite(chances).sum() > 1  # the sum is a bound
-        return cell(f"{'at most ' if several else ''}{{:.3g}}  (if Gaussian)" if value > LEAST else shown, value)
+        said = f"{'at most ' if several else ''}{{:.3g}}  (if Gaussian)" if value > LEAST else shown
+        return cell(said, value, names=("probability",))
     where, ends = box_sides(result, i)
-    return cell(f"{shown}  ({where}, if Gaussian)", value, *ends)
+    return Cell(f"{shown}  ({where}, if Gaussian)", (value, *ends), names=("probability", *_SIDES[len(ends)]),
+                units=("1", *("m" for _ in ends)))  # fmt: skip
+
+
+_SIDES = {1: ("beyond",), 2: ("from", "to")}
+"""What the limits of a box are called, by their number."""
 
 
 def box_sides(result: Result, i: int) -> tuple[str, tuple[float, ...]]:
@@ -232,20 +260,21 @@ def _box(result: Result, i: int | None) -> Cell | str:
     if i is None:
         if "/summary/box/probability" not in result:
             return box_to_first_order(result, None)
-        found = tuple(map(float, result["/summary/box/probability"]))
-        return Cell("{:.3g}  [{:.3g}, {:.3g}]", found, ends=True)
+        return _of_runs("{:.3g}", result, result["/summary/box/probability"], "probability")
     if box_limits(result, i) is None:
         return ABSENT
     if "/summary/box/axis_probability" in result:
-        found = tuple(map(float, result["/summary/box/axis_probability"][i]))
+        one = _of_runs("{:.3g}", result, result["/summary/box/axis_probability"][i], "probability")
         where, ends = box_sides(result, i)
+        found, pattern = one.values, one.pattern
+        names, units = (*one.names, *_SIDES[len(ends)]), (*("1" for _ in found), *("m" for _ in ends))
         of_gaussian = "/summary/box/axis_gaussian"
         chance = float(result[of_gaussian][i]) if of_gaussian in result else math.nan
         if found[0] == 0.0 and math.isfinite(chance):
             shown = "below {:g}" if chance < LEAST else "{:.2g}"
-            text = f"{{:.3g}}  [{{:.3g}}, {{:.3g}}]  ({where}; {shown} if Gaussian)"
-            return cell(text, *found, *ends, max(chance, LEAST))
-        return cell(f"{{:.3g}}  [{{:.3g}}, {{:.3g}}]  ({where})", *found, *ends)
+            return Cell(f"{pattern}  ({where}; {shown} if Gaussian)", (*found, *ends, max(chance, LEAST)),
+                        ends=one.ends, names=(*names, "Gaussian"), units=(*units, "1"))  # fmt: skip
+        return Cell(f"{pattern}  ({where})", (*found, *ends), ends=one.ends, names=names, units=units)
     return box_to_first_order(result, i)
 
 
@@ -253,12 +282,18 @@ def _share(result: Result, path: str) -> Cell | str:
     """A share with its interval, where the result has it."""
     if path not in result:
         return ABSENT
-    value, low, high = map(float, result[path])
-    if not np.isfinite(value):
+    if not np.isfinite(result[path][0]):
         return ABSENT
-    if not np.isfinite(low):
-        return cell("{:.4g}", value)
-    return Cell("{:.4g}  [{:.4g}, {:.4g}]", (value, low, high), ends=True)
+    return _of_runs("{:.4g}", result, result[path], "share")
+
+
+def _of_runs(how: str, result: Result, values: np.ndarray, name: str) -> Cell:
+    """A number over runs with its interval (3,), where there is one; of one run the number alone, which is no sample
+    of runs."""
+    value, low, high = map(float, values)
+    if single(result) or not np.isfinite(low):
+        return cell(how, value, names=(name,))
+    return Cell(f"{how}  [{how}, {how}]", (value, low, high), ends=True, names=(name, "", ""))
 
 
 def _protection(result: Result, name: str) -> Cell | str:
@@ -292,7 +327,7 @@ def _alarms(result: Result) -> Cell | str:
     if "/summary/integrity/alarms" not in result:
         return ABSENT
     alarms, tested = (int(result[f"/summary/integrity/{name}"]) for name in ("alarms", "tested"))
-    return Cell("{} of {}", (alarms, tested), trials=tested, trial="tested epoch")
+    return Cell("{} of {}", (alarms, tested), trials=tested, trial="tested epoch", names=("count", "of"))
 
 
 def _count(result: Result, path: str) -> Cell | str:
@@ -308,7 +343,7 @@ def _range_noise(result: Result) -> Cell | str:
         return ABSENT
     noise = section["heavier"]
     core, tail, share = (float(noise[name]) for name in ("core", "tail", "share"))
-    return cell("{:g} σ, {:g} σ of {:g} %", core, tail, 100.0 * share)
+    return cell("{:g} σ, {:g} σ of {:g} %", core, tail, 100.0 * share, names=("core", "tail", "share"))
 
 
 def _exclusions(result: Result) -> Cell | str:
@@ -316,7 +351,8 @@ def _exclusions(result: Result) -> Cell | str:
     if branch not in result:
         return ABSENT
     came = [int(result[f"{branch}_{name}"]) for name in ("correct", "wrong", "needless")]
-    return Cell("{}: {}, {}, {}", (int(result[branch]), *came), trials=result["/run"].size)
+    return Cell("{}: {}, {}, {}", (int(result[branch]), *came), trials=result["/run"].size,
+                names=("count", "correct", "wrong", "needless"))  # fmt: skip
 
 
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
@@ -325,7 +361,8 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
     asked = [result for _, result in results if f"{branch}/verdict" in result]
     if not asked:
         return
-    table.head("Requirements", *("verdict: found [95 %]; what would decide" for _ in results))
+    found = (f"found{'' if single(result) else ' [95 %]'}" for _, result in results)
+    table.head("Requirements", *(f"verdict: {what}; what would decide" for what in found))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
 
@@ -359,9 +396,10 @@ def _verdict(result: Result, statement: str) -> Cell | str:
         return cell("{}: nothing is known of it", word)
     number = f"{more:.2g}" if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
-    if low == high or np.isnan(low):
-        return cell("{}: {:.4g}" + enough, word, value)
-    return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high)
+    if low == high or np.isnan(low) or single(result):
+        return cell("{}: {:.4g}" + enough, word, value, names=("verdict", "found"))
+    return cell("{}: {:.4g}  [{:.4g}, {:.4g}]" + enough, word, value, low, high,
+                names=("verdict", "found", "found, low", "found, high"))  # fmt: skip
 
 
 _INTEGRITY = {
@@ -469,13 +507,17 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
     if part == _LEVEL:
         return number(level, 2)
     if part == _WHOLE:
-        return cell("{:.2g}  [{:.2g}, {:.2g}], allowed {:g}", *map(float, result[f"{branch}/total"][e, q]), allowed)
+        return Cell("{:.2g}  [{:.2g}, {:.2g}], allowed {:g}", (*map(float, result[f"{branch}/total"][e, q]), allowed),
+                    ends=True, names=("risk", "", "", "allowed"))  # fmt: skip
     k = 1 + int(np.nanargmax(risk[1:, 0])) if part == _WORST else 0
     found = (*map(float, risk[k]), float(result[f"{branch}/effective"][e, q, k]))
     if part != _WORST:
-        return cell("{:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", *found)
+        return Cell("{:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", found, ends=True,
+                    names=("risk", "", "", "effective samples"))  # fmt: skip
     bias, name = float(result[f"{branch}/bias"][e, q, k]), str(result[f"{branch}/fault"][k])
-    return cell("{}, {:.1f} m: {:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", name, bias, *found)
+    names = ("fault", "bias", "risk", "risk, low", "risk, high", "effective samples")
+    return Cell("{}, {:.1f} m: {:.2g}  [{:.2g}, {:.2g}]  ({:.0f})", (name, bias, *found), names=names,
+                units=("", "m", "1", "1", "1", "1"))  # fmt: skip
 
 
 def summary_table(results: list[tuple[str, Result]]) -> Table:
@@ -492,6 +534,11 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
     row("ranging errors", ranging_errors)
     row("fixes", _fixes)
     row("fix epochs without a fix", lambda r: _count(r, "/summary/count/epochs_without_fix"))
+    sensors = [name for name in _SENSORS if any(_carries(r, name) for _, r in results)]
+    if sensors:
+        section("Sensors beside the receiver, measurements of all runs")
+        for name in sensors:
+            row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
     hidden = _named([r for _, r in results if _BEHIND in r], "/pseudolites/name")
     if hidden:
         section("Pseudolites behind terrain, fix epochs")
@@ -623,14 +670,14 @@ def _wind(result: Result, height: int) -> Cell | str:
     if not np.isfinite(against):
         return ABSENT
     return Cell("{:.2f}, {:.2f}; {:.2f}; {:.2f}", (against, across, airspeed, math.degrees(crab)),
-                names=("headwind", "crosswind", "airspeed", "crab"))  # fmt: skip
+                names=("headwind", "crosswind", "airspeed", "crab"), units=("m/s", "m/s", "m/s", "deg"))  # fmt: skip
 
 
 def glance(result: Result) -> list[tuple[str, Cell | str]]:
     """What of a landing is seen first: the figures of its tables, with their intervals."""
     if result.attributes["method"] == "rare":
         value, low, high = map(float, result["/summary/rare/probability"])
-        chance = Cell("{:.3g}  [{:.3g}, {:.3g}]", (value, low, high), ends=True)
+        chance = Cell("{:.3g}  [{:.3g}, {:.3g}]", (value, low, high), ends=True, names=("probability", "", ""))
         if not np.isfinite(value):
             chance = cell("below {:.2g}", high)
         effective = cell("{:.0f}", float(result["/summary/rare/effective_samples"]))

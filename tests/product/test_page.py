@@ -25,7 +25,7 @@ from navsim.report import citations, tables
 from navsim.report.page import landing, placement
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
-from navsim.report.table import Table
+from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
 from tests import steps
 from tests.conftest import ROOT
@@ -103,6 +103,19 @@ def cells(parts: list[Table | str]) -> Iterator[str]:
 
 
 # --- every kind
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_every_number_in_csv_has_a_name(name: str, place: Path) -> None:
+    """Where a cell has several; and what is an RMS or a percentile says so."""
+    result = read(place / f"{name}.h5")
+    rows = [row for part in view(result.attributes["kind"]).tables([(name, result)])
+            if isinstance(part, Table) for row in tidy(part)]  # fmt: skip
+    named = [dict(zip(TIDY, row, strict=True)) for row in rows]
+    assert named
+    assert [row for row in named if str(row["part"]).isdigit()] == []
+    late = {row["part"] for row in named if str(row["section"]).startswith("Filter, errors over")}
+    assert late in (set(), {"rms", "σ"})
 
 
 def test_there_is_a_result_of_every_kind(place: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import math
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,7 @@ from navsim.report.table import (
     csv_text,
     interval,
     markdown,
+    markdown_text,
     number,
     numbers,
     tex,
@@ -44,6 +47,8 @@ from navsim.report.table import (
         (interval([1.0, 0.5, 2.0], 1, scale=10.0), "10.0  [5.0, 20.0]"),
         (cell("{} of {:.1f} %, {}", 3, 2.55, "all"), "3 of 2.5 %, all"),
         (cell("{:+.1f}", 1.0), "+1.0"),
+        (number(-0.0004), "0.000"),
+        (cell("{:+.1f} {:.2g}", -0.01, -1e-9), "+0.0 -1e-09"),
     ],
 )
 def test_numbers_are_kept_and_said(shown: Cell, text: str) -> None:
@@ -86,11 +91,19 @@ def test_as_markdown() -> None:
     assert markdown(made()) == [
         "| filter | RMS [95 %], m |",
         "|---|---|",
-        "| [b]flown[/b] | two<br>lines |",
+        "| **[b]flown[/b]** | **two<br>lines** |",
         "| S1 | 1.0  [0.5, 2.0] |",
         "| short |  |",
         "",
     ]
+
+
+def test_markdown_keeps_columns_and_asterisks() -> None:
+    wide = Table("", ("of", "a", "b - a"))
+    wide.head("found | asked")
+    wide.add("  x *", "1 *")
+    assert markdown(wide)[2:4] == ["| **found \\| asked** |  |  |", "| x \\* | 1 \\* |  |"]
+    assert markdown_text("* the end\n* < 3") == "\\* the end<br>\\* &lt; 3"
 
 
 def test_as_csv() -> None:
@@ -107,13 +120,17 @@ def test_as_tex() -> None:
 
 
 def test_tidy_and_chosen_rows() -> None:
-    (row,) = tidy(chosen(made(), "s1"))
+    (only,) = chosen([made()], "s1")
+    (row,) = tidy(only)
     assert dict(zip(TIDY, row, strict=True)) == {
         "table": "Errors [m]", "section": "[b]flown[/b]", "row": "S1", "column": "RMS [95 %], m", "part": "",
         "unit": "m", "value": 1.0, "low": 0.5, "high": 2.0, "text": "1.0  [0.5, 2.0]",
     }  # fmt: skip
-    assert not chosen(made(), "nothing like it").rows
-    assert [str(r.cells[0]) for r in chosen(made(), "FLOWN").rows] == ["[b]flown[/b]", "S1", "short"]
+    assert not chosen([made()], "nothing like it")
+    (under,) = chosen([made()], "FLOWN")
+    assert [str(r.cells[0]) for r in under.rows] == ["[b]flown[/b]", "S1", "short"]
+    rest = Table("", ("",), [Row(("flown by S2",))])
+    assert chosen([made(), rest], "FLOWN") == [rest]  # rows before headings, in all tables
 
 
 def test_difference_and_ratio_with_intervals() -> None:
@@ -196,3 +213,37 @@ def test_captions_and_rows_that_tex_takes_as_they_are() -> None:
     assert r"{}[x] & y, m \\" in lines
     assert r"{}* & 1.000 \\" in lines
     assert not any(r"\caption" in line for line in tex(Table("", ("x",))))
+
+
+def wide_table(rows: int) -> Table:
+    out = Table("Wide", ("", *"abcd"), notes="one\ntwo")
+    out.head("A heading of rows that says much", *["what stands in the column, m"] * 4)
+    for i in range(rows):
+        out.add(f"  row {i}, of more than a few words", *(interval([i, i - 0.5, i + 0.5], 3) for _ in range(4)))
+    out.add("checksum", "0123456789abcdef" * 4)
+    return out
+
+
+@pytest.mark.parametrize("paper", ["a4paper", "letterpaper"])
+def test_tex_fits_the_page(paper: str, tmp_path: Path) -> None:
+    if shutil.which("pdflatex") is None:
+        pytest.skip("no pdflatex on this machine")
+    small = Table("Small", ("x", "y"), [Row(("a", number(1.0)))])
+    text = "\n".join(line for table in (small, wide_table(3), wide_table(60)) for line in tex(table))
+    packages = r"\usepackage[utf8]{inputenc}\usepackage{booktabs,array,longtable}"
+    document = rf"\documentclass[{paper}]{{article}}{packages}\begin{{document}}{text}\end{{document}}"
+    (tmp_path / "t.tex").write_text(document)
+    command = ["pdflatex", "-halt-on-error", "t"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "Overfull" not in done.stdout
+    assert "too large" not in done.stdout
+
+
+def test_tex_sets_in_and_breaks() -> None:
+    lines = tex(wide_table(3))
+    assert r"\footnotesize" in lines
+    assert any(line.startswith(r"\quad row 0") for line in lines)
+    assert any(r"\allowbreak{}" in line for line in lines)
+    assert any("p{" in line for line in lines if r"\begin{tabular}" in line)
+    assert any(r"\begin{longtable}" in line for line in tex(wide_table(60)))

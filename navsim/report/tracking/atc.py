@@ -50,7 +50,7 @@ def tables(result: Result) -> list[Table | str]:
             (True, True): "yes", (True, False): "for the pairs, not for the range",
             (False, True): "for the range, not for the pairs", (False, False): "no",
         }[kept_pairs, kept_range]  # fmt: skip
-        spread = cell("{:.3f} to {:.3f}", float(pairs.min()), float(pairs.max()))
+        spread = cell("{:.3f} to {:.3f}", float(pairs.min()), float(pairs.max()), names=("smallest", "largest"))
         kept.add(in_words(case), interval(range_, 3), interval(rate, 3), spread, verdict)
     parts.append(kept)
     gain = Table("Singer over adapt in the manoeuvre [95 %]", ("case", "D", "D'"))

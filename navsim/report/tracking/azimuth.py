@@ -35,7 +35,7 @@ def tables(result: Result) -> list[Table | str]:
         )
         for f, name in enumerate(result["/filter"]):
             cells = [interval(values, 4) for values in result["/summary/rmse"][i, f]]
-            nis = cell("{:.2f} / {:.2f}", *map(float, result["/summary/nis"][i, f]))
+            nis = cell("{:.2f} / {:.2f}", *map(float, result["/summary/nis"][i, f]), names=("manoeuvre", "straight"))
             errors.add(str(name), said[str(name)], *cells, nis)
         parts.append(errors)
     claim = Table(

@@ -48,7 +48,7 @@ def tables(result: Result) -> list[Table | str]:
             cell("{}", int(result["/band_theory/runs_needed"][b])),
         )
     nees, nis = float(result["/montecarlo/nees"]) / p.shape[0], float(result["/montecarlo/nis"])
-    proof.add("NEES / states, NIS", "1", cell("{:.4f}, {:.4f}", nees, nis))
+    proof.add("NEES / states, NIS", "1", cell("{:.4f}, {:.4f}", nees, nis, names=("NEES", "NIS")))
 
     flown = Table(
         "Nominal approach, truth by closed forms (adequacy)",
