@@ -90,7 +90,8 @@ class AerodromePlan:
         self.image = ColumnDataSource({"image": [small(np.full((2, 2), np.nan))], "x": [0.0], "y": [0.0], "w": [1.0]})
         drawn = on.image("image", "x", "y", "w", "w", source=self.image, color_mapper=self.mapper, level="image")
         on.grid.visible = False
-        bar(on, self.mapper, "")
+        bar(on, self.mapper, " ")
+        self._bar = on.select_one(ColorBar)
         from_runway(on)
         self._fixed(on, proposal, overlay)
         self.places = ColumnDataSource({name: [] for name in ("x", "y", "said", "kind", "colour", "marker", "size")})
@@ -158,14 +159,16 @@ class AerodromePlan:
             "marker": ["circle"] * n + ["diamond"] * j, "size": [15.0] * n + [17.0] * j,
         }  # fmt: skip
 
-    def paint(self, values: np.ndarray, area: ShownArea, reach: tuple[float, float]) -> None:
-        """Show a map (n, n) over an area, with colours between two numbers."""
+    def paint(self, values: np.ndarray, area: ShownArea, reach: tuple[float, float], said: str) -> None:
+        """Show a map (n, n) over an area, with colours between two numbers; said: what they tell, with its unit."""
         self.image.data = {
             "image": [small(values)], "x": [area.along - area.half], "y": [area.right - area.half],
             "w": [2.0 * area.half],
         }  # fmt: skip
         if (self.mapper.low, self.mapper.high) != reach:
             self.mapper.update(low=reach[0], high=reach[1])
+        if self._bar.title != said:
+            self._bar.title = said
 
 
 def reach_of(values: np.ndarray) -> tuple[float, float]:

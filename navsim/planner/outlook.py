@@ -19,7 +19,7 @@ from navsim.models.signals import build_signals
 from navsim.models.sky import Horizon
 from navsim.planner.proposal import PlannedScenario
 from navsim.simulation.geometry import Geometry, glide_geometry
-from navsim.study.analyses import LevelScreen, Prepared, screened
+from navsim.study.analyses import LevelScreen, Prepared, glimpsed
 from navsim.study.landing import integrity, prepare
 from navsim.study.landing.case import Case
 from navsim.study.landing.tree import geometry_summary
@@ -36,6 +36,11 @@ class Quantity:
     said: str
     unit: str
     level: bool = False
+
+    @property
+    def label(self) -> str:
+        """In words with its unit."""
+        return self.said + (f", {self.unit}" if self.unit else "")
 
 
 QUANTITIES = {each.name: each for each in (
@@ -110,7 +115,9 @@ class Outlook:
     def jammed_from(self, places: np.ndarray) -> Outlook:
         """The same with its jammers at places (j, 3)."""
         out = Outlook.__new__(Outlook)
-        out.__dict__ |= self.__dict__ | {"_geometry": None, "_watched": None, "_case": None}
+        # by signals each place is simulated with the sources of its own: the epochs that are looked at stay
+        watched = self._bare if self.placed else None
+        out.__dict__ |= self.__dict__ | {"_geometry": None, "_watched": watched, "_case": None}
         jamming = self._sources.jamming
         assert jamming is not None
         sites = self._proposal.sites(places)
@@ -154,7 +161,7 @@ class Outlook:
         if self._watched is None:
             case = self._ready
             none = replace(self._sources.pseudolites, names=(), llh=np.empty((0, 3)))
-            self._watched = screened(replace(case, environment=replace(self._sources, pseudolites=none)))
+            self._watched = glimpsed(replace(case, environment=replace(self._sources, pseudolites=none)))
         return self._watched
 
     @property
@@ -166,17 +173,15 @@ class Outlook:
     def _by_signals(self, name: str, places: np.ndarray, names: tuple[str, ...]) -> float:
         """A quantity of one placement (k, 3), with all that depends on it."""
         llh = llh_from_ecef(self._proposal.sites(places))
-        pseudolites = replace(self._sources.pseudolites, names=names, llh=llh)
-        sources = replace(self._sources, pseudolites=pseudolites)
+        pseudolites, watched = replace(self._sources.pseudolites, names=names, llh=llh), self._bare
+        # those that remember where they are: the epochs are the same at all places
+        sources = replace(self._sources, pseudolites=pseudolites, satellites=watched.case.environment.satellites)
         if set(self._sources.pseudolites.names) <= set(names):
             sources = replace(sources, effects=self.scenario.effects(pseudolites))
-        watched = self._bare
         signals = build_signals(watched.motion, self.scenario.epoch.timestamp(), sources)
         if watched.watched is not None:
             signals = signals.at(watched.watched)
         if QUANTITIES[name].level:
-            watching = self._ready.flight.watching
-            assert watching is not None
             case = replace(watched.case, environment=sources).over(replace(watched.case.world, signals=signals))
             levels = case.flight.monitor.levels if case.flight.monitor is not None else np.empty((0, 2))
             of = levels[:, 0 if name.startswith("hpl") else 1]

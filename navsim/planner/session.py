@@ -343,7 +343,7 @@ class PlannerSession:
         self._page.hold("combine")
         if update.values is not None and update.area is self._area and update.reach is not None:
             self._reach = update.reach
-            self.plan.paint(update.values, update.area, update.reach)
+            self.plan.paint(update.values, update.area, update.reach, QUANTITIES[update.news["map"]["quantity"]].label)
         if update.found is not None:
             self.sky.put(update.found.shares)
         if update.news:

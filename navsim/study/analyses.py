@@ -262,6 +262,21 @@ def screened(case: Case) -> Prepared:
     return _watched(case, lambda glide: glide[np.unique((2 * np.arange(SCREENED) + 1) * glide.size // (2 * SCREENED))])
 
 
+def glimpsed(case: Case) -> Prepared:
+    """The same for pictures that follow a hand: of what a receiver's loops remember, each epoch has the one before it
+    that is as long ago as lost signals wait, not the whole way; with code smoothing as `screened`."""
+    prepared = screened(case)
+    if prepared.watched is None or prepared.case.world.signals.smoothing is not None:
+        return prepared
+    jamming, time = prepared.case.environment.jamming, prepared.case.world.signals.time
+    assert jamming is not None  # else nothing is remembered
+    wait = max(jamming.lock.lose_s, jamming.lock.regain_s)
+    before = np.searchsorted(time, time[prepared.watched] - wait, side="right") - 1
+    kept = np.union1d(prepared.watched, np.maximum(before, 0))
+    motion = case.trajectory.motion(time[kept])
+    return replace(prepared, motion=motion, watched=np.searchsorted(kept, prepared.watched))
+
+
 def _watched(case: Case, chosen: Callable[[np.ndarray], np.ndarray]) -> Prepared:
     end, scenario = touchdown_time(case.scenario, case.trajectory), case.scenario
     flight = _flight(case, end, scenario.receiver.rate_hz, scenario.imu.rate_hz)

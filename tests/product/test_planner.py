@@ -12,16 +12,20 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from navsim.core.arrays.earth import llh_from_ecef
 from navsim.io.results import read
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
 from navsim.scenario.source import load
+from navsim.study.analyses import glimpsed, screened
+from navsim.study.landing import prepare
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
 
@@ -369,6 +373,26 @@ def test_where_strength_depends_on_places_maps_are_made_of_signals(tmp_path: Pat
         paths = {"pdop_max": "dop/pdop_max", "fix_horizontal": "fix/rms_horizontal", "fix_vertical": "fix/rms_vertical",
                  "hpl_p95": "integrity/hpl_p95", "vpl_p95": "integrity/vpl_p95"}  # fmt: skip
         assert value == pytest.approx(found[paths.get(name, f"dop/{name}")], rel=0.05)
+
+
+def test_a_glimpse_hears_what_the_whole_way_does(tmp_path: Path) -> None:
+    """Near a jammer, with the epochs before alone, a small part of all: the same signals are held, as strong."""
+    proposal = proposed(tmp_path, STRONG)
+    case = prepare(proposal.scenario, proposal.document)
+    none = replace(case.environment.pseudolites, names=(), llh=np.empty((0, 3)))
+    case = replace(case, environment=replace(case.environment, pseudolites=none))
+    whole, brief = screened(case), glimpsed(case)
+    assert 7 * brief.motion.time.size < whole.motion.time.size
+    lost = 0
+    for along, right in ((0.0, 300.0), (-3000.0, -500.0), (20_000.0, 5000.0), (500.0, 40_000.0)):
+        llh = llh_from_ecef(proposal.sites(proposal.places() + np.array([along, right, 0.0])))
+        ours, theirs = (each.with_pseudolites(llh).world.signals for each in (brief, whole))
+        np.testing.assert_array_equal(ours.time, theirs.time)
+        np.testing.assert_array_equal(ours.used, theirs.used)
+        np.testing.assert_array_equal(ours.cn0, theirs.cn0)
+        np.testing.assert_array_equal(ours.fix_sigma, theirs.fix_sigma)
+        lost += int((~ours.used).sum())
+    assert lost
 
 
 def test_places_are_read_as_they_are_written(tmp_path: Path) -> None:
