@@ -23,7 +23,8 @@ import numpy as np
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.io import rinex_write
-from navsim.io.results import Result, ResultError, part, write_text
+from navsim.io.results import Result, ResultError, part, scenario_of, write_text
+from navsim.io.ridges import ridges
 from navsim.io.schema import HEIGHTS
 from navsim.io.swept import heads, rows
 from navsim.models import glonass_broadcast, gps, timescales
@@ -99,21 +100,15 @@ def _run_of_ensemble(result: Result) -> int | None:
     return int(result["/run"][0]) if int(result["/summary/count/runs"]) > 1 else None
 
 
-def _scenario(result: Result) -> Any:
-    import yaml
-
-    return yaml.safe_load(str(result.attributes["scenario"]))
-
-
 def _undulation(result: Result) -> float | None:
     """Height of the geoid above the ellipsoid, m, where the scenario says it."""
-    runway = _scenario(result).get("runway") or {}
+    runway = scenario_of(result).get("runway") or {}
     return None if runway.get("geoid_undulation_m") is None else float(runway["geoid_undulation_m"])
 
 
 def _start(result: Result) -> float:
     """GPS time of time 0, s; the scenario's text has the fractions that older files' `epoch` lacks."""
-    utc = datetime.datetime.fromisoformat(_scenario(result)["epoch"]).timestamp()
+    utc = datetime.datetime.fromisoformat(scenario_of(result)["epoch"]).timestamp()
     return float(timescales.gps_from_utc(utc))
 
 
@@ -138,7 +133,7 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
             "the result has no navigation messages; RINEX needs a sky of nominal, almanac or navigation satellites"
         )
     approximate = approximate_systems(result)
-    scenario = _scenario(result)
+    scenario = scenario_of(result)
     receiver = scenario["receiver"]
     clock = 1e-6 * receiver["clock_offset_us"] + 1e-9 * receiver["clock_drift_ppb"] * time
     gpst = _start(result) + time
@@ -522,12 +517,13 @@ def true_antenna(result: Result) -> np.ndarray:
 
     llh = at_fixes(earth.unturned(result["/truth/position_llh"]))
     attitude = dcm_from_rpy(at_fixes(np.unwrap(result["/truth/attitude_rpy"], axis=0)))
-    lever = attitude @ np.array(_scenario(result)["receiver"]["lever_arm_m"], dtype=float)
+    lever = attitude @ np.array(scenario_of(result)["receiver"]["lever_arm_m"], dtype=float)
     return earth.ecef_from_llh(llh) + np.einsum("eij,ei->ej", earth.ned_matrix(llh), lever)
 
 
 def _map_features(result: Result) -> list[dict[str, Any]]:
-    """Track, error ellipses of fixes, pseudolites, runway: type, name, coordinates (lon, lat, h), properties."""
+    """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, h), properties.
+    """
     if result.attributes["kind"] == "replay":
         path = [
             (name, result[f"/{group}/position_llh"]) for name, group in (("track", "filter"), ("fixes", "receiver"))
@@ -536,9 +532,9 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
             {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
         ]
     if result.attributes["kind"] == "sweep":
-        return _combinations(result)
+        return [*_combinations(result), *_ridges(result)]
     if result.attributes["kind"] != "landing":
-        return _placements(result)
+        return [*_placements(result), *_ridges(result)]
     llh = result["/truth/position_llh"]
     step = max(1, llh.shape[0] // 2000)
     track = np.concatenate([llh[::step], llh[-1:]])
@@ -546,9 +542,9 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
         {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(track)}
     ]
     threshold = result["/truth/threshold_llh"]
-    runway = _scenario(result)["runway"]
+    runway = scenario_of(result)["runway"]
     out.append(_runway(threshold, runway))
-    out += _glide(result)
+    out += _glide(result) + _ridges(result)
     for name, place in zip(result["/pseudolites/name"], result["/pseudolites/position_llh"], strict=True):
         out.append({"kind": "pseudolite", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])})
     covariance, antenna = result["/receiver/covariance_enu"], earth.llh_from_ecef(true_antenna(result))
@@ -594,9 +590,18 @@ def _glide(result: Result) -> list[dict[str, Any]]:
     return [{"kind": "glide", "type": "LineString", "name": "glide path", "coordinates": _lonlat(llh)}]
 
 
+def _ridges(result: Result) -> list[dict[str, Any]]:
+    """The tops of the terrain's ridges and skylines."""
+    return [
+        {"kind": "ridge", "type": "LineString", "name": ridge.name, "coordinates": _lonlat(ridge.llh),
+         "properties": {"height_m": round(ridge.height, 3)}}
+        for ridge in ridges(result)
+    ]  # fmt: skip
+
+
 def _placements(result: Result) -> list[dict[str, Any]]:
     """Of a search the places of the pseudolites, of each number of them."""
-    height, found = float(_scenario(result)["runway"]["height_m"]), result.variables["/front/objective"]
+    height, found = float(scenario_of(result)["runway"]["height_m"]), result.variables["/front/objective"]
     out = []
     for i, k in np.argwhere(np.isfinite(result["/optimum/latitude"])):
         angles = (float(result[f"/optimum/{axis}"][i, k]) for axis in ("latitude", "longitude"))
@@ -617,7 +622,7 @@ def _combinations(result: Result) -> list[dict[str, Any]]:
     if count > MOST_SITES:
         text = f"{count:,} places are more than a map shows, {MOST_SITES:,}"
         raise ResultError(f"{text}; the result has them in /plan/site_along and site_right")
-    threshold, runway = result["/plan/threshold_llh"], _scenario(result)["runway"]
+    threshold, runway = result["/plan/threshold_llh"], scenario_of(result)["runway"]
     axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
     names, out = heads(result), [_runway(threshold, runway)]
     for number, (i, row) in enumerate(rows(result)):
@@ -722,7 +727,7 @@ def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:
 
 _STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
            "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5"),
-           "glide": ("ff739e00", 2, "00ffffff")}  # fmt: skip
+           "glide": ("ff739e00", 2, "00ffffff"), "ridge": ("ff004b8c", 2, "60004b8c")}  # fmt: skip
 """Line colour (aabbggrr), width, fill."""
 
 
@@ -746,6 +751,8 @@ def _kml(result: Result, target: Path) -> dict[Path, str]:
         Xml.SubElement(mark, "styleUrl").text = f"#{f['kind']}"
         shape = Xml.SubElement(mark, f["type"])
         on_ground = f["kind"] in ("runway", "ellipse", "pseudolite")
+        if f["kind"] == "ridge":  # a wall down to the ground
+            Xml.SubElement(shape, "extrude").text = "1"
         if f["type"] != "Point":
             Xml.SubElement(shape, "tessellate").text = "1"
         # KML's heights are over the sea: those over the ellipsoid are shown as they are where nothing is known of it

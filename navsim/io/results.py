@@ -152,6 +152,13 @@ MOST_WHOLE = int(np.iinfo(np.int64).max)
 ONE_RUN, SEVERAL_RUNS = "one run", "several runs"
 
 
+def scenario_of(result: Result) -> Any:
+    """The scenario stored in a result, defaults included, as plain data."""
+    import yaml
+
+    return yaml.safe_load(str(result.attributes["scenario"]))
+
+
 def check_writable(path: Path) -> None:
     """Raise ResultError, before any work is done, where `path` could not be written, with partial work beside it."""
     try:

@@ -146,8 +146,8 @@ _AXES = Chapter(
     "Axes",
     "Coordinates with the same labels in every file.",
     (
-        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE, SWEEP), "latitude", "longitude",
-                "height"),
+        _labels("/llh", "geodetic coordinates, WGS-84", (*_FLOWN, REPLAY, LIVE, SWEEP, OPTIMIZE), "latitude",
+                "longitude", "height"),
         _labels("/ned", "axes of the local level frame", (*_FLOWN, REPLAY, LIVE), "north", "east", "down"),
         _labels("/enu", "axes of the local level frame, east first", _FLOWN, "east", "north", "up"),
         _labels("/enu_column", "columns of matrices in these axes", _FLOWN, "east", "north", "up"),
@@ -191,10 +191,10 @@ _TRUTH = Chapter(
            when=_HORIZON),
         _a("/geometry/horizon", "bearing", "rad", "elevation of the horizon, straight between its corners", _FLOWN,
            when=_HORIZON),
+        _a("/geometry/behind_terrain", "source", "1", "fix epochs at which terrain hides the source: a satellite that "
+           "the mask lets pass, or a pseudolite", _FLOWN, WHOLE, when="where there is `terrain`"),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
-        _a("/pseudolites/behind_terrain", "name", "1", "fix epochs at which terrain hides the pseudolite", _FLOWN,
-           WHOLE, when="where there is `terrain`"),
     ),
 )  # fmt: skip
 
@@ -817,7 +817,7 @@ _SWEEP = Chapter(
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
         _a("/plan/point", "point", "1", "points of the track", SWEEP, WHOLE),
-        _a("/plan/threshold_llh", "llh", "rad, rad, m", "threshold of the runway", SWEEP),
+        _a("/plan/threshold_llh", "llh", "rad, rad, m", "threshold of the runway", (SWEEP, OPTIMIZE)),
         _a("/site", "site", "1", "number of the pseudolite", SWEEP, WHOLE),
         *(
             entry

@@ -117,6 +117,16 @@ def behind(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.nda
     return out
 
 
+def flown_under(tops: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """How far under the top of a ridge a path (n, 3), ECEF, m, goes through it between each of its points and the next,
+    the most of all ridges: (n - 1,) m, -inf where it goes through none, or over it. tops: as of `ridge_loss`."""
+    out = np.full(len(path) - 1, -np.inf)
+    for some in range(0, len(tops), _AT_ONCE):
+        c = crossings(tops[some : some + _AT_ONCE], path[:-1, None], path[1:])
+        out = np.maximum(out, np.where(c.between & (c.over > 0.0), c.over, -np.inf).max(axis=1))
+    return out
+
+
 def _below_tops(tops: np.ndarray, sources: np.ndarray, antenna: np.ndarray) -> np.ndarray:
     """Which sources an antenna sees no higher than a bound of the highest of all tops (e, s) bool: only those can be
     behind one. Arguments as of `behind`."""

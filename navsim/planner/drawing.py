@@ -31,7 +31,9 @@ from navsim.report.page.marks import (
     source,
     tell,
 )
-from navsim.report.page.sky import Sector, beside, name_marks, sky_paper, skyline
+from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
+from navsim.report.ridges import BROWN
+from navsim.report.sky import Sector
 
 Outline = tuple[str, list[np.ndarray], str]
 """Of an overlay: `area`, `line` or `point`; its parts (n, 2), along and right, m; its name."""
@@ -134,7 +136,7 @@ class AerodromePlan:
         interference = proposal.scenario.interference
         for ridge in (*proposal.scenario.terrain, *(() if interference is None else interference.horizon)):
             tops = proposal.axes(ridge.tops(proposal.threshold))
-            on.multi_line([*tops[..., 0]], [*tops[..., 1]], line_color="#8C4B00", line_width=3)
+            on.multi_line([*tops[..., 0]], [*tops[..., 1]], line_color=BROWN, line_width=3)
 
     def show(self, area: ShownArea) -> None:
         """Let the axes reach over an area."""

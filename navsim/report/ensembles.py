@@ -12,7 +12,7 @@ from navsim.report.figures import legend_above
 from navsim.report.limits import asked, rectangle
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 from navsim.report.quantities import blocks, come_down, ellipse, heights, settled
-from navsim.report.tables import box_limits, runs_of, setting
+from navsim.report.tables import box_limits, of_total, runs_of, setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,7 +99,7 @@ def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Fig
     """Percentiles, root mean square and the filter's sigma against time or height, a panel an axis."""
     fig = new_figure(COLUMN, 4.8)
     axes = fig.subplots(3, 1, sharex=True)
-    late = settled(of.time)
+    late, against_height = settled(of.time), label.startswith("height")
     for i, (ax, name) in enumerate(zip(axes, AXES, strict=True)):
         low, lower, median, upper, high = of.percentiles[:, :, i]
         ax.fill_between(across, low, high, color=COLOURS[5], alpha=0.3, lw=0, label="95 % of runs")
@@ -110,15 +110,22 @@ def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Fig
             if of.sigma is not None:
                 ax.plot(across, side * of.sigma[:, i], color=COLOURS[1], ls="--", lw=0.9,
                         label="±σ of the filter" if side > 0 else None)  # fmt: skip
+        if of.sigma is None and against_height:
+            at, sigma = result["/summary/at/height"], result[f"/summary/at/{name}_sigma"]
+            ax.errorbar(at, np.zeros(at.size), sigma, fmt="none", ecolor=COLOURS[1], elinewidth=0.9, capsize=2.5,
+                        label=f"±σ of the filter at {at.size} heights")  # fmt: skip
         reach = 1.25 * float(max(np.abs(low[late]).max(), np.abs(high[late]).max()))
         if reach > 0.0:
             ax.set_ylim(-reach, reach)
         ax.set_ylabel(f"{name}, m")
     axes[-1].set_xlabel(label)
-    if label.startswith("height"):
+    if against_height:
         axes[-1].set_xlim(across.max(), across.min())
     fig.align_ylabels(axes)
-    legend_above(fig, axes[0], 3, f"truth minus estimate, {runs_of(result)}")
+    title = f"truth minus estimate, {runs_of(result)}"
+    if of.sigma is None and not against_height:
+        title += "; the filter's σ is told along the axes of the map alone"
+    legend_above(fig, axes[0], 3, title)
     return fig
 
 
@@ -132,7 +139,7 @@ def _scatter(result: Result) -> Figure:
     required."""
     fig = new_figure(2 * COLUMN, 3.4)
     names = {"lateral": "lateral (right)", "along": "along the track", "vertical": "vertical (up)"}
-    panels = abreast(fig, 2)
+    panels, out_of_sight = abreast(fig, 2), dict[str, str]()
     for ax, (x, y) in zip(panels, (("lateral", "along"), ("lateral", "vertical")), strict=True):
         both = np.stack([at_touchdown(result, x), at_touchdown(result, y)], axis=1)
         both = both[np.isfinite(both).all(axis=1)]
@@ -146,7 +153,10 @@ def _scatter(result: Result) -> Figure:
             ax.plot(*(mean[:, None] + half), color=COLOURS[1], ls="--", label="50 % of a Gaussian")
             ax.plot(*(mean[:, None] + whole), color=COLOURS[1], label="95 % of a Gaussian")
             wide = max(wide, float(np.abs(mean[:, None] + whole).max()))
-        limits = _limits(result, wide)
+        every = _limits(result)
+        limits = {name: ends for name, ends in every.items() if max(-ends[0], ends[1]) <= 4.0 * wide}
+        out_of_sight |= {name: f"{name} {every[name][0]:g} to {every[name][1]:g} m" for name in (x, y)
+                         if name in every and name not in limits}  # fmt: skip
         rectangle(ax, limits.get(x), limits.get(y), "limit")
         wide = 1.15 * max([wide, *(abs(end) for ends in limits.values() for end in ends)])
         ax.set_xlim(-wide, wide)
@@ -154,22 +164,23 @@ def _scatter(result: Result) -> Figure:
         ax.set_box_aspect(1.0)
         ax.set_xlabel(f"{names[x]}, m")
         ax.set_ylabel(f"{names[y]}, m")
-    legend_above(fig, panels[0], 4, f"error at touchdown, {runs_of(result)}", panels[1])
+    far = f"; limits out of sight: {', '.join(out_of_sight.values())}" if out_of_sight else ""
+    legend_above(fig, panels[0], 4, f"error at touchdown, {runs_of(result)}{far}", panels[1])
     return fig
 
 
-def _limits(result: Result, reach: float) -> dict[str, tuple[float, float]]:
+def _limits(result: Result) -> dict[str, tuple[float, float]]:
     """What errors at touchdown are limited to by the scenario's box, if it is of errors of navigation, or by
-    requirements, from and to, m, where that is in sight."""
+    requirements, from and to, m."""
     out: dict[str, tuple[float, float]] = {}
-    navigation = "/summary/box/upper" in result and "/summary/box/axis_gaussian" not in result
+    navigation = "/summary/box/upper" in result and not of_total(result)
     if navigation and float(result["/summary/box/height"]) == 0.0:
         out = {name: ends for i, name in enumerate(AXES) if (ends := box_limits(result, i)) is not None}
     for one in asked(result, "error"):
         if one.at == "touchdown":
             low, high = out.get(one.of, (-np.inf, np.inf))
             out[one.of] = max(-one.size, low), min(one.size, high)
-    return {name: ends for name, ends in out.items() if max(-ends[0], ends[1]) <= 4.0 * reach}
+    return out
 
 
 def _histogram(result: Result) -> Figure:

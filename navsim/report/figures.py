@@ -5,17 +5,19 @@ Every figure function takes a result and returns a matplotlib Figure; `save` wri
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from navsim.io.results import Result, ResultError, write_bytes
 from navsim.report.figure_files import remove_former
-from navsim.report.limits import gates, rms_lines, within_sight
+from navsim.report.limits import gates, rms_lines, within_sight, word
+from navsim.report.names import Covered, Letters, Side
 from navsim.report.printing import (
     COLOURS,
     COLUMN,
@@ -40,6 +42,8 @@ from navsim.report.quantities import (
     touchdown,
     true_for,
 )
+from navsim.report.ridges import BROWN, ShownRidge, clipped, flown_over, on_plan, seen_skyline, shown_ridges
+from navsim.report.sky import REACH, RINGS, SHADE, WRITTEN, bearings, masked, shaded, sides, source_tracks
 from navsim.report.tables import runs_of, setting, single
 
 if TYPE_CHECKING:
@@ -48,6 +52,8 @@ if TYPE_CHECKING:
 _BLUE, _ORANGE, _GREEN = COLOURS[:3]
 _GREY = "#777777"
 _MOST_POINTS = 5000
+_LETTERS = Letters(5.0, 8.0, 4.2)
+"""Points of a mark, a line of small letters, and one of them."""
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int, title: str | None = None, *more: Axes) -> None:
@@ -67,34 +73,44 @@ def legend_over(ax: Axes, columns: int) -> None:
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2)
 
 
-def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """Names beside points, each on the side where it keeps farthest from other points and names; where points and names
-    are, in points of the page."""
+def label_points(ax: Axes, names: Iterable[object], x: np.ndarray, y: np.ndarray) -> None:
+    """Names beside points, each on the side where it covers least of other points and names."""
+    said = [str(name) for name in names]
+    places = [(right, -up) for right, up in on_page(ax, x, y).tolist()]
+    corners = ax.get_window_extent().get_points() * 72.0 / ax.figure.dpi
+    paper = Covered(corners[0, 0], corners[1, 0], -corners[1, 1], -corners[0, 1])
+    write_names(ax, said, x, y, _LETTERS.sides(places, said, (), paper))
+
+
+def write_names(ax: Axes, names: Iterable[str], x: Iterable[float], y: Iterable[float], sides: Iterable[Side]) -> None:
+    """Names beside points, where they stand, points of the page."""
     from matplotlib.patheffects import withStroke
 
-    place = on_page(ax, x, y)
-    taken = list(place)
-    for i, name in enumerate(names):
-        width = 0.6 * SMALL * len(str(name))
-        sides = [(5.0, 3.0, "left"), (-5.0, 3.0, "right"), (5.0, -9.0, "left"), (-5.0, -9.0, "right")]
-
-        def middle(side: tuple[float, float, str], i: int = i, width: float = width) -> np.ndarray:
-            half = 0.5 * width if side[2] == "left" else -0.5 * width
-            return place[i] + [side[0] + half, side[1] + 0.35 * SMALL]
-
-        others = [p for k, p in enumerate(taken) if k != i]
-        best = max(sides, key=lambda s: min((float(np.hypot(*(middle(s) - p))) for p in others), default=0.0))
-        taken.append(middle(best))
+    for name, right, up, side in zip(names, x, y, sides, strict=True):
         ax.annotate(
-            str(name), (x[i], y[i]), xytext=best[:2], textcoords="offset points", ha=best[2], fontsize=SMALL,
-            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            name, (right, up), xytext=(side.right, -side.down), textcoords="offset points", ha=side.align,
+            va="center_baseline", fontsize=SMALL, path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            annotation_clip=False,
         )  # fmt: skip
-    return taken
 
 
 def on_page(ax: Axes, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Where data (n,) lie on the page, points (n, 2)."""
     return ax.transData.transform(np.column_stack([x, y])) * 72.0 / ax.figure.dpi
+
+
+def ridge_line(
+    ax: Axes, ridge: ShownRidge, along: tuple[float, float], right: tuple[float, float], label: str | None
+) -> None:
+    """A ridge within a part of a plan, from and to, m, with its height."""
+    parts = clipped(ridge, along, right)
+    for part in parts:
+        ax.plot(*part.T, color=BROWN, lw=1.6, solid_capstyle="butt", label=label)
+        label = None
+    if len(parts):
+        ends = parts.reshape(-1, 2)
+        x, y = ends[np.argmax(ends[:, 1])]
+        word(ax, ridge.label, (float(x), float(y)), (0.0, 2.0), ha="center", va="bottom", color=BROWN)
 
 
 def _in_brackets(result: Result) -> str:
@@ -117,13 +133,19 @@ def track(result: Result) -> Figure:
     if names.size:
         places = in_runway_axes(result, result["/pseudolites/position_llh"])
         plan.plot(places[:, 0], places[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
+    seen = np.concatenate([path[:, :2], *([places[:, :2]] if names.size else [])])
+    for k, ridge in enumerate(shown_ridges(result)):
+        ridge_line(plan, ridge, *on_plan(seen), label=None if k else "terrain, height of its top")
+    for over in flown_over(result):
+        profile.plot([over.along, over.along], [0.0, over.top], color=BROWN, lw=1.6)
+        word(profile, over.label, (over.along, over.top), (0.0, 2.0), ha="center", va="bottom", color=BROWN)
     plan.margins(0.06, 0.15)
     if names.size:
         label_points(plan, names, places[:, 0], places[:, 1])
     plan.set_ylabel("right of the axis, m")
     legend_above(fig, plan, 3)
 
-    profile.plot(path[:, 0], result["/truth/position_llh"][:, 2], color=_BLUE)
+    profile.plot(path[:, 0], path[:, 2], color=_BLUE)
     landed = touchdown(result)
     if np.isfinite(landed):
         at = np.interp(landed, result["/truth/time"], path[:, 0])
@@ -131,51 +153,83 @@ def track(result: Result) -> Figure:
         profile.annotate("touchdown", (at, 0.85), xycoords=("data", "axes fraction"), xytext=(4, 0),
                          textcoords="offset points", color=_ORANGE, fontsize=SMALL)  # fmt: skip
     profile.set_xlabel("along the runway from the threshold, m")
-    profile.set_ylabel("height, m")
+    profile.set_ylabel("height above the threshold, m")
     fig.align_ylabels([plan, profile])
     return fig
 
 
 def sky(result: Result) -> Figure:
-    """Directions to the used sources over the approach, pseudolites included."""
-    fig = new_figure(COLUMN, 3.6)
-    ax = fig.add_subplot(projection="polar")
-    ax.set_theta_zero_location("N")  # type: ignore[attr-defined]
-    ax.set_theta_direction(-1)  # type: ignore[attr-defined]
-    los = result["/geometry/line_of_sight"]
-    pseudolites = set(result["/pseudolites/name"])
-    names, ends = [], []
-    lowest = 0.0
-    for i, name in enumerate(result["/geometry/source"]):
-        seen = los[np.isfinite(los[:, i, 0]), i]
-        if not seen.size:
-            continue
-        azimuth = np.arctan2(seen[:, 0], seen[:, 1])
-        zenith = 90.0 - np.degrees(np.arcsin(seen[:, 2]))
-        lowest = max(lowest, zenith.max())
-        mark = {"color": _ORANGE, "marker": "^"} if name in pseudolites else {"color": _BLUE, "marker": "o"}
-        ax.plot(azimuth, zenith, color=mark["color"], lw=1.0)
-        ax.plot(azimuth[-1:], zenith[-1:], ms=4, ls="", **mark)  # type: ignore[arg-type]
-        names.append(name)
-        ends.append((azimuth[-1], zenith[-1]))
-    edge = 90.0 if lowest <= 90.0 else 10.0 * np.ceil(lowest / 10.0)
-    ax.set_ylim(0, edge)
-    ax.set_yticks([30, 60, 90], ["60°", "30°", "0°"])
-    ax.set_xticks(np.radians(np.arange(0, 360, 45)), ["N", "45°", "E", "135°", "S", "225°", "W", "315°"])
-    if ends:
-        azimuth, zenith = np.array(ends).T
-        taken = np.array(label_points(ax, names, azimuth, zenith))
+    """Directions to all sources over the approach, used and not, with what mask, horizon and terrain take away."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle, Patch, Wedge
 
-        def room(bearing: float) -> float:
-            named = on_page(ax, np.full(3, np.radians(bearing)), np.array([30.0, 60.0, 90.0]))
-            return float(np.linalg.norm(named[:, None] - taken, axis=2).min())
-
-        ax.set_rlabel_position(max(np.arange(22.5, 360.0, 45.0), key=room))  # type: ignore[attr-defined]
-    ax.set_title(
-        "directions by azimuth and elevation;\nmarks: last epoch; triangles: pseudolites"
-        + (f"\n{said}" if (said := true_for(result)) else "")
-    )
+    fig = new_figure(COLUMN, COLUMN)
+    wide = min(fig.get_figwidth(), 1.25 * COLUMN)
+    fig.set_figheight(wide + 0.3)
+    ax = fig.subplots()
+    ax.set_axis_off()
+    ax.set_aspect("equal")
+    sources, edge = source_tracks(result)
+    ax.set_xlim(-REACH * edge, REACH * edge)
+    ax.set_ylim(-REACH * edge, REACH * edge)
+    shade: dict[str, Any] = {"color": _GREY, "alpha": SHADE, "lw": 0.0}
+    for west, east, low, high in masked(result, edge):
+        if high > low:
+            last = east if east > west else east + 360.0
+            ax.add_patch(Wedge((0.0, 0.0), 90.0 - low, 90.0 - last, 90.0 - west, width=high - low, **shade))
+    mask = float(setting(result, "sky", "mask_deg"))
+    ax.add_patch(Circle((0.0, 0.0), 90.0 - mask, fill=False, color="black", lw=0.7, ls="--"))
+    if "/geometry/horizon" in result:
+        ax.fill(*shaded(result["/geometry/bearing"], result["/geometry/horizon"], mask), **shade)
+    terrain = seen_skyline(result)
+    if terrain is not None:
+        ax.fill(*shaded(*terrain, mask), **shade | {"color": BROWN, "alpha": 0.45})
+    for ring in RINGS:
+        ax.add_patch(Circle((0.0, 0.0), ring, fill=False, color=_GREY, lw=0.4, alpha=0.6))
+        up = 3.0 if ring < edge else -5.0  # bearings stand outside
+        ax.annotate(f"{90.0 - ring:g}°", (0.0, ring), xytext=(2.0, up), textcoords="offset points", fontsize=SMALL,
+                    va="center_baseline")  # fmt: skip
+    for said, s, c in bearings():
+        ax.plot([0.0, edge * s], [0.0, edge * c], color=_GREY, lw=0.4, alpha=0.5)
+        ax.text(WRITTEN * edge * s, WRITTEN * edge * c, said, ha="center", va="center_baseline", fontsize=SMALL)
+    for each in sources:
+        own, mark = (_ORANGE, "^") if each.ground else (_BLUE, "o")
+        ax.plot(*each.part(False), color=_GREY, lw=1.0, ls=":")
+        ax.plot(*each.part(True), color=own, lw=1.0)
+        ax.plot(each.x[each.last], each.y[each.last], mark, **_sky_mark(each.share, own))
+    if sources:
+        x, y, names = zip(*((e.x[e.last], e.y[e.last], e.name) for e in sources), strict=True)
+        write_names(ax, names, x, y, sides(x, y, names, edge, 72.0 * wide - 8.0, _LETTERS))
+    keys = {"pseudolite" if each.ground else "satellite": each.ground for each in sources}
+    handles: dict[str, Any] = {}
+    for what, ground in keys.items():
+        own, mark = (_ORANGE, "^") if ground else (_BLUE, "o")
+        for words, share in (("used", 1.0), ("lost at times", 0.5), ("not used", 0.0)):
+            if any(each.ground == ground and _sort(each.share) == share for each in sources):
+                handles[f"{what} {words}"] = Line2D([], [], marker=mark, ls="", **_sky_mark(share, own))
+    handles[f"mask, {mask:g}°"] = Line2D([], [], color="black", lw=0.7, ls="--")
+    if "/geometry/horizon" in result or any(part[1] - part[0] < 360.0 for part in masked(result, edge)):
+        handles["masked"] = Patch(**shade)
+    if terrain is not None:
+        handles["behind terrain"] = Patch(color=BROWN, alpha=0.45, lw=0.0)
+    said = true_for(result)
+    when = "marks, terrain: as at the last fix" if terrain is not None else "marks: last fix"
+    title = f"directions by azimuth and elevation; {when}" + (f"; {said}" if said else "")
+    legend(fig, list(handles.values()), list(handles), 3, "outside upper center", title)
     return fig
+
+
+def _sort(share: float) -> float:
+    """Whether a source is used at all fixes, 1, at none, 0, or at some, 1/2."""
+    return share if share in (0.0, 1.0) else 0.5
+
+
+def _sky_mark(share: float, own: str) -> dict[str, Any]:
+    """A mark that is full, half, or hollow and grey, by the share of fixes a source is used at."""
+    if not share:
+        return {"ms": 4.0, "mfc": "white", "mec": _GREY, "mew": 0.9}
+    half = {} if share == 1.0 else {"fillstyle": "bottom", "markerfacecoloralt": "white"}
+    return {"ms": 4.5, "color": own, "mec": own, "mew": 0.7, **half}
 
 
 def dop(result: Result) -> Figure:
@@ -217,52 +271,65 @@ _DOWN = 2
 """Number of the state whose limits are those of the vertical error; the others are not along the runway's axes."""
 
 
-def errors(result: Result) -> Figure:
-    """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS."""
+_MOST_ROWS, _HIGHEST = 8, 8.4
+"""Rows of panels of a figure, and their height, inches: what a page has room for."""
+
+
+def errors(result: Result) -> dict[str, Figure]:
+    """All errors with 3 sigma bounds: of one run, or of an ensemble with its RMS; more states than a page has room for
+    go on in another figure."""
+    rows = math.ceil(len(result["/filter/state"]) / 3)
+    pages = math.ceil(rows / _MOST_ROWS)
+    ends = np.linspace(0, rows, pages + 1).round().astype(int)
+    return {
+        f"errors_{i + 1}" if i else "errors": _errors(result, range(int(first), int(last)))
+        for i, (first, last) in enumerate(itertools.pairwise(ends))
+    }
+
+
+def _errors(result: Result, shown: range) -> Figure:
+    """Some rows of three states."""
     names = [str(name) for name in result["/filter/state"]]
     states = followed(names)
     triads = sum(bool(state.axis) for state in states) // 3
-    count = math.ceil(len(names) / 3)
-    fig = new_figure(2 * COLUMN, 1.32 * count)
-    axes = fig.subplots(count, 3, sharex=True)
-    for unused in axes.flat[len(names) :]:
+    fig = new_figure(2 * COLUMN, min(1.32 * len(shown), _HIGHEST) + 0.2)
+    axes = fig.subplots(len(shown), 3, sharex=True, squeeze=False)
+    for unused in axes.flat[len(names) - 3 * shown.start :]:
         unused.set_axis_off()
     t = result["/filter/time"]
     error = first_runs(result, "/filter/error")
     alone = single(result)
     sigma, rms = rms_over_runs(result, "/filter/sigma"), rms_over_runs(result, "/filter/error")
     late = settled(t)
-    for row in range(count):
-        for column in range(min(3, len(names) - 3 * row)):
-            ax: Axes = axes[row, column]
-            i = 3 * row + column
-            label, scale = states[i].label, states[i].scale
-            bound, spread = 3.0 * sigma[:, i] * scale, 3.0 * rms[:, i] * scale
-            runs = error[:, :, i].T * scale
-            ax.fill_between(t, -bound, bound, color=_ORANGE, alpha=0.25, lw=0, label="±3σ of the filter")
-            if alone:
-                ax.plot(t, runs, color=_BLUE, lw=0.7, label="error, truth minus estimate")
-            else:
-                lines = ax.plot(t, runs, color="#999999", lw=0.25, alpha=0.5)
-                lines[0].set_label(f"errors of {runs.shape[1]} runs")
-                ax.plot(t, spread, color=_BLUE, lw=0.9, label="±3 RMS over all runs")
-                ax.plot(t, -spread, color=_BLUE, lw=0.9)
-            seen = 1.6 * np.abs(runs[late]) if alone else 1.2 * spread[late]
-            reach = max(1.6 * bound[late].max(initial=0.0), seen.max(initial=0.0))
-            if i == _DOWN and reach > 0:
-                reach = within_sight(result, "vertical", reach)
-                gates(ax, result, "vertical", reach)
-            if reach > 0:
-                ax.set_ylim(-reach, reach)
-            if column == 0 or row >= triads:
-                ax.set_ylabel(label)
-            if row == 0:
-                ax.set_title(("north", "east", "down")[column])
-            if row == 3:
-                ax.set_title("xyz"[column])
-            if i + 3 >= len(names):
-                ax.set_xlabel("time, s")
-                ax.tick_params(labelbottom=True)
+    for i in range(3 * shown.start, min(3 * shown.stop, len(names))):
+        row, column = i // 3, i % 3
+        ax: Axes = axes[row - shown.start, column]
+        state = states[i]
+        bound, spread = 3.0 * sigma[:, i] * state.scale, 3.0 * rms[:, i] * state.scale
+        runs = error[:, :, i].T * state.scale
+        ax.fill_between(t, -bound, bound, color=_ORANGE, alpha=0.25, lw=0, label="±3σ of the filter")
+        if alone:
+            ax.plot(t, runs, color=_BLUE, lw=0.7, label="error, truth minus estimate")
+        else:
+            lines = ax.plot(t, runs, color="#999999", lw=0.25, alpha=0.5)
+            lines[0].set_label(f"errors of {runs.shape[1]} runs")
+            ax.plot(t, spread, color=_BLUE, lw=0.9, label="±3 RMS over all runs")
+            ax.plot(t, -spread, color=_BLUE, lw=0.9)
+        seen = 1.6 * np.abs(runs[late]) if alone else 1.2 * spread[late]
+        reach = max(1.6 * bound[late].max(initial=0.0), seen.max(initial=0.0))
+        if i == _DOWN and reach > 0:
+            reach = within_sight(result, "vertical", reach)
+            gates(ax, result, "vertical", reach)
+        if reach > 0:
+            ax.set_ylim(-reach, reach)
+        ax.locator_params(axis="y", nbins=5)
+        if column == 0 or row >= triads:
+            ax.set_ylabel(state.label)
+        if row == shown.start or state.axis != states[i - 3].axis:
+            ax.set_title(state.axis)
+        if i + 3 >= min(3 * shown.stop, len(names)):
+            ax.set_xlabel("time, s")
+            ax.tick_params(labelbottom=True)
     fig.align_ylabels(axes[:, 0])
     legend_above(fig, axes[0, 0], 4, runs_of(result), axes[0, _DOWN])
     return fig
@@ -369,7 +436,6 @@ _SUMMARY_FIGURES: dict[str, Callable[[Result], Figure]] = {
 }
 _FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
     "fixes": ("/receiver/position_llh", fixes),
-    "errors": ("/filter/error", errors),
     "budget": ("/budget/rms", budget),
 }
 """Figures that need a variable not every result has."""
@@ -378,7 +444,8 @@ _FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
 def landing(result: Result) -> dict[str, Figure]:
     """Every figure a landing has data for, by name."""
     chosen = _SUMMARY_FIGURES | {name: draw for name, (needed, draw) in _FIGURES_OF.items() if needed in result}
-    return {name: draw(result) for name, draw in chosen.items()}
+    drawn = {name: draw(result) for name, draw in chosen.items()}
+    return drawn | (errors(result) if "/filter/error" in result else {})
 
 
 def save_figures(

@@ -9,6 +9,7 @@ import yaml
 
 from navsim.io.results import Result
 from navsim.io.schema import LARGE
+from navsim.report.ridges import shown_ridges
 from navsim.report.table import ABSENT, Cell, Table, cell, number
 from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
@@ -212,7 +213,7 @@ def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
 
 def plan(result: Result) -> Figure:
     """For each number of pseudolites: the placement over the objective with the first one moved."""
-    from navsim.report.figures import label_points, legend_above
+    from navsim.report.figures import label_points, legend_above, ridge_line
     from navsim.report.printing import COLUMN, new_figure
 
     counts = result["/pseudolites"]
@@ -244,8 +245,10 @@ def plan(result: Result) -> Figure:
         ax.set_facecolor("#dddddd" if computed else "white")
         ax.grid(visible=False)
         ax.margins(0.03)
+        for k, ridge in enumerate(shown_ridges(result)):
+            ridge_line(ax, ridge, ax.get_xlim(), ax.get_ylim(), label=None if k else "terrain, height of its top")
         label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
-    legend_above(fig, axes[0], 2, "colours: PL1 moved" + (", the others kept" if counts.max() > 1 else ""))
+    legend_above(fig, axes[0], 3, "colours: PL1 moved" + (", the others kept" if counts.max() > 1 else ""))
     unmet = ", or requirements not met" if "/front/met" in result else ""
     axes[-1].set_xlabel(f"along the runway from the threshold, m; grey: not allowed{unmet}")
     return fig

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
 import numpy as np
@@ -21,6 +22,7 @@ from navsim.report.figure_files import MARK, mark_of_text
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
 COLUMN = 3.5
@@ -119,7 +121,7 @@ def legend(
         return
     columns = max(1, min(columns, len(handles)))
     words = list(labels)
-    broken = None if title is None else _broken(title, room, 8.0)
+    broken = None if title is None else _broken(title, room - 12.0, 8.0)
 
     def made(columns: int) -> Any:
         return figure.legend(handles, words, loc=loc, ncols=columns, title=broken, title_fontsize=8.0)
@@ -135,8 +137,42 @@ def legend(
     figure.set_figheight(figure.get_figheight() + max(0.0, height - 20.0) / 72.0)
 
 
+_TO_SCALE: WeakKeyDictionary[Figure, list[Axes]] = WeakKeyDictionary()
+
+
+def to_scale_below(figure: Figure, axes: Iterable[Axes]) -> None:
+    """Have `fit` make a figure as high as panels need, each below the other, some of them to scale."""
+    _TO_SCALE[figure] = list(axes)
+
+
+def _close_up(figure: Figure) -> None:
+    """Give panels to scale the height that their width asks for, so that no band stays empty."""
+    axes, engine = _TO_SCALE.get(figure, []), figure.get_layout_engine()
+    for _ in range(8 if axes and engine is not None else 0):  # another height leaves letters other room
+        engine.execute(figure)  # type: ignore[union-attr]
+        whole, heights, more = figure.get_figheight(), [], 0.0
+        for ax in axes:
+            room = ax.get_position(original=True)
+            heights.append(room.height * whole)
+            if ax.get_aspect() != "auto":
+                up, across = (abs(float(np.diff(ends)[0])) for ends in (ax.get_ylim(), ax.get_xlim()))
+                heights[-1] = room.width * figure.get_figwidth() * up / across
+            more += heights[-1] - room.height * whole
+        figure.set_figheight(whole + more)
+        axes[0].get_gridspec().set_height_ratios(heights)  # type: ignore[union-attr]
+        if abs(more) < 0.01:
+            break
+
+
+_THIN = 0.5
+"""Width of the columns of a panel in which a line shows no more than its least and its largest value, points."""
+_APART = 4.0
+"""Least room between numbers below an axis, points."""
+
+
 def fit(figure: Figure) -> None:
-    """Break titles and labels that are longer than the room they have."""
+    """Break titles and labels that are longer than the room they have, leave out numbers below axes that would run
+    into each other, and points of lines that no print shows. The figure is arranged then, and stays so."""
     whole = 72.0 * figure.get_figwidth() - 8.0
     for text in figure.texts:
         _fit(text, whole)
@@ -154,6 +190,60 @@ def fit(figure: Figure) -> None:
             _fit(text, across)
         _fit(ax._left_title, 72.0 * figure.get_figwidth() - box.x0 * scale - 4.0)  # type: ignore[attr-defined]
         _fit(ax.yaxis.label, box.height * scale)
+        _spread_numbers(ax)
+        for line in ax.lines:
+            _thin(line, ax, box.width * scale)
+    _close_up(figure)
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+
+
+def _spread_numbers(ax: Axes) -> None:
+    """Fewer numbers below an axis whose numbers run into each other."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis, locator = ax.xaxis, ax.xaxis.get_major_locator()
+    if not isinstance(locator, MaxNLocator) or not any(label.get_visible() for label in ax.get_xticklabels()):
+        return
+    scale = 72.0 / ax.figure.dpi
+
+    def close() -> bool:
+        at = np.asarray(axis.get_majorticklocs(), float)
+        low, high = sorted(ax.get_xlim())
+        numbers = axis.get_major_formatter().format_ticks(at.tolist())
+        words = [said for x, said in zip(at, numbers, strict=True)
+                 if low <= x <= high]  # fmt: skip
+        seen = at[(at >= low) & (at <= high)]
+        middle = ax.transData.transform(np.column_stack([seen, np.full(seen.size, ax.get_ylim()[0])]))[:, 0] * scale
+        order = np.argsort(middle)
+        long = np.array([_length(words[i], SMALL) for i in order])
+        return bool(np.any(np.diff(middle[order]) < 0.5 * (long[1:] + long[:-1]) + _APART))
+
+    count = len(axis.get_majorticklocs())
+    while close() and count > 2:
+        count -= 1
+        locator.set_params(nbins=count)
+
+
+def _thin(line: Line2D, ax: Axes, wide: float) -> None:
+    """Of a line over a panel so many points wide keep the least and the largest value in every column of the print."""
+    x, y = (np.asarray(values, float) for values in line.get_data())
+    columns = int(wide / _THIN)
+    if line.get_marker() not in ("None", None, "", " ") or line.get_drawstyle() != "default" or x.size <= 3 * columns:
+        return
+    if np.any(np.diff(x) < 0.0):
+        return
+    low, high = ax.get_xlim()
+    group = np.floor((x - low) / (high - low) * columns)
+    known = np.isfinite(y)
+    first = np.flatnonzero(np.append(True, (np.diff(group) != 0.0) | (known[1:] != known[:-1])))
+    number = np.cumsum(np.isin(np.arange(x.size), first)) - 1
+    order = np.lexsort((y, number))  # by value in each part of one column
+    last = np.append(first[1:], x.size) - 1
+    kept = np.unique(np.concatenate([order[first], order[last], [0, x.size - 1]]))
+    line.set_data(x[kept], y[kept])
 
 
 def _alone_in_row(ax: Axes, figure: Figure) -> bool:

@@ -202,7 +202,8 @@ def followed(names: list[str]) -> list[Followed]:
     rows = list(_STATES)
     further = names[3 * len(_STATES) : len(names) - len(alone)]
     for first in further[::3]:
-        scale = ("", 1.0) if first.startswith(_FIX_ERROR) else ("ppm", 1e6)  # errors of fixes are of variance 1
+        # errors of fixes begin with a variance of 1
+        scale = ("prior σ", 1.0) if first.startswith(_FIX_ERROR) else ("ppm", 1e6)
         rows.append((first.rpartition("_")[0].replace("accelerometer", "accel.").replace("_", " "), *scale))
     axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
     out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]

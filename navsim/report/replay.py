@@ -70,7 +70,7 @@ def _track(result: Result) -> Figure:
     profile.plot(result["/receiver/time"], fixes[:, 2], ".", ms=2, color=COLOURS[1])
     profile.plot(result["/filter/time"], llh[:, 2], color=COLOURS[0])
     profile.set_xlabel("time, s")
-    profile.set_ylabel("height, m")
+    profile.set_ylabel("height above the ellipsoid, m")
     return fig
 
 

@@ -13,7 +13,7 @@ from navsim.report.figures import legend_below
 from navsim.report.limits import REQUIRED, asked, glide, rectangle, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
-from navsim.report.tables import box_limits, runs_of, single
+from navsim.report.tables import box_limits, of_total, runs_of, single
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,8 +153,9 @@ _ABOVE, _BEHIND = ("along", "lateral", "from above"), ("lateral", "vertical", "f
 
 
 def box(result: Result) -> Figure:
-    """Errors at the height of the box, and the box."""
+    """Errors at the height of the box, and the box; along the runway from the threshold, where its limits are."""
     limits = {name: box_limits(result, i) for i, name in enumerate(_NAMES)}
+    names = _NAMES | ({"along": "along the runway from the threshold"} if "/summary/box/place" in result else {})
     views = [_ABOVE] if limits["along"] is not None else []
     if not views or limits["vertical"] is not None:
         views.append(_BEHIND)
@@ -163,47 +164,55 @@ def box(result: Result) -> Figure:
     for ax, (x, y, title) in zip(panels, views, strict=True):
         _view(ax, result, (x, y), limits)
         ax.set_title(title)
-        ax.set_xlabel(f"{_NAMES[x]}, m")
-        ax.set_ylabel(f"{_NAMES[y]}, m")
+        ax.set_xlabel(f"{names[x]}, m")
+        ax.set_ylabel(f"{names[y]}, m")
     height = float(result["/summary/box/height"])
+    what = "total system errors" if of_total(result) else "errors"
     where = f"{height:g} m above the runway" if height else "touchdown"
     count = f": {int(result['/summary/box/outside'])} outside" if "/summary/box/outside" in result else ""
     required = [f"required: at most {one.limit:g} of landings outside" for one in asked(result, "box")]
     runs = f"{runs_of(result)}{count}"
-    fig.suptitle("\n".join([f"errors at {where}", runs, *required] if len(views) == 1 else
-                           [f"errors at {where}; {runs}", *required]))  # fmt: skip
+    fig.suptitle("\n".join([f"{what} at {where}", runs, *required] if len(views) == 1 else
+                           [f"{what} at {where}; {runs}", *required]))  # fmt: skip
     legend_below(fig, panels[0], 3)
     return fig
 
 
 def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tuple[float, float] | None]) -> None:
     axes = [list(_NAMES).index(name) for name in names]
-    reach = [0.0, 0.0]
+    # errors along the track count from the place of the route, limits given from the threshold from there
+    start = [float(result["/summary/box/place"]) if name == "along" and "/summary/box/place" in result else 0.0
+             for name in names]  # fmt: skip
+    found: list[np.ndarray] = []
     if "/summary/box/error_run" in result:
         error = result["/summary/box/error_run"]
         outside = ~((result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])).all(axis=1)
         for some, mark, colour, label in ((~outside, ".", _ERROR, "inside"), (outside, "x", _OUTSIDE, "outside")):
             if some.any():
                 shown = error[some][:: math.ceil(some.sum() / _MOST_POINTS)]
-                ax.plot(shown[:, axes[0]], shown[:, axes[1]], mark, color=colour, ms=4.0, alpha=0.7,
-                        label=label)  # fmt: skip
-        found = np.abs(error[:, axes])
-        reach = [float(np.max(one, where=np.isfinite(one), initial=0.0)) for one in found.T]
+                ax.plot(*(shown[:, axes] + start).T, mark, color=colour, ms=4.0, alpha=0.7, label=label)
+        found = [one[np.isfinite(one)] for one in error[:, axes].T]
     elif "/summary/box/axis_sigma" in result:
         mean, sigma = (result[f"/summary/box/axis_{name}"][axes] for name in ("mean", "sigma"))
         if np.isfinite([*mean, *sigma]).all():
-            ax.errorbar(mean[0], mean[1], 2.0 * sigma[1], 2.0 * sigma[0], fmt="o", color=_ERROR, ms=3.0, capsize=2.0,
+            x, y = mean + start
+            ax.errorbar(x, y, 2.0 * sigma[1], 2.0 * sigma[0], fmt="o", color=_ERROR, ms=3.0, capsize=2.0,
                         label="mean ±2σ, to first order")  # fmt: skip
-            reach = [float(r) for r in np.abs(mean) + 2.0 * sigma]
-    wide, high = (limits[name] for name in names)
-    rectangle(ax, wide, high, "box")
-    ax.set_xlim(_stretch(reach[0], wide))
-    ax.set_ylim(_stretch(reach[1], high))
+            found = [np.array([m - 2.0 * s, m + 2.0 * s]) for m, s in zip(mean, sigma, strict=True)]
+    ends = []
+    for name, at in zip(names, start, strict=True):
+        own = limits[name]
+        ends.append(None if own is None else (own[0] + at, own[1] + at))
+    rectangle(ax, ends[0], ends[1], "box")
+    across, up = (_stretch(found[i] if found else np.empty(0), start[i], limits[name]) for i, name in enumerate(names))
+    ax.set_xlim(across)
+    ax.set_ylim(up)
 
 
-def _stretch(reach: float, limits: tuple[float, float] | None) -> tuple[float, float]:
-    """Of an axis with errors of this size and the limits."""
-    low, high = limits or (0.0, 0.0)
-    low, high = min(-reach, low), max(reach, high)
+def _stretch(found: np.ndarray, start: float, limits: tuple[float, float] | None) -> tuple[float, float]:
+    """Of an axis with these errors and limits, alike to both sides of no error where there are no limits."""
+    reach = float(np.abs(found).max(initial=0.0))
+    low, high = limits or (-reach, reach)
+    low, high = start + min(low, found.min(initial=0.0)), start + max(high, found.max(initial=0.0))
     more = 0.075 * (high - low) or 1.15
     return low - more, high + more

@@ -12,6 +12,7 @@ from navsim.io.results import Result
 from navsim.io.schema import LARGE, VERDICTS
 from navsim.io.swept import VERDICT, dimensions, heads, key_path, keys, outputs, rows, setting
 from navsim.report import table
+from navsim.report.ridges import shown_ridges
 from navsim.report.table import Cell, Table, as_text, cell
 from navsim.report.tables import setting as scenario_setting
 from navsim.report.view import View, one_by_one
@@ -222,8 +223,8 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     tied = alike(cube, found)[_slice(cube.ndim, others, tuple(found[i] for i in others))]
     everywhere = bool(tied[np.isfinite(values)].all())
     at = np.argwhere(tied & ~everywhere)  # no star where any place is as good as the others
-    ax.plot(x[at[:, 1]], y[at[:, 0]], "*" if at.size else "", color=COLOURS[1], ms=9, mec="white", mew=0.6, ls="",
-            clip_on=False, label=f"{'any' if everywhere else 'best'}: {cube[found]:.4g}")  # fmt: skip
+    ax.plot(x[at[:, 1]], y[at[:, 0]], marker="*" if at.size else "", color=COLOURS[1], ms=9, mec="white", mew=0.6,
+            ls="", clip_on=False, label=f"{'any' if everywhere else 'best'}: {cube[found]:.4g}")  # fmt: skip
     hollow = "; grey: no value" if not np.isfinite(values).all() else ""
     ax.locator_params(axis="x", nbins=5)
     ax.ticklabel_format(useOffset=False)
@@ -315,7 +316,7 @@ def colours(cube: np.ndarray, better: bool) -> tuple[float, float]:
 def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) -> Figure:
     """Heat maps on the runway plan, a panel for each point of the other axes (or the best of them)."""
     from navsim.report.figures import legend_above
-    from navsim.report.printing import COLUMN, narrow, new_figure
+    from navsim.report.printing import COLUMN, narrow, new_figure, to_scale_below
 
     better = large(result, name)
     shown = panels(result, name, plane)
@@ -360,6 +361,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
     if image is not None:
         place: dict[str, Any] = {"location": "bottom", "aspect": 30} if below else {"shrink": 0.8}
         fig.colorbar(image, ax=list(axes), label=label(result, name), extend="min" if better else "max", **place)
+    to_scale_below(fig, axes)
     return fig
 
 
@@ -412,12 +414,16 @@ def _axis_value(result: Result, axis: int, i: int) -> object:
 
 
 def _runway(ax: Axes, result: Result) -> None:
-    """Runway and ground track, as far as they lie in the map."""
+    """Runway, ground track and terrain, as far as they lie in the map."""
+    from navsim.report.figures import ridge_line
+
     box = ax.get_xlim(), ax.get_ylim()
     ends = [0.0, scenario_setting(result, "runway", "length_m")]
     ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
     track = result["/plan/track_along"], result["/plan/track_right"]
     ax.plot(*track, color="black", lw=0.8, ls="--", label="ground track")
+    for k, ridge in enumerate(shown_ridges(result)):
+        ridge_line(ax, ridge, *box, label=None if k else "terrain, height of its top")
     ax.set_xlim(box[0])
     ax.set_ylim(box[1])
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from navsim.core.arrays.sampling import LEAST
-from navsim.io.results import Result
+from navsim.io.results import Result, scenario_of
 from navsim.io.schema import HEIGHTS, RMS_WINDOW, RUNWAY_AXES
 from navsim.report.table import ABSENT, Cell, Table, cell, number, numbers
 
@@ -20,9 +20,7 @@ _DEGREE = 180.0 / math.pi
 
 def setting(result: Result, *keys: str) -> Any:
     """A value of the scenario stored in a result, defaults included. Raises KeyError where it has no such key."""
-    import yaml
-
-    node = yaml.safe_load(str(result.attributes["scenario"]))
+    node = scenario_of(result)
     for key in keys:
         node = node[key]
     return node
@@ -144,7 +142,7 @@ def _place(result: Result, path: str, name: str) -> int | None:
 
 
 _RANGE = ("mean", "smallest", "largest")
-_BEHIND = "/pseudolites/behind_terrain"
+_BEHIND = "/geometry/behind_terrain"
 _SENSORS = ("altimeter", "radio_altimeter", "barometric_altimeter")
 """Sections of sensors beside the receiver."""
 _GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
@@ -175,9 +173,16 @@ def _aiding(result: Result, sensor: str) -> Cell | str:
                 names=("rejected", "missing", "NIS"), trials=result["/run"].size)  # fmt: skip
 
 
+def _behind_terrain(results: Sequence[Result]) -> list[str]:
+    """Sources to tell of: all pseudolites, and the satellites that terrain hides at some time, in this order."""
+    seen = (zip(result["/geometry/source"], result[_BEHIND], strict=True) for result in results)
+    lost = [str(name) for each in seen for name, times in each if times]
+    return list(dict.fromkeys([*_named(results, "/pseudolites/name"), *lost]))
+
+
 def _behind(result: Result, name: str) -> Cell | str:
-    """At how many fix epochs terrain hides a pseudolite."""
-    i = _place(result, "/pseudolites/name", name)
+    """At how many fix epochs terrain hides a source."""
+    i = _place(result, "/geometry/source", name)
     if i is None or _BEHIND not in result:
         return ABSENT
     return cell("{} of {}", int(result[_BEHIND][i]), result["/geometry/time"].size, names=("hidden", "of"))
@@ -212,12 +217,17 @@ def box_limits(result: Result, axis: int) -> tuple[float, float] | None:
     return (low, high) if math.isfinite(high) else None
 
 
+def of_total(result: Result) -> bool:
+    """Whether a result has a box of total system errors."""
+    return "/summary/box/axis_gaussian" in result
+
+
 def box_head(result: Result, flown: bool) -> str:
     """What stands over the chances of leaving a box: with an interval where it is of runs."""
     if "/summary/box/upper" not in result:
         return ""
     interval = " [95 %]" if flown and (result["/run"].size > 1 or "/summary/rare/probability" in result) else ""
-    total = ", of total system errors" if "/summary/box/axis_gaussian" in result else ""
+    total = ", of total system errors" if of_total(result) else ""
     return f"probability{interval}, {float(result['/summary/box/height']):g} m above the runway{total}"
 
 
@@ -539,9 +549,8 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         section("Sensors beside the receiver, measurements of all runs")
         for name in sensors:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
-    hidden = _named([r for _, r in results if _BEHIND in r], "/pseudolites/name")
-    if hidden:
-        section("Pseudolites behind terrain, fix epochs")
+    if hidden := _behind_terrain([r for _, r in results if _BEHIND in r]):
+        section("Behind terrain, fix epochs")
         for name in hidden:
             row(f"  {name}", lambda r, n=name: _behind(r, n))
     section("Geometry on the glide (mean, min - max)")

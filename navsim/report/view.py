@@ -93,7 +93,7 @@ def draw(
     chosen = one_run(result, run)
 
     def of_run() -> dict[str, Figure]:
-        drawn = {name: figure for name, figure in here.figures(chosen).items() if name in here.of_runs}
+        drawn = {name: figure for name, figure in here.figures(chosen).items() if name.split("_")[0] in here.of_runs}
         if not drawn:
             raise ResultError(f"--run {run}: the result has no figure of single runs")
         return drawn

@@ -17,6 +17,7 @@ import numpy as np
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.models.approach import TOUCHDOWN
 from navsim.models.go_around import GO_AROUND
+from navsim.models.horizon import flown_under
 from navsim.models.interference import LOWEST, radio_horizon
 from navsim.models.kinematics import Moving
 from navsim.scenario.approach import FileApproach
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from navsim.models.signals import Environment
 
 _ROUGH = 50
+_STEP = 0.2
+"""Between places of a flight that are held against ridges, s."""
 MISPRINT = 1.0
 """Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
 
@@ -61,7 +64,7 @@ class Foreseen:
             )
         if self.scenario.box is not None and (apart := self._route_outside(self.scenario.box)):
             out.append(f"box: the route itself is outside {' and '.join(apart)}")
-        hidden = self.behind_terrain()
+        hidden = self.environment.behind_terrain(self.signals.antenna)
         path = self.trajectory.motion(self.signals.time).position_ecef
         out += _out_of_sight(self.scenario, path, self.environment.pseudolites.llh, np.all(hidden, axis=0))
         out += self._shadowed()
@@ -126,10 +129,6 @@ class Foreseen:
             for name, times in zip(self.environment.pseudolites.names, hidden.tolist(), strict=True)
             if times
         ]
-
-    def behind_terrain(self) -> np.ndarray:
-        """At which fixes (e, p) bool terrain hides which pseudolites."""
-        return self.environment.behind_terrain(self.signals.antenna)
 
     def _received(self, event: EventSection) -> bool:
         """Whether any source of an event is, while it lasts."""
@@ -205,6 +204,24 @@ def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
             f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
             "there are not defined, and those of the last seconds before it are of the end of the simulation"
         )
+    return out + through_ridges(scenario, trajectory)
+
+
+def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
+    """What to warn of ridges that the aircraft flies through, below their tops."""
+    if not scenario.terrain:
+        return []
+    time = np.linspace(0.0, scenario.duration_s, max(2, math.ceil(scenario.duration_s / _STEP)))
+    path, threshold = trajectory.motion(time).position_ecef, scenario.threshold(trajectory.frame)
+    out = []
+    for i, ridge in enumerate(scenario.terrain):
+        under = flown_under(ridge.tops(threshold), path)
+        if np.isfinite(under).any():
+            k = int(np.argmax(under))
+            out.append(
+                f"terrain[{i}]: the flight goes through this ridge at {time[k]:.1f} s, {under[k]:.1f} m under its top; "
+                "no aircraft does"
+            )
     return out
 
 

@@ -332,6 +332,7 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     draft["/pseudolite"] = np.arange(1, most + 1)
     draft["/bearing"] = BEARINGS
     draft["/loss"] = np.array(LOSSES)
+    draft["/plan/threshold_llh"] = here.rules.plane.threshold
     values = here.shown(np.array([found[c].value for c in counts]))
     without = {"without_pseudolites": float(here.shown(np.array(outcome.without)))}
     draft.put("/front/objective", values, without, unit=unit, quantity=quantity)

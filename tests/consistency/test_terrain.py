@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from navsim.core.arrays.earth import llh_from_ecef
+from navsim.io.export import export
+from navsim.io.results import Result
 from navsim.io.schema import COVARIANCE
 from navsim.models import horizon
+from navsim.models.sky import enu_matrix, unit_vector
 from navsim.planner.outlook import Outlook
 from navsim.planner.proposal import PlannedScenario
+from navsim.report.ridges import ShownRidge, clipped, flown_over, seen_skyline, shown_ridges
 from navsim.report.tables import summary_table
 from navsim.scenario.load import read_study
 from navsim.scenario.optimize import Optimize
 from navsim.scenario.source import load
 from navsim.scenario.sweep import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.study import objective
+from navsim.study.foreseen import through_ridges
 from navsim.study.landing import Case, covariance_analysis, covariance_result
 from navsim.study.landing.tree import base
 from navsim.study.sweep import SweepStudy, filter_outputs, plan
@@ -102,12 +109,19 @@ def test_only_what_is_low_is_asked() -> None:
     assert 0.05 < found.mean() < 0.95
 
 
-def test_hidden_pseudolites_are_counted_by_name(hilly: Case) -> None:
-    times = (~hilly.world.signals.used[:, -2:]).sum(axis=0).tolist()
-    result = covariance_result(hilly, covariance_analysis(hilly), 1)
-    assert result["/pseudolites/behind_terrain"].tolist() == times
+@pytest.fixture(scope="module")
+def result(hilly: Case) -> Result:
+    return covariance_result(hilly, covariance_analysis(hilly), 1)
+
+
+def test_what_is_hidden_is_counted_by_name(hilly: Case, result: Result) -> None:
+    """Satellites as pseudolites; in the table those satellites alone that are hidden at some time."""
+    lost = (field([]).world.signals.used & ~hilly.world.signals.used).sum(axis=0)
+    np.testing.assert_array_equal(result["/geometry/behind_terrain"], lost)
     rows = {row.texts()[0].strip(): row.texts()[1] for row in summary_table([("", result)]).rows}
-    assert (rows["east"], rows["west"]) == (f"{times[0]} of 72", f"{times[1]} of 72")
+    for name, times in zip(hilly.world.signals.names, lost, strict=True):
+        assert rows.get(name) == (f"{times} of 72" if times else None), name
+    assert 2 < (lost > 0).sum() < len(lost)
     assert not [said for said in hilly.warnings if said.startswith("terrain")]
     high = field([WALL | {"height_m": 300}])
     said = "terrain: east is behind it during the whole flight, and never received"
@@ -139,10 +153,9 @@ def unfolded(given: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-def test_all_that_plans_sees_it(hilly: Case, tmp_path: Path) -> None:
+def test_all_that_plans_sees_it(hilly: Case, result: Result, tmp_path: Path) -> None:
     """Sweeps by geometry and by filters, searches and the planner, against the landing behind the same wall."""
-    flown = covariance_result(hilly, covariance_analysis(hilly), 1)
-    wanted = filter_outputs(flown) | {
+    wanted = filter_outputs(result) | {
         name: float(base(hilly, COVARIANCE)[f"/summary/dop/{name.removesuffix('_max')}"][2 * name.endswith("_max")])
         for name in ("pdop", "hdop", "vdop", "pdop_max")
     }
@@ -176,3 +189,72 @@ def test_all_that_plans_sees_it(hilly: Case, tmp_path: Path) -> None:
     assert found["pdop"] == pytest.approx(wanted["pdop"], rel=1e-9)
     levels = outlook.found().figures
     assert found["hpl_p95"] == pytest.approx(levels["integrity/hpl_p95"], rel=0.1)  # at some epochs of the glide
+
+
+ACROSS = {"ends": [{"lat_deg": 56.009, "lon_deg": 36.9985}, {"lat_deg": 56.009, "lon_deg": 37.0015}], "height_m": 160}
+"""Along a parallel, across the approach."""
+
+
+def test_a_ridge_that_is_flown_through_is_told(result: Result) -> None:
+    """How far under its top, from where the way is at its parallel; and nothing of ridges that it goes over."""
+    lat, _, height = result["/truth/position_llh"].T
+    lat = np.degrees(lat)
+    over = float(np.interp(56.009, lat, height)) - float(result["/truth/threshold_llh"][2])
+    assert 20.0 < over < 150.0
+    high = field([WALL, ACROSS])
+    (said,) = [each for each in through_ridges(high.scenario, high.trajectory) if "flight goes through" in each]
+    assert said in high.warnings
+    when, under = (float(word) for word in re.findall(r"[0-9.]+(?= s,| m under)", said))
+    assert said.startswith("terrain[1]:")
+    assert under == pytest.approx(160.0 - over, abs=0.06)
+    assert when == pytest.approx(float(np.interp(56.009, lat, result["/truth/time"])), abs=0.25)
+    given = [f"{key}={json.dumps(value)}" for key, value in (FIELD | {"terrain": [WALL, ACROSS]}).items()]
+    assert said in checked(SCENARIOS / "landing.yaml", given)[2]
+    assert not through_ridges(*(getattr(field([ACROSS | {"height_m": over - 1.0}]), name)
+                                for name in ("scenario", "trajectory")))  # fmt: skip
+
+
+def test_what_is_drawn_is_what_is_hidden(hilly: Case, result: Result) -> None:
+    """The skyline of the figures against the models' own sights to far points all around; ridges where they are given;
+    the way over one of them."""
+    seen = seen_skyline(result)
+    assert seen is not None
+    azimuth, skyline = seen
+    rng = np.random.default_rng(5)
+    some = np.column_stack([rng.uniform(0.0, 2.0 * np.pi, 3000), rng.uniform(-0.02, 0.6, 3000)])
+    eye = hilly.world.signals.antenna[-1]
+    away = 1e6 * unit_vector(some[:, 0], some[:, 1]) @ enu_matrix(llh_from_ecef(eye))
+    hidden = horizon.behind(hilly.environment.terrain, (eye + away)[None], eye[None])[0]
+    over = np.interp(some[:, 0], azimuth, skyline) - some[:, 1]
+    sure = np.abs(over) > np.radians(0.3)  # azimuths are a quarter of a degree apart
+    assert (hidden[sure] == (over[sure] > 0.0)).mean() > 0.999
+    assert hidden.any()
+    first, second = shown_ridges(result)
+    assert (first.label, second.label) == ("35 m", "70 m")
+    for ridge, given in ((first, WALL), (second, BANK)):
+        ends = np.array([[end["lat_deg"], end["lon_deg"]] for end in given["ends"]])
+        threshold = np.degrees(result["/truth/threshold_llh"][:2])
+        along = 111.36e3 * (ends[:, 0] - threshold[0])  # by the meridian's radius; the landing heads north
+        right = 111.32e3 * np.cos(np.radians(56.01)) * (ends[:, 1] - threshold[1])
+        np.testing.assert_allclose(ridge.places[:, :2], np.column_stack([along, right]), atol=6.0)
+    assert flown_over(result) == []
+    (crossed,) = flown_over(covariance_result(across := field([ACROSS]), covariance_analysis(across), 1))
+    assert crossed.along == pytest.approx(111.36e3 * (56.009 - np.degrees(result["/truth/threshold_llh"][0])), abs=3.0)
+    assert crossed.top == pytest.approx(160.0, abs=0.1)
+
+
+def test_ridges_are_cut_to_the_plan() -> None:
+    cross = ShownRidge(np.array([[-100.0, -50.0, 0.0], [100.0, 50.0, 0.0], [100.0, 500.0, 0.0]]), 0.0)
+    np.testing.assert_allclose(clipped(cross, (-20.0, 40.0), (-90.0, 90.0)), [[[-20.0, -10.0], [40.0, 20.0]]])
+    np.testing.assert_allclose(clipped(cross, (90.0, 110.0), (60.0, 70.0)), [[[100.0, 60.0], [100.0, 70.0]]])
+    assert clipped(cross, (0.0, 10.0), (50.0, 60.0)).shape == (0, 2, 2)
+
+
+def test_ridges_are_in_maps_for_others(result: Result, tmp_path: Path) -> None:
+    kml, geojson = export(result, tmp_path / "hilly", ["kml", "geojson"])
+    drawn = [each for each in json.loads(geojson.read_text())["features"] if each["properties"]["kind"] == "ridge"]
+    assert [each["properties"]["height_m"] for each in drawn] == [35.0, 70.0]
+    ends = [[end["lon_deg"], end["lat_deg"], WALL["height_m"]] for end in WALL["ends"]]
+    np.testing.assert_allclose(drawn[0]["geometry"]["coordinates"], ends, atol=1e-6)
+    assert drawn[0]["geometry"]["type"] == "LineString"
+    assert kml.read_text().count("<styleUrl>#ridge</styleUrl>") == 2

@@ -25,6 +25,7 @@ from navsim.report import citations, tables
 from navsim.report.page import landing, placement
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
+from navsim.report.quantities import one_run
 from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
 from tests import steps
@@ -242,6 +243,30 @@ def test_errors_against_height_are_those_of_the_table(name: str, place: Path) ->
         drawn_there = np.interp(result["/summary/at/height"], of.data["x"][::-1], of.data[column][::-1])
         told = result[f"/summary/at/{axis}_run"][0] if name == "one" else result[f"/summary/at/{axis}"][:, 0]
         np.testing.assert_allclose(drawn_there, told, rtol=0.1, atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["one", "evil"])
+def test_sigma_is_named_as_it_is_drawn(name: str, place: Path) -> None:
+    """Shaded where it is known all the way, bars alone across the axes of the map."""
+    drawing = landing.heights([(name, read(place / f"{name}.h5"))])
+    assert drawing is not None
+    shaded = [r for r in drawing.panels[0].renderers if {"low", "high"} <= set(r.data_source.data)]
+    areas = any("VArea" in type(r.glyph).__name__ or "HArea" in type(r.glyph).__name__ for r in shaded)
+    (key,) = [key for key in drawing.keys if "σ" in key.text]
+    assert (key.how == "band", "shaded" in drawing.caption) == (areas, areas) == (name == "one", name == "one")
+
+
+def test_a_single_run_has_its_point_in_the_box(place: Path) -> None:
+    result = one_run(read(place / "runs.h5"), 3)
+    drawing = landing.scatter([("one", result)])
+    assert drawing is not None
+    on = drawing.panels[0]
+    (point,) = [r.data_source.data for r in on.renderers if "run" in r.data_source.data]
+    lateral, _, vertical = result["/summary/box/error_run"][0]
+    np.testing.assert_allclose([point["x"][0], point["y"][0]], [lateral, vertical], rtol=1e-6)
+    assert any(r.data_source.data.get("x", np.empty(0)).size == 5 for r in on.renderers)  # the box
+    assert "ellipse" not in drawing.caption
+    assert landing.scatter([("one", read(place / "one.h5"))]) is None
 
 
 # --- what anybody may have written

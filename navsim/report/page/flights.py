@@ -48,7 +48,7 @@ def replays(results: Sequence[Named]) -> list[Drawing]:
 
 def _track(results: Sequence[Named]) -> Drawing:
     plan = plot("Plan", "east, m", "north, m", 380, match_aspect=True)
-    profile = plot("Height", "time, s", "height, m", 380)
+    profile = plot("Height", "time, s", "height above the ellipsoid, m", 380)
     lines: list[list[Any]] = [[], []]
     thinned = []
     for i, (name, result) in enumerate(results):

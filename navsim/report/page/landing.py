@@ -41,7 +41,8 @@ from navsim.report.page.marks import (
     upright,
     width,
 )
-from navsim.report.page.sky import Sector, beside, name_marks, sky_paper, skyline
+from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
+from navsim.report.page.terrain import ridge_lines
 from navsim.report.quantities import (
     RunwayErrors,
     descent,
@@ -57,7 +58,9 @@ from navsim.report.quantities import (
     true_for,
 )
 from navsim.report.quantities import heights as height_of
-from navsim.report.tables import box_limits, runs_of, setting, single
+from navsim.report.ridges import BROWN, flown_over, on_plan, seen_skyline, shown_ridges
+from navsim.report.sky import masked, source_tracks
+from navsim.report.tables import box_limits, of_total, runs_of, setting, single
 
 AXES = ("lateral", "along", "vertical")
 _MOST_FIXES = 1500
@@ -118,6 +121,13 @@ def track(results: Sequence[Named]) -> Drawing:
             names(plan, at[:, 0], at[:, 1], sites)
         if np.isfinite(landed := touchdown(result)):
             upright(profile, float(np.interp(landed, time, path[:, 0])), colour(i) if len(results) > 1 else GREY)
+    hilly = False
+    for _, result in results:
+        seen = [in_runway_axes(result, result[path])[:, :2]
+                for path in ("/truth/position_llh", "/pseudolites/position_llh")]  # fmt: skip
+        hilly |= ridge_lines(plan, shown_ridges(result), *on_plan(np.concatenate(seen)))
+        for over in flown_over(result):
+            profile.segment(over.along, 0.0, over.along, over.top, line_color=BROWN, line_width=3)
     for on in (plan, profile):
         from_runway(on)
         shown = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
@@ -127,91 +137,63 @@ def track(results: Sequence[Named]) -> Drawing:
     truth = next((said for _, r in results if (said := true_for(r))), "")
     caption = (
         "The true flight over the runway (grey), seen from above and from the side, both over the distance from the "
-        "threshold. Triangles: pseudolites; dashed: touchdown." + (f" {truth.capitalize()}." if truth else "")
+        "threshold. Triangles: pseudolites; dashed: touchdown."
+        + (" Brown: terrain, with the height of its top above the threshold; from the side where the way goes over it."
+           if hilly else "") + (f" {truth.capitalize()}." if truth else "")
         + most_thinned(thinned).words()
     )  # fmt: skip
-    keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle")]
+    keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle"),
+            *([Key("terrain", BROWN)] if hilly else [])]  # fmt: skip
     return Drawing("track", "Track over the runway", [plan, profile], caption, keys_of(results, *keys), 1)
 
 
 def sky(results: Sequence[Named]) -> Drawing:
     """Directions to all sources, used and not, with the mask, a panel a result."""
     panels = [_sky(name if len(results) > 1 else "", result) for name, result in results]
+    hilly = any(shown_ridges(result) for _, result in results)
     whole = all("/geometry/instant" in result for _, result in results)
     caption = (
         "Directions by azimuth (north up, east right) and elevation (zenith in the middle) over the approach; marks: "
-        "where sources are at its end. Shaded: below the mask or the horizon, or taken out of the sky."
+        "where sources are at its end, pale where one is lost at some fixes. Shaded: below the mask or the horizon, or "
+        "taken out of the sky."
+        + (" Brown: what terrain hides beyond it, seen from the last fix; pseudolites may stand before it."
+           if hilly else "")
         + ("" if whole else " A result of an earlier version keeps used sources alone.")
     )  # fmt: skip
     keys = [Key("used", BLUE, "dot"), Key("not used", GREY, "ring"), Key("pseudolite", ORANGE, "triangle"),
-            Key("masked", GREY, "band")]  # fmt: skip
+            Key("masked", GREY, "band"), *([Key("behind terrain", BROWN, "band")] if hilly else [])]  # fmt: skip
     return Drawing("sky", "Sky: sources used and unused", panels, caption, keys, min(3, max(2, len(panels))))
 
 
 def _sky(title: str, result: Result) -> figure:
-    azimuth, elevation, used = _directions(result)
-    ground = set(map(str, result["/pseudolites/name"]))
-    away = 90.0 - elevation
-    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(np.where(used, away, 0.0), initial=0.0)) / 10.0))
-    on = sky_paper(title, edge, _masked(result, edge))
+    sources, edge = source_tracks(result)
+    on = sky_paper(title, edge, masked(result, edge))
+    mask = float(setting(result, "sky", "mask_deg"))
     if "/geometry/horizon" in result:
-        corners = result["/geometry/bearing"], result["/geometry/horizon"]
-        skyline(on, *corners, float(setting(result, "sky", "mask_deg")))
-    x, y = away * np.sin(azimuth), away * np.cos(azimuth)
+        skyline(on, result["/geometry/bearing"], result["/geometry/horizon"], mask)
+    if (terrain := seen_skyline(result)) is not None:
+        skyline(on, *terrain, mask, BROWN)
     marks = []
-    named: list[tuple[float, float, str]] = []
-    for i, name in enumerate(map(str, result["/geometry/source"])):
-        up = np.isfinite(x[:, i]) & ((elevation[:, i] > 0.0) | used[:, i])
-        if not up.any():
-            continue
-        own = ORANGE if name in ground else BLUE
-        for shown, style in ((up & used[:, i], own), (up & ~used[:, i], GREY)):
-            # a line goes on to the next instant, where the other one begins
-            joined = shown | (np.append(False, shown[:-1]) & up)
-            if shown.any():
-                of = source(x=np.where(joined, x[:, i], np.nan), y=np.where(joined, y[:, i], np.nan))
-                line(on, of, "y", style, line_dash="solid" if style == own else "dotted")
-        last = int(np.flatnonzero(up)[-1])
-        now = bool(used[last, i])
-        here = {"x": x, "y": y, "azimuth": np.degrees(azimuth) % 360.0, "elevation": elevation}
-        of = source(said=[name], how=["used" if now else "not used"],
-                    **{key: values[last : last + 1, i] for key, values in here.items()})  # fmt: skip
-        style = own if now else GREY
+    for each in sources:
+        own, last = ORANGE if each.ground else BLUE, each.last
+        for used, style in ((True, own), (False, GREY)):
+            x, y = each.part(used)
+            if np.isfinite(x).any():
+                line(on, source(x=x, y=y), "y", style, line_dash="solid" if used else "dotted")
+        x, y = each.x[last : last + 1], each.y[last : last + 1]
+        of = source(said=[each.name], how=[each.how], x=x, y=y,
+                    azimuth=np.degrees(np.arctan2(x, y)) % 360.0, elevation=90.0 - np.hypot(x, y))  # fmt: skip
+        style = own if each.share else GREY
+        full = 1.0 if each.share == 1.0 else 0.35 if each.share else 0.0
         marks.append(
-            on.scatter("x", "y", source=of, size=10, marker="triangle" if name in ground else "circle",
-                       line_color=style, fill_color=style, fill_alpha=1.0 if now else 0.0)
+            on.scatter("x", "y", source=of, size=10, marker="triangle" if each.ground else "circle",
+                       line_color=style, fill_color=style, fill_alpha=full)
         )  # fmt: skip
-        named.append((float(x[last, i]), float(y[last, i]), name))
-    if named:
-        across, up, said = zip(*named, strict=True)
+    if sources:
+        across, up, said = zip(*((float(e.x[e.last]), float(e.y[e.last]), e.name) for e in sources), strict=True)
         name_marks(on, source(**beside(across, up, said, edge)))
     tell(on, marks, ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
     return on
-
-
-def _directions(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Azimuths, rad, elevations, deg, of sources (t, s), and which of them are used: of all there are, or in a
-    result of an earlier version of those used."""
-    los = result["/geometry/line_of_sight"]
-    if "/geometry/instant" in result:
-        at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
-        used = np.isfinite(los[at][:, :, 0])
-        return result["/geometry/azimuth"], np.degrees(result["/geometry/elevation"]), used
-    los = some(len(los), 60)(los)
-    used = np.isfinite(los[:, :, 0])
-    return np.arctan2(los[:, :, 0], los[:, :, 1]), np.degrees(np.arcsin(los[:, :, 2])), used
-
-
-def _masked(result: Result, edge: float) -> list[Sector]:
-    """What the mask takes out of the sky."""
-    sectors = [(0.0, 360.0, low, high) for low, high in (
-        (90.0 - edge, float(setting(result, "sky", "mask_deg"))),
-        (float(setting(result, "sky", "mask_upper_deg")), 90.0),
-    )]  # fmt: skip
-    for part in setting(result, "sky", "interference"):
-        (west, east), (low, high) = part["azimuth_deg"], part["elevation_deg"]
-        sectors.append((float(west), float(east), float(low), float(high)))
-    return sectors
 
 
 def dops(results: Sequence[Named]) -> Drawing:
@@ -274,7 +256,7 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     panels = [plot(axis.capitalize(), "height above the threshold, m", "error, m", 280) for axis in AXES]
     seen: list[list[np.ndarray]] = [[] for _ in AXES]
     marks: list[list[Any]] = [[] for _ in AXES]
-    thinned, turned = [], False
+    thinned, turned, straight = [], False, False
     top = max(float(height_of(result)[descent(result)].max()) for _, _, result in kept)
     for i, name, result in kept:
         way = descent(result)
@@ -282,6 +264,7 @@ def heights(results: Sequence[Named]) -> Drawing | None:
         thinned.append(which)
         found = runway_errors(result, which(way), MOST_LINES)
         turned |= found.sigma is None
+        straight |= found.sigma is not None
         flown = {"x": height_of(result)[which(way)], "time": result["/filter/time"][which(way)]}
         own = {"name": name, "line_width": width(i, len(kept))}
         aside = 0.012 * top * (i - 0.5 * (len(results) - 1))  # bars of several results side by side
@@ -304,11 +287,15 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += "from left to right. "
     what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
     what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and "/filter/error" in kept[0][2] else ""
-    what += f"Bars: ±3σ of the filter where errors are told; {drawn_as(kept)}: the same all the way"
-    what += ", where the runway runs along a parallel or meridian" if turned else "."
-    what += " (across other axes σ is known at the bars alone, the RMS of a covariance analysis not)." if turned else ""
+    what += "Bars: ±3σ of the filter where errors are told"
+    what += f"; {drawn_as(kept)}: the same all the way" if straight else ""
+    what += ", where the runway runs along a parallel or meridian" if turned and straight else "."
+    what += " Across other axes than those of the map σ is known at the bars alone" if turned else ""
+    what += ", the RMS of a covariance analysis not." if turned else ""
     what += most_thinned(thinned).words("output")
-    keys = keys_of(results, band_key("±3σ of the filter", BLUE, len(kept) > 1), of=kept)
+    band = band_key("±3σ of the filter", BLUE, len(kept) > 1)
+    bars = Key("±3σ of the filter: bars", BLUE if len(kept) == 1 else GREY)
+    keys = keys_of(results, band if straight else bars, of=kept)
     return Drawing("heights", "Errors in runway axes against height", panels, what, keys, 3)
 
 
@@ -362,7 +349,8 @@ def _sigma(result: Result) -> np.ndarray:
 
 def scatter(results: Sequence[Named]) -> Drawing | None:
     """Errors of runs at touchdown, or at the height of the box, with the box and an ellipse."""
-    kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run") if r["/run"].size >= _FEW]
+    kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run")
+            if r["/run"].size >= _FEW or "/summary/box/error_run" in r]  # fmt: skip
     if not kept:
         return None
     column, where = 0, "touchdown"
@@ -370,13 +358,20 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
     near = [k for k, at in enumerate(kept[0][2]["/summary/at/height"]) if boxed and abs(at - boxed[0]) < 0.01]
     if near:
         column, where = near[0], list(HEIGHTS)[near[0]].replace("ft", " ft")
+    judged = len(set(boxed)) == 1 and all("/summary/box/error_run" in r for _, _, r in kept)
+    if judged and not near:
+        where = f"{boxed[0]:g} m above the runway"
     panels, drawn = [], False
     for across, up in (("lateral", "vertical"), ("lateral", "along")):
         on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", f"{up} error, m", 340, match_aspect=True)
         marks = []
         for i, name, result in kept:
-            which_error = "tse_run" if _of_total(result) else "run"
-            points = np.stack([result[f"/summary/at/{axis}_{which_error}"][:, column] for axis in (across, up)])
+            which_error = "tse_run" if of_total(result) else "run"
+            points = np.stack([
+                result["/summary/box/error_run"][:, AXES.index(axis)] if judged
+                else result[f"/summary/at/{axis}_{which_error}"][:, column]
+                for axis in (across, up)
+            ])  # fmt: skip
             known = np.isfinite(points).all(axis=0)
             which = some(int(known.sum()))
             x, y = (which(each[known]) for each in points)
@@ -388,28 +383,25 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
             if known.sum() >= _FEW and np.linalg.matrix_rank(spread := np.cov(points[:, known])) == 2:
                 rim = points[:, known].mean(axis=1)[:, None] + ellipse(spread)
                 line(on, source(x=rim[0], y=rim[1]), "y", colour(i))
-            if "/summary/box/upper" in result and abs(float(result["/summary/box/height"]) - float(
-                    result["/summary/at/height"][column])) < 0.01:  # fmt: skip
+            if judged or ("/summary/box/upper" in result and abs(float(result["/summary/box/height"]) - float(
+                    result["/summary/at/height"][column])) < 0.01):  # fmt: skip
                 _box(on, result, across, up, colour(i) if len(kept) > 1 else GREY)
                 drawn = True
         tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
         panels.append(on)
     counted = ", ".join(
-        f"{name}: {runs_of(result)}{', total system errors' if _of_total(result) else ''}" for _, name, result in kept
+        f"{name}: {runs_of(result)}{', total system errors' if of_total(result) else ''}" for _, name, result in kept
     )
-    total = [_of_total(result) for _, _, result in kept]
+    total = [of_total(result) for _, _, result in kept]
     what = "" if all(total) else ", truth minus estimate" + (" where not total" if any(total) else "")
     caption = (
-        f"Errors at {where}{what}, a point a run ({counted}), with the ellipse that holds 95 % of a Gaussian of their "
-        "mean and covariance" + ("; dashed: the box." if drawn else ".")
+        f"Errors at {where}{what}, a point a run ({counted})" + (
+            ", with the ellipse that holds 95 % of a Gaussian of their mean and covariance"
+            if any(r["/run"].size >= _FEW for _, _, r in kept) else ""
+        ) + ("; dashed: the box." if drawn else ".")
     )  # fmt: skip
     keys = [Key("box", GREY, "dash")] if drawn else []
     return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
-
-
-def _of_total(result: Result) -> bool:
-    """Whether a result has a box of total system errors."""
-    return "/summary/box/axis_gaussian" in result
 
 
 def _box(on: figure, result: Result, across: str, up: str, own: str) -> None:

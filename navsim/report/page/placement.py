@@ -34,6 +34,8 @@ from navsim.report.page.marks import (
     tell,
     ticks,
 )
+from navsim.report.page.terrain import ridge_lines
+from navsim.report.ridges import BROWN, shown_ridges
 from navsim.report.table import as_text
 from navsim.report.tables import setting
 
@@ -90,7 +92,7 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
              ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
         panels.append(on)
     text = f"Colours: {sweep.label(result, name)}, by where pseudolites stand; star: the best."
-    keys = [_RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star")]
+    keys = [_RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star"), *_terrain(result)]
     return panels, text, [*keys, Key("no solution", GREY, "band")] if hollow else keys
 
 
@@ -99,6 +101,10 @@ def _ground(on: figure, along: np.ndarray, right: np.ndarray) -> None:
     ends = [(float(np.nanmin(each)), float(np.nanmax(each))) for each in (along, right)]
     on.quad(left=ends[0][0], right=ends[0][1], bottom=ends[1][0], top=ends[1][1], fill_color=GREY, fill_alpha=0.3,
             line_color=None, level="image")  # fmt: skip
+
+
+def _terrain(result: Result) -> list[Key]:
+    return [Key("terrain, height of its top above the threshold", BROWN)] if shown_ridges(result) else []
 
 
 def _cells(
@@ -136,12 +142,15 @@ def _runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.nda
     if "/plan/track_along" in result:
         of = source(x=result["/plan/track_along"], y=result["/plan/track_right"])
         line(on, of, "y", GREY, line_dash="dashed")
+    shown: list[tuple[float, float]] = []
     for axis, each, more in (("x_range", along, (0.0, length)), ("y_range", right, (0.0, 0.0))):
         low, high = float(np.nanmin(each)), float(np.nanmax(each))
         wide = min(low, *more), max(high, *more)
         low, high = wide if wide[1] - wide[0] <= 2.0 * (high - low) else (low, high)
         room = 0.06 * max(high - low, 1.0)
         setattr(on, axis, Range1d(low - room, high + room))
+        shown.append((low - room, high + room))
+    ridge_lines(on, shown_ridges(result), *shown)
     from_runway(on)
 
 
@@ -243,7 +252,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
         f"{unmet}. Stars: the placement found."
     )
     title = f"Placement map{f' ({name})' if several else ''}"
-    keys = [_RUNWAY, Key("pseudolites", ORANGE, "star"), Key(f"not allowed{unmet}", GREY, "band")]
+    keys = [_RUNWAY, Key("pseudolites", ORANGE, "star"), Key(f"not allowed{unmet}", GREY, "band"), *_terrain(result)]
     return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))
 
 

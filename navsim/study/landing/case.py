@@ -14,6 +14,7 @@ from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.models.approach import TOUCHDOWN
+from navsim.models.horizon import behind
 from navsim.models.kinematics import Moving
 from navsim.models.signals import Environment, Pseudolites
 from navsim.models.systems import CLOCKS
@@ -66,8 +67,12 @@ class Case:
         return Foreseen(self.scenario, self.trajectory, self.environment, world.signals, world.filter_time)
 
     def behind_terrain(self) -> np.ndarray:
-        """At which fixes (e, p) bool terrain hides which pseudolites."""
-        return self.foreseen.behind_terrain()
+        """At which fixes (e, s) bool terrain hides which sources: satellites that the mask lets pass, pseudolites."""
+        s = self.world.signals
+        hidden = behind(self.environment.terrain, s.position, s.antenna)
+        satellites = slice(0, len(s.names) - len(self.pseudolites.names))
+        hidden[:, satellites] &= self.environment.mask.passes(s.azimuth, s.elevation)[:, satellites]
+        return hidden
 
     def over(self, world: World) -> Case:
         """The same in another world, of the sources that it has now."""

@@ -102,11 +102,11 @@ def _geometry(draft: Draft, case: Case) -> None:
     if (horizon := case.environment.mask.horizon) is not None:
         draft["/geometry/bearing"] = horizon.azimuth
         draft["/geometry/horizon"] = horizon.elevation
+    if case.environment.sight_placed:
+        draft["/geometry/behind_terrain"] = case.behind_terrain().sum(axis=0)
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
-    if case.environment.sight_placed:
-        draft["/pseudolites/behind_terrain"] = case.behind_terrain().sum(axis=0)
     draft["/receiver/time"] = s.time
     draft["/receiver/covariance_enu"] = world.fix_covariance
 

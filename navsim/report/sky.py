@@ -1,0 +1,127 @@
+"""The sky of a landing as numbers: for the printed figure and for the page. The zenith is in the middle, 90 degrees
+less the elevation outwards, north up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.io.results import Result
+from navsim.report.names import ON, Covered, Letters, Side
+from navsim.report.tables import setting
+
+Sector = tuple[float, float, float, float]
+"""A part of the sky that is taken out: azimuths from, to, and elevations from, to, deg."""
+RINGS = (30.0, 60.0, 90.0)
+WRITTEN, REACH = 1.07, 1.14
+"""How far out bearings are written, and the paper goes, of its edge."""
+SHADE = 0.25
+_BEARINGS = ("N", "45°", "E", "135°", "S", "225°", "W", "315°")
+_MOST = 60
+"""Most instants of a result of an earlier version."""
+
+
+def bearings() -> list[tuple[str, float, float]]:
+    """Names of bearings, and their sines and cosines."""
+    turns = [2.0 * math.pi * i / len(_BEARINGS) for i in range(len(_BEARINGS))]
+    return [(said, math.sin(turn), math.cos(turn)) for said, turn in zip(_BEARINGS, turns, strict=True)]
+
+
+def sides(
+    x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: float, wide: float, letters: Letters
+) -> list[Side]:
+    """Where names of marks stand on a paper down to 90 - edge, deg, that is so wide, in the unit of its letters; x, y:
+    of the marks, to the east and north, deg."""
+    scale = 0.5 * wide / (REACH * edge)
+    out = scale * WRITTEN * edge
+    taken = [letters.written(out * s, -out * c, name, ON) for name, s, c in bearings()]
+    ring_name = Side("left", 0.2 * letters.line, -0.4 * letters.line)
+    taken += [letters.written(0.0, -scale * ring, f"{90.0 - ring:g}°", ring_name) for ring in RINGS]
+    places = [(scale * right, -scale * up) for right, up in zip(x, y, strict=True)]
+    return letters.sides(places, said, taken, Covered(-0.5 * wide, 0.5 * wide, -0.5 * wide, 0.5 * wide))
+
+
+def shaded(azimuth: np.ndarray, elevation: np.ndarray, mask: float) -> tuple[np.ndarray, np.ndarray]:
+    """The outline (n,), (n,) of what a horizon takes out of the sky above a mask, deg, to the east and north, deg.
+    azimuth, elevation: of its corners, rad, azimuths growing; straight between them."""
+    around = np.union1d(np.linspace(0.0, 2.0 * math.pi, 361), azimuth)
+    over = np.degrees(np.interp(around, azimuth, elevation, period=2.0 * math.pi))
+    radius = np.concatenate((np.full(around.size, 90.0 - mask), (90.0 - np.maximum(over, mask))[::-1]))
+    there = np.concatenate((around, around[::-1]))
+    return radius * np.sin(there), radius * np.cos(there)
+
+
+@dataclass(frozen=True)
+class SourceTrack:
+    """A source over the approach. x, y: to the east and north (t,), deg, nan where nothing tells where it is or it is
+    under the horizon, unused. used: (t,). share: of all fixes at which it is used. ground: a pseudolite."""
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+    used: np.ndarray
+    share: float
+    ground: bool
+
+    @property
+    def how(self) -> str:
+        """How much it is used."""
+        if 0.0 < self.share < 1.0:
+            return f"used at {100.0 * self.share:.1f} % of fixes"
+        return "used" if self.share else "not used"
+
+    @property
+    def last(self) -> int:
+        """The last instant at which it is there."""
+        return int(np.flatnonzero(np.isfinite(self.x))[-1])
+
+    def part(self, used: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Its line where it is used, or not: on to the next instant, where the other one begins."""
+        up = np.isfinite(self.x)
+        shown = up & (self.used == used)
+        joined = shown | (np.append(False, shown[:-1]) & up)
+        return np.where(joined, self.x, np.nan), np.where(joined, self.y, np.nan)
+
+
+def source_tracks(result: Result) -> tuple[list[SourceTrack], float]:
+    """The sources that are seen, and the edge of a paper that has all that are used, deg from the zenith."""
+    azimuth, elevation, used = _directions(result)
+    ground = set(map(str, result["/pseudolites/name"]))
+    share = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).mean(axis=0)
+    away = 90.0 - elevation
+    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(np.where(used, away, 0.0), initial=0.0)) / 10.0))
+    out = []
+    for i, name in enumerate(map(str, result["/geometry/source"])):
+        up = np.isfinite(azimuth[:, i]) & ((elevation[:, i] > 0.0) | used[:, i])
+        if up.any():
+            x, y = (np.where(up, away[:, i] * f(azimuth[:, i]), np.nan) for f in (np.sin, np.cos))
+            out.append(SourceTrack(name, x, y, used[:, i] & up, float(share[i]), name in ground))
+    return out, edge
+
+
+def _directions(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Azimuths, rad, elevations, deg, of sources (t, s), and which of them are used: of all there are, or in a
+    result of an earlier version of those used."""
+    los = result["/geometry/line_of_sight"]
+    if "/geometry/instant" in result:
+        at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
+        used = np.isfinite(los[at][:, :, 0])
+        return result["/geometry/azimuth"], np.degrees(result["/geometry/elevation"]), used
+    los = los[:: max(1, -(-len(los) // _MOST))]
+    used = np.isfinite(los[:, :, 0])
+    return np.arctan2(los[:, :, 0], los[:, :, 1]), np.degrees(np.arcsin(los[:, :, 2])), used
+
+
+def masked(result: Result, edge: float) -> list[Sector]:
+    """What the mask takes out of the sky."""
+    sectors = [(0.0, 360.0, low, high) for low, high in (
+        (90.0 - edge, float(setting(result, "sky", "mask_deg"))),
+        (float(setting(result, "sky", "mask_upper_deg")), 90.0),
+    )]  # fmt: skip
+    for part in setting(result, "sky", "interference"):
+        (west, east), (low, high) = part["azimuth_deg"], part["elevation_deg"]
+        sectors.append((float(west), float(east), float(low), float(high)))
+    return sectors
