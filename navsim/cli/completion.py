@@ -10,6 +10,8 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from glob import escape
+from pathlib import Path
 from typing import Any, Literal, NoReturn, get_args, get_origin
 
 from typer.models import OptionInfo
@@ -219,9 +221,26 @@ def _values(name: str, option: Parameter, words: Sequence[str], typed: str) -> I
         return _assignments(words, typed)
     if name == "--until":
         return map(Candidate, UNTIL)
-    if option.choices:
-        return map(Candidate, option.choices)
+    if name == "--only":
+        return _figures(words, typed)
+    if option.choices or _WORDS.fullmatch(option.metavar):
+        return map(Candidate, option.choices or option.metavar.split("|"))
     return [*([Candidate("none")] if "none" in option.metavar else []), *_paths(option.metavar)]
+
+
+_WORDS = re.compile(r"[a-z]+(\|[a-z]+)+")
+"""Words to choose from, as the name of a value."""
+
+
+def _figures(words: Sequence[str], typed: str) -> Iterator[Candidate]:
+    """The figures that lie beside the results among the words, behind those that are named already."""
+    before = typed[: typed.rfind(",") + 1]
+    for word in words[1:-1]:
+        result = Path(word)
+        if result.suffix == ".h5":
+            found = {path.stem.removeprefix(f"{result.stem}_") for ending in ("png", "svg", "pdf")
+                     for path in result.parent.glob(f"{escape(result.stem)}_*.{ending}")}  # fmt: skip
+            yield from (Candidate(f"{before}{name}") for name in sorted(found - {*before.split(",")}))
 
 
 def _paths(metavar: str) -> list[Candidate]:

@@ -70,7 +70,10 @@ def schema(
 
 
 def keys(
-    kind: Annotated[str, typer.Argument(help=f"One of {', '.join(OF_FILES)}.", show_default=False)],
+    kind: Annotated[
+        str | None,
+        typer.Argument(help=f"One of {', '.join(OF_FILES)}. Without it they are listed.", show_default=False),
+    ] = None,
     word: Annotated[
         str | None, typer.Argument(help="Only keys with this in their name or meaning.", show_default=False)
     ] = None,
@@ -84,6 +87,14 @@ def keys(
     from navsim.scenario.keys import matching, nearest, rows
     from navsim.scenario.load import section
 
+    if kind is None:
+        if json_:
+            print_json(list(OF_FILES))
+            return
+        for name in OF_FILES:
+            print(f"{name:<18}a {KINDS[name].noun} for navsim {KINDS[name].command}")
+        print("\nnavsim keys KIND prints the keys of a kind, with a word those about it: navsim keys landing wind")
+        return
     if kind not in OF_FILES:
         leave(BAD_INPUT, f"{kind!r} is no kind of scenario; {hint(kind, list(OF_FILES))}")
     every = rows(section(kind).model_json_schema())

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from navsim.cli.common import Shown, called, leave, leaving, print_json, print_parts, print_tables, read_result
+from navsim.cli.common import (
+    AT_TERMINAL,
+    Shown,
+    called,
+    leave,
+    leaving,
+    print_json,
+    print_parts,
+    print_tables,
+    read_result,
+)
 from navsim.cli.ending import BAD_INPUT, say
 from navsim.cli.findings import warn
 from navsim.cli.options import number_option
@@ -93,6 +103,14 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     from navsim.io.results import ResultError
     from navsim.io.schema import SCHEMA_VERSION
 
+    for file, result in zip(files, results, strict=True):
+        if (version := result.attributes.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
+            box = any(path.startswith("/summary/box/") for path in result.variables)
+            lost = ", as its box," if box and "/summary/box/upper" not in result else ""
+            AT_TERMINAL.warn(
+                f"{file}: has version {version} of the layout, this navsim version {SCHEMA_VERSION}: what stood "
+                f"elsewhere then{lost} is not shown; compute it again to see it"
+            )
     try:
         yield
     except ResultError as error:

@@ -135,12 +135,14 @@ class Sort:
     """What sort of result a file holds; results of different sorts do not take each other's place.
 
     kind: as its root attribute. method: that made it, "" for kinds that know only one. runs: `ONE_RUN` or
-    `SEVERAL_RUNS` where runs were flown, else "".
+    `SEVERAL_RUNS` where runs were flown, else "". count: how many runs, of the same sort whatever it is; 0 where there
+    are none, or where it is not known before.
     """
 
     kind: str
     method: str = ""
     runs: str = ""
+    count: int = field(default=0, compare=False)
 
     def __str__(self) -> str:
         method = f"method {self.method}" if self.method else ""
@@ -355,9 +357,10 @@ def read_sort(path: Path) -> Sort:
     tree = _opened(path)
     with _damage_of(path):
         method = str(tree.attributes.get("method", ""))
-        count = tree.length("run") if method == "monte-carlo" else None
-        runs = "" if count is None else SEVERAL_RUNS if count > 1 else ONE_RUN
-        return Sort(tree.attributes["kind"], method, runs)
+        found = tree.length("run") if method in ("monte-carlo", "rare") else None
+        count = 0 if found is None else found
+        runs = "" if method != "monte-carlo" or found is None else SEVERAL_RUNS if count > 1 else ONE_RUN
+        return Sort(tree.attributes["kind"], method, runs, count)
 
 
 def _opened(path: Path) -> Tree:

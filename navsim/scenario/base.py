@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
 
+from navsim.scenario.keys import unit_of, without_unit
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted
 
 DEG = math.pi / 180.0
@@ -230,8 +231,7 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
     place = document.place(path)
     key = dotted(path)
     if kind == "extra_forbidden":
-        allowed = _keys_at(model, error["loc"][:-1])
-        return Problem(place, key, "unknown key; " + hint(str(path[-1]), allowed))
+        return Problem(place, key, "unknown key; " + _nearest_key(str(path[-1]), _keys_at(model, error["loc"][:-1])))
     if kind == "missing" and isinstance(error["loc"][-1], int):
         return Problem(place, key, f"the list is too short: value {error['loc'][-1] + 1} is missing")
     if kind == "missing":
@@ -253,7 +253,9 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             return Problem(place, key, "unknown key; " + hint(str(path[-1]), choices))
         if isinstance(given, str) and given in choices:  # a number in quotation marks
             return Problem(place, key, f"a number is needed, not the text {given!r}; allowed: {', '.join(choices)}")
-        return Problem(place, key, f"{given!r} is not allowed; " + hint(str(given), choices))
+        # no number is nearest to another by its digits
+        said = hint(given, choices) if isinstance(given, str) else f"allowed: {', '.join(choices)}"
+        return Problem(place, key, f"{given!r} is not allowed; {said}")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "expected a section, a mapping of keys to values"
         if error.get("input") is None and isinstance(path[-1], str):
@@ -265,10 +267,46 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
     elif kind == "string_pattern_mismatch":
         message = f"expected {_FORMS[error['ctx']['pattern']]}"
     given = error.get("input")
+    if kind in ("float_type", "int_type") and isinstance(given, str) and (said := _of_number(key, given)):
+        return Problem(place, key, said)
     if kind == "value_error" and isinstance(given, (dict, list, tuple)):
         return Problem(place, key, message)  # what a validator of a whole section found says itself what was given
     shown = repr(given) if isinstance(given, (int, float, str, bool, type(None))) else "a " + _noun(given)
     return Problem(place, key, f"{message}, not {shown[:60]}")
+
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_COMMA = re.compile(r"[-+]?\d+,\d+")
+
+
+def _of_number(key: str, text: str) -> str:
+    """What is wrong with a text that begins with a number, where a number is needed; "" where it does not."""
+    unit = unit_of(key)
+    if _COMMA.fullmatch(text):
+        return f"a number is needed, with a point for the decimals: {text.replace(',', '.')}, not {text!r}"
+    begins = _NUMBER.match(text.strip())
+    if begins is None:
+        return ""
+    if begins[0] == text.strip():
+        return f"a number is needed, not a text: without quotation marks, {begins[0]}"
+    in_unit = f", in {unit} by the key's name," if unit else ""
+    return f"a plain number is needed{in_unit} and nothing behind it, not {text[:60]!r}"
+
+
+_FOREIGN = re.compile(
+    "ft|feet|inch|in|nm|nmi|mi|miles|kt|kts|knots?|mph|kmh|kph|fpm|mps|m_s|ms|km|cm|mm|m|deg|rad|mrad|arcmin|"
+    "min|hours?|h|days?|ns|us|s|hz|khz|mhz|ghz|g|mg|ug|hpa|mbar|pa|inhg|c|f|k|w|mw|dbm|dbw|db|ppm|percent"
+)
+"""How names of keys might end in units that people write."""
+
+
+def _nearest_key(given: str, allowed: list[str]) -> str:
+    """What may stand there instead of a key: the same in the unit that there is, else what is spelt alike."""
+    for key in allowed:
+        begins, unit = without_unit(key), unit_of(key)
+        if unit and given.startswith(f"{begins}_") and _FOREIGN.fullmatch(given.removeprefix(f"{begins}_").lower()):
+            return f"did you mean '{key}', in {unit}? allowed: {', '.join(allowed)}"
+    return hint(given, allowed)
 
 
 def _noun(value: Any) -> str:

@@ -80,6 +80,12 @@ def unit_of(key: str) -> str:
     return ""
 
 
+def without_unit(name: str) -> str:
+    """The name of a key without the unit that it ends with."""
+    end = next((end for end in _UNITS if name.endswith(f"_{end}")), "")
+    return name.removesuffix(f"_{end}") if end else name
+
+
 def matching(all_rows: Sequence[KeyRow], word: str) -> list[KeyRow]:
     """Those whose key or meaning has the word, in any case."""
     low = word.lower()

@@ -705,6 +705,12 @@ class BarometricAltimeterSection(Section):
     drift_time_s: CorrelationTime = 600.0
     """its correlation time"""
 
+    @model_validator(mode="after")
+    def _drifts(self) -> Self:
+        if self.drift_m == 0.0 and self.drift_time_s != type(self).model_fields["drift_time_s"].default:
+            raise reject("there is no drift: give drift_m", "drift_time_s")
+        return self
+
     def lasting(self, given: FilterBarometricAltimeter) -> tuple[float, float, float]:
         """What a filter that follows its errors takes for 1 sigma of its setting, hPa, a known mistake with its size,
         and of its drift, m, with its correlation time, s."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def check_target(target: Path, sort: Sort, force: bool) -> None:
     """Raise BadInput, before anything is computed, where the path cannot be written or holds what must stay: a result
-    of another sort unless `force` says so, anything that is no result always."""
+    of another sort, or of more runs, unless `force` says so, anything that is no result always."""
     from navsim.io.results import ResultError, check_writable
 
     try:
@@ -41,6 +41,11 @@ def _refuse_other(target: Path, sort: Sort, force: bool) -> None:
     if there != sort and not force:
         raise ResultError(
             f"{target}: holds a result of another sort ({there}) than the new one ({sort}); "
+            f"choose another {option('output')}, or overwrite it with {switch('force')}"
+        )
+    if there.count > sort.count > 0 and not force:
+        raise ResultError(
+            f"{target}: holds {there.count} runs, which {sort.count} would replace; "
             f"choose another {option('output')}, or overwrite it with {switch('force')}"
         )
 

@@ -95,6 +95,14 @@ def test_a_file_may_be_right_only_under_the_method_given(tmp_path: Path) -> None
     assert "--method: only for `kind: landing`" in foreign.stderr
 
 
+def test_fewer_runs_do_not_replace_more(tmp_path: Path) -> None:
+    run = ("run", LANDING, *BRIEF, "-q", "-o", "r.h5", "--figures", "none", "--runs")
+    navsim(*run, 3, cwd=tmp_path)
+    assert "holds 3 runs, which 2 would replace" in navsim(*run, 2, cwd=tmp_path, code=2).stderr
+    navsim(*run, 3, cwd=tmp_path)
+    navsim(*run, 2, "--force", cwd=tmp_path)
+
+
 @pytest.mark.parametrize(
     ("first", "second"),
     [

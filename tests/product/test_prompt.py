@@ -48,7 +48,7 @@ def place(tmp_path: Path) -> Iterator[dict[str, str]]:
     program = tmp_path / "bin" / "navsim"
     program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m navsim "$@"\n')
     program.chmod(0o755)
-    for name in ("glide.yaml", "glass.yaml", "glued.h5"):
+    for name in ("glide.yaml", "glass.yaml", "glued.h5", "glued_sky.png", "glued_track.svg"):
         (tmp_path / name).write_text("kind: landing\nversion: 1\n")
     path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
     own = {"HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path), "TERM": "dumb"}
@@ -68,6 +68,9 @@ TYPED = [
     ("navsim validate glide.yaml --set sky.directions.3.az", {"sky.directions.3.azimuth_deg="}),
     ("navsim run gl", {"glide.yaml", "glass.yaml"}),
     ("navsim show gl", {"glued.h5"}),
+    ("navsim show glued.h5 --format m", {"markdown"}),
+    ("navsim plot glued.h5 --only ", {"sky", "track"}),
+    ("navsim plot glued.h5 --only sky,t", {"sky,track"}),
     ("navsim run glide.yaml --require-f", {"--require-fix"}),
 ]
 

@@ -28,6 +28,19 @@ LANDING = SCENARIOS / "landing.yaml"
          "allowed: monitored, unmonitored"),
         ("integrity={p_pseudolite: 2}",
          "integrity.p_pseudolite: input should be less than or equal to 0.1, not 2"),
+        ("approach.glide_slope_deg=5 deg",
+         "approach.glide_slope_deg: a plain number is needed, in ° by the key's name, and nothing behind it, not "
+         "'5 deg'"),
+        ("approach.speed_start_kmh=80 km/h", "approach.speed_start_kmh: a plain number is needed, in km/h by the key's "
+         "name, and nothing behind it, not '80 km/h'"),
+        ("sky.mask_deg=3,5", "sky.mask_deg: a number is needed, with a point for the decimals: 3.5, not '3,5'"),
+        ("sky.mask_deg='5'", "sky.mask_deg: a number is needed, not a text: without quotation marks, 5"),
+        ("pseudolites.count=-2", "pseudolites.count: -2 is not allowed; allowed: 0, 1, 2"),
+        ("wind.speed_kt=10",
+         "wind.speed_kt: unknown key; did you mean 'speed_m_s', in m/s? allowed: speed_m_s, from_deg, profile, "
+         "roughness_m, exponent, levels, turbulence, gusts, response"),
+        ("barometric_altimeter={sigma_m: 1, drift_time_s: 60}",
+         "barometric_altimeter.drift_time_s: there is no drift: give drift_m"),
         ("integrity={p_constellations: {navic: 1e-4}}",
          "integrity.p_constellations.navic: unknown key; allowed: glonass, gps, galileo, beidou, qzss"),
         ("integrity={p_constellations: {glonas: 1e-4}}",

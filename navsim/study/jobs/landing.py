@@ -54,9 +54,10 @@ class _Prepared:
 
     def _described(self, what: str) -> str:
         world = self.case.world
+        used = int(world.signals.used.any(axis=0).sum())
         return (
             f"{what} of {self.case.scenario.duration_s:g} s, {world.dtheta.shape[0]} IMU samples, "
-            f"{world.signals.time.size} fix epochs, {len(world.signals.names)} sources"
+            f"{world.signals.time.size} fix epochs, {used} of {len(world.signals.names)} sources received"
         )
 
 
@@ -88,7 +89,8 @@ class MonteCarloJob(_Prepared):
             raise OptionError(f"{option('until')} {error}") from None
         self.keep = options.keep or ("all" if self.runs == 1 else "errors")
         several = self.runs > 1
-        self.sort = Sort("landing", section.method, SEVERAL_RUNS if several else ONE_RUN)
+        count = self.runs if self.until is None else 0
+        self.sort = Sort("landing", section.method, SEVERAL_RUNS if several else ONE_RUN, count)
         self.suffix = "" if not several else f"_runs{self.runs}" if self.until is None else "_until"
         self.extent = self.runs
         self.pieces = -(-self.runs // BATCH)
@@ -162,7 +164,7 @@ class RareJob(_Prepared):
             self.enough = None if self.until is None else rare.stopping_rule(lambda: self.edge, self.until)
         except ValueError as error:
             raise OptionError(f"{option('until')} {error}") from None
-        self.sort = Sort("landing", section.method)
+        self.sort = Sort("landing", section.method, count=0 if self.until is not None else self.runs)
         self.extent = self.runs
         self.pieces = -(-self.runs // BATCH)
 

@@ -26,8 +26,9 @@ class MergeJob:
         self.parts = merge.ordered(parts)
         self._folder = folder
         method = str(self.parts[0][1].attributes["method"])
-        several = sum(one["/run"].size for _, one in self.parts) > 1
-        self.sort = Sort("landing", method, "" if method == "rare" else SEVERAL_RUNS if several else ONE_RUN)
+        count = sum(one["/run"].size for _, one in self.parts)
+        runs = "" if method == "rare" else SEVERAL_RUNS if count > 1 else ONE_RUN
+        self.sort = Sort("landing", method, runs, count)
         self.kernels = f"merge-{method}"
 
     @property
