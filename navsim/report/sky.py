@@ -20,8 +20,8 @@ WRITTEN, REACH = 1.07, 1.14
 """How far out bearings are written, and the paper goes, of its edge."""
 SHADE = 0.25
 _BEARINGS = ("N", "45°", "E", "135°", "S", "225°", "W", "315°")
-_MOST = 60
-"""Most instants of a result of an earlier version."""
+_OFF = 0.15
+"""How far from its line a source may be drawn, deg: a third of a pixel of the page."""
 
 
 def bearings() -> list[tuple[str, float, float]]:
@@ -56,8 +56,9 @@ def shaded(azimuth: np.ndarray, elevation: np.ndarray, mask: float) -> tuple[np.
 
 @dataclass(frozen=True)
 class SourceTrack:
-    """A source over the approach. x, y: to the east and north (t,), deg, nan where nothing tells where it is or it is
-    under the horizon, unused. used: (t,). share: of all fixes at which it is used. ground: a pseudolite."""
+    """A source over the approach, at as few fixes as its bends need. x, y: to the east and north (t,), deg, nan where
+    nothing tells where it is or it is under the horizon, unused. used: (t,). share: of all fixes at which it is used.
+    ground: a pseudolite."""
 
     name: str
     x: np.ndarray
@@ -88,31 +89,63 @@ class SourceTrack:
 
 def source_tracks(result: Result) -> tuple[list[SourceTrack], float]:
     """The sources that are seen, and the edge of a paper that has all that are used, deg from the zenith."""
-    azimuth, elevation, used = _directions(result)
+    los = result["/geometry/line_of_sight"]
+    used = np.isfinite(los[:, :, 0])
+    azimuth, away = np.arctan2(los[:, :, 0], los[:, :, 1]), 90.0 - np.degrees(np.arcsin(los[:, :, 2]))
+    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(away, initial=0.0)) / 10.0))
+    sampled = np.zeros(len(los), bool)
+    if "/geometry/instant" in result:  # else, in a result of an earlier version, none but those used are known
+        at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
+        sampled[at] = True
+        up = result["/geometry/elevation"] > 0.0
+        alone = np.where(up & ~used[at], 90.0 - np.degrees(result["/geometry/elevation"]), np.nan)
+        away[at] = np.where(used[at], away[at], alone)
+        azimuth[at] = np.where(used[at], azimuth[at], result["/geometry/azimuth"])
     ground = set(map(str, result["/pseudolites/name"]))
-    share = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).mean(axis=0)
-    away = 90.0 - elevation
-    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(np.where(used, away, 0.0), initial=0.0)) / 10.0))
     out = []
     for i, name in enumerate(map(str, result["/geometry/source"])):
-        up = np.isfinite(azimuth[:, i]) & ((elevation[:, i] > 0.0) | used[:, i])
-        if up.any():
-            x, y = (np.where(up, away[:, i] * f(azimuth[:, i]), np.nan) for f in (np.sin, np.cos))
-            out.append(SourceTrack(name, x, y, used[:, i] & up, float(share[i]), name in ground))
+        x, y = (away[:, i] * f(azimuth[:, i]) for f in (np.sin, np.cos))
+        if np.isfinite(x).any():
+            x, y, now = _path(x, y, used[:, i], sampled)
+            out.append(SourceTrack(name, x, y, now, float(used[:, i].mean()), name in ground))
     return out, edge
 
 
-def _directions(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Azimuths, rad, elevations, deg, of sources (t, s), and which of them are used: of all there are, or in a
-    result of an earlier version of those used."""
-    los = result["/geometry/line_of_sight"]
-    if "/geometry/instant" in result:
-        at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
-        used = np.isfinite(los[at][:, :, 0])
-        return result["/geometry/azimuth"], np.degrees(result["/geometry/elevation"]), used
-    los = los[:: max(1, -(-len(los) // _MOST))]
-    used = np.isfinite(los[:, :, 0])
-    return np.arctan2(los[:, :, 0], los[:, :, 1]), np.degrees(np.arcsin(los[:, :, 2])), used
+def _path(
+    x: np.ndarray, y: np.ndarray, used: np.ndarray, sampled: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The way of a source through the sky, and where it is used, at as few fixes as its bends need. x, y: at all fixes
+    (t,), deg, nan where nothing tells. sampled: the fixes at which the whole sky is known; between two of them a source
+    that is not used moves straight on, unless it is down at one."""
+    if sampled.any():
+        told, every = np.flatnonzero(used | sampled), np.arange(used.size)
+        x, y = (np.interp(every, told, each[told], left=np.nan, right=np.nan) for each in (x, y))
+    there = np.isfinite(x)
+    kind = np.where(there, 1 + used, 0)
+    keep = []
+    for run in np.split(np.arange(kind.size), np.flatnonzero(np.diff(kind)) + 1):
+        keep.append(run[_bends(x[run], y[run])] if kind[run[0]] else run[:1])
+    chosen = np.concatenate(keep)
+    return x[chosen], y[chosen], used[chosen] & there[chosen]
+
+
+def _bends(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Numbers, in order, of the points of a line that others lie no farther from than `_OFF` when it goes through these
+    alone (Douglas and Peucker)."""
+    keep, open_ends = {0, x.size - 1}, [(0, x.size - 1)]
+    while open_ends:
+        first, last = open_ends.pop()
+        if last - first < 2:
+            continue
+        ahead = np.array([x[last] - x[first], y[last] - y[first]])
+        aside = np.stack([x[first + 1 : last] - x[first], y[first + 1 : last] - y[first]], axis=1)
+        along = np.clip(aside @ ahead / max(float(ahead @ ahead), 1e-12), 0.0, 1.0)
+        off = np.linalg.norm(aside - along[:, None] * ahead, axis=1)
+        if off.max() > _OFF:
+            middle = first + 1 + int(np.argmax(off))
+            keep.add(middle)
+            open_ends += [(first, middle), (middle, last)]
+    return np.array(sorted(keep))
 
 
 def masked(result: Result, edge: float) -> list[Sector]:

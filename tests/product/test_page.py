@@ -26,6 +26,7 @@ from navsim.report.page import landing, placement
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
 from navsim.report.quantities import one_run
+from navsim.report.sky import source_tracks
 from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
 from tests import steps
@@ -207,6 +208,35 @@ def test_a_result_of_an_earlier_version_has_its_sky(place: Path) -> None:
     old = Result(result.attributes, {k: v for k, v in result.variables.items() if k not in new})
     text = page([Read("old", place / "one.h5", old)])
     assert "A result of an earlier version keeps used sources alone." in Text(text).said
+
+
+def test_paths_in_the_sky_are_smooth_and_of_one_scale(place: Path) -> None:
+    """Lines pass every fix closely, with few points; skies side by side reach as far down."""
+    result = read(place / "one.h5")
+    los = result["/geometry/line_of_sight"]
+    tracks, edge = source_tracks(result)
+    assert edge == 100.0  # pseudolites stand lower than the aircraft
+    assert sum(track.x.size for track in tracks) < 25 * len(tracks)
+    names = list(map(str, result["/geometry/source"]))
+    for track in tracks:
+        if track.share < 1.0:
+            continue
+        east, north, up = los[:, names.index(track.name)].T
+        away = 90.0 - np.degrees(np.arcsin(up))
+        points = (away / np.hypot(east, north))[:, None] * np.stack([east, north], axis=1)
+        line = np.stack([track.x, track.y], axis=1)
+        ahead = np.diff(line, axis=0)
+        aside = points[:, None] - line[None, :-1]
+        along = np.clip(np.sum(aside * ahead, axis=2) / np.sum(ahead**2, axis=1), 0.0, 1.0)
+        off = np.linalg.norm(aside - along[..., None] * ahead, axis=2).min(axis=1)
+        assert off.max() < 0.16, track.name
+    low = los.copy()
+    low[:, names.index("PL1")] = [0.0, np.cos(-0.3), np.sin(-0.3)]
+    below = result.variables | {
+        "/geometry/line_of_sight": replace(result.variables["/geometry/line_of_sight"], data=low)
+    }
+    drawing = landing.sky([("one", result), ("low", Result(result.attributes, below))])
+    assert {panel.x_range.end for panel in drawing.panels} == {1.14 * 110.0}
 
 
 def test_unused_satellites_are_in_the_result(place: Path) -> None:

@@ -59,7 +59,7 @@ from navsim.report.quantities import (
 )
 from navsim.report.quantities import heights as height_of
 from navsim.report.ridges import BROWN, flown_over, on_plan, seen_skyline, shown_ridges
-from navsim.report.sky import masked, source_tracks
+from navsim.report.sky import SourceTrack, masked, source_tracks
 from navsim.report.tables import box_limits, of_total, runs_of, setting, single
 
 AXES = ("lateral", "along", "vertical")
@@ -149,7 +149,12 @@ def track(results: Sequence[Named]) -> Drawing:
 
 def sky(results: Sequence[Named]) -> Drawing:
     """Directions to all sources, used and not, with the mask, a panel a result."""
-    panels = [_sky(name if len(results) > 1 else "", result) for name, result in results]
+    found = [source_tracks(result) for _, result in results]
+    edge = max(own for _, own in found)  # of one scale
+    panels = [
+        _sky(name if len(results) > 1 else "", result, sources, edge)
+        for (name, result), (sources, _) in zip(results, found, strict=True)
+    ]
     hilly = any(shown_ridges(result) for _, result in results)
     whole = all("/geometry/instant" in result for _, result in results)
     caption = (
@@ -165,8 +170,7 @@ def sky(results: Sequence[Named]) -> Drawing:
     return Drawing("sky", "Sky: sources used and unused", panels, caption, keys, min(3, max(2, len(panels))))
 
 
-def _sky(title: str, result: Result) -> figure:
-    sources, edge = source_tracks(result)
+def _sky(title: str, result: Result, sources: Sequence[SourceTrack], edge: float) -> figure:
     on = sky_paper(title, edge, masked(result, edge))
     mask = float(setting(result, "sky", "mask_deg"))
     if "/geometry/horizon" in result:
