@@ -177,7 +177,7 @@ def fit(figure: Figure) -> None:
     for text in figure.texts:
         _fit(text, whole)
     figure.draw_without_rendering()
-    renderer = _renderer(figure)
+    renderer, broken = _renderer(figure), False
     scale = 72.0 / figure.dpi
     for ax in figure.axes:
         box = ax.get_window_extent(renderer)
@@ -187,16 +187,18 @@ def fit(figure: Figure) -> None:
         alone = _alone_in_row(ax, figure)
         across = max(box.width * scale, reach if alone else box.width * scale)
         for text in (ax.title, ax.xaxis.label):
-            _fit(text, across)
-        _fit(ax._left_title, 72.0 * figure.get_figwidth() - box.x0 * scale - 4.0)  # type: ignore[attr-defined]
-        _fit(ax.yaxis.label, box.height * scale)
+            broken |= _fit(text, across)
+        left = ax._left_title  # type: ignore[attr-defined]
+        broken |= _fit(left, 72.0 * figure.get_figwidth() - box.x0 * scale - 4.0)
+        broken |= _fit(ax.yaxis.label, box.height * scale)
         _spread_numbers(ax)
         for line in ax.lines:
             _thin(line, ax, box.width * scale)
     _close_up(figure)
     engine = figure.get_layout_engine()
     if engine is not None:
-        engine.execute(figure)
+        if broken or figure in _TO_SCALE:
+            engine.execute(figure)
         figure.set_layout_engine("none")
 
 
@@ -254,10 +256,14 @@ def _alone_in_row(ax: Axes, figure: Figure) -> bool:
     )
 
 
-def _fit(text: Text, room: float) -> None:
+def _fit(text: Text, room: float) -> bool:
+    """Break a text; returns whether it had to be."""
     said = text.get_text()
-    if said.strip():
-        text.set_text(_broken(said, room, float(text.get_fontsize())))
+    if not said.strip():
+        return False
+    lines = _broken(said, room, float(text.get_fontsize()))
+    text.set_text(lines)
+    return lines != said
 
 
 def _broken(said: str, room: float, size: float) -> str:
