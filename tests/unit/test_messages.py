@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from navsim.cli.results import shown_as_stored
+from navsim.io.results import Result, Variable
+from navsim.io.schema import SCHEMA_VERSION
 from navsim.scenario.load import read
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare
@@ -92,3 +97,13 @@ def test_a_pseudolite_behind_the_horizon(s_m: float, seen: bool) -> None:
     """At 153 m over the runway an antenna at one metre is seen over 4.12 (sqrt(153) + sqrt(1)) = 55 km."""
     case = prepare(*read(LANDING, ["duration_s=5", f"pseudolites.s_m={s_m}"]))
     assert any("beyond the radio horizon" in text for text in case.warnings) != seen
+
+
+def test_what_of_an_earlier_layout_is_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    box = {"/summary/box/limit": Variable(("axis",), np.ones(3), "m", "limits")}
+    for version in (SCHEMA_VERSION - 1, SCHEMA_VERSION):
+        with shown_as_stored([Result({"schema_version": version}, box)], [Path("old.h5")]):
+            pass
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"warning: old.h5: has version {SCHEMA_VERSION - 1} of the layout")
+    assert "as its box, is not shown" in said

@@ -66,6 +66,9 @@ _PREPARED_TIME = 16e-6
 """Seconds a sample of what all runs share."""
 _EPOCH_TIME, _SLOPE_TIME, _ANALYSED_TIME = 0.3e-3, 14e-6, 3.5e-6
 """Seconds an epoch of the covariance analysis, a source of signals at it, and a sample."""
+_WANDER_TIME, _PRESSURE_TIME = 0.25e-3, 30e-6
+"""Seconds an epoch of the analysis at which clocks of pseudolites wander, however many, and a sample where the pressure
+of a barometric altimeter has errors that last."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,8 @@ class Extent:
     each sample of the ways of runs that deviate from the route; counts of samples beyond the sensors' ranges; whether
     inertial sensors have errors beyond those that are drawn with the noise; whether runs have ways of their own, of
     which discrete gusts draw nothing; signals that interfere with the sources', none where nothing is said of it;
-    corners of the horizon; ridges of the terrain."""
+    corners of the horizon; ridges of the terrain; whether clocks of pseudolites wander, and whether pressure has errors
+    that last."""
 
     samples: int
     epochs: int
@@ -98,6 +102,8 @@ class Extent:
     interfering: int | None = None
     corners: int = 0
     ridges: int = 0
+    wandering: bool = False
+    pressing: bool = False
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -125,7 +131,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
     if of_ground:
         clocks.add(sources.pseudolites.clock)
     scales = 1 if sources.effects.one_clock else len(clocks)
-    jamming = sources.jamming
+    jamming, pressure = sources.jamming, scenario.barometric_altimeter
     return Extent(
         epochs(scenario.duration_s, scenario.imu.rate_hz).size, fixes.size, names, scales,
         scenario.filter.states(scales, scenario.gain_states, scenario.lasting_states) + scenario.height_states,
@@ -144,6 +150,8 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
         0 if sources.mask.horizon is None else sources.mask.horizon.azimuth.size,
         len(sources.terrain),
+        scenario.pseudolites.clock_noise is not None and of_ground > 0,
+        pressure is not None and (pressure.qnh_sigma_hpa > 0.0 or pressure.drift_m > 0.0),
     )  # fmt: skip
 
 
@@ -355,4 +363,5 @@ def _pushed(scenario: Landing, here: Extent, runs: int, workers: int, away: bool
 
 def analysis_time(here: Extent) -> float:
     weighed = here.epochs + here.aided + here.ahead
-    return weighed * _EPOCH_TIME + here.epochs * _SLOPE_TIME * here.sources + _ANALYSED_TIME * here.samples
+    lasting = here.wandering * _WANDER_TIME * here.epochs + here.pressing * _PRESSURE_TIME * here.samples
+    return lasting + weighed * _EPOCH_TIME + here.epochs * _SLOPE_TIME * here.sources + _ANALYSED_TIME * here.samples
