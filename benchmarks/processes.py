@@ -15,6 +15,24 @@ FLOWN = ("--figures", "none")
 BRIEF = ("--set", "filter.kind=eskf", "--set", "duration_s=12")
 """A short flight for the memory of many runs: what is kept of a run does not grow with its length."""
 
+EVERYTHING = (
+    "wind={speed_m_s: 6, from_deg: 70, profile: log, turbulence: {}, "
+    "gusts: [{amplitude_m_s: 3, towards: north, start_s: 30, ramp_s: 2}]}",
+    "approach.flight_technical_error={lateral: {sigma_m: 3}, vertical: {sigma_m: 1}}",
+    "runway={heading_deg: 0, height_m: 0, slope_percent: 0.5, geoid_undulation_m: 40}",
+    "imu={preset: adis16470, gyro: {drift_deg_h: 720, misalignment_mrad: 1, g_sensitivity_deg_h_g: 5}, "
+    "accelerometer: {bias_mg: 4, misalignment_mrad: 1}}",
+    "signals.preset=open-sky", "pseudolites.range_law=cn0", "pseudolites.eirp_dbm=-10",
+    "terrain=[{azimuth_deg: [20, 60], elevation_deg: 12, distance_m: 3000}]",
+    "radio_altimeter={sigma_floor_m: 0.5, sigma_share: 0.02, highest_m: 100}",
+    "barometric_altimeter={sigma_m: 1, lag_s: 0.3, drift_m: 2, drift_time_s: 600, qnh_sigma_hpa: 0.3}",
+    "box={error: total, lateral_m: 10, vertical_m: 5}",
+    "filter={fix_errors: states, scale_factors: true, barometric_altimeter: {errors: states}}",
+)  # fmt: skip
+"""What a landing has when all of the world is on: its air, ways, sensors, ranges, terrain and altimeters, and states
+for what a filter can follow of them but for misalignments."""
+MISALIGNED = "filter.misalignments=true"
+
 
 def runs(version: Version, count: int, *arguments: str) -> Job:
     """So many landings, their statistics and file."""
@@ -48,6 +66,23 @@ def against_before(plan: Plan) -> list[Line]:
         beside = f"{seconds('before', theirs)}, {seconds('now', ours)}"
         what = f"covariance analysis with budget, {rate} Hz fixes, against the version before"
         lines.append(Line(what, ratios(theirs, ours), beside, must, aim))
+    return lines
+
+
+def world(plan: Plan) -> list[Line]:
+    """Landings with all of the world on against as many by default."""
+    count, none = plan.size(1000, 16), runs(now(), plan.size(1000, 16))
+    lines = []
+    for what, settings, must in (
+        ("everything on, without states for misalignments", EVERYTHING, 3.0),
+        ("everything on, states for misalignments too", (*EVERYTHING, MISALIGNED), None),
+    ):
+        every = runs(now(), count, *(word for one in settings for word in ("--set", one)))
+        alternate(1, every, none)
+        ours, theirs = alternate(plan.rounds(3), every, none)
+        beside = f"{seconds('it', ours)}, {seconds('default', theirs)}"
+        lines.append(Line(f"{count} landings, {what}, against the default", ratios(ours, theirs), beside, must,
+                          at_most=True))  # fmt: skip
     return lines
 
 

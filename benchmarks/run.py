@@ -66,6 +66,7 @@ def _of(section: Callable[[Plan], list[Line]]) -> Section:
 
 SECTIONS: dict[str, Section] = {
     "before": _of(processes.against_before),
+    "world": _of(processes.world),
     "start": _of(processes.start),
     "landing": _of(processes.one_landing),
     "first": _of(processes.first_run),

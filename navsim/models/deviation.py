@@ -40,14 +40,8 @@ class Departure:
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
-        h = float(self.time[1] - self.time[0])
-        first = np.clip(np.searchsorted(self.time, time + 1e-9, side="right") - 1, 0, self.time.size - 2)
-        s = np.clip(time - self.time[first], 0.0, h)[:, None, None]
-        (p0, v0, a0), (p1, v1, a1) = (np.split(self.way[i], 3, axis=1) for i in (first, first + 1))
-        away, b0, b1 = p1 - p0, 0.5 * h * a0, 0.5 * h * a1
-        c3 = (10.0 * away / h - 6.0 * v0 - 4.0 * v1 - 3.0 * b0 + b1) / h**2
-        c4 = (-15.0 * away / h + 8.0 * v0 + 7.0 * v1 + 3.0 * b0 - 2.0 * b1) / h**3
-        c5 = (6.0 * away / h - 3.0 * (v0 + v1) - b0 + b1) / h**4
+        first, s, h = self._since(time)
+        p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
         place = p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
         velocity = v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
         acceleration = a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
@@ -56,6 +50,27 @@ class Departure:
         turn = p0 + s * (v0 + s * (c2 + s * c3))
         rate = v0 + s * (2.0 * c2 + s * 3.0 * c3)
         return np.concatenate([place, velocity, acceleration], axis=1), np.concatenate([turn, rate], axis=1)
+
+    def place(self, time: np.ndarray) -> np.ndarray:
+        """Of `way` the place (m, 3, W) at times (m,)."""
+        first, s, h = self._since(time)
+        p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
+        return np.asarray(p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))))
+
+    def _since(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """The samples before times (m,), the time since them (m, 1, 1), and that between samples."""
+        h = float(self.time[1] - self.time[0])
+        first = np.clip(np.searchsorted(self.time, time + 1e-9, side="right") - 1, 0, self.time.size - 2)
+        return first, np.clip(time - self.time[first], 0.0, h)[:, None, None], h
+
+    def _quintic(self, first: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+        """Place, velocity, acceleration at samples, and the three coefficients that lead to those at the next ones."""
+        (p0, v0, a0), (p1, v1, a1) = (np.split(self.way[i], 3, axis=1) for i in (first, first + 1))
+        away, b0, b1 = p1 - p0, 0.5 * h * a0, 0.5 * h * a1
+        c3 = (10.0 * away / h - 6.0 * v0 - 4.0 * v1 - 3.0 * b0 + b1) / h**2
+        c4 = (-15.0 * away / h + 8.0 * v0 + 7.0 * v1 + 3.0 * b0 - 2.0 * b1) / h**3
+        c5 = (6.0 * away / h - 3.0 * (v0 + v1) - b0 + b1) / h**4
+        return p0, v0, a0, c3, c4, c5
 
 
 @dataclass(frozen=True)

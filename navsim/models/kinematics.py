@@ -94,6 +94,9 @@ class Moving(Protocol):
     def motion(self, t: np.ndarray) -> Motion:
         """Everything at the times t (n,), s."""
 
+    def llh(self, t: np.ndarray) -> np.ndarray:
+        """Places at the times t (n,), s: (n, 3) rad, rad, m."""
+
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `integrate`."""
 
@@ -207,6 +210,10 @@ class Trajectory:
             axis=1,
         )
         return assembled(t, (position, llh), velocity, force, c_eb, rate)
+
+    def llh(self, t: np.ndarray) -> np.ndarray:
+        """Places at the times t (n,), s: (n, 3) rad, rad, m."""
+        return self.motion(t).llh
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `integrate`."""

@@ -65,6 +65,10 @@ class RecordedTrajectory:
         force = acceleration + 2.0 * np.cross(EARTH_RATE, velocity) - earth.gravity_at(llh)
         return assembled(t, (position, llh), velocity, force, c_eb, self.attitude(t, 1))
 
+    def llh(self, t: np.ndarray) -> np.ndarray:
+        """Places at the times t (n,), s: (n, 3) rad, rad, m."""
+        return self.motion(t).llh
+
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals of angular rate and specific force between the times t (n + 1,): (n, 3) rad, m/s."""
         return integrate(self.motion, self._knots, t)

@@ -166,8 +166,10 @@ _STEP = 0.01
 
 def _shown(model: BarometricAltimeter, flight: Moving, time: np.ndarray) -> np.ndarray:
     """What a barometric altimeter shows on a flight at times (m,), s, without noise (m,), m."""
-    fine = np.linspace(0.0, time[-1], int(np.ceil(time[-1] / _STEP)) + 1) if time.size else time
-    return np.interp(time, fine, model.shown(fine, flight.motion(fine).llh[:, 2]))
+    if model.lag == 0.0 or not time.size:
+        return model.shown(time, flight.llh(time)[:, 2])
+    fine = np.linspace(0.0, time[-1], int(np.ceil(time[-1] / _STEP)) + 1)
+    return np.interp(time, fine, model.shown(fine, flight.llh(fine)[:, 2]))
 
 
 def _of_pressure(model: BarometricAltimeter, frame: Frame, measured: np.ndarray) -> PressureTable:
@@ -183,7 +185,7 @@ _SENSORS: Mapping[type, Sensor] = {
         ALTITUDE,
         ("height",),
         "m",
-        lambda model, flight, time: flight.motion(time).llh[:, 2:] + model.offset,
+        lambda model, flight, time: flight.llh(time)[:, 2:] + model.offset,
         lambda model, exact: np.full_like(exact, model.sigma),
         lambda model, frame, measured: AltitudeTable(
             measured[:, 0].copy(), np.full_like(measured[:, 0], model.believed**2)

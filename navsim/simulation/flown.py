@@ -7,7 +7,7 @@ judged by, is of the way that is flown.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -25,20 +25,40 @@ from navsim.models.steering import Held
 
 
 @dataclass(frozen=True)
+class KeptRoute:
+    """What all runs deviate from, which is asked for the same times in each: what it was is kept."""
+
+    trajectory: Trajectory
+    kept: dict[bytes, Motion] = field(default_factory=dict)
+
+    def motion(self, t: np.ndarray) -> Motion:
+        """Everything at the times t (n,), s."""
+        key = t.tobytes()
+        if key not in self.kept:
+            self.kept[key] = self.trajectory.motion(t)
+        return self.kept[key]
+
+
+@dataclass(frozen=True)
 class FlownWay:
     """The flight of one run, as sensors beside the receiver meet it (`aiding`)."""
 
-    trajectory: Trajectory
+    route: KeptRoute
     departure: Departure
 
     @property
     def frame(self) -> Frame:
         """Axes of the path."""
-        return self.trajectory.frame
+        return self.route.trajectory.frame
 
     def motion(self, t: np.ndarray) -> Motion:
         """Everything at the times t (n,), s."""
-        return deviated(self.trajectory.motion(t), self.frame, *self.departure.at(t))
+        return deviated(self.route.motion(t), self.frame, *self.departure.at(t))
+
+    def llh(self, t: np.ndarray) -> np.ndarray:
+        """Places at the times t (n,), s: (n, 3) rad, rad, m."""
+        off = self.departure.place(t)[..., 0] @ self.frame.axes.T
+        return earth.llh_from_ecef(self.route.motion(t).position_ecef + off)
 
 
 class Flown(NamedTuple):
@@ -66,6 +86,7 @@ class Ways:
 
     half: of the route at samples of the IMU and between, axes_half (2n + 1, 3, 3) its body axes in those of the path.
     increments: its own (n, 3). at_filter, at_fixes: of the route. sources: (e, s, 3) where they really are, ECEF.
+    route: for other times.
     """
 
     trajectory: Trajectory
@@ -78,6 +99,7 @@ class Ways:
     signals: Signals
     sources: np.ndarray
     lever_arm: np.ndarray
+    route: KeptRoute
 
     @classmethod
     def of(
@@ -96,6 +118,7 @@ class Ways:
         return cls(
             trajectory, Disturbance.of(air, trajectory, imu_time), half, np.ascontiguousarray(trajectory.frame.axes.T @
             half.c_eb), trajectory.increments(imu_time), at_filter, at_fixes, signals, sources, lever_arm,
+            KeptRoute(trajectory),
         )  # fmt: skip
 
     @property
@@ -151,7 +174,7 @@ class Ways:
     def of_run(self, flown: Flown, lane: int) -> FlownWay:
         """The flight of one run."""
         of_all, one = flown.departure, slice(lane, lane + 1)
-        return FlownWay(self.trajectory, Departure(of_all.time, of_all.way[..., one], of_all.turn[..., one]))
+        return FlownWay(self.route, Departure(of_all.time, of_all.way[..., one], of_all.turn[..., one]))
 
     def _ranges(self, antenna: np.ndarray, antenna_velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True ranges and range rates (e, s, W): those of the route, and by how much the distances differ."""

@@ -87,6 +87,7 @@ def test_what_is_felt_is_the_derivative_of_the_way() -> None:
     way = ways.of_run(ways.flown(3, [5], WIDTH), 0)
     t, step = 0.5033 + 0.5 * np.arange(38), 1e-4  # a jerk jumps at samples
     ahead, behind, here = (way.motion(t + d) for d in (step, -step, 0.0))
+    np.testing.assert_array_equal(way.llh(t), here.llh)
     velocity = (ahead.position_ecef - behind.position_ecef) / (2.0 * step)
     np.testing.assert_allclose(velocity, here.velocity_ecef, atol=2e-5)
     acceleration = (ahead.velocity_ecef - behind.velocity_ecef) / (2.0 * step)

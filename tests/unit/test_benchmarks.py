@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.helpers import case
+
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
@@ -32,6 +34,16 @@ def test_they_start_and_write_a_table(tmp_path: Path) -> None:
     rows = [line for line in out.read_text().splitlines() if line.startswith("| `navsim")]
     assert len(rows) == 2
     assert all("×" in row and row.count("|") == 7 for row in rows)
+
+
+def test_everything_is_on(module: Any) -> None:
+    """A landing that has what the row of the world says: each part changes what is flown, and the filter follows it."""
+    processes = module("processes")
+    every = case(*processes.EVERYTHING)
+    assert len(case(*processes.EVERYTHING, processes.MISALIGNED).states) == len(every.states) + 12 == 47
+    keys = {one.partition("=")[0].partition(".")[0] for one in processes.EVERYTHING}
+    given, default = (one.scenario.model_dump() for one in (every, case()))
+    assert all(given[key] != default[key] for key in keys)
 
 
 def test_jobs_take_turns_and_are_compared_round_by_round(module: Any) -> None:
