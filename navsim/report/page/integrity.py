@@ -30,7 +30,6 @@ from navsim.report.page.marks import (
     shades,
     some,
     source,
-    stretch,
     tell,
     upright,
 )
@@ -47,6 +46,8 @@ from navsim.report.quantities import (
 from navsim.report.quantities import stanford as counted
 
 _ALARMED = "#CC79A7"
+_STRIP = 2.0
+"""Height of the strip of the axis, dB-Hz, that a jammer has at the foot."""
 
 
 def levels(results: Sequence[Named]) -> Drawing | None:
@@ -136,6 +137,7 @@ def stanford(results: Sequence[Named]) -> Drawing | None:
 def interference(results: Sequence[Named]) -> Drawing | None:
     """Effective carrier to noise density ratios over time, and when jammers send."""
     kept = [(name, r) for name, r in results if "/interference/cn0" in r]
+    jammers = list(dict.fromkeys(str(each) for _, r in kept for each in r["/interference/jammer"]))
     panels, thinned = [], []
     for name, result in kept:
         on = plot(name if len(results) > 1 else "", "time, s", "effective C/N0, dB-Hz", 280)
@@ -148,19 +150,19 @@ def interference(results: Sequence[Named]) -> Drawing | None:
             if np.isfinite(cn0[:, i]).any():
                 of = source(x=which(time), y=which(cn0[:, i]))
                 marks.append(line(on, of, "y", ORANGE if each in ground else BLUE, name=each, line_width=1.1))
-        for j in range(result["/interference/jammer"].size):
-            heard = np.flatnonzero(np.isfinite(result["/interference/js"][j]).any(axis=1))
+        for jammer, js in zip(map(str, result["/interference/jammer"]), result["/interference/js"], strict=True):
+            j, heard = jammers.index(jammer), np.flatnonzero(np.isfinite(js).any(axis=1))
             for run in np.split(heard, np.flatnonzero(np.diff(heard) > 1) + 1) if heard.size else []:
-                stretch(on, float(time[run[0]]), float(time[run[-1]]), colour(3 + j), upright=True)
+                # at the foot, one above the other: shades over each other mix into colours of no jammer
+                on.quad(left=float(time[run[0]]), right=float(time[run[-1]]), bottom=_STRIP * j, top=_STRIP * (j + 0.8),
+                        fill_color=colour(3 + j), line_color=None)  # fmt: skip
         reach(on, [cn0])
         tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("C/N0", "@y{0.0} dB-Hz"))
         panels.append(on)
     if not panels:
         return None
-    jammers = list(dict.fromkeys(str(each) for _, r in kept for each in r["/interference/jammer"]))
     keys = [Key("satellites", BLUE), Key("pseudolites", ORANGE),
-            *(Key(f"{each} is received", colour(3 + j), "band") for j, each in enumerate(jammers))]  # fmt: skip
-    caption = "Effective carrier to noise density of every source; shaded: a jammer is received." + most_thinned(
-        thinned
-    ).words("epoch")
+            *(Key(f"{each} is received", colour(3 + j)) for j, each in enumerate(jammers))]  # fmt: skip
+    caption = "Effective carrier to noise density of every source; bars at the foot: a jammer is received."
+    caption += most_thinned(thinned).words("epoch")
     return Drawing("interference", "Interference", panels, caption, keys, 1)
