@@ -17,7 +17,7 @@ from navsim.core.lanes import WIDTH, in_lanes
 from navsim.estimation import filter_loop, gaussian_sum, records, smoother
 from navsim.estimation.charts import chart_of
 from navsim.estimation.judge import judge_into
-from navsim.estimation.observations import Measurements
+from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import (
     OUTPUT,
     TIME_TOLERANCE,
@@ -75,6 +75,7 @@ def fly(
     """
     if account.sigma.shape[0] != _outputs(events) or account.status.shape[0] != events.time.size:
         raise ValueError("the account has not the rows of the events")
+    _check_lasting(measurements, events, model)
     if is_smoother(model.kind):
         for _, _, history in fly_in_pieces(imu, measurements, events, state, model):
             judge_into(model.kind, history, account)
@@ -85,6 +86,15 @@ def fly(
         chart_of(model), ImuData(imu.time, in_lanes(imu.dtheta), in_lanes(imu.dv)), measurements.each(in_lanes),
         events, lanes_of(state), _set_out(state.navigation.shape[-1]).each(in_lanes), model, account.each(in_lanes),
     )  # fmt: skip
+
+
+def _check_lasting(measurements: Measurements, events: Events, model: FilterModel) -> None:
+    """Raise ValueError for fixes whose table does not say what errors that the filter follows do to them: kernels read
+    on."""
+    axes, rows = model.declared["axis"][model.declared["triad"] == FIX], events.row[events.kind == FIX]
+    table = measurements.fixes.lasting
+    if axes.size and rows.size and (table.shape[2] <= axes.max() or table.shape[0] <= rows.max()):
+        raise ValueError("the table of fixes does not say what the errors do to them that the filter follows")
 
 
 def _engine(model: FilterModel, state: State) -> Any:
@@ -112,6 +122,7 @@ def fly_in_pieces(
     and what it leaves of them, overwritten by the next. A smoother leaves one piece.
     """
     lanes = state.navigation.shape[-1]
+    _check_lasting(measurements, events, model)
     if is_smoother(model.kind):
         _check_smoother(events)
         outputs = _outputs(events)

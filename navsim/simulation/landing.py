@@ -574,19 +574,24 @@ def table_of_fixes(beliefs: Beliefs, llh: np.ndarray, velocity: np.ndarray, cova
     return FixTable(llh, used, believed, beliefs.lever_arm)
 
 
-def table_of_all_fixes(flight: Flight, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray) -> FixTable:
+def table_of_all_fixes(
+    flight: Flight, llh: np.ndarray, velocity: np.ndarray, covariance: np.ndarray, epochs: slice = slice(None)
+) -> FixTable:
     """The fixes of a flight (e, 3), (e, 3), (e, 6, 6), of one run, or of lanes, with what the filter knows of errors
-    that last."""
+    that last; epochs: those that they are of."""
     lasting, lanes = flight.beliefs.lasting, covariance.ndim == 4
     if lasting is None:
         return table_of_fixes(flight.beliefs, llh, velocity, covariance)
     if lasting.followed:
-        covariance = in_all_lanes(flight.lasting_noise) if lanes else flight.lasting_noise
+        noise = flight.lasting_noise[epochs]
+        # a fix of another receiver may come where the scenario's has none
+        known = flight.world.fix_errors.fixed[epochs, None, None]
+        covariance = in_all_lanes(noise) if lanes else np.where(known, noise, covariance)
     else:
-        more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)
+        more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)[epochs]
         covariance = covariance + (more[..., None] if lanes else more)
     table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
-    return table._replace(lasting=flight.lasting_roots)
+    return table._replace(lasting=flight.lasting_roots[epochs])
 
 
 def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:

@@ -18,7 +18,7 @@ from navsim.estimation.judge import judge
 from navsim.estimation.observations import FIX, Measurements
 from navsim.estimation.records import TIME_TOLERANCE, History, ImuData, Judgement, State, Truth, schedule, start
 from navsim.models.kinematics import Moving
-from navsim.simulation.landing import Flight, table_of_fixes
+from navsim.simulation.landing import Flight, table_of_all_fixes
 
 
 @dataclass
@@ -84,9 +84,10 @@ class LiveFilter:
         """Up to when increments are there, s."""
         return self.increments.time[-1]
 
-    def weigh(self, arrival: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray) -> bool:
+    def weigh(self, arrival: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray, epoch: int) -> bool:
         """Go on to a fix that came at `arrival`, use it, and answer for that time: llh (3,), velocity (3,) nan where
-        unknown, noise (6, 6). The fix was valid the filter's latency earlier, as in a landing.
+        unknown, noise (6, 6). The fix was valid the filter's latency earlier, as in a landing. epoch: of the flight,
+        whose errors that last are taken for those of the fix.
 
         False where that time is past, or increments up to the arrival are not there yet.
         """
@@ -96,9 +97,12 @@ class LiveFilter:
             return False
         arrival = min(arrival, self.known_until)
         valid = min(valid, arrival)
+        own = table_of_all_fixes(
+            self.flight, llh[None].copy(), velocity[None].copy(), noise[None], slice(epoch, epoch + 1)
+        )
         history = estimate(
             ImuData(*self.increments.until(arrival)),
-            Measurements.of({FIX: table_of_fixes(beliefs, llh[None].copy(), velocity[None].copy(), noise[None])}),
+            Measurements.of({FIX: own}),
             schedule(np.array([arrival]), (FIX, np.array([valid]), np.array([arrival]))),
             self.state,
             self.flight.model,

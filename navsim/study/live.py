@@ -312,7 +312,7 @@ class Session:
 
     def _use_fix(self, t: float, row: np.ndarray) -> None:
         index = int(np.argmin(np.abs(self.case.world.signals.time - t)))
-        used = self._weigh(t, _radians(row), row[4:7].astype(float), self.noise[index])
+        used = self._weigh(t, _radians(row), row[4:7].astype(float), index)
         self.counts["used" if used else "early"] += 1
 
     def _use_sample(self, t: float, row: np.ndarray) -> None:
@@ -322,12 +322,12 @@ class Session:
         fixes = self.case.world.signals.time
         while self.next_fix < fixes.size and fixes[self.next_fix] + self.latency <= t + 1e-9:
             llh, velocity = self.simulated[0][self.next_fix], self.simulated[1][self.next_fix]
-            self._weigh(float(fixes[self.next_fix]), llh, velocity, self.noise[self.next_fix])
+            self._weigh(float(fixes[self.next_fix]), llh, velocity, self.next_fix)
             self.next_fix += 1
 
-    def _weigh(self, t: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray) -> bool:
-        """A fix of time t, which comes the receiver's latency later."""
-        used = self.filter.weigh(t + self.latency, llh, velocity, noise)
+    def _weigh(self, t: float, llh: np.ndarray, velocity: np.ndarray, epoch: int) -> bool:
+        """A fix of time t, which comes the receiver's latency later, weighed as the scenario's own of an epoch."""
+        used = self.filter.weigh(t + self.latency, llh, velocity, self.noise[epoch], epoch)
         if used:
             self.fixes.append((t, llh))
         return used
@@ -384,6 +384,8 @@ def failures(result: Result) -> list[str]:
         without_cause = f"{count['received']} {COUNTS['received']}" if count["received"] else "none came"
         return [f"not one message could be used: {', '.join(why) or without_cause}"]
     out = []
+    if not np.isfinite(result["/innovations/normalized_squared"]).any():
+        out.append(f"none of the {used} fixes could be weighed")
     misplaced = count["late"] + count["contradicting"]
     whole = count["used"] + misplaced
     if misplaced > MOST_MISPLACED * whole:

@@ -21,11 +21,14 @@ import pytest
 
 from navsim.cli.recorded import _ended_by_signals
 from navsim.core.streams import generator
+from navsim.estimation.estimate import estimate
+from navsim.estimation.observations import FIX, Measurements
+from navsim.estimation.records import ImuData, schedule
 from navsim.io.export import export
 from navsim.io.results import read
 from navsim.io.stream import Lines, StreamError, opened
 from navsim.models import imu
-from navsim.simulation.landing import measured, receiver_fixes
+from navsim.simulation.landing import measured, receiver_fixes, table_of_fixes
 from navsim.study import landing
 from navsim.study import live as flying
 from navsim.study.executor import threads
@@ -66,6 +69,34 @@ def test_the_simulators_own_fixes_give_the_simulated_run(flown) -> None:  # type
     assert not session.counts["corrupt"] + session.counts["late"] + session.counts["lost"]
     np.testing.assert_allclose(ours["error"][:, :9], theirs[:, :9], atol=2e-3)
     np.testing.assert_allclose(ours["sigma"], result["/filter/sigma"][0, 1:], rtol=1e-2)
+
+
+@pytest.mark.parametrize("how", ["states", "inflate"])
+def test_errors_that_last_are_followed_as_in_a_landing(how: str, tmp_path: Path) -> None:
+    """By the geometry of the scenario's epoch; a table that does not say what they do to fixes is never read."""
+    c = case(*SHORT, "signals.preset=open-sky", f"filter.fix_errors={how}")
+    result = landing.result(c, landing.fly_all(c, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
+    export(result, tmp_path / "r.h5", ["csv"])
+    session = Session(c, "receiver", 1)
+    session.pump(lines_of((tmp_path / "r_gnss.csv").read_text()), 1.0)
+    ours, theirs = session.filter.estimates(), result["/filter/error"][0, 1:]
+    np.testing.assert_allclose(ours["error"][:, :9], theirs[:, :9], atol=2e-3)
+    np.testing.assert_allclose(ours["sigma"], result["/filter/sigma"][0, 1:], rtol=1e-2)
+    flight, one = session.filter.flight, np.zeros((1, 3))
+    if how == "states":
+        bare = Measurements.of({FIX: table_of_fixes(flight.beliefs, one, one, np.eye(6)[None])})
+        at = schedule(np.array([0.1]), (FIX, np.array([0.1]), np.array([0.1])))
+        still = ImuData(np.array([0.0, 0.1]), one, one)
+        with pytest.raises(ValueError, match="does not say what the errors do"):
+            estimate(still, bare, at, session.filter.state, flight.model)
+
+
+def test_fixes_that_cannot_be_weighed_are_no_result(flown) -> None:  # type: ignore[no-untyped-def]
+    c, _, table, _ = flown
+    session = Session(c, "receiver", 1)
+    session.noise[...] = np.diag([25.0, 25.0, 25.0, -1e9, -1e9, -1e9])
+    session.pump(lines_of(table.read_text()), 1.0)
+    assert "none of the 120 fixes could be weighed" in session.result().attributes["verdict"]
 
 
 def test_a_header_names_the_columns(flown) -> None:  # type: ignore[no-untyped-def]
