@@ -59,8 +59,8 @@ class Navigation:
     """Messages of a navigation file: elements by system and message, glonass (None where the file has none), Klobuchar
     coefficients alpha, beta (4,) or None (of several the newest), GPS - UTC in s or None, how many records were skipped
     since they are not modelled, or not wanted: by letter of the system, in version 4 by system and message (`G CNAV`,
-    `STO G LNAV`). left_out: what of a damaged file was left out, in words. offsets: of times of systems to GPS time, of
-    the header of a file of version 3."""
+    `STO G LNAV`). left_out: what of a damaged file was left out, in words. offsets: lines of the header of a file of
+    version 3, with their numbers, that say how far times of systems are from GPS time (`time_offset`)."""
 
     elements: Mapping[tuple[System, str], gps.Elements]
     glonass: StateVectors | None
@@ -68,7 +68,7 @@ class Navigation:
     leap_seconds: int | None
     skipped: dict[str, int] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
-    offsets: Mapping[System, TimeOffset] = field(default_factory=dict)
+    offsets: Mapping[System, tuple[int, str]] = field(default_factory=dict)
 
     @property
     def gps(self) -> gps.Elements | None:
@@ -147,7 +147,7 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
     )
 
 
-_Header = tuple[float, str, tuple[np.ndarray, np.ndarray] | None, int | None, dict[System, TimeOffset], int]
+_Header = tuple[float, str, tuple[np.ndarray, np.ndarray] | None, int | None, dict[System, tuple[int, str]], int]
 
 
 def _header(path: Path, lines: list[str]) -> _Header:
@@ -161,7 +161,7 @@ def _header(path: Path, lines: list[str]) -> _Header:
     if version < 3.0:
         system = of_old_files[kind]
     corrections: dict[str, np.ndarray] = {}
-    offsets: dict[System, TimeOffset] = {}
+    offsets: dict[System, tuple[int, str]] = {}
     leap = None
     for index, line in enumerate(lines[1:], 2):
         label = line[60:80].strip()
@@ -172,7 +172,7 @@ def _header(path: Path, lines: list[str]) -> _Header:
             values = [number(path, index, line[5 + 12 * i : 17 + 12 * i], label) for i in range(4)]
             corrections[line[:4]] = np.array(values)
         elif label == "TIME SYSTEM CORR" and (of := _TIME_OFFSETS.get(line[:4])) is not None:
-            offsets[of] = _time_offset(path, index, line)
+            offsets[of] = index, line
         elif label == "LEAP SECONDS":
             leap = int(within(path, index, whole(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
         elif label == "END OF HEADER":
@@ -182,12 +182,16 @@ def _header(path: Path, lines: list[str]) -> _Header:
     raise FileError(len(lines), "the file ends within its header: no END OF HEADER", path)
 
 
-def _time_offset(path: Path, index: int, line: str) -> TimeOffset:
-    """That of a line TIME SYSTEM CORR [2, table A5]."""
+def time_offset(path: Path, index: int, line: str) -> TimeOffset:
+    """That of a line TIME SYSTEM CORR [2, table A5]. Raises FileError, also where it does not say at which time."""
+    names = ("a0", "a1", "reference time", "week")
+    places = ((5, 22), (22, 38), (38, 45), (45, 50))
     a0, a1, second, week = (
         number(path, index, line[first:last], f"TIME SYSTEM CORR, {name}")
-        for first, last, name in ((5, 22, "a0"), (22, 38, "a1"), (38, 45, "reference time"), (45, 50, "week"))
+        for (first, last), name in zip(places, names, strict=True)
     )
+    if week == 0.0:
+        raise FileError(index, "TIME SYSTEM CORR has no reference time", path)
     return TimeOffset(a0, a1, week * timescales.WEEK + second)
 
 

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.core.arrays.processes import stationary
+from navsim.models.approach import TOUCHDOWN
 from navsim.models.kinematics import Trajectory, faded
 from navsim.models.path import AnyPath
 
@@ -166,25 +167,33 @@ class MeanWind:
         return speed[:, None] * ahead, rise[:, None] * ahead + (speed * turn)[:, None] * aside
 
 
+def over_runway(path: AnyPath, t: np.ndarray, jet: np.ndarray, rise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (n,), m, above the runway where a path is at times t, s, jet (n, 4, 3), and their rates: above the
+    touchdown point, and from touchdown on above a runway that rises so, m a m, along the x axis."""
+    slope = np.where(t >= path.events.get(TOUCHDOWN, math.inf), rise, 0.0)
+    return -jet[:, 0, 2] - slope * jet[:, 0, 0], -jet[:, 1, 2] - slope * jet[:, 1, 0]
+
+
 @dataclass(frozen=True)
 class WindAlong:
-    """A mean wind where a path is; the crab is taken out as of `kinematics.Wind`."""
+    """A mean wind where a path is, by its height `over_runway`; the crab is taken out as of `kinematics.Wind`."""
 
     mean_wind: MeanWind
     path: AnyPath
     end: float
     decrab_start: float | None = None
     decrab_end: float | None = None
+    rise: float = 0.0
 
     def mean(self, t: np.ndarray) -> np.ndarray:
         """The wind (n, 3), m/s, whatever the nose does."""
-        return self.mean_wind.at(-self.path.jet(t)[:, 0, 2])[0]
+        return self.mean_wind.at(over_runway(self.path, t, self.path.jet(t), self.rise)[0])[0]
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The wind the attitude answers to, and its rate of change: (n, 3) m/s, m/s2."""
-        jet = self.path.jet(t)
-        wind, slope = self.mean_wind.at(-jet[:, 0, 2])
-        rate = -jet[:, 1, 2:] * slope
+        height, climb = over_runway(self.path, t, self.path.jet(t), self.rise)
+        wind, slope = self.mean_wind.at(height)
+        rate = climb[:, None] * slope
         if self.decrab_start is None or self.decrab_end is None:
             return wind, rate
         keep, change = faded(t, self.decrab_start, self.decrab_end)

@@ -85,8 +85,8 @@ class Taxi:
 @dataclass(frozen=True)
 class Ending:
     """How a smooth profile leaves the slope: height where the flare begins, m; blend from the slope into it, s; sink
-    rate at touchdown, m/s; time in which the landing gear takes it up, s; deceleration of the roll-out, m/s2, and what
-    it slows to, None: it goes on."""
+    rate at touchdown, m/s, against the runway; time in which the landing gear takes it up, s; deceleration of the
+    roll-out, m/s2, and what it slows to, None: it goes on; rise of the runway, m a m."""
 
     height: float
     blend: float
@@ -94,6 +94,7 @@ class Ending:
     settle: float
     deceleration: float
     taxi: Taxi | None = None
+    rise: float = 0.0
 
 
 def smooth_profile(
@@ -114,7 +115,14 @@ def smooth_profile(
     speed_*: m/s over ground; height: of the lead-in over the touchdown point, m; slope: rad; lead_in, capture:
     durations, s. Raises ValueError where no such path exists.
     """
-    flare_height, flare_blend, sink_touchdown = ending.height, ending.blend, ending.sink
+    flare_height, flare_blend = ending.height, ending.blend
+    climb = ending.rise * speed_touchdown
+    if climb >= ending.sink:
+        raise ValueError(
+            f"at touchdown the runway rises under the aircraft by {climb:.2f} m/s, no less than it is to sink against "
+            f"it, {ending.sink:.2f} m/s: nothing is left to flare to"
+        )
+    sink_touchdown = ending.sink - climb
     settle, rollout_deceleration = ending.settle, ending.deceleration
     t1 = lead_in
     t2 = t1 + capture

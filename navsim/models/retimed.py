@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from navsim.models.air import AirError, MeanWind, crossings, ground_speed
+from navsim.models.air import AirError, MeanWind, crossings, ground_speed, over_runway
 from navsim.models.path import AnyPath, hermite
 
 _STEP = 0.1
@@ -24,9 +24,9 @@ SLOWEST = 2.0
 """Speed over ground that is needed, m/s: an attitude follows from it."""
 
 
-def held_airspeed(path: AnyPath, wind: MeanWind, duration: float) -> Retimed:
-    """A path whose speeds are meant through the air, for so many seconds. Raises AirError where the wind does not let
-    it be flown."""
+def held_airspeed(path: AnyPath, wind: MeanWind, duration: float, rise: float = 0.0) -> Retimed:
+    """A path whose speeds are meant through the air, for so many seconds, over a runway that rises so, m a m. Raises
+    AirError where the wind does not let it be flown."""
     points, shares = np.polynomial.legendre.leggauss(4)
     end = 1.2 * duration + 2.0
     while True:
@@ -36,7 +36,7 @@ def held_airspeed(path: AnyPath, wind: MeanWind, duration: float) -> Retimed:
         s = s[np.concatenate([[True], np.diff(s) > 1e-6])]
         half = 0.5 * np.diff(s)
         nodes = (0.5 * (s[:-1] + s[1:]))[:, None] + half[:, None] * points
-        ratio, speed = _rates(path, wind, nodes.ravel())
+        ratio, speed = _rates(path, wind, rise, nodes.ravel())
         t = np.concatenate([[0.0], np.cumsum(((half[:, None] * shares) / ratio.reshape(nodes.shape)).sum(axis=1))])
         over_ground = (ratio * speed).reshape(nodes.shape)
         # what comes after the end is not flown
@@ -50,17 +50,17 @@ def held_airspeed(path: AnyPath, wind: MeanWind, duration: float) -> Retimed:
             break
         end *= 2.0
     s, t = s[:last], t[:last]
-    first = _rates(path, wind, s)[0]
-    slope = (_rates(path, wind, s + _SMALL)[0] - _rates(path, wind, s - _SMALL)[0]) / (2.0 * _SMALL)
+    first = _rates(path, wind, rise, s)[0]
+    slope = (_rates(path, wind, rise, s + _SMALL)[0] - _rates(path, wind, rise, s - _SMALL)[0]) / (2.0 * _SMALL)
     return Retimed(path, t, np.stack([s, first, slope * first], axis=1))
 
 
-def _rates(path: AnyPath, wind: MeanWind, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rates(path: AnyPath, wind: MeanWind, rise: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Speed over ground by airspeed where the path is at its own times s (n,), nan where it cannot be flown; and the
     airspeed, m/s."""
     jet = path.jet(s)
     airspeed = np.linalg.norm(jet[:, 1], axis=1)
-    over_ground = ground_speed(airspeed, jet[:, 1] / airspeed[:, None], wind.at(-jet[:, 0, 2])[0])
+    over_ground = ground_speed(airspeed, jet[:, 1] / airspeed[:, None], wind.at(over_runway(path, s, jet, rise)[0])[0])
     return np.where(over_ground > 0.0, over_ground, np.nan) / airspeed, airspeed
 
 

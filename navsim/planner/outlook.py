@@ -88,7 +88,7 @@ class Outlook:
         self._proposal, self._document = proposal, proposal.document
         self._trajectory = proposal.trajectory
         self.scenario = proposal.scenario if epoch is None else proposal.scenario.model_copy(update={"epoch": epoch})
-        self._sources, _, _ = environment(self.scenario, self._document, self._trajectory)
+        self._sources, self.scenario, _ = environment(self.scenario, self._document, self._trajectory)
         self._geometry: Geometry | None = None
         self._watched: Prepared | None = None
         self._case: Case | None = None

@@ -13,6 +13,8 @@ import numpy as np
 
 from navsim.scenario.base import DEG, reject
 
+STEEPEST = 5.0
+"""Of runways, percent."""
 _SAME = 1e-6
 """Numbers that agree so are one, deg or m."""
 
@@ -53,8 +55,9 @@ def with_published(data: Any) -> Any:
         if _number(slope) and 0.0 < slope < 90.0:
             rise = runway.get("slope_percent", 0.0)
             below = math.tan(slope * DEG) + (0.01 * rise if _number(rise) else 0.0)
-            if below > 0.0:
-                _write(runway, "aim_point_m", runway["tch_m"] / below, "tch_m")
+            if below <= 0.0:
+                raise reject("the glide does not meet a runway that falls so steeply", "runway", "tch_m")
+            _write(runway, "aim_point_m", runway["tch_m"] / below, "tch_m")
     return {**data, "runway": runway}
 
 
@@ -92,11 +95,17 @@ def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
 def _write_slope(runway: dict[str, Any]) -> None:
     """The slope of the runway from the heights of both thresholds."""
     first, end = _point(runway.get("threshold")), _point(runway.get("end"))
-    height, other = runway.get("height_m", 0.0), runway.get("end_height_m")
-    if first is not None and end is not None and _number(height) and _number(other):
-        length = distance(first, end)
-        if length > 0.0:
-            _write(runway, "slope_percent", 100.0 * (other - height) / length, "end_height_m")
+    height, other = runway.get("height_m"), runway.get("end_height_m")
+    if first is None or end is None or not _number(other):
+        return
+    if height is None:
+        raise reject("is the other threshold's beside height_m: give runway.height_m", "runway", "end_height_m")
+    if _number(height) and (length := distance(first, end)) > 0.0:
+        slope = 100.0 * (other - height) / length
+        if abs(slope) > STEEPEST:
+            text = f"{other:g} m beside height_m {height:g} m is a slope of {slope:.1f} % over {length:.0f} m"
+            raise reject(f"{text}; at most {STEEPEST:g} are taken", "runway", "end_height_m")
+        _write(runway, "slope_percent", slope, "end_height_m")
 
 
 def between(first: tuple[float, float], end: tuple[float, float]) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.aerodrome import distance, turned
+from navsim.scenario.aerodrome import STEEPEST, distance, turned
 from navsim.scenario.base import (
     DEG,
     KMH,
@@ -69,7 +69,7 @@ class Runway(Section):
     geoid_undulation_m: Annotated[float, Field(ge=-120.0, le=100.0)] | Literal["auto"] | None = None
     """height of the geoid above the ellipsoid at the runway; auto: that of EGM96 at runway.threshold or approach.start,
     which needs the extra `geoid`; the stored scenario has the number"""
-    slope_percent: Annotated[float, Field(ge=-5.0, le=5.0)] = 0.0
+    slope_percent: Annotated[float, Field(ge=-STEEPEST, le=STEEPEST)] = 0.0
     """rise of the runway in the direction of landing, from the threshold on, which height_m is of; with end_height_m it
     follows from it"""
     end_height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] | None = None
@@ -129,9 +129,14 @@ class Runway(Section):
         return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
 
     @property
+    def rise(self) -> float:
+        """Slope in the direction of landing, m a m."""
+        return 0.01 * self.slope_percent
+
+    @property
     def rise_m(self) -> float:
         """Height of the touchdown point above the threshold, m."""
-        return 0.01 * self.slope_percent * self.aim_point_m
+        return self.rise * self.aim_point_m
 
     @property
     def surface(self) -> tuple[tuple[float, float], ...]:
@@ -143,7 +148,7 @@ class Runway(Section):
         if self.threshold is not None and self.end is not None:
             first, other = ((place.lat_deg, place.lon_deg) for place in (self.threshold, self.end))
             length = distance(first, other)
-        return (0.0, 0.0), (length, 0.01 * self.slope_percent * length)
+        return (0.0, 0.0), (length, self.rise * length)
 
     @property
     def elevation_m(self) -> float:
@@ -247,7 +252,7 @@ class STurn(_Approach):
     roll_s: Stretch = 2.0
     """time to roll from one side to the other"""
 
-    def path(self) -> Path:
+    def path(self, rise: float = 0.0) -> Path:
         """The path in the tangent plane of its first point, an hour long. Raises ValueError where there is none."""
         from navsim.models.approach import s_turn
 
@@ -316,7 +321,7 @@ class PaperApproach(_ToTheGround):
     corner_s: Annotated[float, Field(ge=0.05, le=5.0)] = 0.5
     """time within which the glide turns into level flight (instantaneous in the paper)"""
 
-    def path(self) -> Path:
+    def path(self, rise: float = 0.0) -> Path:
         """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
         from navsim.models.approach import paper_profile
 
@@ -369,8 +374,9 @@ class _Captured(_ToTheGround):
             raise reject("the aircraft stands already: taxi_speed_kmh is 0", "taxi_s")
         return self
 
-    def flared(self, speed: float, height: float, lead_in: float) -> Path:
-        """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it."""
+    def flared(self, speed: float, height: float, lead_in: float, rise: float) -> Path:
+        """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it; rise: of the
+        runway, m a m."""
         from navsim.models.approach import Ending, smooth_profile
 
         return smooth_profile(
@@ -387,6 +393,7 @@ class _Captured(_ToTheGround):
                 self.settle_s,
                 self.rollout_deceleration_m_s2,
                 self._taxi(),
+                rise,
             ),
         )
 
@@ -399,9 +406,10 @@ class SmoothApproach(_Captured):
     lead_in_s: Stretch = 35.0
     """level flight before the capture of the glide slope"""
 
-    def path(self) -> Path:
-        """The path in the tangent plane of the touchdown point. Raises ValueError where there is none."""
-        return self._ended(self.flared(self.speed_start_kmh * KMH, self.start_height_m, self.lead_in_s))
+    def path(self, rise: float = 0.0) -> Path:
+        """The path in the tangent plane of the touchdown point, onto a runway that rises so, m a m. Raises ValueError
+        where there is none."""
+        return self._ended(self.flared(self.speed_start_kmh * KMH, self.start_height_m, self.lead_in_s, rise))
 
 
 class WaypointSection(Section):
@@ -500,8 +508,9 @@ class WaypointApproach(_Captured):
             out.append(Waypoint(x, y, height if each.height_m is None else each.height_m, at))
         return out
 
-    def path(self, way: list[Waypoint]) -> Path:
-        """The path through these waypoints. Raises NoSuchPath, another ValueError where the landing has none."""
+    def path(self, way: list[Waypoint], rise: float) -> Path:
+        """The path through these waypoints, onto a runway that rises so, m a m. Raises NoSuchPath, another ValueError
+        where the landing has none."""
         from navsim.models.approach import captured_paper_profile
         from navsim.models.waypoints import cruise, landing
 
@@ -509,7 +518,7 @@ class WaypointApproach(_Captured):
         if self.ending == "none":
             return cruise(way, bank, self.roll_s)
         if self.ending == "flare":
-            path = landing(way, bank, self.roll_s, lambda lead: self.flared(last.speed, last.height, lead))
+            path = landing(way, bank, self.roll_s, lambda lead: self.flared(last.speed, last.height, lead, rise))
             return self._ended(path)
         slow, slope = self.speed_touchdown_kmh * KMH, self.glide_slope_deg * DEG
         path = landing(

@@ -579,13 +579,14 @@ class Landing(Section):
 
         assert not isinstance(self.approach, FileApproach)
         if isinstance(self.approach, WaypointApproach):
-            path = self.approach.path(self._waypoints(self.approach))
+            path = self.approach.path(self._waypoints(self.approach), self.runway.rise)
         else:
-            path = self.approach.path()
-        path = sloped(path, 0.01 * self.runway.slope_percent)
+            path = self.approach.path(self.runway.rise)
+        path = sloped(path, self.runway.rise)
         if self.approach.speed_is == "ground" or not self.wind.blows:
             return path
-        return held_airspeed(path, self.wind.mean(self.runway.heading_deg * DEG), self.duration_s)
+        wind = self.wind.mean(self.runway.heading_deg * DEG)
+        return held_airspeed(path, wind, self.duration_s, self.runway.rise)
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
         """What takes runs off the route, and the keys that say so; None where all fly it."""
@@ -668,7 +669,7 @@ class Landing(Section):
             speed = self.wind.speed_m_s
             wind = Wind(np.array([speed * math.cos(towards), speed * math.sin(towards), 0.0]), *decrab)
         else:
-            wind = WindAlong(self.wind.mean(heading), path, self.duration_s, *decrab)
+            wind = WindAlong(self.wind.mean(heading), path, self.duration_s, *decrab, self.runway.rise)
         return Trajectory(
             path,
             frame,
@@ -676,7 +677,7 @@ class Landing(Section):
             self.approach.angle_of_attack_deg * DEG,
             isinstance(self.approach, TrackApproach) or self.approach.pitch == "path",
             events.get(ROLL_OUT, math.inf),
-            0.01 * self.runway.slope_percent,
+            self.runway.rise,
         )
 
     def threshold(self, frame: Frame) -> np.ndarray:

@@ -18,7 +18,7 @@ from navsim.models.sky import Horizon
 from navsim.models.systems import CLOCKS, NAMES, SYSTEMS, System
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES, Sky
-from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.scenario.source import Document, InputError, Place, Problem, dotted
 
 
 def read_satellites(
@@ -94,13 +94,17 @@ def horizon_of(scenario: Landing, document: Document) -> tuple[Horizon | None, L
     return horizon, scenario.model_copy(update={"sky": pinned})
 
 
+_LONGEST_WORD = 14.0 * timescales.DAY
+"""From the reference time of an offset between times of systems on, s, for which its rate holds."""
+
+
 class _Read(NamedTuple):
-    """Constellations of a file, what the user should hear of it, and times of systems less GPS time, s, at the epoch,
-    as it has them."""
+    """Constellations of a file, what the user should hear of it, and its lines of how far times of systems are from
+    GPS time, with their numbers."""
 
     constellations: Sequence[Constellation]
     remarks: Sequence[str]
-    offsets: Mapping[System, float] = MappingProxyType({})
+    offsets: Mapping[System, tuple[int, str]] = MappingProxyType({})
 
 
 # what reads files is imported for those who have some
@@ -125,8 +129,7 @@ def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     from navsim.io.rinex_nav import read_nav
 
     found = read_nav(path, sky.lenient, sky.wanted())
-    offsets = {system: each.at(float(timescales.gps_from_utc(utc))) for system, each in found.offsets.items()}
-    return _Read(found.constellations(sky.messages()), found.left_out, offsets)
+    return _Read(found.constellations(sky.messages()), found.left_out, found.offsets)
 
 
 def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
@@ -150,7 +153,7 @@ class _Files:
         self.scenario, self.document, self.key = scenario, document, key
         self.wanted = getattr(scenario.sky, f"{key}_sha256")
         self.found: list[str] = []
-        self.offsets: dict[System, float] = {}
+        self.offsets: list[tuple[str, Path, Mapping[System, tuple[int, str]]]] = []
 
     def read(
         self, name: str, reader: Callable[[Path, float, Sky], _Read], utc: float, warnings: list[str]
@@ -174,7 +177,7 @@ class _Files:
             raise self._wrong(name, path, f"has the checksum {checksum}, not the one of sky.{self.key}_sha256")
         self.found.append(checksum)
         warnings += [f"{name}: {remark}" for remark in read.remarks]
-        self.offsets |= read.offsets
+        self.offsets.append((name, path, read.offsets))
         return read.constellations
 
     def with_what_they_say(self) -> Landing:
@@ -184,14 +187,35 @@ class _Files:
         for name, value in signals.system_offsets_ns.items():
             if value != "broadcast":
                 continue
-            offset = next((s for system, s in self.offsets.items() if system.name == name), None)
-            if offset is None:
-                key = ("signals", "system_offsets_ns", name)
-                text = f"no header of sky.navigation says how far {name} time is from GPS time (TIME SYSTEM CORR)"
-                raise InputError([Problem(self.document.place(key), ".".join(key), text)])
-            numbers[name] = round(signals.gps_offset_ns + 1e9 * offset, 6)
+            numbers[name] = round(signals.gps_offset_ns + 1e9 * self._time_offset(name), 6)
         signals = signals.model_copy(update={"system_offsets_ns": numbers})
         return self.scenario.model_copy(update={"sky": sky, "signals": signals})
+
+    def _time_offset(self, system: str) -> float:
+        """Time of a system less GPS time, s, at the epoch, by the file whose word is nearest to it. Raises
+        InputError."""
+        from navsim.io.rinex_nav import TimeOffset, time_offset
+        from navsim.io.text import FileError
+
+        now = float(timescales.gps_from_utc(self.scenario.epoch.timestamp()))
+        nearest: TimeOffset | None = None
+        for name, path, lines in self.offsets:
+            for line in (line for of, line in lines.items() if of.name == system):
+                try:
+                    found = time_offset(path, *line)
+                except FileError as error:
+                    raise self._wrong(name, path, error.message, error.line) from None
+                if nearest is None or abs(now - found.reference) < abs(now - nearest.reference):
+                    nearest = found
+        key, text = ("signals", "system_offsets_ns", system), ""
+        if nearest is None:
+            text = f"no header of sky.navigation says how far {system} time is from GPS time (TIME SYSTEM CORR)"
+        elif abs(now - nearest.reference) > _LONGEST_WORD:
+            days = abs(now - nearest.reference) / timescales.DAY
+            text = f"what sky.navigation says of {system} time is of {days:.0f} days away from the epoch; give a number"
+        if nearest is None or text:
+            raise InputError([Problem(self.document.place(key), dotted(key), text)])
+        return nearest.at(now)
 
     def _wrong(self, name: str, path: Path, message: str, line: int = 0) -> InputError:
         named = self.document.place(("sky", self.key))

@@ -97,10 +97,33 @@ def test_the_runway_rises() -> None:
         (radio,) = landing.aiding()
         above = radio.exact(trajectory.frame, after)
         np.testing.assert_allclose(above, x**2 / (2.0 * 6.378e6), atol=1e-4)  # the earth bends away from the plane
-        level = scenario(*SLOPING, *taxi, "runway.slope_percent=0", name=name).trajectory()
-        t = np.linspace(0.0, touchdown + 10.0, 50)
-        before = trajectory.path.jet(t[t < touchdown - 0.3])
-        np.testing.assert_array_equal(before, level.path.jet(t[t < touchdown - 0.3]))
+
+
+@pytest.mark.parametrize("slope", [-3.0, -1.0, 0.0, 1.5])
+def test_a_flare_comes_down_to_the_surface(slope: float) -> None:
+    """Never below it but for what the gear takes up, and with the sink rate that is asked for, against it; the wind is
+    by the height above it, and what is flown stays smooth."""
+    wind = ("wind={speed_m_s: 8, from_deg: 0, profile: log}",)
+    landing = scenario(*SLOPING, f"runway.slope_percent={slope}", *wind, name="landing_smooth")
+    path, rise = landing.path(), 0.01 * slope
+    down = path.events["touchdown"]
+    jet = path.jet(np.linspace(path.events["flare"] + 1.0, down, 400))
+    height, sink = -jet[:, 0, 2] - rise * jet[:, 0, 0], jet[:, 1, 2] + rise * jet[:, 1, 0]
+    assert height.min() > -1e-9
+    assert sink.min() > 0.5 - 1e-6
+    assert sink[-1] == pytest.approx(0.5, abs=1e-6)
+    after = path.jet(np.linspace(down, down + 3.0, 300))
+    assert -0.11 < (-after[:, 0, 2] - rise * after[:, 0, 0]).min() <= 0.0
+    for knot in path.knots:  # to the acceleration
+        np.testing.assert_allclose(*(path.jet(np.array([knot + d]))[0, :3] for d in (-1e-10, 1e-10)), atol=1e-7)
+    rolled = landing.trajectory().wind.mean(np.array([down + 15.0]))
+    np.testing.assert_allclose(rolled, scenario(*SLOPING, "runway.slope_percent=0", *wind, name="landing_smooth")
+                               .trajectory().wind.mean(np.array([down + 15.0])), rtol=1e-3)  # fmt: skip
+
+
+def test_a_runway_that_rises_faster_than_the_aircraft_sinks() -> None:
+    with pytest.raises(InputError, match=r"rises under the aircraft by 0\.89 m/s, no less than it is to sink"):
+        scenario("runway.slope_percent=4", name="landing_smooth")
 
 
 def test_slope_from_both_ends() -> None:
@@ -151,9 +174,13 @@ def test_a_magnetic_bearing(monkeypatch: pytest.MonkeyPatch) -> None:
         (("runway.tch_m=15.24", "runway.aim_point_m=300"), "runway.aim_point_m", "is 174.194 by tch_m"),
         ((f"runway.end={point(ODENSE[0])}",), "runway.end", "give runway.threshold"),
         (("runway.end_height_m=20",), "runway.end_height_m", "give runway.end"),
-        (("approach={profile: paper}", BOTH % ", end_height_m: 3.5, slope_percent: 1"), "runway.slope_percent",
-         "by end_height_m"),
+        (("approach={profile: paper}", BOTH % ", height_m: 0, end_height_m: 3.5, slope_percent: 1"),
+         "runway.slope_percent", "by end_height_m"),
         (("runway.slope_percent=6",), "runway.slope_percent", "less than or equal to 5"),
+        (("approach={profile: paper}", BOTH % ", height_m: 14, end_height_m: 300"), "runway.end_height_m",
+         "a slope of"),
+        (("approach={profile: paper}", BOTH % ", end_height_m: 14"), "runway.end_height_m", "give runway.height_m"),
+        (("runway.tch_m=15", "approach.glide_slope_deg=2", "runway.slope_percent=-5"), "runway.tch_m", "does not meet"),
     ],
 )
 def test_what_does_not_go_together(settings: tuple[str, ...], place: str, words: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import itertools
 import json
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from navsim.core.arrays.earth import SPEED_OF_LIGHT, ecef_from_llh
 from navsim.core.dop import dops
-from navsim.io.rinex_nav import Navigation, read_nav
+from navsim.io.rinex_nav import Navigation, read_nav, time_offset
 from navsim.io.sp3 import read_sp3
 from navsim.models import gps, timescales, walker
 from navsim.models.design import design
@@ -229,7 +230,7 @@ def test_slots_of_the_standard(shared: Path, within: Within) -> None:
 def test_time_offset_of_messages(navigation: Navigation, shared: Path, within: Within) -> None:
     """As the header says it, at any time of its line; a scenario takes it on request, and stores the number."""
     given = oracle("ggto")
-    offset = navigation.offsets[GALILEO]
+    offset = time_offset(shared / BROADCAST, *navigation.offsets[GALILEO])
     assert (offset.a0, offset.a1) == (given["a0_s"], given["a1"])
     assert offset.reference == given["week"] * 604800.0 + given["t_ref_s"]
     assert SPEED_OF_LIGHT * offset.at(offset.reference) == pytest.approx(given["offset_m_at_ref"], abs=within["offset"])
@@ -245,10 +246,24 @@ def test_time_offset_of_messages(navigation: Navigation, shared: Path, within: W
     assert stored.signals.offsets()[3] == pytest.approx(-SPEED_OF_LIGHT * (1e-9 + offset.at(now)), abs=1e-6)
 
 
-def test_no_time_offset() -> None:
-    """Of what no file says, and no file is named for."""
+def test_no_time_offset(shared: Path, tmp_path: Path) -> None:
+    """Of what no file says, and no file is named for; of another time, or of none."""
     with pytest.raises(InputError, match=r"system_offsets_ns\.galileo: messages say it"):
         read(SCENARIOS / "landing.yaml", ["signals.system_offsets_ns={galileo: broadcast}"])
+    text = gzip.decompress((shared / BROADCAST).read_bytes()).decode()
+    (line,) = (line for line in text.splitlines() if line.startswith("GAGP"))
+    for system, changed, words in (
+        ("qzss", line, "no header of sky.navigation says how far qzss time"),
+        ("galileo", line.replace("2111", "2100"), "78 days away from the epoch"),
+        ("galileo", line.replace("345600 2111", "     0    0"), "has no reference time"),
+    ):
+        (tmp_path / "nav.rnx").write_text(text.replace(line, changed))
+        flown, document = read(SCENARIOS / "landing.yaml", [
+            f"sky={{source: navigation, navigation: [{tmp_path / 'nav.rnx'}], systems: [gps]}}",
+            "epoch=2020-06-25T12:00:00Z", f"signals.system_offsets_ns={{{system}: broadcast}}",
+        ])  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            prepare(flown, document)
 
 
 @pytest.mark.validates(

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.io.results import read
@@ -373,6 +374,17 @@ def test_where_strength_depends_on_places_maps_are_made_of_signals(tmp_path: Pat
         paths = {"pdop_max": "dop/pdop_max", "fix_horizontal": "fix/rms_horizontal", "fix_vertical": "fix/rms_vertical",
                  "hpl_p95": "integrity/hpl_p95", "vpl_p95": "integrity/vpl_p95"}  # fmt: skip
         assert value == pytest.approx(found[paths.get(name, f"dop/{name}")], rel=0.05)
+
+
+def test_offsets_that_messages_tell_are_numbers_in_maps(shared: Path, tmp_path: Path) -> None:
+    day = shared / "data/esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz"
+    document = yaml.safe_load(STRONG)
+    document["sky"] = {"source": "navigation", "navigation": [str(day)], "systems": ["gps", "galileo"]}
+    document["epoch"] = "2020-06-25T12:00:00Z"
+    document.setdefault("signals", {})["system_offsets_ns"] = {"galileo": "broadcast"}
+    proposal = proposed(tmp_path, yaml.safe_dump(document))
+    (value,) = Outlook(proposal).judge("pdop", proposal.names)(proposal.places()[None])
+    assert 0.5 < value < 5.0
 
 
 def test_a_glimpse_hears_what_the_whole_way_does(tmp_path: Path) -> None:

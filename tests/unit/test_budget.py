@@ -15,7 +15,7 @@ from navsim.simulation.landing import Run
 from navsim.study import landing
 from navsim.study.budget import machine as having
 from navsim.study.budget.estimate import Budget, Machine, duration, lacking, said, size
-from navsim.study.budget.landing import analysis_time, extent
+from navsim.study.budget.landing import analysis_time, extent, run_time
 from navsim.study.landing.ensemble import history_bytes
 from navsim.study.sources import environment
 from navsim.study.tracking import elevation
@@ -23,6 +23,13 @@ from tests.conftest import SCENARIOS
 from tests.helpers import case
 
 FEW = ("duration_s=65", "imu.rate_hz=20", "receiver.rate_hz=2")
+
+
+def test_steered_runs_fly_twice() -> None:
+    way = "approach.flight_technical_error={lateral: {sigma_m: 3}%s}"
+    blind, steered = (case(*FEW, way % more) for more in ("", ", follow_estimate_s: 5"))
+    once, twice = (run_time(here.scenario, extent(here.scenario, here.environment)) for here in (blind, steered))
+    assert twice == 2.0 * once
 
 
 @pytest.mark.parametrize(

@@ -216,7 +216,8 @@ def run_time(scenario: Landing, here: Extent) -> float:
     once += WAY_TIME * here.deviating * here.samples
     if not here.ranged:
         once *= 1.0 + _WATCHED_TIME * here.filters
-    return times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
+    flights = 2.0 if scenario.steered else 1.0
+    return flights * times_as_long(scenario.filter.kind, scenario.filter.gaussian_sum.components) * once
 
 
 def times_as_long(kind: str, components: int) -> float:
