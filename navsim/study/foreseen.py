@@ -66,7 +66,8 @@ class Foreseen:
             out.append(f"box: the route itself is outside {' and '.join(apart)}")
         hidden = self.environment.behind_terrain(self.signals.antenna)
         path = self.trajectory.motion(self.signals.time).position_ecef
-        out += _out_of_sight(self.scenario, path, self.environment.pseudolites.llh, np.all(hidden, axis=0))
+        sites = self.environment.pseudolites
+        out += _out_of_sight(self.scenario, path, sites.names, sites.llh, np.all(hidden, axis=0))
         out += self._shadowed()
         out += _hidden_throughout(self.environment.pseudolites.names, hidden)
         if (section := self.scenario.integrity) is not None:
@@ -241,11 +242,13 @@ def _gains_of_sheet(scenario: Landing) -> list[str]:
     return [f"imu.preset: {imu.preset} has {names}, which the filter takes for none: give {keys}"]
 
 
-def _out_of_sight(scenario: Landing, path: np.ndarray, llh: np.ndarray, hidden: np.ndarray) -> list[str]:
+def _out_of_sight(
+    scenario: Landing, path: np.ndarray, names: Sequence[str], llh: np.ndarray, hidden: np.ndarray
+) -> list[str]:
     """Pseudolites that are heard although the Earth is between them and the whole flight. path: (e, 3) ECEF, m, at the
-    fixes. llh: (p, 3) of the pseudolites, rad, rad, m. hidden: (p,) bool, by terrain at all fixes: they are not
+    fixes. names, llh: (p, 3) of the pseudolites, rad, rad, m. hidden: (p,) bool, by terrain at all fixes: they are not
     heard."""
-    names, ground = scenario.pseudolites.names(), scenario.runway.ellipsoidal_m
+    ground = scenario.runway.ellipsoidal_m
     over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if names else path
     out = []
     for name, place, unheard in zip(names, llh, hidden, strict=True):
@@ -286,9 +289,9 @@ def told(scenario: Landing, document: Document) -> list[str]:
     if not _needs_sources(scenario):
         way = scenario.trajectory()
         fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
-        sites = scenario.pseudolite_positions(way.frame)
+        names, sites = scenario.pseudolites.names(), scenario.pseudolite_positions(way.frame)
         path, hidden = way.motion(fixes).position_ecef, np.zeros(len(sites), dtype=bool)
-        return [*scenario.unused(), *of_way(scenario, way), *_out_of_sight(scenario, path, sites, hidden)]
+        return [*scenario.unused(), *of_way(scenario, way), *_out_of_sight(scenario, path, names, sites, hidden)]
     from navsim.models.signals import build_signals
 
     trajectory, sources, scenario, warnings = modelled(scenario, document)

@@ -178,8 +178,7 @@ def test_figures_have_the_clock(sky: str, runs: int, tmp_path: Path) -> None:
     made = result(ready, fly_all(ready, SEED, 0, runs, threads(), keep="all"), SEED, keep="all")
     from navsim.report.figures import errors
 
-    figure = errors(made)
-    labels = [axis.get_ylabel() for axis in figure.axes if axis.axison]
+    labels = [axis.get_ylabel() for figure in errors(made).values() for axis in figure.axes if axis.axison]
     scales = ["glonass"] if sky == "nominal-glonass" else ["glonass", "gps"]
     assert [label for label in labels if label.startswith("clock")] == [
         *(f"clock bias {scale}, m" for scale in scales), "clock drift, m/s",
