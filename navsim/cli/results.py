@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,6 +98,12 @@ def show(
             warn(result, name if len(results) > 1 else "")
 
 
+def _layout(result: Result) -> int | None:
+    """The version of the layout of a result; None where its file does not tell one."""
+    version = result.attributes.get("schema_version")
+    return int(version) if isinstance(version, Integral) else None
+
+
 @contextmanager
 def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     """Leave with words where the contents of result files do not fit together, or lack what this version shows."""
@@ -104,7 +111,15 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     from navsim.io.schema import SCHEMA_VERSION
 
     for file, result in zip(files, results, strict=True):
-        if (version := result.attributes.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
+        if (version := _layout(result)) is None:
+            text = f"{file}: does not tell the version of its layout; this navsim shows version {SCHEMA_VERSION}"
+            AT_TERMINAL.warn(text)
+        elif version > SCHEMA_VERSION:
+            AT_TERMINAL.warn(
+                f"{file}: has version {version} of the layout, this navsim version {SCHEMA_VERSION}: what stands "
+                "elsewhere there is not shown; a newer navsim shows it"
+            )
+        elif version < SCHEMA_VERSION:
             box = any(path.startswith("/summary/box/") for path in result.variables)
             lost = ", as its box," if box and "/summary/box/upper" not in result else ""
             AT_TERMINAL.warn(
@@ -119,13 +134,16 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
     except (typer.Exit, OSError, UnicodeEncodeError):
         raise  # left already, or the terminal's
     except Exception as error:  # the file's content alone decides what happens here, and it may be anybody's
-        earlier = [
-            f"{file}: written by navsim {result.attributes['navsim_version']}; compute it again with this version"
-            for result, file in zip(results, files, strict=True)
-            if result.attributes.get("schema_version") != SCHEMA_VERSION
-        ]
-        if earlier:
-            leave(BAD_INPUT, *earlier)
+        of_others = []
+        for result, file in zip(results, files, strict=True):
+            if (version := _layout(result)) != SCHEMA_VERSION:
+                by = result.attributes.get("navsim_version")
+                written = "does not tell what wrote it" if by is None else f"written by navsim {by}"
+                newer = version is not None and version > SCHEMA_VERSION
+                helps = "read it with a newer navsim" if newer else "compute it again with this version"
+                of_others.append(f"{file}: {written}; {helps}")
+        if of_others:
+            leave(BAD_INPUT, *of_others)
         said = (str(error).splitlines() or [""])[0]
         names = ", ".join(map(str, files))
         cause = f"{type(error).__name__}: {said}"

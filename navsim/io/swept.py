@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,19 +12,23 @@ from navsim.io.schema import SWEEP_QUANTITIES, VERDICTS
 
 VERDICT = "_verdict"
 """How the outputs end that are verdicts on requirements."""
+_REQUIREMENT = re.compile(r"requirement_(\d+)")
 
 
 def outputs(result: Result) -> list[str]:
     """The outputs of a sweep: quantities in the order of the layout, each with the ends of its interval behind it, then
-    requirements by their numbers. A file has its variables by the alphabet."""
+    requirements by their numbers, then what this version does not know. A file has its variables by the alphabet."""
     found = [path.split("/")[2] for path in result.variables if path.startswith("/sweep/") and path.count("/") == 2]
     order = list(SWEEP_QUANTITIES)
     ends = ("_low", "_high", VERDICT)
 
-    def place(name: str) -> tuple[int, int, int]:
+    def place(name: str) -> tuple[int, int, str, int]:
         end = next((i for i, each in enumerate(ends, 1) if name.endswith(each)), 0)
         stem = name.removesuffix(ends[end - 1]) if end else name
-        return (order.index(stem), 0, end) if stem in order else (len(order), int(stem.rpartition("_")[2]), end)
+        if stem in order:
+            return order.index(stem), 0, "", end
+        asked = _REQUIREMENT.fullmatch(stem)
+        return (len(order) + 1, 0, stem, end) if asked is None else (len(order), int(asked[1]), "", end)
 
     return sorted(found, key=place)
 

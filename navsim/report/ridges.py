@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, llh_from_ecef, ned_matrix
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.io.export import true_antenna
 from navsim.io.results import Result
 from navsim.io.ridges import ridges
-from navsim.report.quantities import in_runway_axes
+from navsim.report.quantities import about_threshold, in_runway_axes
 from navsim.report.tables import setting
 
 BROWN = "#8C4B00"
@@ -26,7 +26,7 @@ _WAY = 500
 @dataclass(frozen=True)
 class ShownRidge:
     """A ridge or skyline as it is drawn. places: (n, 3) along its top, along and right of the runway's axis from the
-    threshold and up, m. height: of the top above the threshold, m."""
+    threshold, and its height above that, m. height: of the top above the threshold, m."""
 
     places: np.ndarray
     height: float
@@ -43,8 +43,7 @@ def shown_ridges(result: Result) -> list[ShownRidge]:
     heading = np.radians(setting(result, "runway", "heading_deg"))
     out = []
     for each in ridges(result):
-        places = in_heading_axes(ecef_from_llh(each.llh), result[place], heading) * np.array([1.0, 1.0, -1.0])
-        out.append(ShownRidge(places, each.height))
+        out.append(ShownRidge(about_threshold(each.llh, result[place], heading), each.height))
     return out
 
 

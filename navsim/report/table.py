@@ -178,12 +178,14 @@ def _html_table(table: Table) -> str:
     return f"<table>{title}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>{notes}"
 
 
-_MARKS = str.maketrans({"*": r"\*", "|": r"\|", "<": "&lt;"})
+_MARKS = str.maketrans({"\\": r"\\", "*": r"\*", "_": r"\_", "`": r"\`", "|": r"\|", "<": "&lt;"})
+_LINK = re.compile(r"\](?=[(\[:])")
+"""An end of brackets that a link may follow; others stay, as of intervals: some readers take `\\[` for a formula."""
 
 
 def markdown_text(text: str) -> str:
     """Text that Markdown shows as it stands, lines and all."""
-    return text.translate(_MARKS).replace("\n", "<br>")
+    return _LINK.sub(r"\]", text.translate(_MARKS)).replace("\n", "<br>")
 
 
 def markdown(table: Table) -> list[str]:

@@ -277,11 +277,16 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _COMMA = re.compile(r"[-+]?\d+,\d+")
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 
 
 def _of_number(key: str, text: str) -> str:
     """What is wrong with a text that begins with a number, where a number is needed; "" where it does not."""
     unit = unit_of(key)
+    if _THOUSANDS.fullmatch(text):
+        decimals, thousands = text.replace(",", "."), text.replace(",", "")
+        ways = f"a point for the decimals, {decimals}, or nothing between thousands, {thousands}"
+        return f"a number is needed, with {ways}, not {text!r}"
     if _COMMA.fullmatch(text):
         return f"a number is needed, with a point for the decimals: {text.replace(',', '.')}, not {text!r}"
     begins = _NUMBER.match(text.strip())

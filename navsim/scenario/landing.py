@@ -256,7 +256,8 @@ class Landing(Section):
                 text = "there are none: give barometric_altimeter.qnh_sigma_hpa or drift_m, or those of the filter"
                 raise reject(text, "filter", "barometric_altimeter", "errors")
             assert self.barometric_altimeter is not None
-            if its.drift_time_s is not None and not self.barometric_altimeter.lasting(its)[1]:
+            told = its.drift_m is not None or "drift_m" in self.barometric_altimeter.model_fields_set
+            if its.drift_time_s is not None and not told:
                 text = "there is no drift: give barometric_altimeter.drift_m, or that of the filter"
                 raise reject(text, "filter", "barometric_altimeter", "drift_time_s")
             return

@@ -707,7 +707,8 @@ class BarometricAltimeterSection(Section):
 
     @model_validator(mode="after")
     def _drifts(self) -> Self:
-        if self.drift_m == 0.0 and self.drift_time_s != type(self).model_fields["drift_time_s"].default:
+        # a drift of 0 is one too, as in a sweep of its size or in a stored scenario, which has every key
+        if "drift_time_s" in self.model_fields_set and "drift_m" not in self.model_fields_set:
             raise reject("there is no drift: give drift_m", "drift_time_s")
         return self
 

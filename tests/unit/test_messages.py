@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from navsim.cli.results import shown_as_stored
 from navsim.io.results import Result, Variable
 from navsim.io.schema import SCHEMA_VERSION
-from navsim.scenario.load import read
+from navsim.scenario.load import read, resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.study.landing import prepare
 from navsim.study.landing.requirements import untold_by_pushed_runs
@@ -39,12 +40,18 @@ LANDING = SCENARIOS / "landing.yaml"
         ("approach.speed_start_kmh=80 km/h", "approach.speed_start_kmh: a plain number is needed, in km/h by the key's "
          "name, and nothing behind it, not '80 km/h'"),
         ("sky.mask_deg=3,5", "sky.mask_deg: a number is needed, with a point for the decimals: 3.5, not '3,5'"),
+        ("sky.mask_deg=1,000",
+         "sky.mask_deg: a number is needed, with a point for the decimals, 1.000, or nothing between thousands, 1000, "
+         "not '1,000'"),
+        ("sky.mask_deg=0,500", "sky.mask_deg: a number is needed, with a point for the decimals: 0.500, not '0,500'"),
         ("sky.mask_deg='5'", "sky.mask_deg: a number is needed, not a text: without quotation marks, 5"),
         ("pseudolites.count=-2", "pseudolites.count: -2 is not allowed; allowed: 0, 1, 2"),
         ("wind.speed_kt=10",
          "wind.speed_kt: unknown key; did you mean 'speed_m_s', in m/s? allowed: speed_m_s, from_deg, profile, "
          "roughness_m, exponent, levels, turbulence, gusts, response"),
         ("barometric_altimeter={sigma_m: 1, drift_time_s: 60}",
+         "barometric_altimeter.drift_time_s: there is no drift: give drift_m"),
+        ("barometric_altimeter={sigma_m: 1, drift_time_s: 600}",
          "barometric_altimeter.drift_time_s: there is no drift: give drift_m"),
         ("integrity={p_constellations: {navic: 1e-4}}",
          "integrity.p_constellations.navic: unknown key; allowed: glonass, gps, galileo, beidou, qzss"),
@@ -107,3 +114,34 @@ def test_what_of_an_earlier_layout_is_not_shown(capsys: pytest.CaptureFixture[st
     (said,) = capsys.readouterr().err.splitlines()
     assert said.startswith(f"warning: old.h5: has version {SCHEMA_VERSION - 1} of the layout")
     assert "as its box, is not shown" in said
+
+
+@pytest.mark.parametrize(
+    ("attributes", "warned", "left"),
+    [
+        ({"schema_version": SCHEMA_VERSION + 1, "navsim_version": "9.9"},
+         f"this navsim version {SCHEMA_VERSION}: what stands elsewhere there is not shown; a newer navsim shows it",
+         "written by navsim 9.9; read it with a newer navsim"),
+        ({}, "does not tell the version of its layout", "does not tell what wrote it; compute it again"),
+    ],
+)  # fmt: skip
+def test_what_another_layout_wrote(
+    attributes: dict[str, object], warned: str, left: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A newer one, which computing it again does not help, and one that is not told."""
+    with pytest.raises(typer.Exit), shown_as_stored([Result(attributes, {})], [Path("other.h5")]):
+        raise KeyError
+    said = capsys.readouterr().err
+    assert warned in said
+    assert left in said
+
+
+def test_a_drift_of_none_may_have_a_time(tmp_path: Path) -> None:
+    """As in a sweep of its size, in a stored scenario, and before a filter that believes in its time."""
+    sensor = "barometric_altimeter={sigma_m: 1, qnh_sigma_hpa: 1, drift_m: 0, drift_time_s: 300}"
+    believed = "filter.barometric_altimeter={errors: states, drift_time_s: 300}"
+    scenario, _ = read(LANDING, [sensor, "runway.geoid_undulation_m=17", believed])
+    assert scenario.height_states == 1
+    stored = tmp_path / "stored.yaml"
+    stored.write_text(resolved_yaml(scenario))
+    assert read(stored)[0] == scenario

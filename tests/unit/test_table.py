@@ -104,6 +104,8 @@ def test_markdown_keeps_columns_and_asterisks() -> None:
     wide.add("  x *", "1 *")
     assert markdown(wide)[2:4] == ["| **found \\| asked** |  |  |", "| x \\* | 1 \\* |  |"]
     assert markdown_text("* the end\n* < 3") == "\\* the end<br>\\* &lt; 3"
+    assert markdown_text(r"_a_b `c` d\e") == r"\_a\_b \`c\` d\\e"
+    assert markdown_text("[a](b) [a][b] [0.5, 2.0]") == r"[a\](b) [a\][b] [0.5, 2.0]"
 
 
 def test_as_csv() -> None:

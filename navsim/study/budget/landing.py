@@ -303,8 +303,8 @@ def _common_bytes(scenario: Landing, here: Extent) -> float:
     geometry = here.epochs * (16 + 3 * here.sources) + SKY_TIMES * (1 + 2 * here.sources) + 2 * here.sources
     messages = 16 * here.sources * (1 + int(scenario.duration_s / 1800.0))
     result = NUMBER * (truth + geometry + messages) + 7000
-    if scenario.terrain:  # at how many epochs it hides each pseudolite
-        result += VARIABLE
+    if scenario.terrain:  # at how many epochs it hides each source
+        result += VARIABLE + NUMBER * here.sources
     if here.interfering is not None:  # its ratio and what it leaves of the sources, and which are held
         result += here.epochs * here.sources * (NUMBER * (here.interfering + 1) + 1)
     return result

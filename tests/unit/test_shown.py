@@ -1,0 +1,30 @@
+"""What figures and tables take from a result: heights over the threshold, outputs of sweeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
+from navsim.io.results import Result, Variable
+from navsim.io.swept import outputs
+from navsim.report.quantities import about_threshold
+
+
+def test_a_level_flight_is_drawn_level() -> None:
+    """1000 m over the threshold, 20 km away: the plane has it lower by d^2 / 2R = 31.4 m."""
+    threshold = np.array([np.radians(56.0), np.radians(37.0), 150.0])
+    away = threshold + np.array([20_000.0 / 6.38e6, 0.0, 1000.0])
+    (place,) = about_threshold(away[None], threshold, np.pi)
+    assert place[2] == pytest.approx(1000.0, abs=1e-9)
+    assert place[0] == pytest.approx(-20_000.0, rel=2e-3)
+    plane = in_heading_axes(ecef_from_llh(away[None]), threshold, np.pi)[0]
+    np.testing.assert_array_equal(place[:2], plane[:2])
+    assert place[2] + plane[2] == pytest.approx(20_000.0**2 / 2.0 / 6.38e6, rel=2e-2)
+
+
+def test_outputs_that_this_version_does_not_know_come_last() -> None:
+    given = ("zeal", "requirement_10", "requirement_2_verdict", "requirement_2", "count_low", "pdop", "count", "art_95")
+    result = Result({}, {f"/sweep/{name}": Variable(("x",), np.ones(2), "1", name) for name in given})
+    known = ["pdop", "requirement_2", "requirement_2_verdict", "requirement_10"]
+    assert outputs(result) == [*known, "art_95", "count", "count_low", "zeal"]
