@@ -64,7 +64,9 @@ def _read(path: Path) -> Result:
         try:
             return read(path)
         except ResultError as error:
-            raise BadInput(said(error)) from None
+            from navsim.work.opening import scenario_instead
+
+            raise BadInput(said(scenario_instead(path) or error)) from None
 
 
 class ResultFile:

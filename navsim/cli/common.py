@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import io
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
@@ -126,15 +128,9 @@ def read_result(path: Path) -> Result:
     try:
         return read(path)
     except ResultError as error:
-        if path.suffix in (".yaml", ".yml"):
-            from navsim.kinds import OF_FILES, advice
-            from navsim.scenario.source import InputError, load
+        from navsim.work.opening import scenario_instead
 
-            with suppress(InputError):  # not even readable as YAML: what it is no result for is said below
-                kind = str(load(path).data.get("kind"))
-                if kind in OF_FILES:
-                    leave(BAD_INPUT, f"{path}: is no result but {advice(kind, path)}")
-        leave(BAD_INPUT, error)
+        leave(BAD_INPUT, scenario_instead(path) or error)
 
 
 def called(files: list[Path]) -> list[str]:
@@ -184,14 +180,23 @@ def print_parts(parts: Sequence[Table | str], how: Shown, width: int) -> None:
         tables = [part for part in parts if isinstance(part, Table)]
         parts = chosen(tables, how.rows)
         if not parts:
-            named = {str(row.cells[0]).strip() for table in tables for row in table.rows}
-            near = difflib.get_close_matches(how.rows, sorted(named), n=3)
+            near = nearest_rows(how.rows, {str(row.cells[0]).strip() for table in tables for row in table.rows})
             ask = f"nearest: {'; '.join(near)}" if near else "without --rows all stand there"
             leave(BAD_INPUT, f"--rows {how.rows}: no row has it, nor a heading of rows; {ask}")
     if how.format == "terminal":
         print_console(console(parts), width)
     else:
         print(_written(parts, how.format), end="")
+
+
+def nearest_rows(pattern: str, named: set[str]) -> list[str]:
+    """Up to three names of rows that are like a pattern, as they are or by one of their words."""
+    by_word: dict[str, list[str]] = {}
+    for name in sorted(named):
+        for part in (name, *re.findall(r"\w+", name)):
+            by_word.setdefault(part.lower(), []).append(name)
+    near = difflib.get_close_matches(pattern.lower(), list(by_word), n=3)
+    return list(dict.fromkeys(name for word in near for name in by_word[word]))[:3]
 
 
 def _written(parts: Sequence[Table | str], form: str) -> str:
@@ -222,7 +227,13 @@ def print_console(table: Any, width: int) -> None:
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
 
-    Piped(width=None if sys.stdout.isatty() else width, highlight=False).print(table)
+    if sys.stdout.isatty():
+        Piped(highlight=False).print(table)
+        return
+    text = io.StringIO()
+    Console(file=text, width=width, highlight=False).print(table)
+    # tables fill their width with blanks, which are nothing to a file
+    print("\n".join(line.rstrip(" ") for line in text.getvalue().split("\n")), end="")
 
 
 def print_json(data: Any) -> None:

@@ -571,9 +571,10 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
 def _runway(threshold: np.ndarray, runway: Any) -> dict[str, Any]:
     axes = earth.heading_axes(threshold, np.radians(runway["heading_deg"]))
     half, length = 0.5 * runway["width_m"], runway["length_m"]
-    corners = np.array([[0, -half], [length, -half], [length, half], [0, half], [0, -half]])
+    far = -0.01 * runway.get("slope_percent", 0.0) * length  # down; runways of earlier versions are level
+    corners = np.array([[0, -half, 0], [length, -half, far], [length, half, far], [0, half, 0], [0, -half, 0]])
     return {"kind": "runway", "type": "Polygon", "name": "runway",
-            "coordinates": _lonlat(_offset(threshold, corners @ axes[:, :2].T))}  # fmt: skip
+            "coordinates": _lonlat(_offset(threshold, corners @ axes.T))}  # fmt: skip
 
 
 def _glide(result: Result) -> list[dict[str, Any]]:

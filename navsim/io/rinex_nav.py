@@ -135,7 +135,9 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
         none = " and ".join(f"no {of.title}" for of in wanted)
         sought = ", ".join(dict.fromkeys(m for of in wanted for m in (of.message, *of.other_messages)))
         others = f"; skipped were {', '.join(skipped)}" if skipped else ""
-        raise FileError(0, f"holds {none} message ({sought}){others}", path)
+        has = [of.name for of in _READ if of not in wanted and any(name.split()[0] == of.letter for name in skipped)]
+        cure = f"; `systems: [{', '.join(has)}]` uses those" if has and set(wanted) == set(USUAL) else ""
+        raise FileError(0, f"holds {none} message ({sought}){others}{cure}", path)
     return Navigation(
         {key: _elements(rows) for key, rows in records.items() if key[0] is not GLONASS},
         _state_vectors(vectors) if (vectors := records.get((GLONASS, GLONASS.message))) else None,

@@ -89,12 +89,26 @@ window.planner = (function () {
     return `${pad(Math.floor(whole / 3600))}:${pad(Math.floor(whole / 60) % 60)}:${pad(whole % 60)}${part > 1e-6 ? part.toFixed(3).slice(1) : ""}`;
   }
 
-  function coordinate(row, value, name, change) {
-    const input = element("input", undefined, { type: "number", step: "any", value: value });
-    input.setAttribute("aria-label", name);
-    input.addEventListener("change", () => { if (input.value !== "") { change(); } });
-    row.insertCell().append(input);
-    return input;
+  // the number in a field, NaN where there is none: Number("") is 0
+  function entered(input) { return input.value.trim() === "" ? NaN : Number(input.value); }
+  // the fields of a transmitter; what is no number gives way to what stood there
+  function coordinates(row, name, values, change) {
+    const inputs = Object.entries(values).map(([axis, value]) => {
+      const input = element("input", undefined, { type: "number", step: "any", value: value });
+      input.setAttribute("aria-label", `${name} ${axis}, m`);
+      row.insertCell().append(input);
+      return input;
+    });
+    for (const input of inputs) {
+      let last = input.value;
+      input.addEventListener("focus", () => { if (Number.isFinite(entered(input))) { last = input.value; } });
+      input.addEventListener("change", () => {
+        if (!Number.isFinite(entered(input))) { input.value = last; return; }
+        last = input.value;
+        change(...inputs.map(entered));
+      });
+      input.addEventListener("blur", () => { if (!Number.isFinite(entered(input))) { input.value = last; } });
+    }
   }
   function transmitters() {
     const body = $("transmitters").tBodies[0];
@@ -102,10 +116,8 @@ window.planner = (function () {
     state.pseudolites.forEach((each, i) => {
       const row = body.insertRow();
       row.insertCell().append(element("i"), each.name);
-      const change = () => settle({ do: "place", kind: "pseudolite", number: i, x: Number(x.value), y: Number(y.value), up: Number(up.value) });
-      const x = coordinate(row, each.x, `${each.name} along, m`, change);
-      const y = coordinate(row, each.y, `${each.name} right, m`, change);
-      const up = coordinate(row, each.up, `${each.name} up, m`, change);
+      coordinates(row, each.name, { along: each.x, right: each.y, up: each.up },
+                  (x, y, up) => settle({ do: "place", kind: "pseudolite", number: i, x: x, y: y, up: up }));
       const away = element("button", "Remove");
       away.setAttribute("aria-label", `Remove ${each.name}`);
       away.addEventListener("click", () => settle({ do: "remove", number: i }));
@@ -115,9 +127,8 @@ window.planner = (function () {
       const row = body.insertRow();
       row.className = "jammer";
       row.insertCell().append(element("i"), each.name);
-      const change = () => settle({ do: "place", kind: "jammer", number: i, x: Number(x.value), y: Number(y.value) });
-      const x = coordinate(row, each.x, `${each.name} along, m`, change);
-      const y = coordinate(row, each.y, `${each.name} right, m`, change);
+      coordinates(row, each.name, { along: each.x, right: each.y },
+                  (x, y) => settle({ do: "place", kind: "jammer", number: i, x: x, y: y }));
     });
     options($("subject"), [...state.pseudolites.map((p, i) => [i, p.name]), [-1, `${state.more} (one more)`]], state.subject);
   }
@@ -177,7 +188,7 @@ window.planner = (function () {
   }
 
   function fit() {
-    const room = Math.min(document.documentElement.clientWidth - (innerWidth > 1000 ? 560 : 150), innerHeight - 250);
+    const room = Math.min(document.documentElement.clientWidth - (innerWidth > 1000 ? 660 : 150), innerHeight - 250);
     const size = Math.max(280, Math.min(760, room));
     if (figure.frame_width !== size) { figure.frame_width = size; figure.frame_height = size; }
   }
@@ -206,7 +217,10 @@ window.planner = (function () {
       const parts = $("clock").value.trim().match(/^(\d{1,2}):(\d{2})(?::(\d{2}(?:\.\d{1,3})?))?$/);
       const seconds = parts ? 3600 * parts[1] + 60 * parts[2] + Number(parts[3] || 0) : NaN;
       if (parts && Number(parts[1]) < 24 && Number(parts[2]) < 60 && Number(parts[3] || 0) < 60) { settle({ do: "time", seconds: seconds }); }
-      else { told(JSON.stringify({ problems: [`${$("clock").value}: a time of day is needed, such as 12:00:00`] })); }
+      else {
+        told(JSON.stringify({ problems: [`${$("clock").value}: a time of day is needed, such as 12:00:00`] }));
+        $("clock").value = clock(state.seconds);
+      }
     });
     document.addEventListener("keydown", (event) => {
       if (!(event.ctrlKey || event.metaKey) || event.target.matches("input")) { return; }

@@ -169,13 +169,20 @@ def box(result: Result) -> Figure:
     height = float(result["/summary/box/height"])
     what = "total system errors" if of_total(result) else "errors"
     where = f"{height:g} m above the runway" if height else "touchdown"
-    count = f": {int(result['/summary/box/outside'])} outside" if "/summary/box/outside" in result else ""
+    count = f": {int(_outside(result).sum())} outside" if "/summary/box/error_run" in result else ""
     required = [f"required: at most {one.limit:g} of landings outside" for one in asked(result, "box")]
     runs = f"{runs_of(result)}{count}"
     fig.suptitle("\n".join([f"{what} at {where}", runs, *required] if len(views) == 1 else
                            [f"{what} at {where}; {runs}", *required]))  # fmt: skip
     legend_below(fig, panels[0], 3)
     return fig
+
+
+def _outside(result: Result) -> np.ndarray:
+    """Which runs (r,) of a result end outside its box: of one of an ensemble that one alone."""
+    error = result["/summary/box/error_run"]
+    within = (result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])
+    return np.logical_not(within.all(axis=1))
 
 
 def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tuple[float, float] | None]) -> None:
@@ -185,8 +192,7 @@ def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tu
              for name in names]  # fmt: skip
     found: list[np.ndarray] = []
     if "/summary/box/error_run" in result:
-        error = result["/summary/box/error_run"]
-        outside = ~((result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])).all(axis=1)
+        error, outside = result["/summary/box/error_run"], _outside(result)
         for some, mark, colour, label in ((~outside, ".", _ERROR, "inside"), (outside, "x", _OUTSIDE, "outside")):
             if some.any():
                 shown = error[some][:: math.ceil(some.sum() / _MOST_POINTS)]

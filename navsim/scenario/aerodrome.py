@@ -47,6 +47,7 @@ def with_published(data: Any) -> Any:
         except NoDeclination as error:
             raise reject(str(error), "runway", "declination_deg") from None
     _write_heading(runway)
+    _write_length(runway)
     _write_slope(runway)
     if _number(runway.get("tch_m")):
         slope = approach.get("glide_slope_deg", 5.0)
@@ -90,6 +91,15 @@ def _write(runway: dict[str, Any], key: str, value: float, source: str) -> None:
         runway[key] = value
     elif _number(given) and abs(given - value) > _SAME:
         raise reject(f"is {value:.6g} by {source}; leave one of them out", "runway", key)
+
+
+def _write_length(runway: dict[str, Any]) -> None:
+    """The length of the runway from both thresholds, where none is given."""
+    first, end = _point(runway.get("threshold")), _point(runway.get("end"))
+    if first is not None and end is not None and "length_m" not in runway:
+        length = distance(first, end)
+        if length > 0.0:
+            runway["length_m"] = length
 
 
 def _write_slope(runway: dict[str, Any]) -> None:

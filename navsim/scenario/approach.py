@@ -75,7 +75,8 @@ class Runway(Section):
     end_height_m: Annotated[float, Field(ge=-500.0, le=6000.0)] | None = None
     """height of runway.end, above what height_m is above, as published for both thresholds; null: slope_percent"""
     length_m: Size = 1000.0
-    """length of the runway, for drawings, and, where runway.end is not given, for how far it rises by slope_percent"""
+    """length of the runway, for drawings, and, where runway.end is not given, for how far it rises by slope_percent; by
+    default to runway.end where that is given"""
     width_m: Size = 30.0
     """width of the runway, for drawings only"""
     aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0

@@ -35,20 +35,26 @@ def read_any(path: Source, assignments: Sequence[Assignment] = ()) -> tuple[Sect
 
     Raises InputError listing every problem found.
     """
-    document = _assigned(path, assignments)
+    document = path.copy() if isinstance(path, Document) else load(path)
+    own = document.data.get("kind")
+    _assign(document, assignments)
     kind = document.data.get("kind")
     if str(kind) not in OF_FILES:  # anything may stand there, a list too
         missing = "kind" not in document.data
         said = "this key is required; " if missing else f"{kind!r} is no kind of scenario; "
         raise InputError([Problem(document.place(("kind",)), "kind", said + hint(str(kind), list(OF_FILES)))])
-    return validated(section(str(kind)), document), document
+    try:
+        return validated(section(str(kind)), document), document
+    except InputError as error:
+        if own in (None, kind):
+            raise
+        message = f"the file is of kind {own}; that it is to be of kind {kind} is why"
+        raise InputError([Problem(document.place(("kind",)), "kind", message), *error.problems]) from None
 
 
-def _assigned(path: Source, assignments: Sequence[Assignment]) -> Document:
-    document = path.copy() if isinstance(path, Document) else load(path)
+def _assign(document: Document, assignments: Sequence[Assignment]) -> None:
     for assignment in assignments:
         assign(document, assignment)
-    return document
 
 
 def own_method(path: Source, assignments: Sequence[Assignment] = ()) -> str | None:
@@ -56,7 +62,9 @@ def own_method(path: Source, assignments: Sequence[Assignment] = ()) -> str | No
 
     Nothing else is validated: a file may be right only under the method that the command line gives instead.
     """
-    data = _assigned(path, assignments).data
+    document = path.copy() if isinstance(path, Document) else load(path)
+    _assign(document, assignments)
+    data = document.data
     kind = str(data.get("kind"))
     fields = section(kind).model_fields if kind in OF_FILES else {}
     return str(data.get("method", fields["method"].default)) if "method" in fields else None

@@ -194,6 +194,13 @@ class Store:
                 f"{path}: was damaged or removed while the study ran ({error}); {again()} computes it again"
             ) from None
 
+    def holds_work(self) -> bool:
+        """Whether something finished is kept."""
+        try:
+            return _has_work(self.folder)
+        except OSError:  # whatever is there cannot be read now, nor gone on from
+            return False
+
     def remove(self) -> None:
         """Delete the folder: the result is complete."""
         with contextlib.suppress(OSError):  # what stays is whole, and the same command would only be quicker
@@ -279,6 +286,7 @@ def begun_before(folder: Path, key: dict[str, Any]) -> Begun | None:
 
 
 def _has_work(folder: Path) -> bool:
+    """Whether something finished lies in a folder of partial work."""
     return any(file.stat().st_size for kind in ("*.npz", JOURNAL) for file in folder.glob(kind))
 
 

@@ -185,6 +185,11 @@ def environment(
     )
     _check_events(scenario, document, sources)
     there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}
+    if not scenario.receiver.one_clock and there & set(scenario.signals.system_offsets_ns):
+        warnings.append(
+            "signals.system_offsets_ns changes no position: a receiver with a clock unknown for each system does not "
+            "notice; it is for `receiver.one_clock: true`"
+        )
     warnings += [
         f"signals.system_offsets_ns.{name} changes nothing: no source keeps the time of {name}"
         for name in scenario.signals.system_offsets_ns

@@ -24,6 +24,20 @@ SweepMethod = Literal["dop", "covariance", "monte-carlo"]
 """How a sweep judges each combination."""
 
 
+def scenario_instead(path: Path) -> str:
+    """Of a file that is no result: what takes it, where it is a scenario or study; "" of any other."""
+    from navsim.kinds import OF_FILES, advice
+    from navsim.scenario.source import InputError, load
+
+    if path.suffix not in (".yaml", ".yml"):
+        return ""
+    try:
+        kind = str(load(path).data.get("kind"))
+    except InputError:  # not even readable as YAML: what it is no result for is said elsewhere
+        return ""
+    return f"{path}: is no result but {advice(kind, path)}" if kind in OF_FILES else ""
+
+
 def opened(command: str, source: Source, assignments: Sequence[Assignment], options: Options) -> tuple[Job, str]:
     """The job of what `command` computes, and the suffix of its result's name where that is not by the file's own
     method. Raises BadInput."""

@@ -157,15 +157,16 @@ def _computed(
     from navsim.core import jit
 
     store = _store(job, target, order)
-    kept = f"nothing of it is kept; {again()} begins anew"
-    if store is not None:
-        kept = f"finished {job.work} are kept in {store.folder}; {again()} goes on from there"
-        if order.command:
-            kept += f", or navsim resume {shlex.quote(str(store.folder))}"
     former = _which(target)
 
+    def kept() -> str:
+        if store is None or not store.holds_work():
+            return f"nothing of it is kept; {again()} begins anew"
+        resume = f", or navsim resume {shlex.quote(str(store.folder))}" if order.command else ""
+        return f"finished {job.work} are kept in {store.folder}; {again()} goes on from there{resume}"
+
     def state() -> str:
-        return kept if _which(target) == former else f"{target} is complete"
+        return kept() if _which(target) == former else f"{target} is complete"
 
     try:
         with failures(name):
@@ -187,7 +188,7 @@ def _computed(
     jit.mark_warm(job.kernels)
     stopped = f"stopped early: {outcome.stopped}; {target} holds what was found" if outcome.stopped else ""
     return Finished(
-        outcome.result, target, written, job.warnings, outcome.warnings, stopped, kept if stopped else "",
+        outcome.result, target, written, job.warnings, outcome.warnings, stopped, kept() if stopped else "",
         outcome.interrupted, f"{name}: {outcome.failed} ({target} is complete)" if outcome.failed else "",
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
-from navsim.io.export import export
+from navsim.io.export import _runway, export
 from navsim.io.recording import read_fixes
 from navsim.io.results import Result, ResultError, read
 from navsim.io.rinex_nav import read_nav
@@ -384,6 +384,13 @@ def test_maps(noisy: Result, tmp_path: Path) -> None:
     names = {"k": "http://www.opengis.net/kml/2.2"}
     root = ElementTree.parse(tmp_path / "r.kml").getroot()
     assert len(root.findall(".//k:Placemark", names)) == len(features)
+
+
+def test_a_runway_that_rises_is_drawn_so() -> None:
+    level = {"heading_deg": 40.0, "width_m": 30.0, "length_m": 1000.0}
+    threshold = np.array([0.98, 0.65, 12.0])
+    up = np.array([_runway(threshold, level | {"slope_percent": s})["coordinates"] for s in (0.0, 1.5)])[..., 2]
+    np.testing.assert_allclose(up[1] - up[0], [0.0, 15.0, 15.0, 0.0, 0.0], atol=2e-3)
 
 
 def test_ellipses_lie_about_the_antenna(tmp_path: Path) -> None:

@@ -133,6 +133,7 @@ def test_slope_from_both_ends() -> None:
     landing = scenario("approach={profile: paper, glide_slope_deg: 4}", both, "pseudolites={count: 0}")
     assert landing.runway.slope_percent == pytest.approx(100.0 * 3.5 / float(length), rel=1e-4)
     assert landing.runway.surface[1] == pytest.approx((float(length), 3.5), rel=1e-4)
+    assert landing.runway.length_m == pytest.approx(float(length), rel=1e-4)
     aim = landing.runway.aim_point_m
     assert aim * math.tan(math.radians(4.0)) + landing.runway.rise_m == pytest.approx(15.24)
     again = type(landing).model_validate(landing.model_dump(mode="json", exclude_none=True))

@@ -26,6 +26,7 @@ from navsim.report.page import landing, placement
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
 from navsim.report.quantities import one_run
+from navsim.report.requirements import box
 from navsim.report.sky import source_tracks
 from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
@@ -297,6 +298,18 @@ def test_a_single_run_has_its_point_in_the_box(place: Path) -> None:
     assert any(r.data_source.data.get("x", np.empty(0)).size == 5 for r in on.renderers)  # the box
     assert "ellipse" not in drawing.caption
     assert landing.scatter([("one", read(place / "one.h5"))]) is None
+
+
+def test_of_one_run_the_box_counts_that_run(place: Path) -> None:
+    result = read(place / "runs.h5")
+    error = np.abs(result["/summary/box/error_run"][:, [0, 2]])
+    outside = (error > result["/summary/box/upper"][[0, 2]]).any(axis=1)
+    assert outside.sum() == result["/summary/box/outside"]
+    for inside in (True, False):
+        if (outside != inside).any():
+            run = int(np.flatnonzero(outside != inside)[0])
+            title = box(one_run(result, run)).get_suptitle()
+            assert title.splitlines()[1].endswith(": 0 outside" if inside else ": 1 outside")
 
 
 # --- what anybody may have written

@@ -277,6 +277,14 @@ def test_everything_else_that_can_be_done(browser: Any, tmp_path: Path) -> None:
         page.wait_for_selector("#problems li")
         assert "it must stay 10 m away" in shown.problems()[0]
         assert page.evaluate("planner.state.pseudolites[0].y") == -400
+        page.fill("input[aria-label='west right, m']", "")
+        page.fill("input[aria-label='west along, m']", "5")
+        page.press("input[aria-label='west along, m']", "Enter")
+        assert page.input_value("input[aria-label='west right, m']") != ""
+        page.wait_for_function("planner.state.pseudolites[0].x === 5 && planner.state.pseudolites[0].y === -400")
+        page.click("#undo")
+        page.wait_for_function("planner.state.pseudolites[0].x !== 5")
+        shown.rest()
         shown.save()
         assert page.locator("#asked span").inner_text() == f"{target} is there already. Replace it?"
         assert target.read_text() == "precious"

@@ -179,8 +179,9 @@ def test_problems_are_those_of_the_command_line(tmp_path: Path) -> None:
         (lambda: navsim.sweep(LANDING), f"use navsim.run('{LANDING}') or navsim.validate('"),
         (lambda: navsim.run("absent.yaml"), "absent.yaml: cannot be read: No such file or directory"),
         (lambda: navsim.run(3), "expected the path of a file, or a mapping with its contents"),  # type: ignore[arg-type]
-        (lambda: navsim.load(LANDING), f"{LANDING}: not a readable HDF5 file"),
+        (lambda: navsim.load(ROOT / "README.md"), "README.md: not a readable HDF5 file"),
         (lambda: navsim.ResultFile("absent.h5"), "absent.h5: no such file"),
+        (lambda: navsim.ResultFile(LANDING), "is no result but a scenario of kind landing: use navsim.run("),
         (lambda: navsim.schema("landng"), "'landng' is no kind of scenario; did you mean 'landing'? allowed: landing"),
     ],
 )  # fmt: skip

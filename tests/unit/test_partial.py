@@ -174,7 +174,10 @@ def test_a_key_without_pieces_is_written_anew(key: str, tmp_path: Path) -> None:
     folder = tmp_path / "r.h5.partial"
     folder.mkdir()
     (folder / "key.json").write_text(key)
-    Store(folder, KEY, fresh=False).write("one", PIECE)
+    store = Store(folder, KEY, fresh=False)
+    assert not store.holds_work()
+    store.write("one", PIECE)
+    assert store.holds_work()
     assert counted(folder) == (["one"], 0)
 
 

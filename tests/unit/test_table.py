@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from navsim.cli.common import called
+from navsim.cli.common import called, nearest_rows
 from navsim.report import table
 from navsim.report.compare import _widened
 from navsim.report.table import (
@@ -133,6 +133,14 @@ def test_tidy_and_chosen_rows() -> None:
     assert [str(r.cells[0]) for r in under.rows] == ["[b]flown[/b]", "S1", "short"]
     rest = Table("", ("",), [Row(("flown by S2",))])
     assert chosen([made(), rest], "FLOWN") == [rest]  # rows before headings, in all tables
+
+
+def test_rows_like_a_pattern() -> None:
+    assert nearest_rows("heigth", {"Filter, position error at height, m", "NIS", "PDOP"}) == [
+        "Filter, position error at height, m"
+    ]
+    assert nearest_rows("nis", {"NIS", "PDOP"}) == ["NIS"]
+    assert nearest_rows("qqqq", {"NIS", "PDOP"}) == []
 
 
 def test_difference_and_ratio_with_intervals() -> None:
