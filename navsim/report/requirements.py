@@ -13,7 +13,7 @@ from navsim.report.figures import legend_below
 from navsim.report.limits import REQUIRED, asked, glide, rectangle, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
-from navsim.report.tables import box_limits, of_total, runs_of, single
+from navsim.report.tables import box_limits, of_total, outside_box, runs_of, single
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -169,20 +169,13 @@ def box(result: Result) -> Figure:
     height = float(result["/summary/box/height"])
     what = "total system errors" if of_total(result) else "errors"
     where = f"{height:g} m above the runway" if height else "touchdown"
-    count = f": {int(_outside(result).sum())} outside" if "/summary/box/error_run" in result else ""
+    count = f": {int(outside_box(result).sum())} outside" if "/summary/box/error_run" in result else ""
     required = [f"required: at most {one.limit:g} of landings outside" for one in asked(result, "box")]
     runs = f"{runs_of(result)}{count}"
     fig.suptitle("\n".join([f"{what} at {where}", runs, *required] if len(views) == 1 else
                            [f"{what} at {where}; {runs}", *required]))  # fmt: skip
     legend_below(fig, panels[0], 3)
     return fig
-
-
-def _outside(result: Result) -> np.ndarray:
-    """Which runs (r,) of a result end outside its box: of one of an ensemble that one alone."""
-    error = result["/summary/box/error_run"]
-    within = (result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])
-    return np.logical_not(within.all(axis=1))
 
 
 def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tuple[float, float] | None]) -> None:
@@ -192,7 +185,7 @@ def _view(ax: Axes, result: Result, names: tuple[str, str], limits: dict[str, tu
              for name in names]  # fmt: skip
     found: list[np.ndarray] = []
     if "/summary/box/error_run" in result:
-        error, outside = result["/summary/box/error_run"], _outside(result)
+        error, outside = result["/summary/box/error_run"], outside_box(result)
         for some, mark, colour, label in ((~outside, ".", _ERROR, "inside"), (outside, "x", _OUTSIDE, "outside")):
             if some.any():
                 shown = error[some][:: math.ceil(some.sum() / _MOST_POINTS)]

@@ -88,22 +88,23 @@ class SourceTrack:
 
 
 def source_tracks(result: Result) -> tuple[list[SourceTrack], float]:
-    """The sources that are seen, and the edge of a paper that has all that are used, deg from the zenith."""
+    """The sources that are over the horizon, and pseudolites wherever they are, and the edge of a paper that has them
+    all, deg from the zenith."""
     los = result["/geometry/line_of_sight"]
     used = np.isfinite(los[:, :, 0])
     azimuth, away = np.arctan2(los[:, :, 0], los[:, :, 1]), 90.0 - np.degrees(np.arcsin(los[:, :, 2]))
-    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(away, initial=0.0)) / 10.0))
+    names, ground = [str(name) for name in result["/geometry/source"]], set(map(str, result["/pseudolites/name"]))
     sampled = np.zeros(len(los), bool)
     if "/geometry/instant" in result:  # else, in a result of an earlier version, none but those used are known
         at = np.searchsorted(result["/geometry/time"], result["/geometry/instant"])
         sampled[at] = True
-        up = result["/geometry/elevation"] > 0.0
+        up = (result["/geometry/elevation"] > 0.0) | np.array([name in ground for name in names], bool)
         alone = np.where(up & ~used[at], 90.0 - np.degrees(result["/geometry/elevation"]), np.nan)
         away[at] = np.where(used[at], away[at], alone)
         azimuth[at] = np.where(used[at], azimuth[at], result["/geometry/azimuth"])
-    ground = set(map(str, result["/pseudolites/name"]))
+    edge = max(90.0, 10.0 * math.ceil(float(np.nanmax(away, initial=0.0)) / 10.0))
     out = []
-    for i, name in enumerate(map(str, result["/geometry/source"])):
+    for i, name in enumerate(names):
         x, y = (away[:, i] * f(azimuth[:, i]) for f in (np.sin, np.cos))
         if np.isfinite(x).any():
             x, y, now = _path(x, y, used[:, i], sampled)

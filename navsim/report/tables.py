@@ -211,6 +211,13 @@ def _coverage(result: Result, i: int) -> Cell | str:
                 names=("share", "", "", "Gaussian"))  # fmt: skip
 
 
+def outside_box(result: Result) -> np.ndarray:
+    """Which runs (r,) of a result end outside its box: of one of an ensemble that one alone."""
+    error = result["/summary/box/error_run"]
+    within = (result["/summary/box/lower"] <= error) & (error <= result["/summary/box/upper"])
+    return np.logical_not(within.all(axis=1))
+
+
 def box_limits(result: Result, axis: int) -> tuple[float, float] | None:
     """The least and the largest error along an axis inside the box, m, if it limits that."""
     low, high = (float(result[f"/summary/box/{end}"][axis]) for end in ("lower", "upper"))

@@ -60,7 +60,7 @@ from navsim.report.quantities import (
 from navsim.report.quantities import heights as height_of
 from navsim.report.ridges import BROWN, flown_over, on_plan, seen_skyline, shown_ridges
 from navsim.report.sky import SourceTrack, masked, source_tracks
-from navsim.report.tables import box_limits, of_total, runs_of, setting, single
+from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single
 
 AXES = ("lateral", "along", "vertical")
 _MOST_FIXES = 1500
@@ -366,8 +366,12 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
     if judged and not near:
         where = f"{boxed[0]:g} m above the runway"
     panels, drawn = [], False
+    # limits along the runway that are given from its threshold are drawn from there, and are far longer than wide
+    placed = judged and all("/summary/box/place" in r for _, _, r in kept)
     for across, up in (("lateral", "vertical"), ("lateral", "along")):
-        on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", f"{up} error, m", 340, match_aspect=True)
+        zoned = placed and up == "along"
+        said = "along the runway from the threshold, m" if zoned else f"{up} error, m"
+        on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", said, 340, match_aspect=not zoned)
         marks = []
         for i, name, result in kept:
             which_error = "tse_run" if of_total(result) else "run"
@@ -376,20 +380,25 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
                 else result[f"/summary/at/{axis}_{which_error}"][:, column]
                 for axis in (across, up)
             ])  # fmt: skip
+            start = float(result["/summary/box/place"]) if zoned else 0.0
+            points[1] += start
             known = np.isfinite(points).all(axis=0)
+            outside = outside_box(result) if judged else np.zeros(known.size, bool)
             which = some(int(known.sum()))
-            x, y = (which(each[known]) for each in points)
-            of = source(x=x, y=y, run=which(result["/run"][known]))
-            marks.append(
-                on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6 if len(kept) == 1 else 1.0,
-                           line_color=None, name=name)
-            )  # fmt: skip
+            x, y, run, out = (which(each[known]) for each in (*points, result["/run"], outside))
+            for those, mark in ((~out, "circle"), (out, "x")):
+                of = source(x=x[those], y=y[those], run=run[those])
+                marks.append(
+                    on.scatter("x", "y", source=of, size=5 if mark == "circle" else 8, marker=mark, color=colour(i),
+                               alpha=0.6 if len(kept) == 1 else 1.0, name=name,
+                               line_color=None if mark == "circle" else colour(i))
+                )  # fmt: skip
             if known.sum() >= _FEW and np.linalg.matrix_rank(spread := np.cov(points[:, known])) == 2:
                 rim = points[:, known].mean(axis=1)[:, None] + ellipse(spread)
                 line(on, source(x=rim[0], y=rim[1]), "y", colour(i))
             if judged or ("/summary/box/upper" in result and abs(float(result["/summary/box/height"]) - float(
                     result["/summary/at/height"][column])) < 0.01):  # fmt: skip
-                _box(on, result, across, up, colour(i) if len(kept) > 1 else GREY)
+                _box(on, result, (across, up), start, colour(i) if len(kept) > 1 else GREY)
                 drawn = True
         tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
         panels.append(on)
@@ -402,15 +411,16 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
         f"Errors at {where}{what}, a point a run ({counted})" + (
             ", with the ellipse that holds 95 % of a Gaussian of their mean and covariance"
             if any(r["/run"].size >= _FEW for _, _, r in kept) else ""
-        ) + ("; dashed: the box." if drawn else ".")
+        ) + ("; dashed: the box" + (", crosses: runs that end outside." if judged else ".") if drawn else ".")
     )  # fmt: skip
     keys = [Key("box", GREY, "dash")] if drawn else []
     return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
 
 
-def _box(on: figure, result: Result, across: str, up: str, own: str) -> None:
-    """The limits of the box that there are, dashed."""
-    x, y = (box_limits(result, AXES.index(axis)) for axis in (across, up))
+def _box(on: figure, result: Result, axes: tuple[str, str], start: float, own: str) -> None:
+    """The limits of the box that there are, across and up the page, dashed; start: of those up it, m."""
+    x, y = (box_limits(result, AXES.index(axis)) for axis in axes)
+    y = None if y is None else (y[0] + start, y[1] + start)
     if x is not None and y is not None:
         corners = source(x=np.array([x[0], x[1], x[1], x[0], x[0]]), y=np.array([y[0], y[0], y[1], y[1], y[0]]))
         line(on, corners, "y", own, line_dash="dashed", line_width=1)
@@ -459,7 +469,8 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
     if not panels:
         return None
     caption = (
-        "How errors at touchdown are distributed over runs; dashed: the Gaussian of the filter's σ there. "
+        "How errors of navigation at touchdown are distributed over runs; dashed: the Gaussian of the filter's σ "
+        "there. "
         + ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept) + "."
     )  # fmt: skip
     return Drawing("histograms", "Histograms at touchdown", panels, caption, keys_of(results, of=kept), 3)
@@ -491,7 +502,7 @@ def percentiles(results: Sequence[Named]) -> Drawing | None:
         panels.append(on)
     caption = (
         f"What {', '.join(said[:-1])} and {said[-1]} % of runs stay below (from below) at the heights where errors are "
-        "told; the table has the numbers. Of a covariance analysis: of a Gaussian."
+        "told, of errors of navigation; the table has the numbers. Of a covariance analysis: of a Gaussian."
     )  # fmt: skip
     return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results, of=kept), 3)
 
