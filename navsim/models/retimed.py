@@ -42,7 +42,8 @@ def held_airspeed(path: AnyPath, wind: MeanWind, duration: float, rise: float = 
         # what comes after the end is not flown
         flown = t[:-1] < duration
         if not np.isfinite(over_ground[flown]).all() or np.isnan(t[1:][flown[: t.size - 1]]).any():
-            raise AirError("speed_m_s", "the wind across the path is no less than the airspeed: it cannot be flown")
+            text = "the wind, against the path or across it, is no less than the airspeed: it cannot be flown"
+            raise AirError("speed_m_s", text)
         if (over_ground[flown] < SLOWEST).any():
             raise AirError("speed_m_s", f"against the wind the aircraft falls below {SLOWEST:g} m/s over ground")
         last = int(np.flatnonzero(flown)[-1]) + 2

@@ -38,6 +38,10 @@ if TYPE_CHECKING:
 _ROUGH = 50
 _STEP = 0.2
 """Between places of a flight that are held against ridges, s."""
+OFF_GROUND = 0.5
+"""Height at touchdown, m, up to which an aircraft has come down: blends at a corner leave as much."""
+_MISPLACED = 5.0
+"""Height of a flight of a file at its touchdown, m, beyond which that is doubted."""
 MISPRINT = 1.0
 """Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
 
@@ -193,6 +197,11 @@ def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
             f"(duration_s: {scenario.duration_s:g}); figures at touchdown are not defined"
             + (", and requirements judge the part of the glide that is flown" if scenario.requirements else "")
         )
+    elif isinstance(scenario.approach, FileApproach) and math.isfinite(touchdown):
+        height = -float(trajectory.path.jet(np.array([touchdown]))[0, 0, 2])
+        if abs(height) > _MISPLACED:
+            under = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'} the runway"
+            out.append(f"approach.touchdown_s: the aircraft is {under} then; figures at touchdown are of there")
     if abs(off := scenario.runway.misprint_deg) > MISPRINT:
         side = "right" if off > 0.0 else "left"
         out.append(
@@ -315,14 +324,17 @@ def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> l
         fine = fine[: int(np.argmax(climbing)) + int(np.argmin(-path.jet(fine[climbing])[:, 0, 2])) + 1]
     # the last moment above a height is sought among every 50th, then among those that follow it
     rough = -path.jet(fine[::_ROUGH])[:, 0, 2]
+    down = -float(path.jet(np.array([touchdown]))[0, 0, 2]) if math.isfinite(touchdown) else math.inf
     times = []
     for height in heights:
         last = np.flatnonzero(rough >= height)[-1:] * _ROUGH
         near = fine[int(last[0]) : int(last[0]) + _ROUGH + 1] if last.size else fine[:0]
         above = near[-path.jet(near)[:, 0, 2] >= height]
-        if height == 0.0 or (above.size and above[-1] == fine[-1]):
-            # on the ground, or between the last of the times and it, unless the flight ends before
-            when = touchdown
+        if height == 0.0:
+            when = touchdown  # unless the flight ends before
+        elif above.size and above[-1] == fine[-1]:
+            # between the last of the times and the ground; a track may say that it ends in the air
+            when = touchdown if down - height < OFF_GROUND else math.nan
         else:
             when = float(above[-1]) if above.size else math.nan
         times.append(when if when <= scenario.duration_s + 1e-9 else math.nan)

@@ -52,6 +52,11 @@ def read_satellites(
         where = document.place(("sky", "systems"))
         message = f"`source: {key}` has no satellite of {', '.join(s.name for s in wanted)}"
         raise InputError([Problem(where, "sky.systems", message)])
+    there = {c.system for c in constellations}
+    if sky.systems and (lacking := [s.name for s in wanted if s not in there]):
+        where = document.place(("sky", "systems"))
+        message = f"`source: {key}` has no satellite of {' or '.join(lacking)}"
+        raise InputError([Problem(where, "sky.systems", message)])
     if key == "almanac":
         _warn_of_age(sky.almanac_warning_days, constellations, float(timescales.gps_from_utc(utc)), warnings)
     if sky.broadcast:
@@ -241,14 +246,18 @@ def _group(scenario: Landing, document: Document, constellation: Constellation, 
         constellation = constellation.using_unhealthy()
     names, usable = constellation.names, constellation.usable
     start = float(timescales.gps_from_utc(scenario.epoch.timestamp()))
-    ends = constellation.state(np.array([start, start + scenario.duration_s]))[0]
-    known = np.isfinite(ends[..., 0]).any(axis=0)
+    times = np.array([start, start + scenario.duration_s])
+    known = np.isfinite(constellation.state(times)[0][..., 0]).any(axis=0)
+    # records that say so themselves are passed over
+    usable &= known | ~np.isfinite(constellation.using_unhealthy().state(times)[0][..., 0]).any(axis=0)
     if not known.any():
         where = document.place(("sky", sky.source))
         of = constellation.system.name
         message = f"has no {of} satellite for the time of the scenario, {scenario.epoch:%Y-%m-%d %H:%M}"
         raise InputError([Problem(where, f"sky.{sky.source}", message)])
-    for good, why in ((usable, "because the almanac marks them as unhealthy"), (known, "because no message serves")):
+    served = known | ~usable
+    reasons = (usable, "because they are marked as unhealthy"), (served, "because nothing tells where they are")
+    for good, why in reasons:
         if not np.all(good):
             out = ", ".join(n for n, g in zip(names, good, strict=True) if not g)
             warnings.append(f"not used, {why}: {out}")

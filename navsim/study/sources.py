@@ -68,6 +68,8 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         raise wrong(
             f"the recording ends {time[-1] - start:.1f} s after the start; duration_s is {scenario.duration_s:g}"
         )
+    if approach.touchdown_s is not None and approach.touchdown_s <= start:
+        raise wrong(f"touchdown is no later than the flight begins, {start:g} s", "touchdown_s")
     threshold = scenario.runway.threshold
     assert threshold is not None
     frame = touchdown_from_threshold(

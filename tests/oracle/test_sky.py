@@ -167,6 +167,17 @@ def test_unhealthy_and_old_messages_are_not_used(navigation: Navigation) -> None
     assert age.max() <= 14400.1
 
 
+def test_what_a_source_lacks_and_marks_is_said(shared: Path) -> None:
+    """A system that is named and not there; satellites that their own records mark."""
+    with pytest.raises(InputError, match="`source: nominal-gps` has no satellite of galileo"):
+        prepare(*read(SCENARIOS / "landing.yaml", ["sky={source: nominal-gps, systems: [gps, galileo]}"]))
+    day = f"sky={{source: navigation, navigation: [{shared / BROADCAST}], systems: [galileo]}}"
+    when = ("epoch=2020-06-25T12:10:00Z", "duration_s=2", "receiver.rate_hz=1")
+    warnings = prepare(*read(SCENARIOS / "landing.yaml", [day, *when])).sky_warnings
+    (marked,) = (text for text in warnings if "marked as unhealthy" in text)
+    assert "E14" in marked.partition(": ")[2].split(", ")
+
+
 def test_a_landing_flies_galileo_by_the_message_it_names(shared: Path) -> None:
     """The clocks of I/NAV and of F/NAV differ by 0.13 m rms with their group delays, the orbits by less."""
     settings = (

@@ -186,3 +186,23 @@ def test_a_real_flight(within: Within) -> None:
     assert np.degrees(most.rate) < 60.0
     place, _ = mechanised(trajectory, 100.0, 300.0)
     assert np.linalg.norm(place) < within["place"]
+
+
+def test_a_touchdown_in_the_air(tmp_path: Path) -> None:
+    """What a track calls its touchdown is warned of where it is none; heights that it has not come down to are not
+    passed; before the flight there is none."""
+    moving, rows = circuit()
+    file = table(tmp_path, rows)
+    down = moving.path.events["touchdown"]
+    early = flown(file, f"approach.touchdown_s={down - 8.0}")
+    (warned,) = (text for text in early.warnings if "touchdown_s" in text)
+    when = early.trajectory.path.events["touchdown"]
+    high = -float(early.trajectory.path.jet(np.array([when]))[0, 0, 2])
+    assert f"is {high:.1f} m above" in warned
+    passed = early.foreseen.times_at_heights([0.0, 0.5 * high, high + 5.0])
+    assert passed[0] == when
+    assert np.isnan(passed[1])
+    assert passed[2] < passed[0]
+    assert not [text for text in flown(file, f"approach.touchdown_s={down}").warnings if "touchdown_s" in text]
+    with pytest.raises(InputError, match="no later than the flight begins"):
+        flown(file, "approach.touchdown_s=50")
