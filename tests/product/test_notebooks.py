@@ -62,7 +62,7 @@ def test_a_first_landing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert share > 60
     near, far = (numbers(rf"\b{name}: horizontal ([\d.]+) m", printed)[0] for name in ("200 m", "1000 m"))
     assert near != far
-    assert "pseudolites.s_mm - unknown key; did you mean 's_m'?" in printed
+    assert "pseudolites.s_mm - unknown key; did you mean 's_m', in m?" in printed
     assert "imu.rate_hz - " in printed
 
 

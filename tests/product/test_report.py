@@ -212,16 +212,16 @@ def test_fixes_lie_about_the_antenna() -> None:
 
 
 def test_states_are_shown_in_their_units() -> None:
-    """Fix errors, of variance 1, have none, and are told apart by their own ends."""
+    """Fix errors, of variance 1, in their σ before; they are told apart by their own ends."""
     names = [f"{triad}_{axis}" for triad in "abcdef" for axis in "xyz"]
     more = [f"fix_error_slow_{a}" for a in ("north", "east", "down")] + [f"fix_error_slow_more_{k}" for k in (1, 2, 3)]
     shown = quantities.followed(names + more)
     assert [(one.label, one.axis) for one in shown[17:20]] == [
         ("f, ppm", "z"),
-        ("fix error slow", "north"),
-        ("fix error slow", "east"),
+        ("fix error slow, prior σ", "north"),
+        ("fix error slow, prior σ", "east"),
     ]
-    assert (shown[21].label, shown[21].axis, shown[21].scale) == ("fix error slow more", "1", 1.0)
+    assert (shown[21].label, shown[21].axis, shown[21].scale) == ("fix error slow more, prior σ", "1", 1.0)
 
 
 def test_figures_of_an_ensemble_show_the_ensemble(one: Result, many: Result) -> None:
