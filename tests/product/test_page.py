@@ -292,7 +292,8 @@ def test_a_single_run_has_its_point_in_the_box(place: Path) -> None:
     drawing = landing.scatter([("one", result)])
     assert drawing is not None
     on = drawing.panels[0]
-    (point,) = [r.data_source.data for r in on.renderers if "run" in r.data_source.data]
+    told = [r.data_source.data for r in on.renderers if "run" in r.data_source.data]
+    (point,) = [data for data in told if data["run"].size]
     lateral, _, vertical = result["/summary/box/error_run"][0]
     np.testing.assert_allclose([point["x"][0], point["y"][0]], [lateral, vertical], rtol=1e-6)
     assert any(r.data_source.data.get("x", np.empty(0)).size == 5 for r in on.renderers)  # the box
