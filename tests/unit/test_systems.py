@@ -25,8 +25,7 @@ LETTER = re.compile(r"[RGECJ](\d\d)?")
 OTHER_MEANINGS = {
     ("io/rinex_write.py", "E"): "exponents",
     ("io/text.py", "E"): "exponents",
-    ("report/figures.py", "E"): "east",
-    ("report/page/sky.py", "E"): "east",
+    ("report/sky.py", "E"): "east",
     ("report/integrity_table.py", "G"): "the ground may be lost",
     ("study/diagnosis.py", "R"): "right",
     ("study/partial.py", "C"): "order of an array",
