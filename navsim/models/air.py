@@ -395,9 +395,8 @@ def gust_lag(wing_loading: float, speed: np.ndarray, slope: float) -> np.ndarray
 class Response:
     """How an aircraft answers. nose_lag: s, of each of two lags of the nose behind gusts across and up; bank_lag: the
     same of the bank behind the acceleration that a flight-technical error takes across, and of the way behind what
-    guidance commands. wing_loading: N/m2. lift_slope,
-    side_slope: of the coefficients of lift and side force, 1/rad; drag: coefficient. loop: time constant of the
-    guidance that brings back what gusts move, s."""
+    guidance commands. wing_loading: N/m2. lift_slope, side_slope: of the coefficients of lift and side force, 1/rad;
+    drag: coefficient. loop: time constant of the guidance that brings back what gusts move, s."""
 
     wing_loading: float
     lift_slope: float

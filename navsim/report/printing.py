@@ -148,8 +148,12 @@ def to_scale_below(figure: Figure, axes: Iterable[Axes]) -> None:
 def _close_up(figure: Figure) -> None:
     """Give panels to scale the height that their width asks for, so that no band stays empty."""
     axes, engine = _TO_SCALE.get(figure, []), figure.get_layout_engine()
-    for _ in range(8 if axes and engine is not None else 0):  # another height leaves letters other room
-        engine.execute(figure)  # type: ignore[union-attr]
+    if not axes or engine is None:
+        return
+    grid = axes[0].get_gridspec()
+    assert grid is not None
+    for _ in range(8):  # another height leaves letters other room
+        engine.execute(figure)
         whole, heights, more = figure.get_figheight(), [], 0.0
         for ax in axes:
             room = ax.get_position(original=True)
@@ -159,7 +163,7 @@ def _close_up(figure: Figure) -> None:
                 heights[-1] = room.width * figure.get_figwidth() * up / across
             more += heights[-1] - room.height * whole
         figure.set_figheight(whole + more)
-        axes[0].get_gridspec().set_height_ratios(heights)  # type: ignore[union-attr]
+        grid.set_height_ratios(heights)
         if abs(more) < 0.01:
             break
 
@@ -188,6 +192,7 @@ def fit(figure: Figure) -> None:
         across = max(box.width * scale, reach if alone else box.width * scale)
         for text in (ax.title, ax.xaxis.label):
             broken |= _fit(text, across)
+        # the stubs do not know it, and matplotlib gives out the title in the middle alone
         left = ax._left_title  # type: ignore[attr-defined]
         broken |= _fit(left, 72.0 * figure.get_figwidth() - box.x0 * scale - 4.0)
         broken |= _fit(ax.yaxis.label, box.height * scale)
