@@ -121,13 +121,20 @@ def test_another_study_is_refused_unless_fresh(place: Path) -> None:
 def test_full_disk_keeps_finished_batches(place: Path) -> None:
     """A limit on the size of a file stands for a full disk: the first batch that does not fit ends the study."""
     file = place / "full.h5"
-    done = with_files_limited(1_000_000, *COMMAND, "-o", file, cwd=place)
-    assert done.returncode == 3, done.stderr
-    assert "Traceback" not in done.stderr
-    assert "full.h5.partial" in done.stderr
-    assert "cannot be written" in done.stderr
-    assert done.stderr.endswith(KEPT.format(file))
-    assert not file.exists()
+    ends = {0: "; nothing of it is kept; the same command begins anew\n", 2: KEPT.format(file)}
+    for before, end in ends.items():
+        if before:
+            stopped_by(signal.SIGKILL, file, before, place).wait()
+        kept = finished(file)
+        assert len(kept) >= before
+        done = with_files_limited(1_000_000, *COMMAND, "-o", file, cwd=place)
+        assert done.returncode == 3, done.stderr
+        assert "Traceback" not in done.stderr
+        assert "full.h5.partial" in done.stderr
+        assert "cannot be written" in done.stderr
+        assert done.stderr.endswith(end)
+        assert finished(file) == kept
+        assert not file.exists()
 
 
 def test_large_result_on_a_full_disk(place: Path) -> None:
