@@ -286,8 +286,9 @@ def _needs_sources(scenario: Landing) -> bool:
     """Whether files are to be read, or there is something to be told that goes by the sources of signals."""
     sky = scenario.sky
     sections = (
-        sky.source in SOURCES_FROM_FILES, sky.systems, sky.horizon, scenario.terrain, scenario.box, scenario.events,
-        scenario.integrity, scenario.interference, scenario.receiver.antenna, scenario.signals.system_offsets_ns,
+        sky.source in SOURCES_FROM_FILES, sky.systems, sky.exclude, sky.horizon, scenario.terrain, scenario.box,
+        scenario.events, scenario.integrity, scenario.interference, scenario.receiver.antenna,
+        scenario.signals.system_offsets_ns,
     )  # fmt: skip
     return isinstance(scenario.approach, FileApproach) or any(sections)
 

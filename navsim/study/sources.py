@@ -18,7 +18,7 @@ from navsim.models.kinematics import Moving, Trajectory, touchdown_from_threshol
 from navsim.models.recorded_trajectory import largest, recorded_trajectory, smoothed_path, track_trajectory
 from navsim.models.retimed import SLOWEST
 from navsim.models.signals import Environment, Satellites
-from navsim.models.systems import CLOCKS
+from navsim.models.systems import CLOCKS, SYSTEMS
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, hint
 from navsim.scenario.landing import Landing
@@ -186,6 +186,7 @@ def environment(
         terrain,
     )
     _check_events(scenario, document, sources)
+    warnings += _excluded_elsewhere(scenario, document, sources)
     there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}
     if not scenario.receiver.one_clock and there & set(scenario.signals.system_offsets_ns):
         warnings.append(
@@ -215,6 +216,29 @@ def _check_events(scenario: Landing, document: Document, sources: Environment) -
                 )
     if problems:
         raise InputError(problems)
+
+
+def _excluded_elsewhere(scenario: Landing, document: Document, sources: Environment) -> list[str]:
+    """What to warn of satellites that are excluded, and are of systems that are not used anyway. Raises InputError for
+    those that the source of the sky does not have."""
+    sky, problems, elsewhere = scenario.sky, [], []
+    known = [name for group in sources.satellites for name in group.names]
+    known += [] if sources.listed is None else sources.listed.names
+    # sources of several systems, of which some are not looked at
+    passed_over = [s for s in SYSTEMS if s not in sky.wanted()] if sky.source in ("nominal", *SOURCES_FROM_FILES) else []
+    for i, name in enumerate(sky.exclude):
+        if name in known:
+            continue
+        if system := next((s.name for s in passed_over if s.has(name)), None):
+            elsewhere.append(f"{name} ({system})")
+            continue
+        path = ("sky", "exclude", i)
+        text = f"`source: {sky.source}` has no '{name}'; {hint(name, sorted(known))}"
+        problems.append(Problem(document.place(path), dotted(path), text))
+    if problems:
+        raise InputError(problems)
+    used = ", ".join(s.name for s in sky.wanted())
+    return [f"sky.exclude: {', '.join(elsewhere)}: not used anyway, systems are {used}"] if elsewhere else []
 
 
 def on_glide(scenario: Landing, trajectory: Moving, time: np.ndarray) -> np.ndarray:

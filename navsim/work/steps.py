@@ -16,7 +16,7 @@ from navsim.work.afford import Request, afford, tell
 from navsim.work.errors import BadInput, RunFailed, failures, said
 from navsim.work.required import Demands, wanting
 from navsim.work.speech import Listener
-from navsim.work.target import Written, begun, check_target, figure_folder, save
+from navsim.work.target import Written, begun, check_target, figure_folder, refuse_other, save
 from navsim.work.workplace import workplace
 
 if TYPE_CHECKING:
@@ -172,6 +172,9 @@ def _computed(
         with failures(name):
             with listener.progress(job.extent, job.unit) as tell:
                 outcome = job.run(executor, store, tell)
+            if not job.sort.count and "/run" in outcome.result:  # how many runs there are is known only now
+                count = int(outcome.result["/run"].size)
+                refuse_other(target, replace(job.sort, count=count), order.force)
             written = save(outcome.result, target, None if outcome.interrupted else drawing)
     except RunFailed as error:
         last = error.problems[-1]

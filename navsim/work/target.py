@@ -23,12 +23,12 @@ def check_target(target: Path, sort: Sort, force: bool) -> None:
 
     try:
         check_writable(target)
-        _refuse_other(target, sort, force)
+        refuse_other(target, sort, force)
     except ResultError as error:
         raise BadInput(said(error)) from None
 
 
-def _refuse_other(target: Path, sort: Sort, force: bool) -> None:
+def refuse_other(target: Path, sort: Sort, force: bool) -> None:
     """Raise ResultError where a file stands that a result of this sort may not overwrite."""
     from navsim.io.results import ResultError, read_sort
 

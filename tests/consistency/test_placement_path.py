@@ -307,6 +307,14 @@ def excluded(key: str, drawn: dict[str, Any]) -> bool:
     return False
 
 
+def letters_of(drawn: dict[str, Any]) -> str:
+    """The letters of the satellites that the sky has."""
+    source = drawn.get("sky.source", "nominal-glonass")
+    if source == "almanac":
+        return "G" if drawn.get("sky.almanac", "").endswith(".alm") else "R"
+    return {"nominal-glonass": "R", "nominal-gps": "G", "directions": "X"}.get(source, "RG")
+
+
 def settings_of(drawn: dict[str, Any], placed: dict[str, Any], name: str) -> dict[str, Any]:
     """Settings of a shipped scenario that can go together, its pseudolites as one section."""
     shipped = scenario(name=name)
@@ -327,6 +335,8 @@ def settings_of(drawn: dict[str, Any], placed: dict[str, Any], name: str) -> dic
             continue
         if from_threshold and (key, value) == ("pseudolites.frame", "table1"):
             continue
+        if key == "sky.exclude":
+            value = [name for name in value if name[0] in letters_of(drawn)]
         if section != "pseudolites":
             out[key] = value
         elif placed.get("sites") or placed.get("count") or not rest.startswith("differential"):

@@ -103,6 +103,21 @@ def test_fewer_runs_do_not_replace_more(tmp_path: Path) -> None:
     navsim(*run, 2, "--force", cwd=tmp_path)
 
 
+def test_nor_do_those_that_are_found_to_be_enough(tmp_path: Path) -> None:
+    """Their number is known when they are flown: they are kept, and written once that is asked for."""
+    run = ("run", LANDING, *BRIEF, "-o", "r.h5", "--figures", "none")
+    navsim(*run, "-q", "--runs", 40, cwd=tmp_path)
+    before = (tmp_path / "r.h5").read_bytes()
+    until = (*run, "--until", "rms_horizontal within 20%")
+    refused = navsim(*until, cwd=tmp_path, code=3).stderr
+    assert "holds 40 runs, which 32 would replace; choose another -o/--output" in refused
+    assert "finished runs are kept in r.h5.partial" in refused
+    assert (tmp_path / "r.h5").read_bytes() == before
+    navsim(*until, "--force", cwd=tmp_path)
+    assert read_sort(tmp_path / "r.h5").count == 32
+    navsim(*until, cwd=tmp_path)
+
+
 @pytest.mark.parametrize(
     ("first", "second"),
     [

@@ -71,6 +71,8 @@ def test_a_file_is_read_as_whoever_flies_does(tmp_path: Path) -> None:
         (["box={lateral_m: 1, vertical_m: 1, height_m: 152.9}"], "before the first fix"),
         (["events=[{what: step, sources: [R01], at_s: 0, until_s: 9, error_m: 3}]", "sky.exclude=[R01]"],
          "none of them is received then"),
+        (["sky.source=nominal", "sky.systems=[gps]", "sky.exclude=[R05, G01, R07]"],
+         "sky.exclude: R05 (glonass), R07 (glonass): not used anyway, systems are gps"),
         (["integrity={method: mhss, p_constellations: {gps: 1e-5}}"], "the sky has none of them"),
         (["receiver.antenna={elevation_deg: [-90, 90], gain_dbi: [0, 0], mask_deg: 20}"], "the aircraft shadows PL1"),
         (["signals.system_offsets_ns={galileo: 3}"], "no source keeps the time of galileo"),
@@ -86,3 +88,22 @@ def test_warnings_are_those_of_the_flight(given: list[str], said: str) -> None:
 def test_a_box_that_is_never_passed_is_refused() -> None:
     with pytest.raises(BadInput, match="never comes down through 500 m above the runway within duration_s"):
         checked(SCENARIOS / "landing.yaml", ["box={lateral_m: 1, vertical_m: 1, height_m: 500}"])
+
+
+@pytest.mark.parametrize(
+    ("given", "index", "said"),
+    [
+        (["sky.exclude=[R01, G05]"], 1, "`source: nominal-glonass` has no 'G05'; did you mean 'R05'? allowed: R01, R02"),
+        (["sky.source=nominal", "sky.exclude=[G33, R05]"], 0, "`source: nominal` has no 'G33'"),
+        (["sky.source=almanac", f"sky.almanac={SCENARIOS / 'data' / 'nominal.agl'}", "epoch=2018-09-13T12:00:00Z",
+          "sky.exclude=[G02]"], 0, "`source: almanac` has no 'G02'"),
+        (["sky.source=directions", "sky.directions=[{azimuth_deg: 0, elevation_deg: 50}]", "sky.exclude=[X01, X02]"],
+         1, "`source: directions` has no 'X02'; did you mean 'X01'? allowed: X01"),
+    ],
+)  # fmt: skip
+def test_satellites_to_exclude_that_are_not_there_are_refused(given: list[str], index: int, said: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        checked(SCENARIOS / "landing.yaml", given)
+    (problem,) = caught.value.problems
+    assert (problem.key, problem.file) == (f"sky.exclude.{index}", f"--set {given[-1]}")
+    assert problem.message.startswith(said)
