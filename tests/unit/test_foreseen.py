@@ -93,7 +93,7 @@ def test_a_box_that_is_never_passed_is_refused() -> None:
 @pytest.mark.parametrize(
     ("given", "index", "said"),
     [
-        (["sky.exclude=[R01, G05]"], 1, "`source: nominal-glonass` has no 'G05'; did you mean 'R05'? allowed: R01, R02"),
+        (["sky.exclude=[R01, G05]"], 1, "`source: nominal-glonass` has no 'G05'; did you mean 'R05'? allowed: R01"),
         (["sky.source=nominal", "sky.exclude=[G33, R05]"], 0, "`source: nominal` has no 'G33'"),
         (["sky.source=almanac", f"sky.almanac={SCENARIOS / 'data' / 'nominal.agl'}", "epoch=2018-09-13T12:00:00Z",
           "sky.exclude=[G02]"], 0, "`source: almanac` has no 'G02'"),
