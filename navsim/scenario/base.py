@@ -264,6 +264,10 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         message = "expected a list"
     elif kind == "too_short":
         return Problem(place, key, f"expected a list of at least {error['ctx']['min_length']}, not an empty one")
+    elif kind == "too_long":
+        most, length = error["ctx"]["max_length"], error["ctx"]["actual_length"]
+        text = f"expected a list of at most {most} values, not of {length}; commas part them, decimals take a point"
+        return Problem(place, key, text)
     elif kind == "string_pattern_mismatch":
         message = f"expected {_FORMS[error['ctx']['pattern']]}"
     given = error.get("input")

@@ -158,6 +158,7 @@ class _Loader(yaml.SafeLoader):
             self._depth -= 1
 
 
+_INT = "tag:yaml.org,2002:int"
 _TOO_MANY = f"more than {MOST_NODES:,} keys and values, counting what aliases repeat"
 _TOO_DEEP = f"nested too deeply: mappings and lists more than {MOST_DEPTH} one in another"
 
@@ -249,7 +250,13 @@ class _Builder:
 
     def mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         out: dict[str, Any] = {}
+        last: KeyPath = path
+        before: yaml.Node = node
         for key_node, value_node in node.value:
+            if node.flow_style and (number := _parted(before, key_node, value_node)):
+                message = f"the comma of {number} ends the value; decimals take a point: {number.replace(',', '.')}"
+                self.problems.append(Problem(self.place(key_node), dotted(last), message))
+                continue
             if not isinstance(key_node, yaml.ScalarNode):
                 self.problems.append(Problem(self.place(key_node), dotted(path), "a key must be plain text"))
                 continue
@@ -264,9 +271,18 @@ class _Builder:
                 message = f"the key stands twice, first on line {first.line}; keep one of them"
                 self.problems.append(Problem(self.place(key_node), dotted(here), message))
                 continue
+            last, before = here, value_node
             self.document.keys[here] = self.place(key_node)
             out[key] = self.build(value_node, here)
         return out
+
+
+def _parted(before: yaml.Node, key: yaml.Node, value: yaml.Node) -> str:
+    """The number whose decimals a comma has made a key without a value of, as it was written; "" where that is none."""
+    nothing = value.start_mark.index == value.end_mark.index
+    if nothing and before.tag == key.tag == _INT and str(key.value).isdecimal():
+        return f"{before.value},{key.value}"
+    return ""
 
 
 def compose(text: str) -> yaml.Node | None:
@@ -336,8 +352,8 @@ def _built(text: str, document: Document, place: Callable[[int, int], Place]) ->
     except _Refused as error:
         raise InputError([Problem(of(error.problem_mark), "", str(error.problem))]) from None
     except yaml.MarkedYAMLError as error:
-        where = of(error.problem_mark or error.context_mark)
-        raise InputError([Problem(where, "", f"not YAML: {error.problem or error.context}")]) from None
+        mark, message = _misread(error)
+        raise InputError([Problem(of(mark), "", f"not YAML: {message}")]) from None
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
         where = place(before.count("\n"), len(before) - before.rfind("\n") - 1)
@@ -346,6 +362,29 @@ def _built(text: str, document: Document, place: Callable[[int, int], Place]) ->
     if builder.problems:
         raise InputError(builder.problems)
     return node is not None
+
+
+_OPENED = {
+    "while parsing a flow mapping": "the '{' here is not closed by '}'",
+    "while parsing a flow sequence": "the '[' here is not closed by ']'",
+    "while scanning a quoted scalar": "the quotation mark here has no second one",
+}
+"""What PyYAML was about when it found no end, and what that means."""
+
+
+def _misread(error: yaml.MarkedYAMLError) -> tuple[yaml.Mark | None, str]:
+    """Where a text is no YAML, and why: of what is opened and not closed, where it was opened, since the parser only
+    notices further down."""
+    begun, noticed = error.context_mark, error.problem_mark
+    opened = _OPENED.get(error.context or "")
+    if opened is None or begun is None or noticed is None:
+        return noticed or begun, str(error.problem or error.context)
+    at_end = "stream" in str(error.problem)
+    if at_end:
+        return begun, opened
+    if begun.line == noticed.line:
+        return noticed, str(error.problem)
+    return begun, f"{opened}, or lacks a comma, before line {noticed.line + 1}: {error.problem}"
 
 
 class _Taker:

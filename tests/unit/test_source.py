@@ -47,6 +47,12 @@ REFUSED: list[tuple[str, str, str, str]] = [
     ("a NUL in a key", 'a: {"x\\0": 1}', ":1:5: a", "U+0000"),
     ("a long text", "a: " + "x" * 5000, ":1:4: a", "4096"),
     ("a control character", "b: 1\na: x\x00", ":2:5:", "U+0000"),
+    ("a brace left open", "b: 1\na: {c: 1, d: 2\ne:\n  f: 1\n", ":2:4:", "'{' here is not closed by '}', or lacks"),
+    ("a brace left open at the end", "b: 1\na: {c: 1, d: 2\n", ":2:4:", "'{' here is not closed by '}'"),
+    ("a bracket left open", "a:\n  b: [1, 2\n", ":2:6:", "'[' here is not closed by ']'"),
+    ("a comma left out", "b: 1\na: {c: 1 d: 2}\n", ":2:11:", "expected ',' or '}'"),
+    ("a text left open", 'b: 1\na: "x\nc: 1\n', ":2:4:", "quotation mark here has no second one"),
+    ("a decimal comma between braces", "b: 1\na: [{c: -1,5}]", ":2:12: a.0.c", "decimals take a point: -1.5"),
 ]
 
 
