@@ -36,6 +36,8 @@ ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
 _ELLIPSES = 40
 """At most so many error ellipses are drawn along a track."""
+FIX_ERROR = "fix_error_"
+"""What names of states of errors of fixes that last begin with; each begins with a variance of one."""
 MOST_SITES = 20_000
 """Places of pseudolites on a map."""
 LONGEST = 30 * 86400.0
@@ -49,7 +51,8 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
     "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson", of a sweep or a search for placements
     "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
 
-    Returns the files. Raises ResultError where the result lacks what a format needs, or a file cannot be written.
+    Returns the files. Raises ResultError, and writes none, where the result lacks what one of the formats needs; also
+    where a file cannot be written.
     """
     kind = str(result.attributes["kind"])
     if result.attributes.get("method") == "rare":
@@ -67,15 +70,22 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
     for name in formats:
         if name not in writers:
             raise ResultError(f"a result of kind {kind} has nothing for --{name}; there are --{', --'.join(writers)}")
-    written = []
+    texts: dict[Path, str] = {}
+    refused = {}
     for name in formats:
-        texts = writers[name](result, target)
-        if name == "csv" and kind == "landing":
-            texts |= _gates(ensemble or result, target)
-        for path, text in texts.items():
-            write_text(path, text)
-            written.append(path)
-    return written
+        try:
+            texts |= writers[name](result, target)
+        except ResultError as error:
+            refused[name] = str(error)
+    if refused:
+        said = "; ".join(f"--{name}: {message}" for name, message in refused.items())
+        others = " and ".join(f"--{name}" for name in formats if name not in refused)
+        raise ResultError(f"{said}; nothing is written, but {others} can be, without" if others else said)
+    if "csv" in formats and kind == "landing":
+        texts |= _gates(ensemble or result, target)
+    for path, text in texts.items():
+        write_text(path, text)
+    return list(texts)
 
 
 def choose_run(result: Result, number: int | None) -> tuple[Result, str | None]:
@@ -119,10 +129,17 @@ def _origin(result: Result) -> str:
 # --- RINEX
 
 
+def _lacking(result: Result, what: str) -> ResultError:
+    """That a result holds nothing of single runs."""
+    if result.attributes.get("method") == "covariance":
+        return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
+    return ResultError(f"the result has no {what} of runs; fly it with --keep all (one run keeps them by itself)")
+
+
 def _rinex(result: Result, target: Path) -> dict[Path, str]:
     """Observations, messages, and the pseudolites' own table."""
     if "/measurements/pseudorange" not in result:
-        raise ResultError("the result has no measurements; fly it with --keep all (one run keeps them by itself)")
+        raise _lacking(result, "measurements")
     time = result["/geometry/time"]
     if not time.size:
         raise ResultError("the result has no epoch of measurements: the simulation is shorter than one fix interval")
@@ -423,7 +440,9 @@ def _gates(result: Result, target: Path) -> dict[Path, str]:
 
 
 def _with_unit(name: str, unit: str) -> str:
-    """The name of a column with its unit, as keys of scenarios have them."""
+    """The name of a column of a state with its unit, as keys of scenarios have them."""
+    if name.startswith(FIX_ERROR):
+        return f"{name}_prior_sigma"
     return name if unit in ("", "1") else f"{name}_{unit.replace('/', '_')}"
 
 
@@ -460,7 +479,7 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
     the geoid with its separation where the scenario has it, else over the ellipsoid with a separation of zero. A leap
     second is 23:59:60."""
     if "/receiver/position_llh" not in result:
-        raise ResultError("the result has no fixes of runs; fly it with --keep all")
+        raise _lacking(result, "fixes")
     start, separation = _start(result), _undulation(result) or 0.0
     used = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).sum(axis=1)
     lines = []

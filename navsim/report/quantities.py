@@ -14,7 +14,7 @@ import numpy as np
 
 from navsim.core.arrays import chi_square
 from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes, ned_matrix, unturned
-from navsim.io.export import choose_run, true_antenna
+from navsim.io.export import FIX_ERROR, choose_run, true_antenna
 from navsim.io.results import Result, ResultError, Stream
 from navsim.report.tables import runs_of, setting
 
@@ -35,8 +35,6 @@ _STATES: tuple[tuple[str, str, float], ...] = (
     ("accel. bias", "mg", 1e3 / 9.80665),
 )
 """Triads of the states, their units and scales."""
-_FIX_ERROR = "fix_error_"
-"""What states of errors of fixes that last begin with."""
 
 
 def settled(time: np.ndarray) -> np.ndarray:
@@ -209,7 +207,7 @@ def followed(names: list[str]) -> list[Followed]:
     further = names[3 * len(_STATES) : len(names) - len(alone)]
     for first in further[::3]:
         # errors of fixes begin with a variance of 1
-        scale = ("prior σ", 1.0) if first.startswith(_FIX_ERROR) else ("ppm", 1e6)
+        scale = ("prior σ", 1.0) if first.startswith(FIX_ERROR) else ("ppm", 1e6)
         rows.append((first.rpartition("_")[0].replace("accelerometer", "accel.").replace("_", " "), *scale))
     axes = [*(3 * ("north", "east", "down")), *(2 * "xyz"), *(name.rpartition("_")[2] for name in further)]
     out = [Followed(*rows[i // 3], axis) for i, axis in enumerate(axes)]

@@ -367,6 +367,14 @@ def test_nmea_and_csv_say_what_the_fixes_are(noisy: Result, tmp_path: Path) -> N
     assert len(list(csv.DictReader((tmp_path / "r_truth.csv").open()))) == noisy["/truth/time"].size
 
 
+def test_columns_of_states_end_with_their_units(tmp_path: Path) -> None:
+    """Those of errors of fixes are of the size they had before anything was measured, as figures have them."""
+    export(flown("duration_s=3", name="landing_open_sky"), tmp_path / "r.h5", ["csv"])
+    head = (tmp_path / "r_filter.csv").read_text().splitlines()[0].split(",")
+    assert {"error_fix_error_slow_north_prior_sigma", "sigma_fix_error_slow_more_3_prior_sigma"} <= set(head)
+    assert all(name.endswith(("_m", "_m_s", "_rad", "_rad_s", "_m_s2", "_prior_sigma")) for name in head[1:])
+
+
 def test_maps(noisy: Result, tmp_path: Path) -> None:
     shapely = pytest.importorskip("shapely.geometry")
     export(noisy, tmp_path / "r.h5", ["kml", "geojson"])
@@ -413,6 +421,9 @@ def test_what_cannot_be_exported_is_said(noisy: Result, tmp_path: Path) -> None:
     bare = landing.result(c, landing.fly_all(c, 1, 0, 2, threads(1), keep="errors"), 1, keep="errors")
     with pytest.raises(ResultError, match="--keep all"):
         export(bare, tmp_path / "r.h5", ["rinex"])
+    said = r"--rinex: the result has no measurements .*; --nmea: .* no fixes .*; nothing .*, but --kml and --csv"
+    with pytest.raises(ResultError, match=said):
+        export(bare, tmp_path / "r.h5", ["kml", "rinex", "nmea", "csv"])
     listed = case("receiver.rate_hz=2", name="table2")
     flat = landing.result(listed, landing.fly_all(listed, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     with pytest.raises(ResultError, match="no navigation messages"):
