@@ -208,7 +208,7 @@ def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
             f"runway.bearing_deg: the published direction is {abs(off):.1f} deg {side} of that between the "
             f"thresholds, {scenario.runway.heading_deg:.2f} deg, which is flown"
         )
-    out += _gains_of_sheet(scenario)
+    out += _gains_passed_over(scenario)
     if (broken_off := trajectory.path.events.get(GO_AROUND, math.inf)) <= scenario.duration_s:
         out.append(
             f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
@@ -235,20 +235,21 @@ def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:
     return out
 
 
-def _gains_of_sheet(scenario: Landing) -> list[str]:
-    """Gains that the data sheet of a preset brings and the filter takes for none."""
+def _gains_passed_over(scenario: Landing) -> list[str]:
+    """Gains of the inertial sensors that the filter takes for none."""
     imu, its = scenario.imu, scenario.filter
-    if imu.preset not in IMU_SHEETS:
-        return []
     gains = (
         ("scale_ppm", "scale factors", "scale_factors"), ("misalignment_mrad", "misalignments", "misalignments"),
     )  # fmt: skip
-    there = [(name, f"filter.{key}: true") for error, name, key in gains if not getattr(its, key)
-             and (getattr(imu.gyro, error) or getattr(imu.accelerometer, error))]  # fmt: skip
+    there = [(name, f"filter.{key}: true", keys) for error, name, key in gains if not getattr(its, key)
+             and (keys := [f"imu.{s}.{error}" for s in ("gyro", "accelerometer") if getattr(getattr(imu, s), error)])]
     if not there:
         return []
-    names, keys = (" and ".join(words) for words in zip(*there, strict=True))
-    return [f"imu.preset: {imu.preset} has {names}, which the filter takes for none: give {keys}"]
+    names, cures = (" and ".join(words) for words in zip(*((name, cure) for name, cure, _ in there), strict=True))
+    told = f"which the filter takes for none: give {cures}"
+    if imu.preset in IMU_SHEETS:
+        return [f"imu.preset: {imu.preset} has {names}, {told}"]
+    return [f"{', '.join(key for *_, keys in there for key in keys)}: the sensors have {names}, {told}"]
 
 
 def _out_of_sight(

@@ -248,6 +248,16 @@ def test_gains_of_a_sheet_that_nobody_follows_are_told() -> None:
     assert "imu.preset" not in " ".join(case(*sheet, "filter={scale_factors: true, misalignments: true}").warnings)
 
 
+def test_gains_given_by_hand_that_nobody_follows_are_told() -> None:
+    own = ("duration_s=2", "receiver.rate_hz=1", "imu={preset: paper, gyro: {scale_ppm: 300}}")
+    told = "imu.gyro.scale_ppm: the sensors have scale factors, which the filter takes for none: give filter.scale_fact"
+    assert [said for said in case(*own).warnings if said.startswith(told)]
+    both = case(*own, "imu.accelerometer={scale_ppm: 100, misalignment_mrad: 1}", "filter.scale_factors=true").warnings
+    told = "imu.accelerometer.misalignment_mrad: the sensors have misalignments, which the filter takes for none"
+    assert [said for said in both if told in said]
+    assert "imu." not in " ".join(case(*own, "filter.scale_factors=true", "imu.gyro.misalignment_mrad=0").warnings)
+
+
 def test_names_of_presets() -> None:
     assert scenario("imu.preset=adis16488").imu.gyro.drift_deg_h == 720.0
     assert set(get_args(ImuPreset)) == {*IMU_PRESETS, "none"}
