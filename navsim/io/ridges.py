@@ -32,15 +32,17 @@ class RidgeLine:
 
 
 def ridges(result: Result) -> list[RidgeLine]:
-    """The terrain of a landing, a sweep or a search for placements. None where a sweep varies the terrain itself, or
-    where a result of an earlier version does not tell the threshold."""
+    """The terrain of a landing, a sweep or a search for placements; of a sweep that varies it what is the same in all
+    combinations. None where a result of an earlier version does not tell the threshold."""
     given = scenario_of(result).get("terrain") or []
     place = next((path for path in _THRESHOLDS if path in result), None)
-    if not given or place is None or _varied(result):
+    if not given or place is None:
         return []
-    threshold = np.asarray(result[place])
+    threshold, other = np.asarray(result[place]), varied(result)
     out = []
     for number, one in enumerate(given):
+        if f"{number}" in other or WHOLE in other:
+            continue
         if one.get("ends") is not None:
             ends = np.radians([[end["lat_deg"], end["lon_deg"]] for end in one["ends"]])
             tops = horizon.ridge(ends, threshold[2] + one["height_m"])
@@ -52,12 +54,16 @@ def ridges(result: Result) -> list[RidgeLine]:
     return out
 
 
-def _varied(result: Result) -> bool:
-    """Whether a sweep varies the terrain."""
+WHOLE = ""
+"""Stands for the whole section among ridges that are varied."""
+
+
+def varied(result: Result) -> set[str]:
+    """Numbers of the ridges that a sweep varies, or `WHOLE`."""
     if result.attributes["kind"] != "sweep":
-        return False
+        return set()
     import yaml
 
     axes = yaml.safe_load(str(result.attributes["study"]))["vary"]
-    keys = [key for axis in axes for key in (axis.get("keys") or [axis.get("key")])]
-    return any(key.split(".")[0] == "terrain" for key in keys)
+    keys = [key.split(".") for axis in axes for key in (axis.get("keys") or [axis.get("key")])]
+    return {key[1] if len(key) > 1 else WHOLE for key in keys if key[0] == "terrain"}

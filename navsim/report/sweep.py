@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from navsim.io.results import Result
+from navsim.io.ridges import WHOLE, varied
 from navsim.io.schema import LARGE, VERDICTS
 from navsim.io.swept import VERDICT, dimensions, heads, key_path, keys, outputs, rows, setting
+from navsim.io.units import unit_of, without_unit
 from navsim.report import table
 from navsim.report.ridges import shown_ridges
 from navsim.report.table import Cell, Table, as_text, cell
@@ -228,12 +230,64 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     hollow = "; grey: no value" if not np.isfinite(values).all() else ""
     ax.locator_params(axis="x", nbins=5)
     ax.ticklabel_format(useOffset=False)
-    ax.set_xlabel(f"{dims[axes[1]]}{hollow}")
-    ax.set_ylabel(dims[axes[0]])
+    ax.set_xlabel(f"{axis_label(result, dims[axes[1]])}{hollow}")
+    ax.set_ylabel(axis_label(result, dims[axes[0]]))
     fig.colorbar(image, ax=ax, label=label(result, name), extend="min" if better else "max", location="bottom")
-    said = ", ".join(f"{dims[i]} = {as_text(_axis_value(result, i, found[i]))}" for i in others)
+    said = ", ".join(point_of(result, dims[i], found[i]) for i in others)
     legend_above(fig, ax, 1, said or None)
     return fig
+
+
+_CALLED = {
+    "pseudolites count": "pseudolites", "pseudolites s": "distance from the axis",
+    "pseudolites l1": "distance before the threshold",
+}  # fmt: skip
+"""What keys are called whose names are letters or say too little."""
+_LETTERS = {"s": "distance right of the axis", "l1": "distance before the threshold", "lat": "latitude",
+            "lon": "longitude"}  # fmt: skip
+
+
+def words(key: str) -> str:
+    """A varied key, dotted, in words without its unit: its last name and whose it is, jammers[0] latitude."""
+    parts = list[str]()
+    for part in key.split("."):
+        if part.isdigit() and parts:
+            parts[-1] += f"[{part}]"
+        elif part != "place":
+            parts.append(part)
+    *whose, last = parts
+    name = without_unit(last)
+    said = " ".join([*whose[-1:], name]).replace("_", " ")
+    return _CALLED.get(said) or " ".join([*whose[-1:], _LETTERS.get(name, name)]).replace("_", " ")
+
+
+def axis_label(result: Result, axis: str) -> str:
+    """What runs along an axis, in words with its unit: a varied key, or the number of the point of several."""
+    paths = [key_path(result, key) for key, own in keys(result).items() if own == axis]
+    if len(paths) > 1:
+        return f"number of the point of {', '.join(map(words, paths))}"
+    unit = unit_of(paths[0])
+    return words(paths[0]) + (f", {unit}" if unit else "")
+
+
+def point_of(result: Result, axis: str, i: int) -> str:
+    """A point of an axis: what its keys are there, in words with their units."""
+    said = []
+    for key, own in keys(result).items():
+        if own == axis:
+            path = key_path(result, key)
+            unit = unit_of(path)
+            gap = "" if unit in ("", "°") else " "
+            said.append(f"{words(path)} = {as_text(result[f'/sweep/axes/{key}'][i])}{gap}{unit}")
+    return ", ".join(said)
+
+
+def varied_terrain(result: Result) -> str:
+    """What of the terrain no map shows, since it differs from combination to combination, in words; "" for nothing."""
+    numbers = sorted(varied(result))
+    if not numbers:
+        return ""
+    return f"{'terrain' if WHOLE in numbers else ', '.join(f'terrain[{number}]' for number in numbers)}, which varies"
 
 
 def label(result: Result, name: str) -> str:
@@ -288,13 +342,13 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
             if not everywhere:
                 along, right = (result[f"/plan/site_{axis}"][place][tied].ravel() for axis in ("along", "right"))
                 star = along, right
-            text = ", ".join(f"{dims[axis]} = {as_text(_axis_value(result, axis, i))}"
-                             for axis, i in zip(others, point, strict=True))  # fmt: skip
+            text = ", ".join(point_of(result, dims[axis], i) for axis, i in zip(others, point, strict=True))
             index = [0] * cube.ndim
             for axis, i in (*zip(others, point, strict=True), *zip(plane, here, strict=True)):
                 index[axis] = int(i)
             ends = [key for key in at_ends(result, tuple(index)) if dims.index(key) in plane and tied.sum() == 1]
-            where = f", on the border of the map ({', '.join(ends)}): better may lie beyond" if ends else ""
+            borders = ", ".join(words(key_path(result, key)) for key in ends)
+            where = f", on the border of the map ({borders}): better may lie beyond" if ends else ""
             found_there = "any place" if everywhere else "best"
             title = f"{text + ': ' if text else ''}{found_there} {values[here]:.4g}{where}"
         out.append(Panel(values, sites, corners, star, title))
@@ -357,10 +411,12 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
             ax.set_aspect("equal", adjustable="box")
         ax.set_ylabel("right of the axis, m")
     axes[-1].set_xlabel("along the runway from the threshold, m" + ("; grey: no solution" if hollow else ""))
-    legend_above(fig, axes[0], 3)
+    legend_above(fig, axes[0], 3, f"not drawn: {unlike}" if (unlike := varied_terrain(result)) else None)
     if image is not None:
         place: dict[str, Any] = {"location": "bottom", "aspect": 30} if below else {"shrink": 0.8}
         fig.colorbar(image, ax=list(axes), label=label(result, name), extend="min" if better else "max", **place)
+        for ax in axes:
+            ax.set_anchor("W")  # a colour bar moves them to the right, where the layout has no room for their labels
     to_scale_below(fig, axes)
     return fig
 
@@ -409,10 +465,6 @@ def _slice(dimensions_: int, axes: list[int], points: tuple[int, ...]) -> tuple[
     return tuple(out)
 
 
-def _axis_value(result: Result, axis: int, i: int) -> object:
-    return result[f"/{dimensions(result)[axis]}"][i]
-
-
 def _runway(ax: Axes, result: Result) -> None:
     """Runway, ground track and terrain, as far as they lie in the map."""
     from navsim.report.figures import ridge_line
@@ -459,7 +511,7 @@ def curves(result: Result, name: str, most: int) -> Curves:
     names = []
     for row in chosen:
         index = np.unravel_index(int(row), shapes) if shapes else ()
-        names.append(", ".join(f"{d} = {as_text(result[f'/{d}'][int(i)])}" for d, i in zip(others, index, strict=True)))
+        names.append(", ".join(point_of(result, d, int(i)) for d, i in zip(others, index, strict=True)))
     return Curves(dims[axis], result[f"/{dims[axis]}"], rows[chosen], names, len(rows), len(members) > 1)
 
 
@@ -485,7 +537,7 @@ def _curves(result: Result, name: str) -> Figure:
         ax.locator_params(axis="x", nbins=5)  # numbers of many digits, as latitudes, would run into each other
     else:
         ax.set_xticks(at, [str(value) for value in of.x])
-    ax.set_xlabel(of.axis)
+    ax.set_xlabel(axis_label(result, of.axis))
     ax.set_ylabel(label(result, name))
     if several:
         legend_above(fig, ax, 1, of.some or None)

@@ -5,28 +5,16 @@ from __future__ import annotations
 
 import difflib
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+from navsim.io.units import unit_of
 
 Schema = Mapping[str, Any]
 
 ITEM, NAME = "N", "NAME"
 """What stands in a dotted key for the number of an item of a list (from 0), and for a name that the user gives."""
-
-_UNITS = {
-    "deg_h_sqrt_h": "°/h/√h", "mg_sqrt_h": "mg/√h", "deg_h_h": "°/h/h", "mg_h": "mg/h", "deg_h_k": "°/h/K",
-    "mg_k": "mg/K", "deg_h_g2": "°/h/g²", "ug_g2": "µg/g²", "deg_h_g": "°/h/g", "ppm_deg_s": "ppm/(°/s)",
-    "mrad": "mrad", "urad": "µrad", "mm_s": "mm/s", "k_min": "K/min",
-    "m_s_sqrt_h": "m/s/√h", "deg_sqrt_h": "°/√h", "conductivity_s_m": "S/m", "deg2_s2": "°²/s²", "deg2": "°²",
-    "m_s2": "m/s²", "rad_s": "rad/s", "m_s": "m/s", "1_s": "1/s", "deg_s": "°/s", "deg_h": "°/h", "deg": "°",
-    "mg": "mg", "g": "g", "kmh": "km/h", "mhz": "MHz", "db_hz": "dB-Hz", "dbhz": "dB-Hz", "hz": "Hz", "dbw": "dBW",
-    "dbm": "dBm", "dbi": "dBi", "db": "dB",
-    "ppm": "ppm", "ppb": "ppb", "ns": "ns", "us": "µs", "s": "s", "m": "m", "days": "d", "hours": "h",
-    "n_m2": "N/m²", "percent": "%", "chips": "chips", "hpa": "hPa", "k": "K",
-}  # fmt: skip
-"""The end of a key's name and the unit it stands for, longer ends before shorter ones."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +57,6 @@ def _plain(value: Any) -> str:
 def rows(schema: Schema) -> list[KeyRow]:
     """All keys of a kind of file, each section before its keys, in the order of the schema."""
     return list(_properties(schema, schema, ""))
-
-
-def unit_of(key: str) -> str:
-    """The unit that the last name in a dotted key ends with, "" for none."""
-    names = [part for part in key.split(".") if part not in (ITEM, NAME)]
-    for end, unit in _UNITS.items():
-        if names and re.search(rf"(^|_){end}$", names[-1]):
-            return unit
-    return ""
-
-
-def without_unit(name: str) -> str:
-    """The name of a key without the unit that it ends with."""
-    end = next((end for end in _UNITS if name.endswith(f"_{end}")), "")
-    return name.removesuffix(f"_{end}") if end else name
 
 
 def matching(all_rows: Sequence[KeyRow], word: str) -> list[KeyRow]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+import yaml
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -26,6 +27,7 @@ from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.report import figures, limits, live, printing, quantities, sweep, tables
 from navsim.report.landing import VIEW
+from navsim.report.ridges import shown_ridges
 from navsim.report.table import console
 from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
@@ -507,6 +509,17 @@ outputs: [pdop]
 """
 
 
+def test_varied_keys_are_words_with_units() -> None:
+    """Each as it is called in titles and on axes; those of lists tell which."""
+    said = {
+        "pseudolites.count": "pseudolites", "pseudolites.s_m": "distance from the axis",
+        "pseudolites.sites.1.s_m": "sites[1] distance right of the axis", "terrain.0.height_m": "terrain[0] height",
+        "interference.jammers.0.place.lat_deg": "jammers[0] latitude", "imu.gyro.noise_deg_h": "gyro noise",
+        "signals.range_sigma_m": "signals range sigma", "method": "method",
+    }  # fmt: skip
+    assert {key: sweep.words(key) for key in said} == said
+
+
 @pytest.mark.parametrize("better", [True, False])
 def test_what_is_the_same_everywhere_has_the_colour_of_the_best(better: bool) -> None:
     for value in (1.0, 0.0, -3.0):
@@ -515,6 +528,27 @@ def test_what_is_the_same_everywhere_has_the_colour_of_the_best(better: bool) ->
         low, high = sweep.colours(cube, better)
         assert (low < value == high) if better else (low == value < high)
         assert high - low >= 1.0
+
+
+def with_terrain(result: Result) -> Result:
+    """A sweep over two ridges by the threshold, of which it varies the second."""
+    lat, lon = np.degrees(result["/plan/threshold_llh"][:2])
+    ends = [{"lat_deg": float(lat) + 5e-4, "lon_deg": float(lon) + east} for east in (1e-4, 4e-4)]
+    ridges = [{"ends": ends, "height_m": height} for height in (60, 80)]
+    found = {part: yaml.safe_load(str(result.attributes[part])) for part in ("scenario", "study")}
+    found["scenario"]["terrain"] = ridges
+    found["study"]["vary"].append({"key": "terrain.1.height_m", "values": [80]})
+    told = {part: yaml.safe_dump(data) for part, data in found.items()}
+    return Result(result.attributes | told, result.variables)
+
+
+def test_maps_below_each_other_fit_their_page(place: Path) -> None:
+    """As they are printed, with their colour bar beside them."""
+    with printing.printed(printing.Print()):
+        for name, figure in sweep.figures(read(place / "sweep.h5")).items():
+            printing.fit(figure)
+            figure.draw_without_rendering()
+            check_page(name, figure)
 
 
 def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Path) -> None:
@@ -534,7 +568,7 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     figure.draw_without_rendering()
     check_page("map", figure)
     ax = figure.axes[0]
-    assert "on the border of the map (l1_m)" in ax.get_title()
+    assert "on the border of the map (distance before the threshold)" in ax.get_title()
     # the mesh reaches from edge to edge of the panel, half a cell beyond the first and the last combination
     assert ax.get_xlim() == pytest.approx((-525.0, 525.0), abs=0.5)
     assert ax.get_ylim() == pytest.approx((-105.0, 105.0), abs=0.5)
@@ -546,6 +580,12 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     alike = Result(result.attributes, result.variables | {"/sweep/pdop": pdop})
     (panel,) = sweep.panels(alike, "pdop", (0, 1))
     assert (panel.best, panel.title) == (None, "any place 1")
+    hilly = with_terrain(result)
+    assert [each.label for each in shown_ridges(hilly)] == ["60 m"]
+    with printing.printed(printing.Print()):
+        words = words_of(sweep.figures(hilly)["pdop"])
+    assert "not drawn: terrain[1], which varies" in words
+    assert "60 m" in words
     text = printed(console(sweep.tables(result)))
     assert "500 *" in text
     assert "the best may lie beyond" in text

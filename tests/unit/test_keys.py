@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from navsim.io.units import unit_of
 from navsim.kinds import OF_FILES
 from navsim.scenario import shipped
-from navsim.scenario.keys import ITEM, NAME, KeyRow, matching, nearest, rows, unit_of
+from navsim.scenario.keys import ITEM, NAME, KeyRow, matching, nearest, rows
 from navsim.scenario.load import read_any, section
 
 
@@ -77,6 +78,7 @@ def test_units_are_those_of_the_names() -> None:
     assert unit_of("a.wind.from_deg") == "°"
     assert unit_of("pseudolites.multipath.conductivity_s_m") == "S/m"
     assert unit_of("signals.lock.lose_db_hz") == "dB-Hz"
+    assert unit_of("pseudolites.survey_error_m.1") == "m"
     for bare in ("initial_errors", "title", "p_fa_h", "further_cases", "p_constellations"):
         assert unit_of(bare) == "", bare
 

@@ -11,7 +11,6 @@ from bokeh.plotting import figure
 
 from navsim.io.results import Result
 from navsim.io.schema import LARGE
-from navsim.io.swept import key_path
 from navsim.report import optimize, sweep
 from navsim.report.page.marks import (
     GREY,
@@ -92,6 +91,7 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
              ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
         panels.append(on)
     text = f"Colours: {sweep.label(result, name)}, by where pseudolites stand; star: the best."
+    text += f" Not drawn: {unlike}." if (unlike := sweep.varied_terrain(result)) else ""
     keys = [_RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star"), *_terrain(result)]
     return panels, text, [*keys, Key("no solution", GREY, "band")] if hollow else keys
 
@@ -156,7 +156,7 @@ def _runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.nda
 
 def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
     of = sweep.curves(result, name, _MOST_CURVES)
-    on = plot("", _axis_words(result, of.axis), sweep.label(result, name), 320)
+    on = plot("", sweep.axis_label(result, of.axis), sweep.label(result, name), 320)
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
     said = [as_text(value) for value in of.x]
@@ -169,14 +169,10 @@ def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
     if not numeric:
         ticks(on, on.xaxis[0], [float(each) for each in at], said)
     unit = result.variables[f"/sweep/{name}"].units
-    tell(on, marks, ("", "$name"), (of.axis, "@said"), ("value", "@y{0.0000}" + ("" if unit == "1" else f" {unit}")))
+    across, value = sweep.axis_label(result, of.axis), "@y{0.0000}" + ("" if unit == "1" else f" {unit}")
+    tell(on, marks, ("", "$name"), (across, "@said"), ("value", value))
     keys = [Key(which, colour(k)) for k, which in enumerate(of.names) if which]
     return [on], f"{sweep.label(result, name)}.{f' Shown: {of.some}.' if of.some else ''}", keys
-
-
-def _axis_words(result: Result, axis: str) -> str:
-    """What runs along an axis: its key as the scenario has it, or, of several keys, the number of the point."""
-    return key_path(result, axis) if f"/sweep/axes/{axis}" in result else axis
 
 
 def optima(results: Sequence[Named]) -> list[Drawing]:
