@@ -342,8 +342,8 @@ class PseudolitesSection(Section):
     ranges by it"""
     clock_noise: ClockNoiseSection | None = None
     """how the pseudolites' clocks wander from where calibration left them; null: not at all"""
-    clock_age_s: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """how long before time 0 the clocks were set, offset and rate, with clock_noise"""
+    clock_age_s: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
+    """how long before time 0 the clocks were set, offset and rate, with clock_noise; left out: 0"""
     range_sigma_m: Sigma = 2.23606797749979
     """1 sigma of the white noise of their pseudoranges"""
     range_law: Literal["constant", "cn0"] = "constant"
@@ -370,7 +370,7 @@ class PseudolitesSection(Section):
     def _strength(self) -> Self:
         if self.eirp_dbm is None and self.pattern is not None:
             raise reject("is relative to eirp_dbm, which is not given", "pattern")
-        if self.clock_noise is None and self.clock_age_s > 0.0:
+        if self.clock_noise is None and self.clock_age_s is not None:
             raise reject("is for clock_noise, which is not given", "clock_age_s")
         if self.eirp_dbm is not None and self.cn0_reference_m is not None:
             raise reject("is for cn0_dbhz; with eirp_dbm the strength follows from that", "cn0_reference_m")
@@ -456,7 +456,7 @@ class PseudolitesSection(Section):
             survey_sigma=self.survey_sigma_m,
             clock_sigma=SPEED_OF_LIGHT * self.clock_sigma_ns * 1e-9,
             clock_density=(0.0, 0.0) if self.clock_noise is None else self.clock_noise.densities(),
-            clock_age=self.clock_age_s,
+            clock_age=self.clock_age_s or 0.0,
             radiated=None
             if self.eirp_dbm is None
             else Radiated(self.eirp_dbm - 30.0, None if self.pattern is None else self.pattern.model()),

@@ -64,6 +64,7 @@ def test_shadowed_pseudolites_are_counted_by_name() -> None:
         ("receiver.antenna={elevation_deg: [0, 45, 90]}", "gain_dbi: has 2 values, elevation_deg has 3"),
         ("pseudolites.clock_noise={h0: 0, h_minus2: 0}", "clocks without noise do not wander"),
         ("pseudolites.clock_age_s=5", "is for clock_noise, which is not given"),
+        ("pseudolites.clock_age_s=0", "is for clock_noise, which is not given"),
         ("interference={pseudolites: {}}", "give pseudolites.eirp_dbm, or pseudolites.cn0_reference_m"),
         ("interference={pseudolites: {lines: false, isolation_db: 21.1}}", "isolation_db: is of lines"),
     ],
@@ -71,6 +72,12 @@ def test_shadowed_pseudolites_are_counted_by_name() -> None:
 def test_what_cannot_go_together(setting: str, said: str) -> None:
     with pytest.raises(InputError, match=said.replace(".", r"\.")):
         scenario(setting)
+
+
+def test_an_age_is_stored_of_clocks_that_wander_alone() -> None:
+    stored = resolved_yaml(scenario())
+    assert "pseudolites" in stored
+    assert "clock_age_s" not in stored
 
 
 def test_strength_by_two_ways_is_told() -> None:
