@@ -25,6 +25,7 @@ from numba.extending import overload, register_jitable
 from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, loaded, remember
 from navsim.core.kernel_parts import Overloads
 from navsim.core.kernel_parts import digest as digest_of_parts
+from navsim.core.kernel_pieces import Kernel, KernelCompiler, PieceCompiler
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -109,8 +110,8 @@ def _by_parts(function: Callable[..., Any], key: Any) -> Path | None:
     """Where code for this signature and processor lies under what it was made of; None where that is not known."""
     if _PARTS is None:
         return None
-    signature, processor, _ = key
-    made_for = f"{_MADE_FOR} {sys.version_info[:2]} {processor}"
+    signature, processor, (_, _, *how) = key
+    made_for = f"{_MADE_FOR} {sys.version_info[:2]} {processor} {how}"
     made_of = digest_of_parts(function, getattr(signature, "args", signature), _OVERLOADS, made_for)
     return _PARTS / f"{made_of}.code" if made_of is not None else None
 
@@ -179,14 +180,15 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 def within(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile for kernels alone, as part of those that call it: what returns arrays of lanes cannot be called from
     Python."""
-    jitable: Callable[..., Any] = register_jitable(error_model="numpy")(function)
+    jitable: Callable[..., Any] = register_jitable(error_model="numpy", pipeline_class=PieceCompiler)(function)
     return jitable
 
 
 def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Say what `function` is in a kernel: the decorated function is given the types of the arguments and returns the
     function to compile for them. What no kernel asks for is not compiled."""
-    register: Callable[[Callable[..., Any]], Callable[..., Any]] = overload(function, strict=False)
+    options: Any = {"pipeline_class": PieceCompiler}
+    register: Callable[[Callable[..., Any]], Callable[..., Any]] = overload(function, jit_options=options, strict=False)
 
     def decorated(by_types: Callable[..., Any]) -> Callable[..., Any]:
         _OVERLOADS[function] = by_types
@@ -196,7 +198,8 @@ def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
 
 
 def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
+    options = {"nopython": True, "nogil": True, "error_model": "numpy", "forceinline": inline, "boundscheck": None}
+    dispatcher: Any = Kernel(function, targetoptions=options, pipeline_class=KernelCompiler)
     if _CACHE is not None:
         # what numba's `cache=True` does, with a cache of our own
         dispatcher._cache = CacheAtFirstCall(function, partial(_by_parts, function))

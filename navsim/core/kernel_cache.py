@@ -29,6 +29,8 @@ from numba import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.core.runtime.nrt import rtsys
 
+from navsim.core.kernel_pieces import is_piece, put_together, taken_apart, within_another
+
 _DIGEST = 32
 """Bytes of a SHA-256."""
 
@@ -159,6 +161,12 @@ class _Placed(CompileResultCacheImpl):
         self._locator_classes = [_Place]
         super().__init__(py_func)
 
+    def reduce(self, cres: Any) -> Any:
+        return taken_apart(cres) if is_piece(cres) else super().reduce(cres)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        return (put_together if within_another() else super().rebuild)(target_context, payload)
+
 
 class CheckedCache(FunctionCache):
     """The cache of one kernel, with checked files."""
@@ -176,9 +184,13 @@ class CheckedCache(FunctionCache):
         before it looks, scipy's linear algebra too; what is kept is compiled, and the compiler does that by itself."""
         rtsys.initialize(target)  # code that makes arrays asks for its memory there
         found = self._load_overload(signature, target)
-        if found is not None:
+        if found is not None and not within_another():
             _loaded.append((*self._kernel, signature))
         return found
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        signature, processor, hashes = super()._index_key(sig, codegen)
+        return signature, processor, (*hashes, "piece") if within_another() else hashes
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep machine code; where the disk does not take it, it lives in memory alone."""

@@ -21,7 +21,7 @@ from numba.core.dispatcher import Dispatcher
 Overloads = dict[Callable[..., Any], Callable[..., Any]]
 """What a function is in kernels: the function that is given the types and returns what is compiled."""
 
-_LANGUAGE = ("jit.py", "lanes.py")
+_LANGUAGE = ("jit.py", "kernel_pieces.py", "lanes.py")
 """Files of the core whose whole text counts: they say how kernels are compiled, and what lanes are in them."""
 _LANES = "navsim.core.lanes"
 _PLAIN = (int, float, complex, bool, str, bytes, type(None), np.generic)

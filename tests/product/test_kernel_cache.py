@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pkgutil
 import random
@@ -168,6 +169,31 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     flip(memo)
     assert said(loading) == "0"
     assert not memo.exists()
+
+
+def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
+    """It has no machine code of its own, is kept, taken over by other kernels, and compiled when Python calls it."""
+    code = (
+        "import numpy as np; from navsim.core import attitude; from navsim.core.kernel_pieces import is_piece\n"
+        "kinds = lambda: [is_piece(one) for one in attitude.half_sinc.overloads.values()]\n"
+        "q = np.array([1.0, 0.0, 0.0, 0.0]); attitude.{}(q, 0.2, 0.0, 0.0)\n"
+        "print(kinds(), sum(attitude.half_sinc.stats.cache_hits.values()), q.tolist())\n"
+        "made = attitude.half_sinc(0.04)\n"
+        "print(kinds(), np.allclose(made, (np.sin(0.1) / 0.2, np.cos(0.1)), rtol=1e-15))"
+    )
+    right = [math.cos(0.1), math.sin(0.1), 0.0, 0.0]
+    for name, hits in (("rotate_left", 0), ("rotate_left", None), ("rotate_right", 1)):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(name)], env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True, text=True, timeout=120, check=True,
+        )  # fmt: skip
+        first, second = done.stdout.splitlines()
+        kinds, rest = first.split("]", 1)
+        count, numbers = rest.split("[")
+        # a kernel that is loaded needs no pieces
+        assert (kinds, int(count)) == (("[True", hits) if hits is not None else ("[", 0))
+        np.testing.assert_allclose([float(number) for number in numbers.rstrip("]").split(",")], right, atol=1e-15)
+        assert second == "[False] True"
 
 
 def test_another_place_of_installation_has_the_same_code(cache: Path, tmp_path: Path) -> None:

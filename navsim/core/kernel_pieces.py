@@ -1,0 +1,171 @@
+"""Kernels within kernels: compiled as far as they have to be to be linked, once.
+
+numba makes machine code of every function that it meets on the way, and optimises all that a function calls once more
+with each of its callers, up to the top. Here only what is called from Python is optimised, with all that is linked into
+it, and made machine code of; the pieces stay code of LLVM, as they were lowered. A piece that is called from Python
+later is compiled like any other then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import sigutils
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder, compile_result
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.environment import lookup_environment
+from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NativeLowering
+
+_depth = 0
+"""Kernels that are being compiled, one within the other; whoever counts holds the compiler's lock."""
+
+
+def within_another() -> bool:
+    """Whether the kernel that is being compiled is a piece of another."""
+    return _depth > 1
+
+
+@contextmanager
+def _one_deeper() -> Iterator[None]:
+    global _depth
+    with global_compiler_lock:
+        _depth += 1
+        try:
+            yield
+        finally:
+            _depth -= 1
+
+
+class _Unfinished(JITCodeLibrary):
+    """Code to be linked: neither optimised as a whole nor made machine code of."""
+
+    def _optimize_final_module(self) -> None:
+        """Done where it is linked into."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
+def is_piece(result: Any) -> bool:
+    """Whether it is code to be linked alone."""
+    return isinstance(result.library, _Unfinished)
+
+
+def taken_apart(piece: Any) -> tuple[Any, ...]:
+    """What is kept of a piece, for pickle."""
+    described = piece.fndesc
+    described.typemap = described.calltypes = None  # neither needed nor sure to be pickled
+    code = piece.library.serialize_using_bitcode()
+    return code, described, piece.environment, piece.signature, piece.reload_init
+
+
+def put_together(target: Any, kept: tuple[Any, ...]) -> Any:
+    """The piece of which `taken_apart` has kept this."""
+    (name, _, bitcode), described, environment, signature, reload_init = kept
+    for reload in reload_init:
+        reload()
+    library = _Unfinished(target.codegen(), name)
+    library._final_module = llvm.parse_bitcode(bitcode)
+    library._finalize_final_module()
+    return compile_result(
+        typing_context=target.typing_context, target_context=target, entry_point=_entry(), signature=signature,
+        objectmode=False, lifted=(), fndesc=described, library=library, environment=environment,
+        reload_init=reload_init, referenced_envs=(),
+    )  # fmt: skip
+
+
+def _entry() -> Any:
+    """The entry of a piece, which nobody calls: numba knows functions by their entries, and takes for one what is built
+    in."""
+    return [].append
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PieceLowering(NativeLowering):
+    """Lowering of pieces, which ends there."""
+
+    _name = "navsim_piece_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _Unfinished(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags = state.flags.copy()
+        for name in ("no_compile", "no_cpython_wrapper", "no_cfunc_wrapper"):
+            setattr(state.flags, name, True)
+        super().run_pass(state)
+        lowered = state["cr"] = state["cr"]._replace(cfunc=_entry())
+        state.targetctx.insert_user_function(lowered.cfunc, lowered.fndesc, [state.library])
+        state.reload_init.extend(state.library._reload_init)
+        return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _KernelLowering(NativeLowering):
+    """Lowering of what Python calls, which tells the code of its pieces what numba's own would have been told."""
+
+    _name = "navsim_kernel_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        super().run_pass(state)
+        for variable in state.library._final_module.global_variables:
+            environment = lookup_environment(variable.name)
+            if environment is not None:
+                state.library.codegen.set_env(variable.name, environment)
+        return True
+
+
+def _passes(state: Any, lowering: type[NativeLowering]) -> list[PassManager]:
+    """numba's own passes, with another lowering."""
+    passes = PassManager(lowering._name)
+    passes.passes = [
+        (lowering, text) if made is NativeLowering else (made, text)
+        for build in (
+            DefaultPassBuilder.define_untyped_pipeline,
+            DefaultPassBuilder.define_typed_pipeline,
+            DefaultPassBuilder.define_nopython_lowering_pipeline,
+        )
+        for made, text in build(state).passes
+    ]
+    passes.finalize()
+    return [passes]
+
+
+class PieceCompiler(CompilerBase):
+    """Compiles what only kernels call."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        return _passes(self.state, _PieceLowering)
+
+
+class KernelCompiler(CompilerBase):
+    """Compiles kernels."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        return _passes(self.state, _PieceLowering if within_another() else _KernelLowering)
+
+
+class Kernel(CPUDispatcher):
+    """A compiled function: a piece where another one calls it, machine code where Python does."""
+
+    def compile(self, sig: Any) -> Any:
+        """The entry for a signature."""
+        with _one_deeper():
+            arguments = tuple(sigutils.normalize_signature(sig)[0])
+            known = self.overloads.get(arguments)
+            if known is not None and is_piece(known) and not within_another():
+                del self.overloads[arguments]
+            return super().compile(sig)
+
+    def add_overload(self, cres: Any) -> None:
+        """Make a result known, to Python where it has an entry."""
+        if is_piece(cres):
+            self.overloads[tuple(cres.signature.args)] = cres
+        else:
+            super().add_overload(cres)
