@@ -19,6 +19,7 @@ from navsim.planner.outlook import Share
 from navsim.planner.proposal import PlannedScenario
 from navsim.report.page.marks import (
     BLUE,
+    BROWN,
     GREY,
     ORANGE,
     bar,
@@ -32,7 +33,6 @@ from navsim.report.page.marks import (
     tell,
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
-from navsim.report.ridges import BROWN
 from navsim.report.sky import Sector
 
 Outline = tuple[str, list[np.ndarray], str]

@@ -26,6 +26,8 @@ def settings_of(result: Result) -> dict[str, str]:
     for part in TEXTS:
         if part in result.attributes:
             _flatten(found, "" if part == "scenario" else f"{part}.", yaml.safe_load(str(result.attributes[part])))
+    if any(key.startswith("pseudolites.sites.") for key in found):
+        del found["pseudolites.count"]  # 0: the list is in its place
     return found
 
 
@@ -45,9 +47,12 @@ def differences(names: Sequence[str], settings: Sequence[Mapping[str, str]]) -> 
     if len(names) < 2:
         return None
     out = Table("", ("setting", *names), labelled=True, caption="In which settings the results differ")
-    for key in dict.fromkeys(key for each in settings for key in each):
+    keys = dict.fromkeys(key for each in settings for key in each)
+    for key in keys:
         values = [each.get(key, ABSENT) for each in settings]
-        if len(set(values)) > 1 and not key.startswith("study.set."):
+        # that a list is empty is said by the items that others have
+        empty = set(values) == {"none", ABSENT} and any(each.startswith(f"{key}.") for each in keys)
+        if len(set(values)) > 1 and not empty and not key.startswith("study.set."):
             out.add(key, *values)
     return out
 

@@ -120,7 +120,9 @@ def _bands(result: Result, of: RunSpread, across: np.ndarray, label: str) -> Fig
         ax.set_ylabel(f"{name}, m")
     axes[-1].set_xlabel(label)
     if against_height:
-        axes[-1].set_xlim(across.max(), across.min())
+        low, high = float(across.min()), float(across.max())
+        # bars at touchdown stand on the end of the axis
+        axes[-1].set_xlim(high, low - 0.025 * (high - low) if of.sigma is None else low)
     fig.align_ylabels(axes)
     title = f"truth minus estimate, {runs_of(result)}"
     if of.sigma is None and not against_height:

@@ -99,18 +99,22 @@ def on_page(ax: Axes, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return ax.transData.transform(np.column_stack([x, y])) * 72.0 / ax.figure.dpi
 
 
-def ridge_line(
-    ax: Axes, ridge: ShownRidge, along: tuple[float, float], right: tuple[float, float], label: str | None
+def ridge_lines(
+    ax: Axes, ridges: Iterable[ShownRidge], along: tuple[float, float], right: tuple[float, float]
 ) -> None:
-    """A ridge within a part of a plan, from and to, m, with its height."""
-    parts = clipped(ridge, along, right)
-    for part in parts:
-        ax.plot(*part.T, color=BROWN, lw=1.6, solid_capstyle="butt", label=label)
-        label = None
-    if len(parts):
-        ends = parts.reshape(-1, 2)
-        x, y = ends[np.argmax(ends[:, 1])]
-        word(ax, ridge.label, (float(x), float(y)), (0.0, 2.0), ha="center", va="bottom", color=BROWN)
+    """Ridges within a part of a plan, from and to, m, with their heights."""
+    label: str | None = "terrain, height of its top"
+    for ridge in ridges:
+        parts = clipped(ridge, along, right)
+        for part in parts:
+            ax.plot(*part.T, color=BROWN, lw=1.6, solid_capstyle="butt", label=label)
+            label = None
+        if len(parts):
+            ends = parts.reshape(-1, 2)
+            x, y = ends[np.argmax(ends[:, 1])]
+            down = y > right[1] - 0.1 * (right[1] - right[0])  # over a border a title stands
+            word(ax, ridge.label, (float(x), float(y)), (4.0, -3.0) if down else (0.0, 2.0),
+                 ha="left" if down else "center", va="top" if down else "bottom", color=BROWN)  # fmt: skip
 
 
 def _in_brackets(result: Result) -> str:
@@ -134,8 +138,7 @@ def track(result: Result) -> Figure:
         places = in_runway_axes(result, result["/pseudolites/position_llh"])
         plan.plot(places[:, 0], places[:, 1], "^", color=_ORANGE, ms=5, label="pseudolites")
     seen = np.concatenate([path[:, :2], *([places[:, :2]] if names.size else [])])
-    for k, ridge in enumerate(shown_ridges(result)):
-        ridge_line(plan, ridge, *on_plan(seen), label=None if k else "terrain, height of its top")
+    ridge_lines(plan, shown_ridges(result), *on_plan(seen))
     for over in flown_over(result):
         profile.plot([over.along, over.along], [0.0, over.top], color=BROWN, lw=1.6)
         word(profile, over.label, (over.along, over.top), (0.0, 2.0), ha="center", va="bottom", color=BROWN)

@@ -16,7 +16,7 @@ from navsim.report.quantities import about_threshold, in_runway_axes
 from navsim.report.tables import setting
 
 BROWN = "#8C4B00"
-"""Colour of terrain."""
+"""Colour of terrain in print."""
 _AROUND = 1441
 """Azimuths at which a skyline is asked for, a quarter of a degree from each other."""
 _WAY = 500

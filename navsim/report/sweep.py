@@ -467,15 +467,14 @@ def _slice(dimensions_: int, axes: list[int], points: tuple[int, ...]) -> tuple[
 
 def _runway(ax: Axes, result: Result) -> None:
     """Runway, ground track and terrain, as far as they lie in the map."""
-    from navsim.report.figures import ridge_line
+    from navsim.report.figures import ridge_lines
 
     box = ax.get_xlim(), ax.get_ylim()
     ends = [0.0, scenario_setting(result, "runway", "length_m")]
     ax.plot(ends, [0.0, 0.0], color="black", lw=3, solid_capstyle="butt", label="runway")
     track = result["/plan/track_along"], result["/plan/track_right"]
     ax.plot(*track, color="black", lw=0.8, ls="--", label="ground track")
-    for k, ridge in enumerate(shown_ridges(result)):
-        ridge_line(ax, ridge, *box, label=None if k else "terrain, height of its top")
+    ridge_lines(ax, shown_ridges(result), *box)
     ax.set_xlim(box[0])
     ax.set_ylim(box[1])
 

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,14 @@ from navsim.io import swept
 from navsim.io.results import Result, read
 from navsim.kinds import KINDS
 from navsim.report import citations, tables
-from navsim.report.page import landing, placement
+from navsim.report.compare import differences, settings_of
+from navsim.report.page import landing, marks, placement
 from navsim.report.page.document import GENERATOR, Read, page
 from navsim.report.page.marks import MOST_POINTS, some
+from navsim.report.page.terrain import ridge_lines
 from navsim.report.quantities import one_run
 from navsim.report.requirements import box
+from navsim.report.ridges import ShownRidge
 from navsim.report.sky import source_tracks
 from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
@@ -184,6 +188,51 @@ def test_what_differs_is_said(place: Path) -> None:
     assert "runway.heading_deg 0.0 33.0 0.0" in found
     assert "duration_s 65" not in found.partition("Verdicts")[0]
     assert "The settings are the same." in Text(made(place, "replay", "replay")).said
+
+
+def test_what_differs_is_what_was_given() -> None:
+    """No count of 0 beside the list that is in its place, no empty list beside the items of others."""
+    sites = "pseudolites: {count: 0, sites: [{s_m: 3.0}]}\nterrain: []\n"
+    count = "pseudolites: {count: 2, sites: []}\nterrain: [{height_m: 30.0}]\n"
+    table = differences(["a", "b"], [settings_of(Result({"scenario": text}, {})) for text in (sites, count)])
+    assert table is not None
+    assert [row.texts() for row in table.rows] == [
+        ["pseudolites.sites.0.s_m", "3.0", "-"], ["pseudolites.count", "-", "2"], ["terrain.0.height_m", "-", "30.0"],
+    ]  # fmt: skip
+
+
+def luminance(colour: str) -> float:
+    """Relative, of WCAG."""
+    coded = np.array([int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
+    linear = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("paper", ["#ffffff", "#14171c"])
+def test_colours_are_seen_on_light_and_dark_paper(paper: str) -> None:
+    assert paper in made_of("page.css")
+    for colour, least in (*((each, 3.0) for each in marks.COLOURS), (marks.BROWN, 3.9), (marks.TEXT, 3.9)):
+        low, high = sorted((luminance(colour), luminance(paper)))
+        assert (high + 0.05) / (low + 0.05) >= least, colour
+
+
+def made_of(name: str) -> str:
+    """A file that pages are made of."""
+    return files("navsim.report.page").joinpath(name).read_text(encoding="utf-8")
+
+
+def test_heights_of_ridges_are_written_within_the_plan() -> None:
+    """Over the upper end of the line; at a border of what is shown towards its middle."""
+    said = {}
+    for x, y in ((0.0, 0.0), (0.0, 95.0), (-95.0, 0.0), (95.0, 96.0)):
+        on = marks.plot("", "", "")
+        assert ridge_lines(on, [ShownRidge(np.array([[0.0, -90.0, 3.0], [x, y, 3.0]]), 3.0)], (-100, 100), (-100, 100))
+        name = on.renderers[-1].glyph
+        said[x, y] = (name.text_align, name.text_baseline)
+    assert said == {
+        (0.0, 0.0): ("center", "bottom"), (0.0, 95.0): ("left", "top"), (-95.0, 0.0): ("left", "bottom"),
+        (95.0, 96.0): ("right", "top"),
+    }  # fmt: skip
 
 
 def test_verdicts_and_warnings_are_said(place: Path) -> None:
@@ -492,9 +541,9 @@ def test_a_browser_finds_no_fault(browser: Any, place: Path, tmp_path: Path) -> 
     for x in (0.4, 0.5):
         shown.mouse.move(box["x"] + x * box["width"], box["y"] + 0.5 * box["height"])
     shown.wait_for_function(f"{boxes}.length === 3 && {boxes}.filter(v => v === 'visible').length === 1")
-    # on paper a figure that a page has room for is not parted
+    # on paper small figures are not parted, larger ones are, between their panels
     whole = shown.evaluate("[...document.querySelectorAll('figure')].filter(f => f.classList.contains('whole')).length")
-    assert 8 <= whole < Text(file.read_text()).tags["figure"]
+    assert 4 <= whole <= 8 < Text(file.read_text()).tags["figure"]
     assert EVIL in shown.inner_text("header")
     assert said == [f"request: {file.as_uri()}"]
     printed = shown.pdf(format="A4")

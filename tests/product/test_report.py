@@ -27,7 +27,7 @@ from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
 from navsim.report import figures, limits, live, printing, quantities, sweep, tables
 from navsim.report.landing import VIEW
-from navsim.report.ridges import shown_ridges
+from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import console
 from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
@@ -201,6 +201,15 @@ def test_every_figure_fits_its_page(one: Result, many: Result, linear: Result) -
             names.add(name)
             check_page(name, figure)
     assert names == {"track", "sky", "dop", "nees", "fixes", "errors", "budget"}
+
+
+def test_the_legend_has_terrain_whichever_ridge_is_shown() -> None:
+    """The first one is out of sight."""
+    figure = printing.new_figure(3.5, 2.0)
+    ax = figure.subplots()
+    far, near = (ShownRidge(np.array([[at, -50.0, 9.0], [at, 50.0, 9.0]]), 9.0) for at in (900.0, 10.0))
+    figures.ridge_lines(ax, [far, near, near], (-100.0, 100.0), (-100.0, 100.0))
+    assert list(printing.named_handles([ax])) == ["terrain, height of its top"]
 
 
 def test_fixes_lie_about_the_antenna() -> None:

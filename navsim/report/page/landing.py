@@ -15,6 +15,7 @@ from navsim.io.schema import HEIGHTS, RMS_WINDOW
 from navsim.report.page import integrity, rare
 from navsim.report.page.marks import (
     BLUE,
+    BROWN,
     GREY,
     MOST_LINES,
     ORANGE,
@@ -42,7 +43,7 @@ from navsim.report.page.marks import (
     width,
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
-from navsim.report.page.terrain import ridge_lines
+from navsim.report.page.terrain import plan_of, ridge_lines
 from navsim.report.quantities import (
     RunwayErrors,
     descent,
@@ -58,7 +59,7 @@ from navsim.report.quantities import (
     true_for,
 )
 from navsim.report.quantities import heights as height_of
-from navsim.report.ridges import BROWN, flown_over, on_plan, seen_skyline, shown_ridges
+from navsim.report.ridges import clipped, flown_over, on_plan, seen_skyline, shown_ridges
 from navsim.report.sky import SourceTrack, masked, source_tracks
 from navsim.report.tables import box_limits, of_total, outside_box, runs_of, setting, single
 
@@ -93,7 +94,6 @@ def track(results: Sequence[Named]) -> Drawing:
     """Plan view with the pseudolites, and the height over the same distances."""
     plan = plot("Plan", "", "right of the axis, m", 300)
     profile = plot("Height", "along the runway from the threshold, m", "height above the threshold, m", 220)
-    profile.x_range = plan.x_range
     lines: list[Any] = []
     places: list[Any] = []
     thinned = []
@@ -121,13 +121,15 @@ def track(results: Sequence[Named]) -> Drawing:
             names(plan, at[:, 0], at[:, 1], sites)
         if np.isfinite(landed := touchdown(result)):
             upright(profile, float(np.interp(landed, time, path[:, 0])), colour(i) if len(results) > 1 else GREY)
+    view = _plan_view(results)
     hilly = False
     for _, result in results:
-        seen = [in_runway_axes(result, result[path])[:, :2]
-                for path in ("/truth/position_llh", "/pseudolites/position_llh")]  # fmt: skip
-        hilly |= ridge_lines(plan, shown_ridges(result), *on_plan(np.concatenate(seen)))
+        hilly |= ridge_lines(plan, shown_ridges(result), *view)
         for over in flown_over(result):
             profile.segment(over.along, 0.0, over.along, over.top, line_color=BROWN, line_width=3)
+            names(profile, over.along, over.top, [over.label], BROWN, x_offset=0, y_offset=-4, text_align="center")
+    plan.x_range, plan.y_range = (Range1d(low - 0.07 * (high - low), high + 0.07 * (high - low)) for low, high in view)
+    profile.x_range = plan.x_range
     for on in (plan, profile):
         from_runway(on)
         shown = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
@@ -145,6 +147,19 @@ def track(results: Sequence[Named]) -> Drawing:
     keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle"),
             *([Key("terrain", BROWN)] if hilly else [])]  # fmt: skip
     return Drawing("track", "Track over the runway", [plan, profile], caption, keys_of(results, *keys), 1)
+
+
+def _plan_view(results: Sequence[Named]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """What a plan of these landings shows, from and to, along and right, m: runways, ways, pseudolites, and ridges near
+    them."""
+    there = []
+    for _, result in results:
+        seen = np.concatenate([in_runway_axes(result, result[path])[:, :2]
+                               for path in ("/truth/position_llh", "/pseudolites/position_llh")])  # fmt: skip
+        half = 0.5 * setting(result, "runway", "width_m")
+        there += [seen, np.array([[0.0, -half], [setting(result, "runway", "length_m"), half]])]
+        there += [clipped(ridge, *on_plan(seen)).reshape(-1, 2) for ridge in shown_ridges(result)]
+    return plan_of(np.concatenate(there))
 
 
 def sky(results: Sequence[Named]) -> Drawing:
@@ -176,7 +191,7 @@ def _sky(title: str, result: Result, sources: Sequence[SourceTrack], edge: float
     if "/geometry/horizon" in result:
         skyline(on, result["/geometry/bearing"], result["/geometry/horizon"], mask)
     if (terrain := seen_skyline(result)) is not None:
-        skyline(on, *terrain, mask, BROWN)
+        skyline(on, *terrain, mask, BROWN, 0.5)
     marks = []
     for each in sources:
         own, last = ORANGE if each.ground else BLUE, each.last

@@ -33,6 +33,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#A67C00", "#7A6FF0")
 """Of results, and of lines: told apart by the colour-blind (Okabe and Ito; their yellow and sky blue are too light on
 white, and have others in their places), each 3:1 against white and against the page's dark."""
 BLUE, ORANGE, GREEN = COLOURS[:3]
+BROWN = "#A5682A"
+"""Of terrain: 4.5:1 against white, 4:1 against the page's dark."""
 GREY = "#808080"
 TEXT = "#767676"
 """4.5:1 against white, 4:1 against the page's dark."""

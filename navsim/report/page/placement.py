@@ -13,6 +13,7 @@ from navsim.io.results import Result
 from navsim.io.schema import LARGE
 from navsim.report import optimize, sweep
 from navsim.report.page.marks import (
+    BROWN,
     GREY,
     ORANGE,
     Drawing,
@@ -34,7 +35,7 @@ from navsim.report.page.marks import (
     ticks,
 )
 from navsim.report.page.terrain import ridge_lines
-from navsim.report.ridges import BROWN, shown_ridges
+from navsim.report.ridges import shown_ridges
 from navsim.report.table import as_text
 from navsim.report.tables import setting
 
@@ -150,7 +151,7 @@ def _runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.nda
         room = 0.06 * max(high - low, 1.0)
         setattr(on, axis, Range1d(low - room, high + room))
         shown.append((low - room, high + room))
-    ridge_lines(on, shown_ridges(result), *shown)
+    ridge_lines(on, shown_ridges(result), shown[0], shown[1], over_map=True)
     from_runway(on)
 
 

@@ -20,11 +20,13 @@ _LETTERS = Letters(10.0, 10.0, 6.5)
 """Pixels."""
 
 
-def skyline(on: figure, azimuth: np.ndarray, elevation: np.ndarray, mask: float, colour: str = GREY) -> None:
+def skyline(
+    on: figure, azimuth: np.ndarray, elevation: np.ndarray, mask: float, colour: str = GREY, alpha: float = SHADE
+) -> None:
     """Shade on a `sky_paper` what a horizon takes out of the sky above a mask, deg. azimuth, elevation: of its corners,
     rad, azimuths growing; straight between them."""
     x, y = shaded(azimuth, elevation, mask)
-    on.patch("x", "y", source=source(x=x, y=y), fill_color=colour, fill_alpha=SHADE, line_color=None)
+    on.patch("x", "y", source=source(x=x, y=y), fill_color=colour, fill_alpha=alpha, line_color=None)
 
 
 def beside(x: Sequence[float], y: Sequence[float], said: Sequence[str], edge: float) -> dict[str, list[Any]]:
