@@ -193,6 +193,9 @@ _TRUTH = Chapter(
            when=_HORIZON),
         _a("/geometry/behind_terrain", "source", "1", "fix epochs at which terrain hides the source: a satellite that "
            "the mask lets pass, or a pseudolite", _FLOWN, WHOLE, when="where there is `terrain`"),
+        _a("/geometry/shadowed", "source", "1", "fix epochs at which the aircraft is in the way of the source: a "
+           "satellite that the mask lets pass, or a pseudolite", _FLOWN, WHOLE, when="where there is "
+           "`receiver.antenna`"),
         _a("/pseudolites/name", "name", "1", "names of the pseudolites", _FLOWN, TEXT),
         _a("/pseudolites/position_llh", "name llh", "rad, rad, m", "surveyed positions of the pseudolites", _FLOWN),
     ),

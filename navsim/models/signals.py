@@ -156,6 +156,21 @@ class Environment:
         there = ecef_from_llh(self.pseudolites.llh)[None]
         return behind(self.terrain, np.repeat(there, len(antenna), axis=0), antenna)
 
+    def shadowed(self, signals: pseudorange.Signals, c_eb: np.ndarray) -> np.ndarray:
+        """Which sources (e, s) bool the aircraft is in the way of: satellites that are used and that the mask lets
+        pass, pseudolites. c_eb: (e, 3, 3) body axes in ECEF."""
+        if self.antenna is None:
+            return np.zeros(signals.used.shape, bool)
+        away = signals.position - signals.antenna[:, None]
+        with np.errstate(invalid="ignore"):  # satellites without a message at the time
+            towards = away / np.linalg.norm(away, axis=2, keepdims=True)
+            out: np.ndarray = self.antenna.elevation_of(c_eb, towards) < self.antenna.mask
+        chosen = [group.chosen for group in self.satellites] + ([] if self.listed is None else [self.listed.chosen])
+        satellites = slice(0, sum(map(len, chosen)))
+        passed = self.mask.passes(signals.azimuth, signals.elevation)[:, satellites]
+        out[:, satellites] &= passed & np.concatenate([*chosen, np.empty(0, bool)])
+        return out
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the sources (s,): satellites, listed ones, pseudolites."""

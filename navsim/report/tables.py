@@ -142,7 +142,6 @@ def _place(result: Result, path: str, name: str) -> int | None:
 
 
 _RANGE = ("mean", "smallest", "largest")
-_BEHIND = "/geometry/behind_terrain"
 _SENSORS = ("altimeter", "radio_altimeter", "barometric_altimeter")
 """Sections of sensors beside the receiver."""
 _GROUPS, _SOURCES = "/summary/consistency/group", "/summary/budget/source"
@@ -173,19 +172,46 @@ def _aiding(result: Result, sensor: str) -> Cell | str:
                 names=("rejected", "missing", "NIS"), trials=result["/run"].size)  # fmt: skip
 
 
-def _behind_terrain(results: Sequence[Result]) -> list[str]:
-    """Sources to tell of: all pseudolites, and the satellites that terrain hides at some time, in this order."""
-    seen = (zip(result["/geometry/source"], result[_BEHIND], strict=True) for result in results)
-    lost = [str(name) for each in seen for name, times in each if times]
-    return list(dict.fromkeys([*_named(results, "/pseudolites/name"), *lost]))
+_LOSSES = (
+    ("Behind terrain, fix epochs", "hidden", True, "/geometry/behind_terrain"),
+    ("In the shadow of the aircraft, fix epochs", "shadowed", False, "/geometry/shadowed"),
+    ("Too weak or jammed, fix epochs", "lost", False, "/interference/js"),
+)
+"""What takes sources from a receiver that the mask lets pass: the section of the table, a word for it, whether
+pseudolites that it never takes are told of, too, and where results tell of it."""
 
 
-def _behind(result: Result, name: str) -> Cell | str:
-    """At how many fix epochs terrain hides a source."""
+def _taken(result: Result, path: str) -> np.ndarray | None:
+    """At how many fix epochs each source (s,) is lost to what stands there; None where a result has nothing of it."""
+    if path not in result:
+        return None
+    found = result[path]
+    if found.ndim == 1:
+        return found
+    # by how much jammers are stronger, of what would be received without
+    lost: np.ndarray = (~np.isnan(found).all(axis=0) & (result["/interference/held"] == 0)).sum(axis=0)
+    return lost
+
+
+def _losses(table: Table, results: Sequence[Result]) -> None:
+    """Add what sources are lost to, by name: pseudolites first."""
+    for title, word, all_of_them, path in _LOSSES:
+        counts = [_taken(result, path) for result in results]
+        told = [(r, c) for r, c in zip(results, counts, strict=True) if c is not None]
+        lost = [str(name) for r, c in told for name, times in zip(r["/geometry/source"], c, strict=True) if times]
+        ground = [n for n in _named([r for r, _ in told], "/pseudolites/name") if all_of_them or n in lost]
+        if lost or ground:
+            table.head(title, *("" for _ in results))
+        for name in dict.fromkeys([*ground, *lost]):
+            table.add(f"  {name}", *(_lost(r, c, name, word) for r, c in zip(results, counts, strict=True)))
+
+
+def _lost(result: Result, count: np.ndarray | None, name: str, word: str) -> Cell | str:
+    """At how many fix epochs a source is lost to something, which takes each (s,) so often."""
     i = _place(result, "/geometry/source", name)
-    if i is None or _BEHIND not in result:
+    if i is None or count is None:
         return ABSENT
-    return cell("{} of {}", int(result[_BEHIND][i]), result["/geometry/time"].size, names=("hidden", "of"))
+    return cell("{} of {}", int(count[i]), result["/geometry/time"].size, names=(word, "of"))
 
 
 def _budget(result: Result, name: str) -> Cell | str:
@@ -556,10 +582,7 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
         section("Sensors beside the receiver, measurements of all runs")
         for name in sensors:
             row(f"  {name.replace('_', ' ')}", lambda r, n=name: _aiding(r, n))
-    if hidden := _behind_terrain([r for _, r in results if _BEHIND in r]):
-        section("Behind terrain, fix epochs")
-        for name in hidden:
-            row(f"  {name}", lambda r, n=name: _behind(r, n))
+    _losses(table, [r for _, r in results])
     section("Geometry on the glide (mean, min - max)")
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
 

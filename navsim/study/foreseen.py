@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -72,7 +72,7 @@ class Foreseen:
         path = self.trajectory.motion(self.signals.time).position_ecef
         sites = self.environment.pseudolites
         out += _out_of_sight(self.scenario, path, sites.names, sites.llh, np.all(hidden, axis=0))
-        out += self._shadowed()
+        out += self._shadowed() + self._jammed()
         out += _hidden_throughout(self.environment.pseudolites.names, hidden)
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
@@ -120,20 +120,40 @@ class Foreseen:
         keys = ("lateral_m", "along_m" if box.from_threshold_m is None else "from_threshold_m", "vertical_m")
         return [key for key, low, high in zip(keys, lower, upper, strict=True) if not low <= 0.0 <= high]
 
+    @cached_property
+    def shadowed(self) -> np.ndarray:
+        """At which fixes (e, s) bool the aircraft is in the way of which sources, see `Environment.shadowed`."""
+        return self.environment.shadowed(self.signals, self.trajectory.motion(self.signals.time).c_eb)
+
+    def _by_name(self, lost: np.ndarray) -> tuple[list[str], str]:
+        """Of sources that are lost at fixes (e, s) bool: at how many, of pseudolites each by itself, and of all
+        satellites together, "" where it is none."""
+        counts = zip(self.signals.names, lost.sum(axis=0).tolist(), strict=True)
+        told = [(name, f"{name} at {times}") for name, times in counts if times]
+        ground, of = self.environment.pseudolites.names, f"of {self.signals.time.size} fixes"
+        satellites = ", ".join(text for name, text in told if name not in ground)
+        return [f"{text} {of}" for name, text in told if name in ground], satellites and f"{satellites} {of}"
+
     def _shadowed(self) -> list[str]:
-        """Pseudolites that the aircraft is in the way of, by name."""
-        antenna, signals, count = self.environment.antenna, self.signals, len(self.environment.pseudolites.names)
-        if antenna is None or not count:
+        """Sources that the aircraft is in the way of, by name."""
+        pseudolites, satellites = self._by_name(self.shadowed)
+        return [f"receiver.antenna: the aircraft shadows {text}" for text in (*pseudolites, satellites) if text]
+
+    def _jammed(self) -> list[str]:
+        """Sources that are lost since pseudolites jam, and would not be else, by name."""
+        jamming, signals = self.environment.jamming, self.signals
+        if jamming is None or jamming.pseudolites is None:
             return []
-        away = signals.position[:, -count:] - signals.antenna[:, None]
-        towards = away / np.linalg.norm(away, axis=2, keepdims=True)
-        c_eb = self.trajectory.motion(signals.time).c_eb
-        hidden = (antenna.elevation_of(c_eb, towards) < antenna.mask).sum(axis=0)
-        return [
-            f"receiver.antenna: the aircraft shadows {name} at {times} of {signals.time.size} fixes"
-            for name, times in zip(self.environment.pseudolites.names, hidden.tolist(), strict=True)
-            if times
-        ]
+        if not (~np.isnan(signals.js).all(axis=0) & ~signals.used).any():  # nothing that arrives is lost
+            return []
+        from navsim.models.signals import build_signals
+
+        quiet = replace(self.environment, jamming=replace(jamming, pseudolites=None))
+        motion = self.trajectory.motion(signals.time)
+        without = build_signals(motion, self.scenario.epoch.timestamp(), quiet).used
+        pseudolites, satellites = self._by_name(without & ~signals.used)
+        by = "interference.pseudolites: jammed by pseudolites"
+        return [f"{by}: {text}" for text in (*pseudolites, satellites) if text]
 
     def _received(self, event: EventSection) -> bool:
         """Whether any source of an event is, while it lasts."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
 import numpy as np
@@ -13,7 +14,8 @@ from navsim.report import tables
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.source import InputError
 from navsim.simulation.landing import measured
-from navsim.study.landing import covariance_analysis
+from navsim.study.landing import covariance_analysis, covariance_result
+from navsim.study.landing.case import Case
 from tests.conftest import ROOT
 from tests.helpers import case, scenario
 
@@ -48,6 +50,41 @@ def test_shadowed_pseudolites_are_counted_by_name() -> None:
         text = f"receiver.antenna: the aircraft shadows {name} at {times} of 60 fixes"
         assert [said for said in flown.warnings if said == text]
     assert not [said for said in case(*settings, "receiver.antenna={}").warnings if "shadows" in said]
+
+
+def lost_by_name(flown: Case, title: str) -> dict[str, str]:
+    """The rows of a section of the table of a covariance analysis: source, and at how many fixes it is lost."""
+    rows = tables.summary_table([("x", covariance_result(flown, covariance_analysis(flown), 1))]).rows
+    rest = rows[[row.cells[0] for row in rows].index(title) + 1 :]
+    own = itertools.takewhile(lambda row: not row.heading, rest)
+    return {name.strip(): said for name, said in (row.texts() for row in own)}
+
+
+def test_satellites_in_the_shadow_are_counted_by_name() -> None:
+    """Those that the mask lets pass and that are not excluded: a belly antenna loses what is above it."""
+    settings = (*BRIEF, "method=covariance", "sky.exclude=[G14]")
+    plain, flown = case(*settings), case(*settings, "receiver.antenna={mount: belly, mask_deg: -20}")
+    seen, left = (c.world.signals.used.sum(axis=0) for c in (plain, flown))
+    lost = {n: int(k) for n, k in zip(plain.world.signals.names, seen - left, strict=True) if k}
+    assert len(lost) > 2
+    told = ", ".join(f"{name} at {times}" for name, times in lost.items())
+    assert f"receiver.antenna: the aircraft shadows {told} of 60 fixes" in flown.warnings
+    found = lost_by_name(flown, "In the shadow of the aircraft, fix epochs")
+    assert found == {name: f"{times} of 60" for name, times in lost.items()}
+
+
+def test_satellites_that_pseudolites_jam_are_counted_by_name() -> None:
+    silent = "events=[{what: silence, sources: [G07], at_s: 0}]"
+    settings = (*BRIEF, "method=covariance", "pseudolites.eirp_dbm=-7", "pseudolites.l1_m=500", silent)
+    plain, flown = case(*settings), case(*settings, "interference={pseudolites: {isolation_db: 21.1}}")
+    seen, left = (c.world.signals.used.sum(axis=0) for c in (plain, flown))
+    lost = {n: int(k) for n, k in zip(plain.world.signals.names, seen - left, strict=True) if k}
+    assert lost
+    assert "G07" not in lost
+    told = ", ".join(f"{name} at {times}" for name, times in lost.items())
+    assert f"interference.pseudolites: jammed by pseudolites: {told} of 60 fixes" in flown.warnings
+    found = lost_by_name(flown, "Too weak or jammed, fix epochs")
+    assert found == {name: f"{times} of 60" for name, times in lost.items()}
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,8 @@ def _geometry(draft: Draft, case: Case) -> None:
         draft["/geometry/horizon"] = horizon.elevation
     if case.environment.sight_placed:
         draft["/geometry/behind_terrain"] = case.behind_terrain().sum(axis=0)
+    if case.environment.antenna is not None:
+        draft["/geometry/shadowed"] = case.foreseen.shadowed.sum(axis=0)
     pseudolites = case.pseudolites
     draft["/pseudolites/name"] = np.array(pseudolites.names, dtype=object)
     draft["/pseudolites/position_llh"] = pseudolites.llh
