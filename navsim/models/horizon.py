@@ -7,11 +7,10 @@ Sources: [1] ITU-R P.526, section 4.1 (one knife edge; rays over an Earth of 4/3
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
+from navsim.core.arrays.horizon import crossings
 from navsim.models.interference import EARTH_RADIUS, edge_loss, edge_parameter
 from navsim.models.sky import enu_matrix, unit_vector
 
@@ -39,48 +38,6 @@ def skyline(eye: np.ndarray, azimuths: tuple[float, float], elevation: float, di
     towards = unit_vector(edges, np.full(edges.shape, elevation)) * distance / np.cos(elevation)
     points = ecef_from_llh(eye) + towards @ enu_matrix(eye)
     return np.stack([points[:-1], points[1:]], axis=1)
-
-
-def upright_planes(tops: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of ridges (w, 2, 3), ECEF, m: where each begins, its top, m, the vertical at its middle, and what of its top is
-    level, m, (w, 3) each."""
-    first, along = tops[:, 0], tops[:, 1] - tops[:, 0]
-    up = enu_matrix(llh_from_ecef(tops.mean(axis=1)))[:, 2]
-    return first, along, up, along - np.sum(along * up, axis=1, keepdims=True) * up
-
-
-@dataclass(frozen=True)
-class Crossings:
-    """Where straight paths from a transmitter to antennas go through the upright planes of ridges, (e, w) each.
-
-    between: whether they do, beneath a top or above it, on the way. share: of the way, from the transmitter on. over:
-    height of the top there over the path, m. way: (e, 1, 3) the paths, m. along: (w, 3) the tops, m. up: (w, 3) the
-    verticals of the planes.
-    """
-
-    between: np.ndarray
-    share: np.ndarray
-    over: np.ndarray
-    way: np.ndarray
-    along: np.ndarray
-    up: np.ndarray
-
-
-def crossings(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray) -> Crossings:
-    """See `Crossings`; tops: (w, 2, 3) ends of the ridges' tops, place: (3,) or (e, 1, 3), antenna: (e, 3), ECEF, m."""
-    first, along, up, level = upright_planes(tops)
-    way = antenna[:, None] - place
-    # where the straight path goes through the upright plane of each ridge
-    normal = np.cross(along, up)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sum((first - place) * normal, axis=-1) / np.einsum("eki,wi->ew", way, normal)
-    between = (share > 0.0) & (share < 1.0)
-    share = np.where(between, share, 0.5)
-    crossing = place + share[..., None] * way
-    beside = np.sum((crossing - first) * level, axis=2) / np.sum(level**2, axis=1)
-    between &= (beside >= 0.0) & (beside <= 1.0)
-    over = np.sum((first + beside[..., None] * along - crossing) * up, axis=2)
-    return Crossings(between, share, over, way, along, up)
 
 
 def ridge_loss(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray, wavelength: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.core.arrays import earth
+from navsim.core.arrays.horizon import between
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Horizon:
 
     def at(self, azimuth: np.ndarray) -> np.ndarray:
         """Its elevation at azimuths, rad."""
-        return np.interp(azimuth, self.azimuth, self.elevation, period=2 * np.pi)
+        return between(self.azimuth, self.elevation, azimuth)
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
+from navsim.core.arrays.horizon import crossings, reach
 from navsim.io.export import true_antenna
 from navsim.io.results import Result
-from navsim.io.ridges import ridges
-from navsim.report.quantities import about_threshold, in_runway_axes
+from navsim.io.ridges import RidgeLine, ridges
+from navsim.report.quantities import about_threshold
 from navsim.report.tables import setting
 
 BROWN = "#8C4B00"
@@ -83,32 +84,24 @@ class FlownOver:
 
 def flown_over(result: Result) -> list[FlownOver]:
     """Where the true way of a landing goes over ridges, or through them."""
-    path = in_runway_axes(result, result["/truth/position_llh"])
+    path = ecef_from_llh(result["/truth/position_llh"])
     step = max(1, -(-len(path) // _WAY))
-    way = np.concatenate([path[::step], path[-1:]])[:, :2]
+    way = np.concatenate([path[::step], path[-1:]])
+    heading = np.radians(setting(result, "runway", "heading_deg"))
     out = []
-    for ridge in shown_ridges(result):
-        first, second = ridge.places[:-1], ridge.places[1:]
-        for k in range(len(first)):
-            share, of_top = _crossing(way[:-1], way[1:], first[k, :2], second[k, :2])
-            for i in np.flatnonzero((share >= 0.0) & (share < 1.0) & (of_top >= 0.0) & (of_top < 1.0)):
-                along = float(way[i, 0] + share[i] * (way[i + 1, 0] - way[i, 0]))
-                top = float(first[k, 2] + of_top[i] * (second[k, 2] - first[k, 2]))
-                out.append(FlownOver(along, top, ridge.label))
+    for ridge in ridges(result):
+        c = crossings(_tops(ridge), way[:-1, None], way[1:])
+        leg, part = np.nonzero(c.between)
+        over = way[leg] + c.share[leg, part, None] * c.way[leg, 0] + c.over[leg, part, None] * c.up[part]
+        for along, _, top in about_threshold(llh_from_ecef(over), result["/truth/threshold_llh"], heading).tolist():
+            out.append(FlownOver(along, top, f"{ridge.height:.0f} m"))
     return out
 
 
-def _crossing(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where straight lines from p to q (n, 2) meet the one from a to b (2,), as shares of both; nan where they are
-    parallel."""
-    way, top = q - p, b - a
-    turn = way[:, 0] * top[1] - way[:, 1] * top[0]
-    gap = a - p
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (gap[:, 0] * top[1] - gap[:, 1] * top[0]) / turn
-        of_top = (gap[:, 0] * way[:, 1] - gap[:, 1] * way[:, 0]) / turn
-    parallel = turn == 0.0
-    return np.where(parallel, np.nan, share), np.where(parallel, np.nan, of_top)
+def _tops(ridge: RidgeLine) -> np.ndarray:
+    """Ends (w, 2, 3) of the straight parts of its top, ECEF, m."""
+    places = ecef_from_llh(ridge.llh)
+    return np.stack([places[:-1], places[1:]], axis=1)
 
 
 def seen_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
@@ -118,20 +111,5 @@ def seen_skyline(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
     if not given:
         return None
     eye = true_antenna(result)[-1]
-    to_enu = ned_matrix(llh_from_ecef(eye))[[1, 0, 2]] * np.array([1.0, 1.0, -1.0])[:, None]
     azimuth = np.linspace(0.0, 2.0 * np.pi, _AROUND)
-    s, c = np.sin(azimuth), np.cos(azimuth)
-    highest = np.full(azimuth.size, -0.5 * np.pi)
-    for ridge in given:
-        places = (ecef_from_llh(ridge.llh) - eye) @ to_enu.T
-        for a, b in itertools.pairwise(places):
-            # the share of the way from a to b at which it stands in the azimuth, and how far away
-            left, right = a[0] * c - a[1] * s, b[0] * c - b[1] * s
-            with np.errstate(divide="ignore", invalid="ignore"):
-                share = left / (left - right)
-            east, north, up = (a[i] + share * (b[i] - a[i]) for i in range(3))
-            away = east * s + north * c
-            there = (share >= 0.0) & (share <= 1.0) & (away > 0.0)
-            elevation = np.arctan2(up, away, where=there, out=np.full(azimuth.size, -0.5 * np.pi))
-            highest = np.maximum(highest, elevation)
-    return azimuth, highest
+    return azimuth, reach(np.concatenate([_tops(each) for each in given]), eye, azimuth)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navsim.core.arrays.horizon import between
 from navsim.io.results import Result
 from navsim.report.names import ON, Covered, Letters, Side
 from navsim.report.tables import setting
@@ -48,7 +49,7 @@ def shaded(azimuth: np.ndarray, elevation: np.ndarray, mask: float) -> tuple[np.
     """The outline (n,), (n,) of what a horizon takes out of the sky above a mask, deg, to the east and north, deg.
     azimuth, elevation: of its corners, rad, azimuths growing; straight between them."""
     around = np.union1d(np.linspace(0.0, 2.0 * math.pi, 361), azimuth)
-    over = np.degrees(np.interp(around, azimuth, elevation, period=2.0 * math.pi))
+    over = np.degrees(between(azimuth, elevation, around))
     radius = np.concatenate((np.full(around.size, 90.0 - mask), (90.0 - np.maximum(over, mask))[::-1]))
     there = np.concatenate((around, around[::-1]))
     return radius * np.sin(there), radius * np.cos(there)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from navsim.core.arrays.earth import llh_from_ecef
+from navsim.core.arrays.horizon import upright_planes
 from navsim.core.dop import MAX_CLOCKS, normals
 from navsim.core.lanes import WIDTH, in_lanes
 from navsim.core.placement import (
@@ -27,7 +28,6 @@ from navsim.core.placement import (
     SAT_WEIGHT,
     placement_dops,
 )
-from navsim.models.horizon import upright_planes
 from navsim.models.kinematics import Moving
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from navsim.core.arrays.earth import llh_from_ecef
+from navsim.core.arrays.horizon import crossings, reach
 from navsim.io.export import export
 from navsim.io.results import Result
 from navsim.io.schema import COVARIANCE
@@ -104,9 +105,30 @@ def test_only_what_is_low_is_asked() -> None:
     sources[:, 0] = np.nan
     found = horizon.behind(tops, sources, antenna)
     for i in range(60):
-        c = horizon.crossings(tops, sources[:, i, None], antenna)
+        c = crossings(tops, sources[:, i, None], antenna)
         np.testing.assert_array_equal(found[:, i], (c.between & (c.over > 0.0)).any(axis=1))
     assert 0.05 < found.mean() < 0.95
+
+
+def test_what_ridges_hide_of_the_sky_ends_where_they_begin_to_hide() -> None:
+    """Far points a hair under and over the elevation that random ridges reach: hidden, and not."""
+    rng = np.random.default_rng(8)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 721)
+    hidden = 0
+    for _ in range(40):
+        eye = cartesian(56.0, 37.0, rng.uniform(0.0, 100.0))
+        ends = rng.uniform([55.97, 36.95], [56.03, 37.05], (6, 2, 2))
+        tops = np.array([[cartesian(*end, height) for end in pair]
+                         for pair, height in zip(ends, rng.uniform(0.0, 150.0, 6), strict=True)])  # fmt: skip
+        edge = reach(tops, eye, azimuth)
+        sides = np.degrees(np.abs(np.diff(edge, prepend=edge[-2]))) > 1.0  # where a ridge ends, its side is upright
+        for off, wanted in ((-1e-5, edge > -0.5 * np.pi), (1e-5, np.zeros(azimuth.size, bool))):
+            at = np.where(edge > -0.5 * np.pi, edge + off, off)
+            away = 1e6 * unit_vector(azimuth, at) @ enu_matrix(llh_from_ecef(eye))
+            found = horizon.behind(tops, (eye + away)[None], eye[None])[0]
+            np.testing.assert_array_equal(found[~sides], wanted[~sides])
+            hidden += int(found.sum())
+    assert hidden > 5000
 
 
 @pytest.fixture(scope="module")

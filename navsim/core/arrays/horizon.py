@@ -1,0 +1,77 @@
+"""What stands over the horizon: tops of ridges, straight edges between two places, that paths go over or under and that
+hide a part of the sky; elevations by azimuth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
+
+
+def upright_planes(tops: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of ridges (w, 2, 3), ECEF, m: where each begins, its top, m, the vertical at its middle, and what of its top is
+    level, m, (w, 3) each."""
+    first, along = tops[:, 0], tops[:, 1] - tops[:, 0]
+    up = -ned_matrix(llh_from_ecef(tops.mean(axis=1)))[:, 2]
+    return first, along, up, along - np.sum(along * up, axis=1, keepdims=True) * up
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Where straight paths from a transmitter to antennas go through the upright planes of ridges, (e, w) each.
+
+    between: whether they do, beneath a top or above it, on the way. share: of the way, from the transmitter on. over:
+    height of the top there over the path, m. way: (e, 1, 3) the paths, m. along: (w, 3) the tops, m. up: (w, 3) the
+    verticals of the planes.
+    """
+
+    between: np.ndarray
+    share: np.ndarray
+    over: np.ndarray
+    way: np.ndarray
+    along: np.ndarray
+    up: np.ndarray
+
+
+def crossings(tops: np.ndarray, place: np.ndarray, antenna: np.ndarray) -> Crossings:
+    """See `Crossings`; tops: (w, 2, 3) ends of the ridges' tops, place: (3,) or (e, 1, 3), antenna: (e, 3), ECEF, m."""
+    first, along, up, level = upright_planes(tops)
+    way = antenna[:, None] - place
+    # where the straight path goes through the upright plane of each ridge
+    normal = np.cross(along, up)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.sum((first - place) * normal, axis=-1) / np.einsum("eki,wi->ew", way, normal)
+    between = (share > 0.0) & (share < 1.0)
+    share = np.where(between, share, 0.5)
+    crossing = place + share[..., None] * way
+    beside = np.sum((crossing - first) * level, axis=2) / np.sum(level**2, axis=1)
+    between &= (beside >= 0.0) & (beside <= 1.0)
+    over = np.sum((first + beside[..., None] * along - crossing) * up, axis=2)
+    return Crossings(between, share, over, way, along, up)
+
+
+def reach(tops: np.ndarray, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Up to which elevations ridges hide the sky from an eye (3,) at azimuths (n,): (n,), -pi/2 where none stands, rad.
+    tops: (w, 2, 3) ends of their tops, ECEF, m."""
+    to_enu = ned_matrix(llh_from_ecef(eye))[[1, 0, 2]] * np.array([1.0, 1.0, -1.0])[:, None]
+    s, c = np.sin(azimuth), np.cos(azimuth)
+    highest = np.full(azimuth.size, -0.5 * np.pi)
+    for a, b in (tops - eye) @ to_enu.T:
+        # the share of the way from a to b at which it stands in the azimuth, and how far away
+        left, right = a[0] * c - a[1] * s, b[0] * c - b[1] * s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = left / (left - right)
+        east, north, up = (a[i] + share * (b[i] - a[i]) for i in range(3))
+        away = east * s + north * c
+        there = (share >= 0.0) & (share <= 1.0) & (away > 0.0)
+        elevation = np.arctan2(up, away, where=there, out=np.full(azimuth.size, -0.5 * np.pi))
+        highest = np.maximum(highest, elevation)
+    return highest
+
+
+def between(azimuth: np.ndarray, elevation: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """A horizon at azimuths, rad: straight over the azimuth between those (n,) at which its elevation is told, which
+    grow, and from the last one on to the first."""
+    return np.interp(at, azimuth, elevation, period=2 * np.pi)
