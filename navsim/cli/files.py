@@ -18,22 +18,34 @@ from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
 from navsim.scenario import shipped
 from navsim.scenario.shipped import names
+from navsim.work.errors import BadInput
 from navsim.work.opening import checked, schema_of
 
 
 def validate(
-    scenario: Annotated[
-        Path, typer.Argument(metavar="FILE.yaml", help="The scenario, study or log to check.", show_default=False)
+    scenarios: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE.yaml", help="The scenario, study or log to check; or more.", show_default=False),
     ],
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
     """Check a scenario, study or log, and the files that it names, and say what is wrong with it."""
-    with leaving():
-        _, document, warnings = checked(scenario, set_ or [])
-    for text in warnings:
-        AT_TERMINAL.warn(text)
-    kind = str(document.data["kind"])
-    print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")
+    right = True
+    for scenario in scenarios:
+        of = f"{scenario}: " if len(scenarios) > 1 else ""
+        try:
+            _, document, warnings = checked(scenario, set_ or [])
+        except BadInput as error:
+            right = False
+            for problem in error.problems:
+                say(f"error: {'' if problem.file == str(scenario) else of}{problem}")
+            continue
+        for text in warnings:
+            AT_TERMINAL.warn(f"{of}{text}")
+        kind = str(document.data["kind"])
+        print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")
+    if not right:
+        leave(BAD_INPUT)
 
 
 def schema(

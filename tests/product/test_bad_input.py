@@ -106,6 +106,20 @@ def test_scenario_refused(name: str, change: tuple[str, str], fragments: list[st
     assert_refused(done, workplace, ["s.yaml:" if name in ELSEWHERE else place, *fragments])
 
 
+def test_several_files_are_checked_each(workplace: Path) -> None:
+    """Those that are right are told of beside those that are not; what no file says is told with the file's name."""
+    (workplace / "s.yaml").write_text(LANDING)
+    (workplace / "wrong.yaml").write_text(LANDING.replace("mask_deg: 5", "mask_deg: 500"))
+    done = navsim("validate", "wrong.yaml", "s.yaml", "none.yaml", cwd=workplace)
+    assert done.returncode == 2
+    assert done.stdout == "s.yaml: a valid scenario of kind landing\n"
+    first, second = done.stderr.splitlines()
+    assert first.startswith("error: wrong.yaml:")
+    assert second.startswith("error: none.yaml: cannot be read")
+    done = navsim("validate", "s.yaml", "s.yaml", "--set", "x=1", cwd=workplace)
+    assert done.stderr.count("error: s.yaml: --set x=1: x: unknown key") == 2
+
+
 def test_several_mistakes_are_reported_together(workplace: Path) -> None:
     text = LANDING.replace("duration_s: 120", "duratoin_s: 120").replace("mask_deg: 5", "mask_deg: 500")
     text = text.replace("  preset: paper ", "  accelerometer:\n    bias_mg: -1\n  preset: paper ")
