@@ -9,8 +9,9 @@ STAMP  := $(VENV)/.installed
 run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and its figures
 	$(BIN)/navsim run scenarios/landing.yaml
 
+# the tests of a file stay in one process, which makes what they share once
 test: $(STAMP)           ## the whole test suite
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 docs: $(STAMP)           ## docs/result-file.md, docs/reference and the names of keys from the schemas, docs/validation.md from the oracle tests
 	$(BIN)/python scripts/key_names.py
@@ -53,15 +54,16 @@ release: $(STAMP)        ## sdist and wheel in dist/, tried under every Python a
 bench: $(VENV)/.bench    ## speed as ratios within one run: rivals, the version before, C, sizes; 20 minutes; benchmarks/RESULTS.md
 	$(BIN)/python benchmarks/run.py
 
+# most modules are never imported, the others compiled when they are
 $(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "navsim needs Python 3.11 or newer, this is " + sys.version)'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	touch $@
 
 $(VENV)/.bench: $(STAMP) requirements-bench.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-bench.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-bench.lock
 	touch $@
 
 clean:                   ## remove the environment and everything generated
