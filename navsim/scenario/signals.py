@@ -456,7 +456,7 @@ class PseudolitesSection(Section):
             survey_sigma=self.survey_sigma_m,
             clock_sigma=SPEED_OF_LIGHT * self.clock_sigma_ns * 1e-9,
             clock_density=(0.0, 0.0) if self.clock_noise is None else self.clock_noise.densities(),
-            clock_age=self.clock_age_s or 0.0,
+            clock_age=0.0 if self.clock_age_s is None else self.clock_age_s,
             radiated=None
             if self.eirp_dbm is None
             else Radiated(self.eirp_dbm - 30.0, None if self.pattern is None else self.pattern.model()),
