@@ -372,7 +372,7 @@ def assert_close(found: np.ndarray, expected: np.ndarray, pdop: np.ndarray) -> N
 
 
 @pytest.mark.parametrize(
-    "name", ["landing", "landing_smooth", *(pytest.param(n, marks=pytest.mark.long) for n in ("s_turn", "circuit"))]
+    "name", ["landing", *(pytest.param(n, marks=pytest.mark.long) for n in ("landing_smooth", "s_turn", "circuit"))]
 )
 @settings(
     max_examples=EXAMPLES,
@@ -461,7 +461,7 @@ def test_placement_path_equals_the_landing(
         assert_close(found[len(expected) :], later, later[:, :1])
 
 
-@pytest.mark.parametrize("name", ["landing", "landing_smooth"])
+@pytest.mark.parametrize("name", ["landing", pytest.param("landing_smooth", marks=pytest.mark.long)])
 @settings(max_examples=8, derandomize=True, suppress_health_check=list(HealthCheck), phases=PHASES)
 @given(
     st.fixed_dictionaries({}, optional=DRAWN | {"duration_s": st.sampled_from([50.0, 62.3, 105.0])}),

@@ -122,7 +122,7 @@ def test_an_outage_of_all_and_of_some(written: Written) -> None:
     assert np.all(some["/innovations/degrees"][(some["/innovations/time"] > 45.5) & inside] == 6)
 
 
-@pytest.mark.parametrize("kind", ["rts", "map", "gaussian-sum"])
+@pytest.mark.parametrize("kind", [pytest.param("rts", marks=pytest.mark.long), "map", "gaussian-sum"])
 def test_other_kinds(written: Written, kind: str) -> None:
     one = replayed(written.folder / "log.yaml", f"filter.kind={kind}", "end_s=40")
     assert np.sqrt(np.mean(off(one, written.truth)[100:] ** 2)) < 1.0
