@@ -159,8 +159,8 @@ def mark_warm(name: str) -> None:
 def compiling() -> str:
     """What is said before kernels are compiled: how long it takes, and where the machine code goes."""
     if _NOT_KEPT:
-        return f"compiling the kernels, up to a minute at every start: {_NOT_KEPT}"
-    return f"compiling the kernels, once, up to a minute; kept in {_CACHE}"
+        return f"compiling the kernels, about a minute at every start: {_NOT_KEPT}"
+    return f"compiling the kernels, once, about a minute; kept in {_CACHE}"
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:

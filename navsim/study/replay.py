@@ -220,6 +220,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     aligned = _align(scenario, samples, fixes, first, gyro, accel, settings[4])
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
+    warnings += _outages_elsewhere(scenario, aligned.time, float(samples.time[-1]))
     return Recording(
         scenario,
         samples,
@@ -546,6 +547,18 @@ def findings(recording: Recording, result: Result, withheld: np.ndarray) -> list
         text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
         out.append(Finding("gap", text, (), 1, 1, 1, begin))
     return out + of_flight(result, recording.scenario.filter.gate.probability, withheld)
+
+
+def _outages_elsewhere(scenario: Replay, first: float, last: float) -> list[str]:
+    """What to warn of outages that are not within the flight, from first to last, s: nothing is known of them."""
+    out = []
+    for i, outage in enumerate(scenario.outages):
+        spans = _spans(outage)
+        away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
+        if away:
+            flown = f"what is flown, {first:.1f} to {last:.1f} s"
+            out.append(f"outages.{i}: {len(away)} of {len(spans)} are not within {flown}, and not judged: {away[0]}")
+    return out
 
 
 def _spans(outage: Outage) -> list[tuple[float, float]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from navsim.words import again
+from navsim.words import again, switch
 from navsim.work.afford import Request, afford, tell
 from navsim.work.errors import BadInput, RunFailed, failures, said
 from navsim.work.required import Demands, wanting
@@ -118,7 +118,7 @@ def _told(name: object, job: Job, target: Path, order: Order, listener: Listener
         budget = replace(budget, time_s=SHELL_TIME + prepared + seconds)
     tell(asked, budget, listener.speech, timed=seconds is not None)
     if not jit.is_warm(job.kernels):
-        listener.speech.say("compiling the kernels, once, takes up to a minute more")
+        listener.speech.say("compiling the kernels, once, takes about a minute more")
     listener.speech.say(f"{name}: {job.described()}; would write {target}")
     if kept := _begun_before(job, target, budget.time_s, order.options.fresh):
         listener.speech.say(kept)
@@ -158,10 +158,14 @@ def _computed(
 
     store = _store(job, target, order)
     former = _which(target)
+    refused = False
 
     def kept() -> str:
         if store is None or not store.holds_work():
             return f"nothing of it is kept; {again()} begins anew"
+        if refused:
+            way = f"move {target} away, or give {switch('force')}: {again()} then writes them, computing nothing anew"
+            return f"finished {job.work} are kept in {store.folder}; {way}"
         resume = f", or navsim resume {shlex.quote(str(store.folder))}" if order.command else ""
         return f"finished {job.work} are kept in {store.folder}; {again()} goes on from there{resume}"
 
@@ -174,7 +178,9 @@ def _computed(
                 outcome = job.run(executor, store, tell)
             if not job.sort.count and "/run" in outcome.result:  # how many runs there are is known only now
                 count = int(outcome.result["/run"].size)
+                refused = True
                 refuse_other(target, replace(job.sort, count=count), order.force)
+                refused = False
             written = save(outcome.result, target, None if outcome.interrupted else drawing)
     except RunFailed as error:
         last = error.problems[-1]

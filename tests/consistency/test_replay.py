@@ -167,6 +167,7 @@ def test_outages_withheld_and_drift(tmp_path: Path) -> None:
         tmp_path / "log.yaml", "tuning=none", "gnss.latency_s=0.12",
         "outages=[{start_s: [50, 60], duration_s: [5, 20]}, {start_s: 70, duration_s: 3, withhold: true}]",
     )  # fmt: skip
+    assert not any(found.text.startswith("outages.") for found in findings.of(result))
     length = result["/outages/end"] - result["/outages/start"]
     drift = result["/outages/horizontal_error"]
     assert sorted(length) == [3.0, 5.0, 5.0, 20.0, 20.0]
@@ -175,6 +176,17 @@ def test_outages_withheld_and_drift(tmp_path: Path) -> None:
     t = result["/innovations/time"]
     withheld = np.isnan(result["/innovations/position_ned"][:, 0])
     np.testing.assert_array_equal(withheld, (t >= 70.0) & (t <= 73.0))
+
+
+def test_outages_that_are_not_flown_are_said(tmp_path: Path) -> None:
+    """Of one that begins or ends where nothing is recorded there is no drift, and it is not passed over."""
+    write_flight(tmp_path)
+    recording = replay.prepare(
+        *read_replay(tmp_path / "log.yaml", ("tuning=none", "outages=[{start_s: [50, 6000], duration_s: [5, 1000]}]"))
+    )
+    (told,) = [text for text in recording.warnings if text.startswith("outages.0: ")]
+    assert told.startswith("outages.0: 3 of 4 are not within what is flown, ")
+    assert told.endswith(", and not judged: 6000 to 6005 s")
 
 
 def test_nmea_is_as_good_as_a_table(tmp_path: Path) -> None:

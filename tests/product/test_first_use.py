@@ -111,7 +111,7 @@ def test_nor_do_those_that_are_found_to_be_enough(tmp_path: Path) -> None:
     until = (*run, "--until", "rms_horizontal within 20%")
     refused = navsim(*until, cwd=tmp_path, code=3).stderr
     assert "holds 40 runs, which 32 would replace; choose another -o/--output" in refused
-    assert "finished runs are kept in r.h5.partial" in refused
+    assert "finished runs are kept in r.h5.partial; move r.h5 away, or give --force: the same command" in refused
     assert (tmp_path / "r.h5").read_bytes() == before
     navsim(*until, "--force", cwd=tmp_path)
     assert read_sort(tmp_path / "r.h5").count == 32

@@ -324,7 +324,7 @@ def test_where_machine_code_is_kept(tmp_path: Path) -> None:
 def test_where_none_can_be_kept_the_reason_is_said(tmp_path: Path) -> None:
     """No home, a file in place of a folder, a folder that can only be read: which is used."""
     nobody = "import os; os.path.expanduser = lambda path: path;"
-    always = "compiling the kernels, up to a minute at every start: "
+    always = "compiling the kernels, about a minute at every start: "
     assert place({}, nobody) == ("None", f"{always}no home folder is known, set NUMBA_CACHE_DIR")
     blocked = tmp_path / "file"
     blocked.write_text("")

@@ -39,7 +39,7 @@ class _Prepared:
 
     def __init__(self, section: Landing, document: Document) -> None:
         self.section, self.document = section, document
-        self.kernels = f"landing-{section.method}-{section.filter.kind}"
+        self.kernels = f"landing-{section.method}-{section.filter.kind}-{section.filter.coupling}"
 
     def _prepare(self, runs: int, keep: str, executor: Executor, allow: Allow, at_most: bool) -> None:
         def ask(scenario: Landing, sources: Environment) -> None:

@@ -24,7 +24,7 @@ class ReplayJob:
             raise OptionError(f"{option('require')}: a recorded flight has no requirements")
         self.section, self.document = section, document
         self.sort = Sort("replay")
-        self.kernels = f"replay-{section.filter.kind}"
+        self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"
 
     @property
     def extent(self) -> int:
