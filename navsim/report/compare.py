@@ -27,7 +27,7 @@ def settings_of(result: Result) -> dict[str, str]:
         if part in result.attributes:
             _flatten(found, "" if part == "scenario" else f"{part}.", yaml.safe_load(str(result.attributes[part])))
     if any(key.startswith("pseudolites.sites.") for key in found):
-        del found["pseudolites.count"]  # 0: the list is in its place
+        found.pop("pseudolites.count", None)  # 0, if it is told: the list is in its place
     return found
 
 
