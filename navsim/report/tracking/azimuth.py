@@ -21,6 +21,8 @@ _WORDS = {
 }  # fmt: skip
 CLAIM = (1.5, 1.8)
 """What the paper claims: 1.5 to 1.8 times smaller errors."""
+GROWTH = (1.5, 2.0)
+"""What the paper claims of Singer's filter: errors 1.5 to 2 times larger in a manoeuvre."""
 
 
 def tables(result: Result) -> list[Table | str]:
@@ -48,6 +50,8 @@ def tables(result: Result) -> list[Table | str]:
         verdict = "met by the rigorous acceleration" if met else "not met"
         claim.add(cell("{:g}", float(period)), *(interval(each, 3) for each in values), verdict)
     parts.append(claim)
+    if "/summary/growth" in result:
+        parts += _growth(result)
     ages = Table("L4 in the manoeuvre by age of reports, deg", ("T, s", "age, s", "unknown to the filter", "stamped"))
     for i, period in enumerate(periods):
         for j, late in enumerate(result["/latency"]):
@@ -63,6 +67,53 @@ def tables(result: Result) -> list[Table | str]:
         "carry load factors: roll and track rate of BDS 5,0 do as well."
     )
     return parts
+
+
+def growth_verdict(mean: float, peak: float, runs: int) -> str:
+    """Verdict on the claim that errors grow in a manoeuvre, from the growth of the RMSE and of its largest value."""
+    low, high = GROWTH
+    if runs == 1 or not np.isfinite(mean):
+        return "none from a single run"
+    if mean > high:
+        return "larger than claimed"
+    if mean >= low:
+        return "met"
+    if peak < low:
+        return "not met"
+    return f"not met on average, {'met' if peak <= high else 'exceeded'} at the largest error"
+
+
+def _growth(result: Result) -> list[Table | str]:
+    """Singer's error in the manoeuvre over that on the straight stretch; the tunings for which the claim holds."""
+    table = Table(
+        f"The paper: Singer's error {GROWTH[0]:g} to {GROWTH[1]:g} times larger in the manoeuvre than straight [95 %]",
+        ("T, s", "filter", "", "RMSE", "largest RMSE of a scan", "verdict"),
+    )
+    said = words(result)
+    for i, period in enumerate(result["/period"]):
+        for j, name in enumerate(map(str, result["/baseline"])):
+            mean, peak = result["/summary/growth"][i, j], float(result["/summary/peak_growth"][i, j])
+            verdict = growth_verdict(float(mean[0]), peak, result["/run"].size)
+            table.add(cell("{:g}", float(period)), name, said[name], interval(mean, 3), number(peak, 2), verdict)
+    if "/map/growth" not in result:
+        return [table]
+    sigmas = result["/map/singer_sigma"]
+    tuned = Table(
+        f"Singer's error {GROWTH[0]:g} to {GROWTH[1]:g} times larger in the manoeuvre: σ of the acceleration, m/s²",
+        ("T, s", "from", "to", "growth at the largest and smallest σ tried"),
+        notes="- where no σ tried gives it; interpolated in the logarithm of σ",
+    )
+    order = np.argsort(sigmas)
+    for period, growth in zip(result["/map/scan_period"], result["/map/growth"], strict=True):
+        # growth falls with sigma
+        falling = growth[order][::-1]
+        from_, to = (
+            float(np.exp(np.interp(limit, falling, np.log(sigmas[order][::-1]), left=np.nan, right=np.nan)))
+            for limit in reversed(GROWTH)
+        )
+        ends = cell("{:.2f}, {:.2f}", float(falling[0]), float(falling[-1]), names=("largest", "smallest"))
+        tuned.add(cell("{:g}", float(period)), number(from_, 2), number(to, 2), ends)
+    return [table, tuned]
 
 
 def words(result: Result) -> dict[str, str]:

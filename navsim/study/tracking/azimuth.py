@@ -29,6 +29,7 @@ FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
 SOURCES = ("L4 stamped", "L4 roll", "L4 track rate", "L4 roll stamped")
 """Variants of L4: age of the reports known; BDS 5,0 roll or track rate instead of load factors."""
 WINDOWS = ("manoeuvre", "straight")
+BASELINES = ("S1", "S2")
 _KINDS = {"L1": LITERAL, "L2": TANGENT, "L3": HELD, "L4": FIRST}
 
 
@@ -131,6 +132,12 @@ def ratio(over: np.ndarray, under: np.ndarray) -> np.ndarray:
     return np.array([value, value - reach, value + reach])
 
 
+def peak_growth(manoeuvre: np.ndarray, straight: np.ndarray) -> float:
+    """Largest RMSE of a scan of the manoeuvre (run, n) over the RMSE of the straight stretch; nan for no error."""
+    level = float(np.sqrt(np.mean(straight**2)))
+    return float(np.sqrt(np.mean(manoeuvre**2, axis=0)).max()) / level if level else np.nan
+
+
 def run_count(scenario: Azimuth, runs: int | None) -> int:
     """How many runs are flown; runs: instead of the scenario's."""
     return 1 if scenario.noise == "none" else runs or scenario.runs
@@ -153,7 +160,7 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
     _truth(draft, flight)
     draft["/period"] = np.array(periods)
     draft["/latency"] = np.array(scenario.latencies_s)
-    tables, ratios, nis, sweep = [], [], [], []
+    tables, ratios, nis, sweep, growth, peaks = [], [], [], [], [], []
     warned: list[Finding] = []
     for i, period in enumerate(periods):
         draws = draw(seed, count, scenario.circuit.scans(period))
@@ -164,13 +171,17 @@ def compute(scenario: Azimuth, seed: int, runs: int | None, done: Callable[[int]
         _case(draft, "" if i == 0 else f"T{period:g}", case, found)
         masks = [window(scenario.circuit, name, case.time) for name in WINDOWS]
         tables.append([[rmse(found[f].error[:, m]) for m in masks] for f in found])
-        ratios.append([[ratio(found[s].error[:, m], found["L4"].error[:, m]) for m in masks] for s in ("S1", "S2")])
+        ratios.append([[ratio(found[s].error[:, m], found["L4"].error[:, m]) for m in masks] for s in BASELINES])
+        growth.append([ratio(*(found[s].error[:, m] for m in masks)) for s in BASELINES])
+        peaks.append([peak_growth(*(found[s].error[:, m] for m in masks)) for s in BASELINES])
         nis.append([[float(np.nanmean(found[f].nis[:, m])) for m in masks] for f in found])
         sweep.append(_latencies(scenario, flight, period, draws, masks[0]))
         done(1 + i)
     draft["/summary/rmse"] = np.degrees(np.array(tables))
     draft["/summary/nis"] = np.array(nis)
     draft["/summary/ratio_to_l4"] = np.array(ratios)
+    draft["/summary/growth"] = np.array(growth)
+    draft["/summary/peak_growth"] = np.array(peaks)
     draft["/summary/latency_rmse"] = np.degrees(np.array(sweep))
     _model_errors(draft, scenario, flight)
     if mapped(scenario):
@@ -258,6 +269,7 @@ def _maps(draft: Draft, scenario: Azimuth, flight: CircuitFlight, seed: int, don
     draft["/map/report_age"] = np.array(section.latencies_s)
     by_sigma = np.empty((len(section.periods_s), len(section.azimuth_sigmas_deg)))
     by_latency = np.empty((len(section.periods_s), len(section.latencies_s)))
+    growth = np.empty((len(section.periods_s), len(section.singer_sigmas_m_s2)))
 
     for i, period in enumerate(section.periods_s):
         draws = draw(seed, section.runs, scenario.circuit.scans(period))
@@ -274,6 +286,13 @@ def _maps(draft: Draft, scenario: Azimuth, flight: CircuitFlight, seed: int, don
 
         by_sigma[i] = [one(scenario.report.latency_s, s) for s in section.azimuth_sigmas_deg]
         by_latency[i] = [one(late, scenario.radar.azimuth_sigma_deg) for late in section.latencies_s]
+        usual = scans(scenario, flight, period, draws, scenario.report.latency_s, scenario.radar.azimuth_sigma_deg)
+        masks = [window(scenario.circuit, name, usual.time) for name in WINDOWS]
+        for j, sigma in enumerate(section.singer_sigmas_m_s2):
+            error = run_filter("S", usual, scenario.filters.alpha_1_s, sigma).error
+            growth[i, j] = ratio(*(error[:, m] for m in masks))[0]
         done(i + 1)
     draft["/map/ratio"] = by_sigma
     draft["/map/ratio_by_latency"] = by_latency
+    draft["/map/singer_sigma"] = np.array(section.singer_sigmas_m_s2)
+    draft["/map/growth"] = growth

@@ -59,7 +59,7 @@ def azimuth_tracking(scenario: Azimuth, runs: int | None = None) -> Budget:
     filters = [every if i == 0 else len(azimuth.FILTERS) for i in range(len(scans))]
     errors = NUMBER * sum(k * f * (count + 1) for k, f in zip(scans, filters, strict=True))
     truth = NUMBER * 9 * (1 + int(scenario.circuit.duration_s * 10.0))
-    result = errors + NUMBER * (2 * sum(scans) + count) + truth + 3000 + (28 + 17.5 * len(scans)) * VARIABLE
+    result = errors + NUMBER * (2 * sum(scans) + count) + truth + 3000 + (32 + 17.5 * len(scans)) * VARIABLE
     ages = len(scenario.latencies_s)
     time = count * sum(scans) * _AZIMUTH_TIME * (every + 2 * ages) / 18.0
     present = count * max(scans)
