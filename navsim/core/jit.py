@@ -14,6 +14,8 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from navsim.core.kernel_cache import CacheAtFirstCall, load_remembered, loaded, 
 from navsim.core.kernel_parts import Overloads
 from navsim.core.kernel_parts import digest as digest_of_parts
 from navsim.core.kernel_pieces import Kernel, KernelCompiler, PieceCompiler
+from navsim.core.protected_folder import ChangeableByOthersError, ProtectedFolder, open_below, open_protected_folder
 
 _CONFIG: Any = numba.config
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -34,6 +37,9 @@ _WARM_MARK = "complete"
 """Begin of the names of the files that say what has been compiled."""
 
 
+_CODE = ".code"
+"""End of the names of files of machine code that are named by what it was made of."""
+_Kept = tuple[ProtectedFolder, str] | None
 _MADE_FOR = f"{numba.__version__} {llvmlite.__version__} {_CONFIG.CPU_NAME}"
 _UNUSED = 30 * 86400.0
 """After this time, in seconds, machine code is dropped."""
@@ -58,67 +64,58 @@ def _base() -> Path | None:
     return place / "navsim" if place.is_absolute() else None
 
 
-def _others_may_write(folder: Path) -> bool:
-    """Raises OSError where there is no such folder."""
-    theirs = folder.stat()
-    return theirs.st_uid not in (os.geteuid(), 0) or bool(theirs.st_mode & 0o022)
+@dataclass(frozen=True)
+class _Folders:
+    """Open folders of machine code: of all versions (base), of this version, and by what code was made of, or None."""
+
+    base: ProtectedFolder
+    version: ProtectedFolder
+    parts: ProtectedFolder | None
 
 
-def _cache_folder() -> tuple[Path | None, str]:
-    """The folder for this version's machine code, created, or None where there is none to read from; and why nothing
-    can be kept, in words, "" where it can."""
-    base = _base()
-    if base is None:
+def _open_folders() -> tuple[_Folders | None, str]:
+    """Open the folders of machine code, made where they are missing; None where there is none to read from. And why
+    nothing can be kept, in words, "" where it can."""
+    path = _base()
+    if path is None:
         return None, "no home folder is known, set NUMBA_CACHE_DIR"
-    folder = base / f"kernels-{digest()}"
-    failed = "it cannot be written"
+    name = f"kernels-{digest()}"
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # machine code is run: nobody else writes it
+        base = open_protected_folder(path)
+        version = open_below(base, name)
+    except ChangeableByOthersError as error:
+        foreign = f"{error}, so the machine code below {path} might not be yours"
+        return None, f"{foreign}; set NUMBA_CACHE_DIR to a folder that only you can change, such as one of `mktemp -d`"
     except OSError as error:
-        failed = error.strerror or str(error)
-    try:
-        if _others_may_write(folder):
-            return None, f"others may write {folder}, set NUMBA_CACHE_DIR to a folder of your own"
-    except OSError:
-        return None, f"{folder} cannot be made ({failed}), set NUMBA_CACHE_DIR to a folder that can be written"
-    if os.access(folder, os.W_OK):
-        return folder, ""
-    return folder, f"{folder} cannot be written, set NUMBA_CACHE_DIR to one that can"
+        why = error.strerror or error
+        return None, f"{path / name} cannot be made ({why}), set NUMBA_CACHE_DIR to a folder that can be written"
+    parts = None
+    with suppress(OSError):
+        parts = open_below(base, "parts")
+    why_not = "" if version.is_writable() else f"{version} cannot be written, set NUMBA_CACHE_DIR to one that can"
+    return _Folders(base, version, parts), why_not
 
 
-def _parts_folder() -> Path | None:
-    """The folder, beside those of all versions, of machine code under what it was made of, created; None without."""
-    if _CACHE is None:
-        return None
-    folder = _CACHE.parent / "parts"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        return None if _others_may_write(folder) else folder
-    except OSError:
-        return None
-
-
-_CACHE, _NOT_KEPT = _cache_folder()
-if _CACHE is not None:
-    _CONFIG.CACHE_DIR = str(_CACHE)
-_PARTS = _parts_folder()
+_FOLDERS, _NOT_KEPT = _open_folders()
+if _FOLDERS is not None:
+    _CONFIG.CACHE_DIR = str(_FOLDERS.version)
 _OVERLOADS: Overloads = {}
 """What functions are in kernels, where `in_kernels` says it."""
 
 
-def _by_parts(function: Callable[..., Any], key: Any) -> Path | None:
+def _by_parts(folder: ProtectedFolder | None, function: Callable[..., Any], key: Any) -> _Kept:
     """Where code for this signature and processor lies under what it was made of; None where that is not known."""
-    if _PARTS is None:
+    if folder is None:
         return None
     signature, processor, (_, _, *how) = key
     made_for = f"{_MADE_FOR} {sys.version_info[:2]} {processor} {how}"
     made_of = digest_of_parts(function, getattr(signature, "args", signature), _OVERLOADS, made_for)
-    return _PARTS / f"{made_of}.code" if made_of is not None else None
+    return (folder, f"{made_of}{_CODE}") if made_of is not None else None
 
 
 def is_warm(name: str) -> bool:
     """Whether work with kernels of this name has been done with this very code before: little is left to compile."""
-    return _CACHE is not None and (_CACHE / f"{_WARM_MARK}-{name}").exists()
+    return _FOLDERS is not None and _FOLDERS.version.exists(f"{_WARM_MARK}-{name}")
 
 
 _of_others = 0
@@ -133,34 +130,42 @@ def work_begins() -> None:
 
 def load_ahead(name: str) -> None:
     """Load the kernels that the last work of this name has loaded, so that they are there when they are called."""
-    if _CACHE is not None:
-        load_remembered(_CACHE / f"{_WARM_MARK}-{name}")
+    if _FOLDERS is not None:
+        load_remembered(_FOLDERS.version, f"{_WARM_MARK}-{name}")
 
 
 def mark_warm(name: str) -> None:
     """Remember that the kernels of this name are in the cache, and which they are, and drop folders unused for a
     month. See `work_begins`."""
-    if _CACHE is None:
+    if _FOLDERS is None:
         return
-    try:
+    # a full or read-only disk costs the next start some seconds, nothing else
+    with suppress(OSError):
         # of work that found some loaded it is not known which it takes
-        remember(_CACHE / f"{_WARM_MARK}-{name}", all_of_it=_of_others == 0)
-        for folder in _CACHE.parent.glob("kernels-*"):
-            used = [mark.stat().st_mtime for mark in folder.glob(f"{_WARM_MARK}*")]
-            if used and max(used) < time.time() - _UNUSED:
-                shutil.rmtree(folder, ignore_errors=True)
-        for code in _PARTS.glob("*.code") if _PARTS is not None else ():
-            if code.stat().st_mtime < time.time() - _UNUSED:
-                code.unlink(missing_ok=True)
-    except OSError:  # a full or read-only disk costs the next start some seconds, nothing else
-        return
+        remember(_FOLDERS.version, f"{_WARM_MARK}-{name}", all_of_it=_of_others == 0)
+        _drop_unused(_FOLDERS)
+
+
+def _drop_unused(folders: _Folders) -> None:
+    """Drop machine code that no work has used for a month. Raises OSError."""
+    last = time.time() - _UNUSED
+    for name in folders.base.names():
+        if name.startswith("kernels-"):
+            with suppress(ChangeableByOthersError), open_below(folders.base, name) as folder:
+                used = [folder.time_of(mark) for mark in folder.names() if mark.startswith(_WARM_MARK)]
+                if used and max(used) < last:
+                    shutil.rmtree(name, ignore_errors=True, dir_fd=folders.base.descriptor)
+    if folders.parts is not None:
+        for name in folders.parts.names():
+            if name.endswith(_CODE) and folders.parts.time_of(name) < last:
+                folders.parts.remove(name)
 
 
 def compiling() -> str:
     """What is said before kernels are compiled: how long it takes, and where the machine code goes."""
-    if _NOT_KEPT:
+    if _FOLDERS is None or _NOT_KEPT:
         return f"compiling the kernels, about a minute at every start: {_NOT_KEPT}"
-    return f"compiling the kernels, once, about a minute; kept in {_CACHE}"
+    return f"compiling the kernels, once, about a minute; kept in {_FOLDERS.version}"
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -200,7 +205,8 @@ def in_kernels(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
 def _compiled(function: Callable[..., Any], inline: bool) -> Callable[..., Any]:
     options = {"nopython": True, "nogil": True, "error_model": "numpy", "forceinline": inline, "boundscheck": None}
     dispatcher: Any = Kernel(function, targetoptions=options, pipeline_class=KernelCompiler)
-    if _CACHE is not None:
+    if _FOLDERS is not None:
         # what numba's `cache=True` does, with a cache of our own
-        dispatcher._cache = CacheAtFirstCall(function, partial(_by_parts, function))
+        parts = partial(_by_parts, _FOLDERS.parts, function)
+        dispatcher._cache = CacheAtFirstCall(function, _FOLDERS.version, parts)
     return dispatcher

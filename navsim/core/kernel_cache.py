@@ -15,14 +15,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
-import os
 import pickle
-import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from numba import config
@@ -30,12 +26,13 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.runtime.nrt import rtsys
 
 from navsim.core.kernel_pieces import is_piece, put_together, taken_apart, within_another
+from navsim.core.protected_folder import ProtectedFolder
 
 _DIGEST = 32
 """Bytes of a SHA-256."""
 
-Parts = Callable[[Any], Path | None]
-"""Where the code for a signature is kept under what it was made of, of one kernel; None where it is not."""
+Parts = Callable[[Any], tuple[ProtectedFolder, str] | None]
+"""Folder and file of the code for a signature under what it was made of, of one kernel; None where it is not kept."""
 
 notes: list[str] = []
 """What went wrong with the cache in this process, in words; each once."""
@@ -56,8 +53,9 @@ class DamagedCode(OSError):
 class _CheckedFiles(IndexDataCacheFile):
     """The files of one kernel."""
 
-    def __init__(self, cache_path: str, filename_base: str, source_stamp: Any, parts: Parts | None = None) -> None:
-        super().__init__(cache_path, filename_base, source_stamp)
+    def __init__(self, folder: ProtectedFolder, filename_base: str, stamp: Any, parts: Parts | None = None) -> None:
+        super().__init__(str(folder), filename_base, stamp)
+        self._folder = folder
         self._parts = parts
 
     def _name(self, key: Any) -> str:
@@ -67,7 +65,7 @@ class _CheckedFiles(IndexDataCacheFile):
     def load(self, key: Any) -> Any:
         """What was kept for a signature, None where there is nothing that counts."""
         try:
-            return self._load_data(self._name(key))
+            return pickle.loads(_content(self._folder, self._name(key)))
         except FileNotFoundError:
             return self._take_over(key)
         except OSError:
@@ -75,91 +73,68 @@ class _CheckedFiles(IndexDataCacheFile):
 
     def _take_over(self, key: Any) -> Any:
         """What another version has kept that was made of the same parts; from now on it is this version's too."""
-        if self._parts is None or (path := self._parts(key)) is None:
+        if self._parts is None or (kept := self._parts(key)) is None:
             return None
+        folder, name = kept
         try:
-            content = _content(str(path))
-            path.touch()
+            content = _content(folder, name)
+            folder.touch(name)
             with contextlib.suppress(OSError):  # a folder that cannot be written serves as well
-                _write(self._data_path(self._name(key)), content)
+                _write(self._folder, self._name(key), content)
         except OSError:
             return None
         return pickle.loads(content)
 
     def save(self, key: Any, data: Any) -> None:
         """Keep it. Raises OSError."""
-        self._save_data(self._name(key), data)
-        if self._parts is not None and (path := self._parts(key)) is not None:
-            _write(str(path), pickle.dumps(data))
-
-    def _load_data(self, name: str) -> Any:
-        return pickle.loads(_content(self._data_path(name)))
-
-    @contextlib.contextmanager
-    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
-        content = io.BytesIO()
-        yield content
-        _write(filepath, content.getbuffer())
+        _write(self._folder, self._name(key), self._dump(data))
+        if self._parts is not None and (kept := self._parts(key)) is not None:
+            _write(*kept, pickle.dumps(data))
 
 
-def _content(path: str, what: str | None = "machine code") -> bytes:
+def _content(folder: ProtectedFolder, name: str, what: str | None = "machine code") -> bytes:
     """What was written to a file; damage of `what`, if it has a name, is noted. Raises FileNotFoundError, OSError,
     DamagedCode."""
-    with open(path, "rb") as file:
-        digest, content = file.read(_DIGEST), file.read()
-    if _digest(path, content) != digest:
-        with contextlib.suppress(OSError):  # a folder that cannot be written keeps it; it is not used either way
-            os.unlink(path)
+    written = folder.read(name)
+    digest, content = written[:_DIGEST], written[_DIGEST:]
+    if _digest(name, content) != digest:
+        folder.remove(name)  # a folder that cannot be written keeps it; it is not used either way
         if what is not None:
-            note(f"damaged {what} in {_top()} was dropped and compiled again")
-        raise DamagedCode(path)
+            note(f"damaged {what} in {folder} was dropped and compiled again")
+        raise DamagedCode(f"{folder}/{name}")
     return content
 
 
-def _top() -> str:
-    """The folder of this version's machine code."""
-    folder: Any = config
-    return str(folder.CACHE_DIR)
-
-
-def _write(path: str, content: bytes | memoryview) -> None:
+def _write(folder: ProtectedFolder, name: str, content: bytes) -> None:
     """Write a file that `_content` reads, whole or not at all. Raises OSError."""
-    temporary = Path(f"{path}.tmp.{uuid.uuid4().hex[:16]}")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(_digest(path, content))
-            file.write(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    folder.write(name, (_digest(name, content), content))
 
 
-def _digest(path: str, content: bytes | memoryview) -> bytes:
-    digest = hashlib.sha256(os.path.basename(path).encode() + b"\0")
+def _digest(name: str, content: bytes) -> bytes:
+    digest = hashlib.sha256(name.encode() + b"\0")
     digest.update(content)
     return digest.digest()
 
 
 class _Place(UserProvidedCacheLocator):
-    """The folder of a kernel: that of its room, wherever navsim is installed; all sources name the folder above. One
-    that cannot be written serves as well for what is in it."""
-
-    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
-        super().__init__(py_func, py_file)
-        self._folder = os.path.join(_top(), *py_func.__module__.split(".")[1:-1])
+    """The one folder of all kernels, wherever navsim is installed; all sources name it."""
 
     def get_cache_path(self) -> str:
-        return self._folder
+        return str(config.CACHE_DIR)  # type: ignore[attr-defined]
 
     def ensure_cache_path(self) -> None:
-        with contextlib.suppress(OSError):
-            os.makedirs(self._folder, exist_ok=True)
+        """Do nothing: `_CheckedFiles` writes into the folder that is open."""
 
 
 class _Placed(CompileResultCacheImpl):
     def __init__(self, py_func: Callable[..., Any]) -> None:
         self._locator_classes = [_Place]
+        self._room = ".".join(py_func.__module__.split(".")[1:-1])
         super().__init__(py_func)
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        """Name of a kernel's files: with that of its room, which has modules of the same names as others."""
+        return f"{self._room}.{super().get_filename_base(fullname, abiflags)}"
 
     def reduce(self, cres: Any) -> Any:
         return taken_apart(cres) if is_piece(cres) else super().reduce(cres)
@@ -173,11 +148,12 @@ class CheckedCache(FunctionCache):
 
     _impl_class = _Placed
 
-    def __init__(self, function: Callable[..., Any], parts: Parts) -> None:
+    def __init__(self, function: Callable[..., Any], folder: ProtectedFolder, parts: Parts) -> None:
         super().__init__(function)
         self._kernel = function.__module__, function.__qualname__
         stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _CheckedFiles(self._cache_path, self._impl.filename_base, stamp, parts)
+        self._folder = folder
+        self._cache_file = _CheckedFiles(folder, self._impl.filename_base, stamp, parts)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Machine code that was kept, None where there is none. numba's own method loads all that the compiler knows
@@ -198,7 +174,8 @@ class CheckedCache(FunctionCache):
             super().save_overload(signature, data)
         except OSError as error:
             why = error.strerror or error
-            note(f"machine code could not be kept in {_top()}: {why}; every start compiles it again until it can be")
+            failed = f"machine code could not be kept in {self._folder}: {why}"
+            note(f"{failed}; every start compiles it again until it can be")
             self.disable()
 
 
@@ -206,13 +183,14 @@ class CacheAtFirstCall:
     """What a kernel has for a cache: a `CheckedCache`, whose place is looked for when the kernel is first called. A
     command imports a hundred kernels and calls ten; the others are parts of those."""
 
-    def __init__(self, function: Callable[..., Any], parts: Parts) -> None:
+    def __init__(self, function: Callable[..., Any], folder: ProtectedFolder, parts: Parts) -> None:
         self._function = function
+        self._folder = folder
         self._parts = parts
 
     @cached_property
     def _opened(self) -> CheckedCache:
-        return CheckedCache(self._function, self._parts)
+        return CheckedCache(self._function, self._folder, self._parts)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._opened, name)
@@ -223,20 +201,20 @@ def loaded() -> int:
     return len(_loaded)
 
 
-def remember(path: Path, all_of_it: bool) -> None:
+def remember(folder: ProtectedFolder, name: str, all_of_it: bool) -> None:
     """Write down what this process has loaded; where that is not all of it for what is remembered, nothing but that it
     was done, unless more is known already. Raises OSError."""
-    if all_of_it or not path.exists():
-        _write(str(path), pickle.dumps(_loaded if all_of_it else []))
+    if all_of_it or not folder.exists(name):
+        _write(folder, name, pickle.dumps(_loaded if all_of_it else []))
     else:
-        path.touch()
+        folder.touch(name)
 
 
-def load_remembered(path: Path) -> None:
+def load_remembered(folder: ProtectedFolder, name: str) -> None:
     """Load what a process wrote down that had the same code; nothing where there is no such file."""
     try:
-        kernels = pickle.loads(_content(str(path), what=None))
+        kernels = pickle.loads(_content(folder, name, what=None))
     except OSError:
         return
-    for module, name, signature in kernels:
-        getattr(import_module(module), name).compile(signature)
+    for module, kernel, signature in kernels:
+        getattr(import_module(module), kernel).compile(signature)

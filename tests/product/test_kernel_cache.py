@@ -23,6 +23,7 @@ from numba.core.dispatcher import Dispatcher
 
 import navsim
 from navsim.core import attitude, jit, kernel_cache, kernel_parts
+from navsim.core.protected_folder import open_protected_folder
 
 CODE = (
     "import numpy as np; from navsim.core import attitude, kernel_cache; m = np.empty((3, 3));"
@@ -56,8 +57,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_two_processes_at_once_mix_nothing_up(tmp_path: Path) -> None:
     """What is compiled for one call is never under the name of another, and neither loses what the other kept."""
-    kept = kernel_cache._CheckedFiles(str(tmp_path), "f", 0)
-    other = kernel_cache._CheckedFiles(str(tmp_path), "f", 0)
+    kept, other = (kernel_cache._CheckedFiles(open_protected_folder(tmp_path), "f", 0) for _ in range(2))
     assert (kept.load("for one"), other.load("for another")) == (None, None)
     kept.save("for one", "code")
     other.save("for another", "other code")
@@ -66,7 +66,7 @@ def test_two_processes_at_once_mix_nothing_up(tmp_path: Path) -> None:
 
 def test_a_file_under_another_name_is_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel_cache, "notes", [])
-    kept = kernel_cache._CheckedFiles(str(tmp_path), "f", 0)
+    kept = kernel_cache._CheckedFiles(open_protected_folder(tmp_path), "f", 0)
     for name in ("one", "another"):
         kept.save(name, name)
     first, second = files(tmp_path)
@@ -143,13 +143,17 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     """Without being called; of a list that is damaged or not there, nothing."""
     memo = tmp_path / "complete-work"
     result(cache)
+    opening = (
+        "from pathlib import Path; from navsim.core.protected_folder import open_protected_folder;"
+        f"folder = open_protected_folder(Path({str(tmp_path)!r}));"
+    )
 
     def writing(all_of_it: bool) -> str:
-        return CODE + f"; from pathlib import Path; kernel_cache.remember(Path({str(memo)!r}), {all_of_it})"
+        return CODE + f"; {opening} kernel_cache.remember(folder, {memo.name!r}, {all_of_it})"
 
     loading = (
-        "from pathlib import Path; from navsim.core import attitude, kernel_cache;"
-        f"kernel_cache.load_remembered(Path({str(memo)!r})); print(len(attitude.dcm.overloads))"
+        f"from navsim.core import attitude, kernel_cache; {opening}"
+        f"kernel_cache.load_remembered(folder, {memo.name!r}); print(len(attitude.dcm.overloads))"
     )
 
     def said(code: str) -> str:
@@ -286,7 +290,10 @@ def test_parts_of_somebody_else_are_not_run(tmp_path: Path) -> None:
     assert result(tmp_path)[:2] == (RIGHT, 0)
 
 
-PLACE = "import json; from navsim.core import jit; print(json.dumps([str(jit._CACHE), jit.compiling()]))"
+PLACE = (
+    "import json; from navsim.core import jit;"
+    "print(json.dumps([str(jit._FOLDERS and jit._FOLDERS.version), jit.compiling()]))"
+)
 
 
 def place(setting: dict[str, str], first: str = "") -> tuple[str, str]:
@@ -332,7 +339,23 @@ def test_where_none_can_be_kept_the_reason_is_said(tmp_path: Path) -> None:
     assert folder == "None"
     assert f"{blocked}/kernels-" in words
     assert "Not a directory" in words
-    reading = "import os; os.access = lambda *_: False;"
+    reading = "import os; os.access = lambda *_, **__: False;"
     folder, words = place({"NUMBA_CACHE_DIR": str(tmp_path)}, reading)
     assert folder.startswith(str(tmp_path))
     assert words == f"{always}{folder} cannot be written, set NUMBA_CACHE_DIR to one that can"
+
+
+def test_a_cache_below_a_folder_of_others_is_not_run(cache: Path, tmp_path: Path) -> None:
+    """Whoever can write a folder above could exchange all below; the message names it and says what to write."""
+    above = tmp_path / "above"
+    above.mkdir()
+    shutil.copytree(cache, above / "cache")
+    above.chmod(0o777)
+    said = "from navsim.core import jit, kernel_cache; kernel_cache.note(jit.compiling());"
+    assert result(above / "cache", said) == (
+        RIGHT,
+        0,
+        f"compiling the kernels, about a minute at every start: {above} can be written by everybody (mode 777), so the "
+        f"machine code below {above}/cache might not be yours; set NUMBA_CACHE_DIR to a folder that only you can "
+        "change, such as one of `mktemp -d`",
+    )
