@@ -55,6 +55,7 @@ def plan(
         leave(BAD_INPUT, f"navsim plan draws with Bokeh, which is not installed here: {INSTALL}")
     from navsim.io import files, geojson
     from navsim.io.results import ResultError, check_writable
+    from navsim.io.text import decoded
     from navsim.planner.outlook import Outlook
     from navsim.planner.proposal import PlannedScenario
     from navsim.scenario import shipped
@@ -66,7 +67,7 @@ def plan(
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")
     try:
         read(path)
-        document, text = load(path), files.content(path, MOST_BYTES).decode("utf-8")
+        document, text = load(path), decoded(files.content(path, MOST_BYTES))
         proposal = PlannedScenario(document, text)
         Outlook(proposal)
         drawn = []

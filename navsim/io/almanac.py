@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navsim.io.text import FileError, number, plain_number, read_lines, whole, within
+from navsim.io.text import FileError, number, read_lines, whole, within
 from navsim.models import glonass, gps, timescales, tle
 from navsim.models.constellation import Constellation
 from navsim.models.systems import GLONASS, GPS, SYSTEMS, UNTITLED, System
@@ -158,15 +158,7 @@ def _iac_numbers(path: Path, block: list[tuple[int, str]], due: dict[str, int]) 
 
 
 def _numbers(path: Path, line: int, text: str) -> list[float]:
-    values = []
-    for word in text.split():
-        try:
-            values.append(plain_number(word))
-        except ValueError:
-            raise FileError(line, f"'{word[:30]}' is not a number", path) from None
-        if not np.isfinite(values[-1]):
-            raise FileError(line, f"'{word[:30]}' is not a finite number", path)
-    return values
+    return [number(path, line, word, "an element") for word in text.split()]
 
 
 def _date(path: Path, line: int, year: float, month: float, day: float) -> datetime.date:

@@ -8,12 +8,14 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from navsim.io.text import decoded
+
 
 def features(content: bytes) -> list[tuple[Any, dict[str, Any]]]:
     """Geometries of a file's content as they stand there, each with its properties. Raises ValueError for what is no
     GeoJSON."""
     try:
-        data = json.loads(content.decode("utf-8"))
+        data = json.loads(decoded(content))
     except RecursionError:
         raise ValueError("not a GeoJSON file: nested too deeply") from None
     except ValueError as error:

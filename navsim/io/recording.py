@@ -6,7 +6,6 @@ fix. Rows that came out of order are sorted. Source: [1] `docs/replay.md`.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,8 @@ import numpy as np
 
 from navsim.core.arrays import earth
 from navsim.io.nmea import has_sentences, read_nmea
-from navsim.io.text import Dropped, FileError, number, read_lines, within
+from navsim.io.tables import TextTable
+from navsim.io.text import Dropped, FileError, read_lines, within
 from navsim.models import conventions
 from navsim.models.conventions import (
     GNSS_AS_DUE,
@@ -46,7 +46,7 @@ def read_imu(
     OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
-    table, lines = _table(path, read_lines(path, dropped), IMU_COLUMNS, (), dropped, convention.columns)
+    table, lines = _columns(TextTable.of(path, read_lines(path, dropped)), IMU_COLUMNS, (), dropped, convention.columns)
     table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
     for first, axes, factor in (
         (1, convention.gyro_axes, conventions.GYRO_UNITS[convention.gyro_unit]),
@@ -97,7 +97,7 @@ def read_fixes(
             raise FileError(0, message, path)
         table = read_nmea(path, lines, dropped)
     else:
-        table, numbers = _table(path, lines, GNSS_COLUMNS, ("nsat",), dropped, convention.columns)
+        table, numbers = _columns(TextTable.of(path, lines), GNSS_COLUMNS, ("nsat",), dropped, convention.columns)
         table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
         table[:, 1:3] *= conventions.ANGLE_UNITS[convention.angle_unit]
         table[:, 3] *= conventions.HEIGHT_UNITS[convention.height_unit]
@@ -130,11 +130,10 @@ def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, D
     """A trajectory of a table: times (n,), s, ascending; places (n, 3), rad, rad, m; roll, pitch, yaw (n, 3), rad,
     where the table has them; and what was left out. Raises FileError, naming the line; OSError."""
     dropped = Dropped(False)
-    lines = read_lines(path, dropped)
-    header = [name.strip() for name in lines[0].lstrip("\ufeff").split(",")]
-    turned = any(name in header for name in TRACK_ATTITUDE)
+    there = TextTable.of(path, read_lines(path, dropped))
+    turned = any(there.find(name) is not None for name in TRACK_ATTITUDE)
     names = (*TRACK_COLUMNS, *TRACK_ATTITUDE) if turned else TRACK_COLUMNS
-    table, numbers = _table(path, lines, names, (), dropped, {})
+    table, numbers = _columns(there, names, (), dropped, {})
     table = _limited(path, table, numbers, names, _TRACK_LIMITS[: len(names)], dropped, True)
     table = _in_order(table, dropped, "places")
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
@@ -152,61 +151,14 @@ def _far(a: np.ndarray, b: np.ndarray) -> bool:
     return bool(np.linalg.norm(ecef[0] - ecef[1]) > 1000.0 * max(b[0] - a[0], 1.0))
 
 
-def _table(
-    path: Path,
-    lines: list[str],
-    wanted: tuple[str, ...],
-    optional: tuple[str, ...],
-    dropped: Dropped,
-    columns: Mapping[str, str],
+def _columns(
+    table: TextTable, wanted: tuple[str, ...], optional: tuple[str, ...], dropped: Dropped, columns: Mapping[str, str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns `wanted` and `optional` (nan where absent) of a comma-separated table, and each row's line number;
-    columns: those of them that have another name in the file."""
-    wanted, optional = (tuple(columns.get(name, name) for name in names) for names in (wanted, optional))
-    header = [name.strip() for name in lines[0].lstrip("\ufeff").split(",")]
-    missing = [name for name in wanted if name not in header]
-    if missing:
-        raise FileError(1, f"the header lacks {', '.join(missing)}; needed are {', '.join(wanted)}", path)
-    names = (*wanted, *(name for name in optional if name in header))
-    place = [header.index(name) for name in names]
-    numbers = [n for n, line in enumerate(lines[1:], 2) if line.strip()]
-    if not numbers:
-        raise FileError(1, "the table has no rows", path)
-    try:  # the fast way; it cannot tell where it fails, nor read empty cells
-        table = np.loadtxt(lines[1:], delimiter=",", usecols=place, ndmin=2, comments=None)
-        if not np.all(np.isfinite(table)):
-            raise ValueError("not finite")
-    except ValueError:
-        may_be_empty = {columns.get(name, name) for name in _MAY_BE_EMPTY}
-        rows, read = [], []
-        for line in numbers:
-            try:
-                rows.append(_row(path, line, lines[line - 1], place, names, len(header), may_be_empty))
-                read.append(line)
-            except FileError as error:
-                dropped.damaged("rows left out", error)
-        if not rows:
-            raise FileError(0, "the table has no row that can be read", path) from None
-        table, numbers = np.array(rows), read
-    if len(place) < len(wanted) + len(optional):
-        table = np.column_stack([table, np.full(table.shape[0], np.nan)])
-    return table, np.array(numbers)
-
-
-def _row(
-    path: Path, line: int, text: str, place: list[int], names: tuple[str, ...], width: int, may_be_empty: set[str]
-) -> list[float]:
-    try:
-        cells = next(csv.reader([text]))
-    except csv.Error as error:
-        raise FileError(line, f"not a row of a table: {error}", path) from None
-    if len(cells) != width:
-        raise FileError(line, f"{width} cells are due by the header, here are {len(cells)}", path)
-    out = []
-    for index, name in zip(place, names, strict=True):
-        empty = cells[index].strip().lower() in ("", "nan")
-        out.append(np.nan if empty and name in may_be_empty else number(path, line, cells[index], name))
-    return out
+    """Columns of a table as of `TextTable.read`; columns: those of them that have another name in the file."""
+    wanted, optional, may_be_empty = (
+        tuple(columns.get(name, name) for name in names) for names in (wanted, optional, _MAY_BE_EMPTY)
+    )
+    return table.read(wanted, optional, may_be_empty, dropped)
 
 
 def _limited(

@@ -31,6 +31,8 @@ _NAVIGATION = "N"
 """Type of files of messages, from version 3 on of all systems."""
 _KINDS = ("EPH", "STO", "EOP", "ION")
 """Kinds of records of version 4: ephemerides, offsets of time systems, Earth orientation, ionosphere."""
+_LARGEST_DELAY_M = 8
+"""Largest group delay that satellites send, m: 25 ns of BeiDou's."""
 _SAME = {"D2": BEIDOU.message}
 """Messages that say what others do: that of geostationary BeiDou satellites."""
 _KLOBUCHAR = ("LNAV", "CNVX")
@@ -57,10 +59,11 @@ class TimeOffset:
 @dataclass(frozen=True)
 class Navigation:
     """Messages of a navigation file: elements by system and message, glonass (None where the file has none), Klobuchar
-    coefficients alpha, beta (4,) or None (of several the newest), GPS - UTC in s or None, how many records were skipped
-    since they are not modelled, or not wanted: by letter of the system, in version 4 by system and message (`G CNAV`,
-    `STO G LNAV`). left_out: what of a damaged file was left out, in words. offsets: lines of the header of a file of
-    version 3, with their numbers, that say how far times of systems are from GPS time (`time_offset`)."""
+    coefficients alpha, beta (4,) or None (of several the newest), GPS - UTC in s or None where no line tells it; how
+    many records were skipped since they are not modelled, or not wanted: by letter of the system, in version 4 by
+    system and message (`G CNAV`, `STO G LNAV`). left_out: what of a damaged file was left out, in words. offsets: lines
+    of the header of a file of version 3, with their numbers, that say how far times of systems are from GPS time
+    (`time_offset`)."""
 
     elements: Mapping[tuple[System, str], gps.Elements]
     glonass: StateVectors | None
@@ -138,8 +141,14 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
         has = [of.name for of in _READ if of not in wanted and any(name.split()[0] == of.letter for name in skipped)]
         cure = f"; `systems: [{', '.join(has)}]` uses those" if has and set(wanted) == set(USUAL) else ""
         raise FileError(0, f"holds {none} message ({sought}){others}{cure}", path)
+    elements = {key: _elements(found) for key, found in records.items() if key[0] is not GLONASS}
+    for (of, message), rows in elements.items():
+        unknown = np.isnan(rows.tgd)
+        names = ", ".join(of.satellite(prn) for prn in np.unique(rows.prn[unknown]))
+        what = f"{message} messages with a blank group delay, which is taken as 0: ranges of {names} may be off by"
+        dropped.add(f"{what} up to {_LARGEST_DELAY_M} m", unknown.sum())
     return Navigation(
-        {key: _elements(rows) for key, rows in records.items() if key[0] is not GLONASS},
+        elements,
         _state_vectors(vectors) if (vectors := records.get((GLONASS, GLONASS.message))) else None,
         klobuchar,
         leap,
@@ -176,12 +185,19 @@ def _header(path: Path, lines: list[str]) -> _Header:
         elif label == "TIME SYSTEM CORR" and (of := _TIME_OFFSETS.get(line[:4])) is not None:
             offsets[of] = index, line
         elif label == "LEAP SECONDS":
-            leap = int(within(path, index, whole(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
+            if _counts_from_gps(line):
+                leap = int(within(path, index, whole(path, index, line[:6], "leap seconds"), 0, 100, "leap seconds"))
         elif label == "END OF HEADER":
             both = {"GPSA", "GPSB"} <= corrections.keys()
             ionosphere = (corrections["GPSA"], corrections["GPSB"]) if both else None
             return version, system, ionosphere, leap, offsets, index
     raise FileError(len(lines), "the file ends within its header: no END OF HEADER", path)
+
+
+def _counts_from_gps(line: str) -> bool:
+    """Whether a line LEAP SECONDS tells GPS less UTC: those of other systems are counted from other dates [2]."""
+    told = line[24:27].strip().upper() or GPS.time_system
+    return timescales.BEHIND_GPS.get(told) == 0.0
 
 
 def time_offset(path: Path, index: int, line: str) -> TimeOffset:
@@ -303,7 +319,8 @@ def _time(path: Path, block: list[tuple[int, str]], version: float) -> float:
 
 
 def _values(path: Path, block: list[tuple[int, str]], version: float, wanted: tuple[str, ...]) -> dict[str, float]:
-    """The named fields, four a line (three in the first), `-` for those not looked at. Blank fields are errors."""
+    """The named fields, four a line (three in the first), `-` for those not looked at. Blank fields are errors, but for
+    those of `_IF_UNKNOWN`."""
     margin = _margin(version)
     out = {}
     for place, name in enumerate(wanted, 1):
@@ -311,7 +328,10 @@ def _values(path: Path, block: list[tuple[int, str]], version: float, wanted: tu
             continue
         line, text = block[place // 4]
         start = margin + 19 * (place % 4)
-        out[name] = number(path, line, text[start : start + 19], name)
+        piece = text[start : start + 19]
+        known = bool(piece.strip()) or name not in _IF_UNKNOWN
+        value = number(path, line, piece, name) if known else _UNKNOWN
+        out[name] = _IF_UNKNOWN.get(name, value) if value == _UNKNOWN else value
     return out
 
 
@@ -347,6 +367,8 @@ _KEPLERIAN_LIMITS = {
     "cuc": (-1e-3, 1e-3), "cus": (-1e-3, 1e-3), "cic": (-1e-3, 1e-3), "cis": (-1e-3, 1e-3),
     "crc": (-5e3, 5e3), "crs": (-5e3, 5e3),
 }  # fmt: skip
+_IF_UNKNOWN = {"tgd": np.nan, "bgd_e5a": np.nan, "bgd_e5b": np.nan, "ura": -1.0, "sisa": -1.0}
+"""Fields that may be blank, and their values then, as `gps.Elements` has them."""
 _ELEMENTS_ORDER = (
     "prn", "healthy", "toe", "toc", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "i_dot",
     "cuc", "cus", "crc", "crs", "cic", "cis", "af0", "af1", "af2", "tgd", "ura", "iode", "iodc",
@@ -362,7 +384,7 @@ def _keplerian(
     prn, toc = _satellite(path, block, version, system.highest), _time(path, block, version)
     v = _values(path, block, version, wanted)
     for name, (low, high) in _KEPLERIAN_LIMITS.items():
-        if name in v:
+        if name in v and not np.isnan(v[name]) and v[name] != _IF_UNKNOWN.get(name):
             within(path, block[(wanted.index(name) + 1) // 4][0], v[name], low, high, name)
     toc -= timescales.GPS_EPOCH  # the epoch is the system's time, without leap seconds
     # some files give the week modulo 1024, and a message near midnight may belong to the other week: the clock's

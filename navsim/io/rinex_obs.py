@@ -314,7 +314,8 @@ class _Reader:
         if not line.startswith(">"):
             raise FileError(at + 1, "expected an epoch, a line that begins with >", self.path)
         parts = [line[2:6], line[7:9], line[10:12], line[13:15], line[16:18], line[18:29]]
-        epoch = self._head(at, line[31:32], line[32:35], parts)
+        # some programs write the flag a column too early; blank is 0
+        epoch = self._head(at, line[29:32].strip() or "0", line[32:35], parts)
         if 1 < epoch.flag < _CYCLE_SLIPS:
             return self._event(epoch)
         end = self._next_3(at + 1)
@@ -408,7 +409,7 @@ class _Reader:
             at += 1
         triples = [listing[3 * i : 3 * i + 3] for i in range(len(listing) // 3)]
         triples = [triple for triple in triples if triple.strip()]
-        system = self.header.system
+        system = self.header.system if self.header.system in LETTERS else GPS.letter  # of mixed files [1]
         return at, [(t[0] if t[0] != " " else system) + t[1:].replace(" ", "0") for t in triples]
 
     def _next_2(self, at: int, due: int = 0) -> int:

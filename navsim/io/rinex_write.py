@@ -170,7 +170,9 @@ def _record(head: str, first: list[float], rest: list[float]) -> list[str]:
 
 
 def _exponent(x: float, width: int = 19, digits: int = 12) -> str:
-    """D19.12 as other programs write it."""
+    """D19.12 as other programs write it; blank for what is not known."""
+    if np.isnan(x):
+        return " " * width
     return f"{float(x):{width}.{digits}E}".replace("E", "D")
 
 

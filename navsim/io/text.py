@@ -1,4 +1,8 @@
-"""Text files of others: opened whatever their packing, and refused with a line.
+"""Text files of others: opened whatever their packing and encoding, and refused with a line.
+
+All readers of text go through this module. It drops what programs and editors leave around a text: byte order marks,
+Ctrl-Z or zero bytes after its end, invisible characters; blanks of all kinds become plain ones. UTF-8, UTF-16 and
+UTF-32 are told by their marks; a line that is no UTF-8 is read as Latin-1.
 
 Hatanaka-compressed RINEX (`.crx`, `.??d`) is unpacked by the program of the `hatanaka` package, Unix `.Z` by
 `ncompress`; gzip, bzip2 and zip archives of one file by Python. Packing is told by the content, not by the name. All
@@ -8,14 +12,17 @@ are unpacked piece by piece, and refused as soon as they take more memory than a
 from __future__ import annotations
 
 import bz2
+import codecs
 import importlib.resources
 import io
 import itertools
 import lzma
 import math
 import re
+import string
 import struct
 import subprocess
+import sys
 import tempfile
 import zipfile
 import zlib
@@ -45,6 +52,21 @@ _MOST_LAYERS = 4
 """Packings one in another that are undone; an archive can be made that holds itself."""
 _MOST_EPOCH_LINES = 100
 """Lines of a Hatanaka-compressed epoch, at most, in search of the last whole one."""
+_MARK = codecs.BOM_UTF8
+_MARKS = (
+    (_MARK, "utf-8"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"),
+)  # fmt: skip
+"""Byte order marks and their encodings; that of UTF-32 begins like that of UTF-16."""
+_PADDING = b"\x00\x1a"
+"""Zero bytes, of loggers without power and of tapes, and Ctrl-Z, of DOS: no part of a text at its end."""
+_BLANKS = "\xa0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a\u202f\u205f\u3000"
+_INVISIBLE = "\ufeff\u200b\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2060"
+_PLAIN = str.maketrans(_BLANKS, " " * len(_BLANKS), _INVISIBLE)
+"""Blanks that do not break or have a width of their own become plain ones; what is not seen goes."""
+MINUS_SIGNS = "\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d\x96"
+"""Signs that editors and spreadsheets write for a minus; the last is the dash of Windows-1252."""
+_MINUS = str.maketrans(dict.fromkeys(MINUS_SIGNS, "-"))
 
 
 class FileError(ValueError):
@@ -107,6 +129,22 @@ def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:
         return reading.lines()
 
 
+def decoded(content: bytes) -> str:
+    """The text of a file that is to be UTF-8, or says by its mark that it is UTF-16 or UTF-32.
+
+    Marks and what stands after the end are dropped, and blanks are plain, as of `read_lines`. Raises
+    UnicodeDecodeError.
+    """
+    encoding = next((encoding for mark, encoding in _MARKS if content.startswith(mark)), "utf-8")
+    return _without_padding(content.decode(encoding).encode()).decode().translate(_PLAIN)
+
+
+def _without_padding(tail: bytes) -> bytes:
+    """A text, or its end, without what stands after it."""
+    end = len(tail.rstrip(_PADDING + string.whitespace.encode()))
+    return tail[:end] + re.split(b"[\x00\x1a]", tail[end:], maxsplit=1)[0]
+
+
 def check_table(path: Path, *shape: int) -> None:
     """Refuse a file whose numbers need a table of this shape, 8 bytes each, that takes more than `MOST_BYTES`.
 
@@ -126,6 +164,7 @@ class _Reading:
         self.dropped = dropped
         self.cut = False
         self.packed = False
+        self.cost = 0
         self.on_disk = file.seek(0, io.SEEK_END)
         file.seek(0)
 
@@ -136,26 +175,54 @@ class _Reading:
 
     def lines(self) -> list[str]:
         out: list[str] = []
-        held, cost = b"", 0
-        for chunk in _gathered_to(_CHUNK, self._unpacked()):
-            cost += len(chunk) + LINE * max(chunk.count(b"\n"), chunk.count(b"\r"))
-            self.check(cost)
+        held, data = b"", b""
+        for chunk in _gathered_to(_CHUNK, self._unpadded(self._counted(self._unpacked()))):
             data = held + chunk
             if b"\x00" in chunk:
-                ends = data[: data.index(b"\x00")].replace(b"\r\n", b"\n").replace(b"\r", b"\n").count(b"\n")
-                raise FileError(len(out) + ends + 1, "not a text file", self.path)
+                before = data[: data.index(b"\x00")]
+                ends = before.replace(b"\r\n", b"\n").replace(b"\r", b"\n").count(b"\n")
+                raise FileError(len(out) + ends + 1, f"not a text file{_of_two_bytes(data)}", self.path)
             held = b""
             if data.endswith(b"\r"):  # of a line end that the next piece may complete
                 data, held = data[:-1], b"\r"
-            # names of places and people in comments are often in Latin 1
-            *whole, last = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").decode("latin-1").split("\n")
-            out += whole
-            held = last.encode("latin-1") + held
+            whole, end, last = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").rpartition(b"\n")
+            if end:
+                out += self._decoded(whole)
+            held = last + held
             if len(held) > _LONGEST_LINE:
                 raise FileError(len(out) + 1, f"a line of more than {_LONGEST_LINE:,} bytes", self.path)
+        if not out and not held and self.cost:
+            raise FileError(1, "not a text file: it holds zero bytes alone", self.path)
         if self.cut:
             return [*out, ""]
-        return out + held.replace(b"\r", b"\n").decode("latin-1").split("\n")
+        return out + self._decoded(held.replace(b"\r", b"\n"))
+
+    def _decoded(self, data: bytes) -> list[str]:
+        """The lines of whole lines of bytes, whose ends are those of Unix."""
+        if data.isascii():
+            return data.decode("ascii").split("\n")
+        # files put together have the marks of each; names of places and people in comments are often in Latin-1
+        lines = [_text(line.removeprefix(_MARK)) for line in data.split(b"\n")]
+        self.cost += sum(sys.getsizeof(line) for line in lines if not line.isascii())  # up to four bytes a character
+        self.check(self.cost)
+        return lines
+
+    def _counted(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
+        """Pieces as they are; raises FileError where what they take in memory is too much."""
+        for piece in pieces:
+            self.cost += len(piece) + LINE * max(piece.count(b"\n"), piece.count(b"\r"))
+            self.check(self.cost)
+            yield piece
+
+    def _unpadded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
+        """Pieces without what stands after the end of the text."""
+        tail: list[bytes] = []
+        for piece in pieces:
+            if end := len(piece.rstrip(_PADDING + string.whitespace.encode())):
+                yield b"".join((*tail, piece[:end]))
+                tail = []
+            tail.append(piece[end:])
+        yield _without_padding(b"".join(tail))
 
     def check(self, size: int) -> None:
         """Raise FileError for more bytes in memory than this file may take."""
@@ -176,10 +243,10 @@ class _Reading:
     def _unpacked(self) -> Iterator[bytes]:
         pieces = iter(lambda: self.file.read(_CHUNK), b"")
         for _ in range(_MOST_LAYERS):
-            head = b""
-            while len(head) < 80 and (piece := next(pieces, b"")):
-                head += piece
-            pieces = itertools.chain([head] if head else [], pieces)
+            head, pieces = _with_head(pieces)
+            marked = next(((mark, encoding) for mark, encoding in _MARKS if head.startswith(mark)), None)
+            if marked:
+                head, pieces = _with_head(_as_utf_8(self, pieces, *marked))
             unpack = _unpacker(head)
             if unpack is None:
                 return pieces
@@ -191,6 +258,51 @@ class _Reading:
         """A packed file that is cut: raise its error, or go on with what there is. Raises FileError."""
         self.dropped.damaged(what, FileError(0, message, self.path))
         self.cut = True
+
+
+def _with_head(pieces: Iterator[bytes]) -> tuple[bytes, Iterator[bytes]]:
+    """The first bytes, 80 where there are so many, and all pieces."""
+    head = b""
+    while len(head) < 80 and (piece := next(pieces, b"")):
+        head += piece
+    return head, itertools.chain([head] if head else [], pieces)
+
+
+def _as_utf_8(reading: _Reading, pieces: Iterator[bytes], mark: bytes, encoding: str) -> Iterator[bytes]:
+    """A text without its byte order mark, in UTF-8."""
+    if mark == _MARK:
+        first = next(pieces).removeprefix(mark)
+        return itertools.chain([first] if first else [], pieces)
+    return _recoded(reading, pieces, encoding)
+
+
+def _recoded(reading: _Reading, pieces: Iterator[bytes], encoding: str) -> Iterator[bytes]:
+    decoder = codecs.getincrementaldecoder(encoding)()
+    try:
+        for piece in pieces:
+            if text := decoder.decode(piece):
+                yield text.encode()
+        decoder.decode(b"", True)
+    except UnicodeDecodeError as error:
+        message = f"not a text file: it begins with the mark of {encoding.upper()} and is none ({error.reason})"
+        raise FileError(0, message, reading.path) from None
+
+
+def _text(line: bytes) -> str:
+    """A line of UTF-8, or else of Latin-1, with plain blanks."""
+    try:
+        return line.decode().translate(_PLAIN)
+    except UnicodeDecodeError:
+        return line.decode("latin-1").translate(_PLAIN)
+
+
+def _of_two_bytes(data: bytes) -> str:
+    """What to add of data that seem to be UTF-16 without its mark."""
+    for first, order in ((1, "little"), (0, "big")):
+        zeros, others = data[first:100:2], data[1 - first : 100 : 2]
+        if zeros and not zeros.strip(b"\x00") and b"\x00" not in others:
+            return f": it seems to be UTF-16 ({order}-endian) without a byte order mark; save it as UTF-8"
+    return ""
 
 
 def _gathered_to(size: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
@@ -417,10 +529,17 @@ def ends_within(path: Path, line: int, piece: str, name: str) -> FileError:
 
 
 def plain_number(text: str) -> float:
-    """A number as Python reads it, but for underscores between its digits. Raises ValueError."""
-    if "_" in text:
+    """A number as Python reads it, but for underscores between its digits and digits that are not ASCII; the minus may
+    be any of `MINUS_SIGNS`. Raises ValueError."""
+    plain = as_ascii(text)
+    if "_" in plain or not plain.isascii():
         raise ValueError(f"could not convert string to float: {text!r}")
-    return float(text)
+    return float(plain)
+
+
+def as_ascii(text: str) -> str:
+    """A text with plain minus signs."""
+    return text if text.isascii() else text.translate(_MINUS)
 
 
 def number(path: Path, line: int, text: str, name: str) -> float:

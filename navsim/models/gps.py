@@ -38,9 +38,9 @@ class Elements:
     """Keplerian elements of n records; every field (n,); angles rad, rates rad/s, times GPS s from 1980-01-06.
 
     Names as in [1]: `toe`, `toc` reference times of orbit and clock; `c..` harmonic corrections in rad and m; `af0`,
-    `af1`, `af2` clock polynomial; `tgd` group delay of the signal in L1, s; `ura` user range accuracy, m, -1 where none
-    is told. An almanac has zeros where it says nothing. `prn` int; `healthy` bool; `iode`, `iodc` issues of data. The
-    system they are of, where it is asked for, brings the constants that they mean.
+    `af1`, `af2` clock polynomial; `tgd` group delay of the signal in L1, s, nan where it is not known; `ura` user range
+    accuracy, m, -1 where none is told. An almanac has zeros where it says nothing. `prn` int; `healthy` bool; `iode`,
+    `iodc` issues of data. The system they are of, where it is asked for, brings the constants that they mean.
     """
 
     prn: np.ndarray
@@ -247,12 +247,14 @@ class KeplerianEphemerides:
         return position, velocity
 
     def clock(self, gpst: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Satellite clocks less GPS time for a user of L1 alone, s, and their rates (m, n); nan without a record."""
+        """Satellite clocks less GPS time for a user of L1 alone, s, and their rates (m, n); nan without a record. A
+        group delay that is not known counts as none, as with RTKLIB; readers report it."""
         gpst, index = self._select(gpst)
         records = self.records.take(index)
         offset, rate = records.clock(gpst, self.system)
         lost = index < 0
-        return np.where(lost, np.nan, offset - records.tgd), np.where(lost, np.nan, rate)
+        delay = np.where(np.isnan(records.tgd), 0.0, records.tgd)
+        return np.where(lost, np.nan, offset - delay), np.where(lost, np.nan, rate)
 
     def accuracy(self, gpst: np.ndarray) -> np.ndarray:
         """User range accuracies of the messages, m (m, n); nan without a record, and where a record tells none."""

@@ -1,9 +1,10 @@
 """YAML 1.2 text to plain data that remembers where every key and value stands.
 
 PyYAML reads YAML 1.1, where `yes` is a boolean, `1e-3` a string and a key may stand twice; the resolver and
-the constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/, section 10.3.2). Tags are refused,
-and what a text may hold is bounded, here and nowhere else, for files and `--set` alike: bytes, depth, nodes (aliases
-count with all that they repeat), the length of texts, the digits and the size of numbers.
+the constructor here follow the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/, section 10.3.2), but for a minus,
+which may be any sign that editors write for one. Tags are refused, and what a text may hold is bounded, here and
+nowhere else, for files and `--set` alike: bytes, depth, nodes (aliases count with all that they repeat), the length of
+texts, the digits and the size of numbers.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 import yaml
 
 from navsim.io import files
+from navsim.io.text import MINUS_SIGNS, as_ascii, decoded
 from navsim.words import seen, setting
 
 KeyPath = tuple[str | int, ...]
@@ -159,6 +161,7 @@ class _Loader(yaml.SafeLoader):
 
 
 _INT = "tag:yaml.org,2002:int"
+_SIGN = f"[-+{MINUS_SIGNS}]?"
 _TOO_MANY = f"more than {MOST_NODES:,} keys and values, counting what aliases repeat"
 _TOO_DEEP = f"nested too deeply: mappings and lists more than {MOST_DEPTH} one in another"
 
@@ -166,9 +169,9 @@ _TOO_DEEP = f"nested too deeply: mappings and lists more than {MOST_DEPTH} one i
 for _tag, _pattern, _first in (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    ("int", r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789"),
-    ("float", r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?", "-+.0123456789"),
-    ("float", r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", "-+."),
+    ("int", rf"{_SIGN}[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", f"-+{MINUS_SIGNS}0123456789"),
+    ("float", rf"{_SIGN}(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE]{_SIGN}[0-9]+)?", f"-+{MINUS_SIGNS}.0123456789"),
+    ("float", rf"{_SIGN}\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", f"-+{MINUS_SIGNS}."),
 ):
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), list(_first))
 
@@ -177,7 +180,7 @@ def _number(text: str) -> int | float:
     """A number of the core schema. Raises ValueError for one too long, too large, too small, or not finite."""
     if len(text) > MOST_DIGITS:
         raise ValueError(f"a number of {len(text)} characters; allowed are {MOST_DIGITS}")
-    plain = text.lower().lstrip("+")
+    plain = as_ascii(text).lower().lstrip("+")
     try:
         value: int | float = int(plain, 0) if plain.startswith(("0x", "0o")) else int(plain)
     except ValueError:
@@ -313,11 +316,12 @@ def load(path: Path) -> Document:
     if len(raw) > MOST_BYTES:
         raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is no scenario")])
     try:
-        return parse(raw.decode("utf-8"), name, path.resolve().parent)
+        return parse(decoded(raw), name, path.resolve().parent)
     except UnicodeDecodeError as error:
         before = raw[: error.start]
         place = Place(name, before.count(b"\n") + 1, len(before) - before.rfind(b"\n"))
-        raise InputError([Problem(place, "", f"not a text file: byte {error.start} is not UTF-8")]) from None
+        message = f"not a text file: byte {error.start} is not {error.encoding.upper()}"
+        raise InputError([Problem(place, "", message)]) from None
 
 
 def parse(text: str, name: str, folder: Path) -> Document:

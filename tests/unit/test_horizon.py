@@ -38,9 +38,17 @@ def test_straight_lines_and_through_north(tmp_path: Path) -> None:
     ("text", "line", "said"),
     [
         ("# nothing\n", 0, "the file has no table"),
-        ("az,el\n0,5\n", 1, "expected the columns azimuth_deg, elevation_deg"),
-        (HEAD, 1, "the table has no row"),
-        (f"{HEAD}0,5,7\n", 2, "expected 2 numbers, found 3"),
+        (
+            "az,el\n0,5\n",
+            1,
+            "the header lacks azimuth_deg, elevation_deg; needed are azimuth_deg, elevation_deg; it has az, el",
+        ),
+        (HEAD, 1, "the table has no rows"),
+        (
+            f"{HEAD}0,5,7\n",
+            2,
+            "2 cells are due by the header, here are 3; if the decimals have commas, separate the cells by semicolons",
+        ),
         (f"{HEAD}0,5\n\n361,5\n", 4, "azimuth_deg is 361, allowed is 0 to 360"),
         (f"{HEAD}0,95\n", 2, "elevation_deg is 95, allowed is -90 to 90"),
         (f"{HEAD}0,high\n", 2, "expected a number for elevation_deg, found 'high'"),

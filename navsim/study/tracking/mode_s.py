@@ -15,6 +15,7 @@ import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
 from navsim.core.streams import generator
+from navsim.io.text import read_lines
 from navsim.tracking.atc import singer_range
 from navsim.tracking.azimuth import FIRST, SINGER, azimuth_filter, range_filter
 from navsim.tracking.circuit import CircuitFlight, G
@@ -47,8 +48,7 @@ class ModeSRecording:
 
 
 def _table(path: Path) -> np.ndarray:
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
+    rows = list(csv.reader(line for line in read_lines(path) if line))
     return np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
 
 
