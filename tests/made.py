@@ -19,7 +19,8 @@ COMMANDS: dict[str, tuple[object, ...]] = {
     "cut": ("run", SCENARIOS / "landing.yaml", "--set", "duration_s=6", *_QUIET),
     "runs": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--keep", "all", "--set", _LIMITS,
              "--set", "box={lateral_m: 1.5, vertical_m: 1.5}", "--set",
-             "requirements=[{what: rms, of: horizontal, below_m: 0.2}]"),
+             "requirements=[{what: rms, of: horizontal, below_m: 0.2}, "
+             "{what: error, of: lateral, at: touchdown, below_m: 1.2}]"),
     "evil": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET, "--runs", 30, "--set", f"title={EVIL}", "--set",
              "runway.heading_deg=33", "--set", "interference={jammers: [{name: \"<b>van</b>\", place: {lat_deg: 56.01, "
              "lon_deg: 37.0}, height_m: 10, eirp_dbw: -10, waveform: tone}]}"),

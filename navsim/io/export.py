@@ -14,6 +14,7 @@ import io
 import itertools
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from navsim.io.swept import heads, rows
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.conventions import KNOT
-from navsim.models.systems import BY_LETTER, GLONASS, GPS, System
+from navsim.models.systems import BY_LETTER, GLONASS, System
 
 ELLIPSE_PROBABILITY = 0.95
 _ELLIPSE_POINTS = 36
@@ -477,11 +478,12 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
 def _nmea(result: Result, target: Path) -> dict[Path, str]:
     """GGA, RMC and VTG of each fix, with as many digits as the format lets [2]. Heights are given over
     the geoid with its separation where the scenario has it, else over the ellipsoid with a separation of zero. A leap
-    second is 23:59:60."""
+    second is 23:59:60. The talker is that of the satellite system in use, GN if there are several."""
     if "/receiver/position_llh" not in result:
         raise _lacking(result, "fixes")
     start, separation = _start(result), _undulation(result) or 0.0
-    used = np.isfinite(result["/geometry/line_of_sight"][:, :, 0]).sum(axis=1)
+    in_use = np.isfinite(result["/geometry/line_of_sight"][:, :, 0])
+    used, talker = in_use.sum(axis=1), _talker(result["/geometry/source"][in_use.any(axis=0)])
     lines = []
     for t, p, v, n, hdop in zip(result["/geometry/time"], result["/receiver/position_llh"][0],
                                 result["/receiver/velocity_ned"][0], used, result["/geometry/hdop"],
@@ -491,8 +493,8 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
         clock = f"{hour:02d}{minute:02d}{hundredths // 100:02d}.{hundredths % 100:02d}"
         if not np.isfinite(p[0]):
             lines += [
-                _sentence(f"{GPS.talker}GGA,{clock},,,,,0,00,,,M,,M,,"),
-                _sentence(f"{GPS.talker}RMC,{clock},V,,,,,,,{date:%d%m%y},,,N"),
+                _sentence(f"{talker}GGA,{clock},,,,,0,00,,,M,,M,,"),
+                _sentence(f"{talker}RMC,{clock},V,,,,,,,{date:%d%m%y},,,N"),
             ]
             continue
         where = _angle(np.degrees(p[0]), 2, "NS") + "," + _angle(np.degrees(p[1]), 3, "EW")
@@ -500,13 +502,19 @@ def _nmea(result: Result, target: Path) -> dict[Path, str]:
         knots = speed / KNOT
         lines += [
             _sentence(
-                f"{GPS.talker}GGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2] - separation:.3f},M,"
+                f"{talker}GGA,{clock},{where},1,{min(int(n), 99):02d},{hdop:.2f},{p[2] - separation:.3f},M,"
                 f"{separation:.3f},M,,"
             ),
-            _sentence(f"{GPS.talker}RMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
-            _sentence(f"{GPS.talker}VTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
+            _sentence(f"{talker}RMC,{clock},A,{where},{knots:.3f},{course:.2f},{date:%d%m%y},,,A"),
+            _sentence(f"{talker}VTG,{course:.2f},T,,M,{knots:.3f},N,{3.6 * speed:.3f},K,A"),
         ]
     return {target.with_suffix(".nmea"): "".join(f"{line}\r\n" for line in lines)}
+
+
+def _talker(sources: Iterable[object]) -> str:
+    """The talker of a receiver that uses these sources [2]."""
+    talkers = {system.talker for name in sources for system in BY_LETTER.values() if system.has(str(name))}
+    return talkers.pop() if len(talkers) == 1 else "GN"
 
 
 def _angle(degrees: float, width: int, signs: str) -> str:
@@ -688,10 +696,7 @@ def _geojson(result: Result, target: Path) -> dict[Path, str]:
 
 def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
     """A geometry of RFC 7946, which wants lines and areas cut at 180 degrees, and outer rings counterclockwise."""
-    turn = _turn(coordinates[0][0])
-    parts = [[[lon - 360.0 * turn, *rest] for lon, *rest in coordinates]]
-    if any(abs(lon) > 180.0 for lon, _, _ in parts[0]):
-        parts = _cut(kind, coordinates)
+    parts = _cut_at_180(kind, coordinates)
     if kind == "Point":
         return {"type": kind, "coordinates": parts[0][0]}
     shapes: list[Any] = [[_counterclockwise(ring)] for ring in parts] if kind == "Polygon" else parts
@@ -700,8 +705,15 @@ def _geometry(kind: str, coordinates: list[list[float]]) -> dict[str, Any]:
     return {"type": f"Multi{kind}", "coordinates": shapes}
 
 
+def _cut_at_180(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
+    """The parts of a line, or the outer rings of those of an area, on either side of 180 degrees, in their order, with
+    longitudes within 180 degrees."""
+    turn = _turn(coordinates[0][0])
+    whole = [[lon - 360.0 * turn, *rest] for lon, *rest in coordinates]
+    return [whole] if all(abs(lon) <= 180.0 for lon, *_ in whole) else _cut(kind, coordinates)
+
+
 def _cut(kind: str, coordinates: list[list[float]]) -> list[list[list[float]]]:
-    """The parts of a line, or the outer rings of those of an area, on either side of 180 degrees, in their order."""
     if kind == "LineString":
         return _cut_line(coordinates)
     from shapely.geometry import Polygon, box
@@ -745,6 +757,24 @@ def _counterclockwise(ring: list[list[float]]) -> list[list[float]]:
     return ring if area > 0.0 else ring[::-1]
 
 
+def _kml_geometry(into: Any, kind: str, type_: str, coordinates: list[list[float]], separation: float) -> None:
+    """Add a point, line or area to a placemark. separation: of the geoid, m; KML's heights are over the sea, and are
+    those over the ellipsoid if the scenario does not have it (0)."""
+    from xml.etree import ElementTree as Xml
+
+    shape = Xml.SubElement(into, type_)
+    on_ground = kind in ("runway", "ellipse", "pseudolite")
+    if kind == "ridge":  # a wall down to the ground
+        Xml.SubElement(shape, "extrude").text = "1"
+    if type_ != "Point":
+        Xml.SubElement(shape, "tessellate").text = "1"
+    Xml.SubElement(shape, "altitudeMode").text = "clampToGround" if on_ground else "absolute"
+    if type_ == "Polygon":
+        shape = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
+    places = [(round(lon, 9), lat, *(round(h - separation, 3) for h in up)) for lon, lat, *up in coordinates]
+    Xml.SubElement(shape, "coordinates").text = " ".join(",".join(map(str, place)) for place in places)
+
+
 _STYLES = {"track": ("ffb27200", 2, "00ffffff"), "runway": ("ff777777", 1, "a0777777"),
            "ellipse": ("ff005ed5", 1, "30005ed5"), "pseudolite": ("ff005ed5", 1, "ff005ed5"),
            "glide": ("ff739e00", 2, "00ffffff"), "ridge": ("ff004b8c", 2, "60004b8c")}  # fmt: skip
@@ -769,23 +799,11 @@ def _kml(result: Result, target: Path) -> dict[Path, str]:
         mark = Xml.SubElement(document, "Placemark")
         Xml.SubElement(mark, "name").text = f["name"]
         Xml.SubElement(mark, "styleUrl").text = f"#{f['kind']}"
-        shape = Xml.SubElement(mark, f["type"])
-        on_ground = f["kind"] in ("runway", "ellipse", "pseudolite")
-        if f["kind"] == "ridge":  # a wall down to the ground
-            Xml.SubElement(shape, "extrude").text = "1"
-        if f["type"] != "Point":
-            Xml.SubElement(shape, "tessellate").text = "1"
-        # KML's heights are over the sea: those over the ellipsoid are shown as they are where nothing is known of it
-        Xml.SubElement(shape, "altitudeMode").text = "clampToGround" if on_ground else "absolute"
-        into = shape
-        if f["type"] == "Polygon":
-            into = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
-        # KML has longitudes of at most 180 degrees, and draws the short way
-        places = [
-            (round(lon - 360.0 * round(lon / 360.0), 9), lat, *(round(h - separation, 3) for h in up))
-            for lon, lat, *up in f["coordinates"]
-        ]
-        Xml.SubElement(into, "coordinates").text = " ".join(",".join(map(str, place)) for place in places)
+        # programs draw a line between longitudes of 180 and -180 degrees round the Earth
+        parts = _cut_at_180(f["type"], f["coordinates"])
+        into = mark if len(parts) == 1 else Xml.SubElement(mark, "MultiGeometry")
+        for coordinates in parts:
+            _kml_geometry(into, f["kind"], f["type"], coordinates, separation)
     Xml.indent(kml, space=" ")
     text = Xml.tostring(kml, encoding="unicode", xml_declaration=False)
     return {target.with_suffix(".kml"): '<?xml version="1.0" encoding="UTF-8"?>\n' + text + "\n"}

@@ -28,11 +28,11 @@ def table1_position(start: np.ndarray, slant: float, s: float, l1: float) -> np.
 
     start: (2,) latitude and longitude of the start of the approach, rad. slant: length of the glide path, m.
     s, l1: m. The paper puts the touchdown point the slant length due north of the start, S along the
-    meridian and L1 eastwards, on a sphere, whatever the heading.
+    meridian and L1 eastwards, on a sphere, whatever the heading. The longitude is within -pi ... pi.
     """
     latitude = start[0] + (slant + s) / TABLE1_SPHERE
     longitude = start[1] + l1 / (TABLE1_SPHERE * np.cos(start[0]))
-    return np.array([latitude, longitude])
+    return np.array([latitude, earth.short_way(longitude)])
 
 
 def runway_position(threshold: np.ndarray, heading: float, s: float, l1: float, height: float) -> np.ndarray:

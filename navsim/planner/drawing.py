@@ -31,6 +31,7 @@ from navsim.report.page.marks import (
     small,
     source,
     tell,
+    view_from_above,
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.report.sky import Sector
@@ -141,12 +142,12 @@ class AerodromePlan:
     def show(self, area: ShownArea) -> None:
         """Let the axes reach over an area."""
         low, high = area.along - area.half, area.along + area.half
-        left, right = area.right + area.half, area.right - area.half
+        left, right = area.right - area.half, area.right + area.half
         if isinstance(self.figure.x_range, Range1d):
             self.figure.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
-            self.figure.y_range.update(start=left, end=right, reset_start=left, reset_end=right)
+            self.figure.y_range.update(start=right, end=left, reset_start=right, reset_end=left)
         else:
-            self.figure.update(x_range=Range1d(low, high), y_range=Range1d(left, right))
+            view_from_above(self.figure, (low, high), (left, right))
 
     def put(self, proposal: PlannedScenario) -> None:
         """Show the transmitters where they stand."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.report.figures import legend_above
-from navsim.report.limits import asked, rectangle
+from navsim.report.limits import DOTTED, REQUIRED, Limit, asked, rectangle
 from navsim.report.printing import COLOURS, COLUMN, abreast, new_figure
 from navsim.report.quantities import blocks, come_down, ellipse, heights, settled
 from navsim.report.tables import box_limits, of_total, runs_of, setting
@@ -137,11 +137,11 @@ def at_touchdown(result: Result, axis: str) -> np.ndarray:
 
 
 def _scatter(result: Result) -> Figure:
-    """Errors of all runs at touchdown, from above and from behind, with the ellipses of their covariance, and what is
-    required."""
+    """Errors of all runs at touchdown, from above and from behind, with the ellipses of their covariance, the box and
+    the required sizes."""
     fig = new_figure(2 * COLUMN, 3.4)
     names = {"lateral": "lateral (right)", "along": "along the track", "vertical": "vertical (up)"}
-    panels, out_of_sight = abreast(fig, 2), dict[str, str]()
+    panels, boxed, unseen = abreast(fig, 2), _box_at_touchdown(result), set[str]()
     for ax, (x, y) in zip(panels, (("lateral", "along"), ("lateral", "vertical")), strict=True):
         both = np.stack([at_touchdown(result, x), at_touchdown(result, y)], axis=1)
         both = both[np.isfinite(both).all(axis=1)]
@@ -155,34 +155,43 @@ def _scatter(result: Result) -> Figure:
             ax.plot(*(mean[:, None] + half), color=COLOURS[1], ls="--", label="50 % of a Gaussian")
             ax.plot(*(mean[:, None] + whole), color=COLOURS[1], label="95 % of a Gaussian")
             wide = max(wide, float(np.abs(mean[:, None] + whole).max()))
-        every = _limits(result)
-        limits = {name: ends for name, ends in every.items() if max(-ends[0], ends[1]) <= 4.0 * wide}
-        out_of_sight |= {name: f"{name} {every[name][0]:g} to {every[name][1]:g} m" for name in (x, y)
-                         if name in every and name not in limits}  # fmt: skip
-        rectangle(ax, limits.get(x), limits.get(y), "limit")
-        wide = 1.15 * max([wide, *(abs(end) for ends in limits.values() for end in ends)])
+        in_sight = {name: size for name, size in boxed.items() if max(-size[0], size[1]) <= 4.0 * wide}
+        rectangle(ax, in_sight.get(x), in_sight.get(y), "box")
+        required = [one for one in asked(result, "error") if one.at == "touchdown" and one.of in (x, y)]
+        shown = [one for one in required if one.size <= 4.0 * wide]
+        for one in shown:
+            _required_line(ax, one, upright=one.of == x)
+        unseen |= {f"box {name} {boxed[name][0]:g} to {boxed[name][1]:g} m" for name in (x, y)
+                   if name in boxed and name not in in_sight}  # fmt: skip
+        unseen |= {_words(one) for one in required if one not in shown}
+        ends = [abs(end) for name, size in in_sight.items() if name in (x, y) for end in size]
+        wide = 1.15 * max([wide, *ends, *(one.size for one in shown)])
         ax.set_xlim(-wide, wide)
         ax.set_ylim(-wide, wide)
         ax.set_box_aspect(1.0)
         ax.set_xlabel(f"{names[x]}, m")
         ax.set_ylabel(f"{names[y]}, m")
-    far = f"; limits out of sight: {', '.join(out_of_sight.values())}" if out_of_sight else ""
+    far = f"; not in sight: {', '.join(sorted(unseen))}" if unseen else ""
     legend_above(fig, panels[0], 4, f"error at touchdown, {runs_of(result)}{far}", panels[1])
     return fig
 
 
-def _limits(result: Result) -> dict[str, tuple[float, float]]:
-    """What errors at touchdown are limited to by the scenario's box, if it is of errors of navigation, or by
-    requirements, from and to, m."""
-    out: dict[str, tuple[float, float]] = {}
-    navigation = "/summary/box/upper" in result and not of_total(result)
-    if navigation and float(result["/summary/box/height"]) == 0.0:
-        out = {name: ends for i, name in enumerate(AXES) if (ends := box_limits(result, i)) is not None}
-    for one in asked(result, "error"):
-        if one.at == "touchdown":
-            low, high = out.get(one.of, (-np.inf, np.inf))
-            out[one.of] = max(-one.size, low), min(one.size, high)
-    return out
+def _box_at_touchdown(result: Result) -> dict[str, tuple[float, float]]:
+    """The scenario's box by axis, from and to, m, if it limits navigation errors at touchdown."""
+    if "/summary/box/upper" not in result or of_total(result) or float(result["/summary/box/height"]) != 0.0:
+        return {}
+    return {name: ends for i, name in enumerate(AXES) if (ends := box_limits(result, i)) is not None}
+
+
+def _words(one: Limit) -> str:
+    return f"required: {one.of} ±{one.size:g} m in {100.0 * one.limit:g} %"
+
+
+def _required_line(ax: Axes, one: Limit, upright: bool) -> None:
+    """Draw the required size of one error to both sides of zero, upright or level."""
+    for side in (-one.size, one.size):
+        draw = ax.axvline if upright else ax.axhline
+        draw(side, color=REQUIRED, ls=DOTTED, lw=1.4, label=_words(one) if side > 0.0 else None)
 
 
 def _histogram(result: Result) -> Figure:

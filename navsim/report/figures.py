@@ -99,10 +99,16 @@ def on_page(ax: Axes, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return ax.transData.transform(np.column_stack([x, y])) * 72.0 / ax.figure.dpi
 
 
+def view_from_above(plan: Axes) -> None:
+    """Turn the axis of distances right of the runway downwards. The landing direction points to the right of the page,
+    so the plan is a view from above and not its mirror image."""
+    plan.yaxis.set_inverted(True)
+
+
 def ridge_lines(
     ax: Axes, ridges: Iterable[ShownRidge], along: tuple[float, float], right: tuple[float, float]
 ) -> None:
-    """Ridges within a part of a plan, from and to, m, with their heights."""
+    """Draw ridges within a part of a plan seen from above (from and to, m) with their heights."""
     label: str | None = "terrain, height of its top"
     for ridge in ridges:
         parts = clipped(ridge, along, right)
@@ -111,8 +117,8 @@ def ridge_lines(
             label = None
         if len(parts):
             ends = parts.reshape(-1, 2)
-            x, y = ends[np.argmax(ends[:, 1])]
-            down = y > right[1] - 0.1 * (right[1] - right[0])  # over a border a title stands
+            x, y = ends[np.argmin(ends[:, 1])]
+            down = y < right[0] + 0.1 * (right[1] - right[0])  # a title stands above the border
             word(ax, ridge.label, (float(x), float(y)), (4.0, -3.0) if down else (0.0, 2.0),
                  ha="left" if down else "center", va="top" if down else "bottom", color=BROWN)  # fmt: skip
 
@@ -143,6 +149,7 @@ def track(result: Result) -> Figure:
         profile.plot([over.along, over.along], [0.0, over.top], color=BROWN, lw=1.6)
         word(profile, over.label, (over.along, over.top), (0.0, 2.0), ha="center", va="bottom", color=BROWN)
     plan.margins(0.06, 0.15)
+    view_from_above(plan)
     if names.size:
         label_points(plan, names, places[:, 0], places[:, 1])
     plan.set_ylabel("right of the axis, m")

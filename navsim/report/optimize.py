@@ -213,7 +213,7 @@ def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
 
 def plan(result: Result) -> Figure:
     """For each number of pseudolites: the placement over the objective with the first one moved."""
-    from navsim.report.figures import label_points, legend_above, ridge_lines
+    from navsim.report.figures import label_points, legend_above, ridge_lines, view_from_above
     from navsim.report.printing import COLUMN, new_figure
 
     counts = result["/pseudolites"]
@@ -246,6 +246,7 @@ def plan(result: Result) -> Figure:
         ax.grid(visible=False)
         ax.margins(0.03)
         ridge_lines(ax, shown_ridges(result), ax.get_xlim(), ax.get_ylim())
+        view_from_above(ax)
         label_points(ax, (f"PL{k + 1}" for k in range(count)), x[:count], y[:count])
     legend_above(fig, axes[0], 3, "colours: PL1 moved" + (", the others kept" if counts.max() > 1 else ""))
     unmet = ", or requirements not met" if "/front/met" in result else ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS
-from navsim.report.figures import legend_below
+from navsim.report.figures import legend_below, view_from_above
 from navsim.report.limits import REQUIRED, asked, glide, rectangle, rms_lines, spoken, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.quantities import MOST_RUNS, blocks, settled, touchdown
@@ -163,6 +163,8 @@ def box(result: Result) -> Figure:
     panels = abreast(fig, len(views))
     for ax, (x, y, title) in zip(panels, views, strict=True):
         _view(ax, result, (x, y), limits)
+        if (x, y, title) == _ABOVE:
+            view_from_above(ax)
         ax.set_title(title)
         ax.set_xlabel(f"{names[x]}, m")
         ax.set_ylabel(f"{names[y]}, m")

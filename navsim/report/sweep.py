@@ -369,7 +369,7 @@ def colours(cube: np.ndarray, better: bool) -> tuple[float, float]:
 
 def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) -> Figure:
     """Heat maps on the runway plan, a panel for each point of the other axes (or the best of them)."""
-    from navsim.report.figures import legend_above
+    from navsim.report.figures import legend_above, view_from_above
     from navsim.report.printing import COLUMN, narrow, new_figure, to_scale_below
 
     better = large(result, name)
@@ -407,6 +407,7 @@ def _map(result: Result, name: str, cube: np.ndarray, plane: tuple[int, int]) ->
                 clip_on=False, zorder=5,
             )  # fmt: skip
         _runway(ax, result)
+        view_from_above(ax)
         if view.to_scale:
             ax.set_aspect("equal", adjustable="box")
         ax.set_ylabel("right of the axis, m")

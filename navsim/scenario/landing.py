@@ -698,6 +698,7 @@ class Landing(Section):
         """Surveyed positions (p, 3), rad, rad, m."""
         import numpy as np
 
+        from navsim.core.arrays.earth import short_way
         from navsim.models.pseudolite import runway_position, table1_position
 
         out = np.empty((len(self.pseudolites.placed()), 3))
@@ -705,7 +706,7 @@ class Landing(Section):
             above = self.pseudolites.height_m if site.height_m is None else site.height_m
             height = self.runway.ellipsoidal_m + above
             if site.lat_deg is not None and site.lon_deg is not None:
-                row[:] = site.lat_deg * DEG, site.lon_deg * DEG, height
+                row[:] = site.lat_deg * DEG, short_way(site.lon_deg * DEG), height
                 continue
             assert site.s_m is not None
             assert site.l1_m is not None

@@ -65,7 +65,7 @@ def test_a_landing_across_the_date_line(kind: str) -> None:
 
 
 def test_its_maps(tmp_path: Path) -> None:
-    """No line round the Earth: what crosses 180 degrees is cut there in GeoJSON, KML draws the short way."""
+    """No line round the Earth: what crosses 180 degrees is cut there in GeoJSON and in KML."""
     (there,) = export.export(flown(ACROSS), tmp_path / "there.h5", ["geojson"])
     (here,) = export.export(flown(37.0), tmp_path / "here.h5", ["geojson"])
     features, others = (json.loads(file.read_text())["features"] for file in (there, here))
@@ -87,10 +87,25 @@ def test_its_maps(tmp_path: Path) -> None:
         assert whole.geom_type == "Polygon" or found.length == pytest.approx(whole.length, rel=1e-4)
     assert crossing
     (kml,) = export.export(flown(ACROSS), tmp_path / "r.h5", ["kml"])
-    longitudes = [float(place.split(",")[0]) for text in re.findall("<coordinates>(.*?)<", kml.read_text())
-                  for place in text.split()]  # fmt: skip
-    assert np.abs(longitudes).max() <= 180.0
-    assert np.ptp(longitudes) > 359.0
+    parts = [[float(place.split(",")[0]) for place in text.split()]
+             for text in re.findall("<coordinates>(.*?)<", kml.read_text())]  # fmt: skip
+    assert len([text for text in kml.read_text().split() if text == "<MultiGeometry>"]) == crossing
+    for longitudes in parts:
+        assert np.abs(longitudes).max() <= 180.0
+        assert np.ptp(longitudes) < 1.0
+    assert {float(np.sign(part[0])) for part in parts} == {-1.0, 1.0}
+
+
+def test_longitudes_of_pseudolites_end_at_180_degrees() -> None:
+    """Beside a start at 179.9 degrees, given in the frames of the paper's table and of the runway."""
+    for frame in ("table1", "runway"):
+        there = case("approach.start.lon_deg=179.999", "pseudolites={sites: [{s_m: 500, l1_m: 900}]}",
+                     f"pseudolites.frame={frame}", "runway.heading_deg=0", "duration_s=4")  # fmt: skip
+        here = case("approach.start.lon_deg=37", "pseudolites={sites: [{s_m: 500, l1_m: 900}]}",
+                    f"pseudolites.frame={frame}", "runway.heading_deg=0", "duration_s=4")  # fmt: skip
+        turned = np.radians(142.999 - 360.0)
+        assert np.abs(there.pseudolites.llh[:, 1]).max() <= np.pi
+        np.testing.assert_allclose(there.pseudolites.llh[:, 1], here.pseudolites.llh[:, 1] + turned, atol=1e-9)
 
 
 def test_an_area_is_cut_as_well() -> None:

@@ -147,7 +147,7 @@ def test_rtklib_follows_through_a_leap_second(leaping: Result, tmp_path: Path, w
 
 def test_nmea_has_the_leap_second(leaping: Result, tmp_path: Path) -> None:
     export(leaping, tmp_path / "r.h5", ["nmea"])
-    said = [line.split(",") for line in (tmp_path / "r.nmea").read_text().splitlines() if line.startswith("$GPRMC")]
+    said = [line.split(",") for line in (tmp_path / "r.nmea").read_text().splitlines() if line.startswith("$GNRMC")]
     assert [(x[1], x[9]) for x in said[57:64]] == [
         ("235959.25", "311216"), ("235959.75", "311216"), ("235960.25", "311216"), ("235960.75", "311216"),
         ("000000.25", "010117"), ("000000.75", "010117"), ("000001.25", "010117"),
@@ -478,3 +478,13 @@ def test_a_replay_as_map_and_table(tmp_path: Path) -> None:
     ElementTree.parse(tmp_path / "f.kml")
     with pytest.raises(ResultError, match="nothing for --rinex"):
         export(result, tmp_path / "f.h5", ["rinex"])
+
+
+@pytest.mark.parametrize(("systems", "talker"), [("[gps]", "GP"), ("[galileo]", "GA"), ("[gps, glonass]", "GN")])
+def test_the_talker_is_that_of_the_satellites(systems: str, talker: str, tmp_path: Path) -> None:
+    """NMEA 0183: GN for a fix of several systems, else the system's own."""
+    sky = f"sky={{source: nominal, systems: {systems}}}"
+    this = case(sky, "pseudolites={count: 0}", "duration_s=1.5", "imu.rate_hz=20")
+    result = landing.result(this, landing.fly_all(this, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
+    (file,) = export(result, tmp_path / "r.h5", ["nmea"])
+    assert {line[1:3] for line in file.read_text().splitlines()} == {talker}

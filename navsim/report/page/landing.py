@@ -12,6 +12,7 @@ from bokeh.plotting import figure
 
 from navsim.io.results import Result
 from navsim.io.schema import HEIGHTS, RMS_WINDOW
+from navsim.report.limits import asked
 from navsim.report.page import integrity, rare
 from navsim.report.page.marks import (
     BLUE,
@@ -40,6 +41,7 @@ from navsim.report.page.marks import (
     stretch,
     tell,
     upright,
+    view_from_above,
     width,
 )
 from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
@@ -128,7 +130,7 @@ def track(results: Sequence[Named]) -> Drawing:
         for over in flown_over(result):
             profile.segment(over.along, 0.0, over.along, over.top, line_color=BROWN, line_width=3)
             names(profile, over.along, over.top, [over.label], BROWN, x_offset=0, y_offset=-4, text_align="center")
-    plan.x_range, plan.y_range = (Range1d(low - 0.07 * (high - low), high + 0.07 * (high - low)) for low, high in view)
+    view_from_above(plan, *((low - 0.07 * (high - low), high + 0.07 * (high - low)) for low, high in view))
     profile.x_range = plan.x_range
     for on in (plan, profile):
         from_runway(on)
@@ -372,15 +374,16 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
             if r["/run"].size >= _FEW or "/summary/box/error_run" in r]  # fmt: skip
     if not kept:
         return None
-    column, where = 0, "touchdown"
+    column, where, height = 0, "touchdown", "touchdown"
     boxed = [float(r["/summary/box/height"]) for _, _, r in kept if "/summary/box/height" in r]
     near = [k for k, at in enumerate(kept[0][2]["/summary/at/height"]) if boxed and abs(at - boxed[0]) < 0.01]
     if near:
-        column, where = near[0], list(HEIGHTS)[near[0]].replace("ft", " ft")
+        column, height = near[0], list(HEIGHTS)[near[0]]
+        where = height.replace("ft", " ft")
     judged = len(set(boxed)) == 1 and all("/summary/box/error_run" in r for _, _, r in kept)
     if judged and not near:
-        where = f"{boxed[0]:g} m above the runway"
-    panels, drawn = [], False
+        where = height = f"{boxed[0]:g} m above the runway"
+    panels, drawn, required = [], False, False
     # limits along the runway that are given from its threshold are drawn from there, and are far longer than wide
     placed = judged and all("/summary/box/place" in r for _, _, r in kept)
     for across, up in (("lateral", "vertical"), ("lateral", "along")):
@@ -415,6 +418,8 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
                     result["/summary/at/height"][column])) < 0.01):  # fmt: skip
                 _box(on, result, (across, up), start, colour(i) if len(kept) > 1 else GREY)
                 drawn = True
+            if not zoned and not of_total(result):
+                required |= _required(on, result, height, (across, up), colour(i) if len(kept) > 1 else GREY)
         tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
         panels.append(on)
     counted = ", ".join(
@@ -426,9 +431,11 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
         f"Errors at {where}{what}, a point a run ({counted})" + (
             ", with the ellipse that holds 95 % of a Gaussian of their mean and covariance"
             if any(r["/run"].size >= _FEW for _, _, r in kept) else ""
-        ) + ("; dashed: the box" + (", crosses: runs that end outside." if judged else ".") if drawn else ".")
+        ) + ("; dashed: the box" + (", crosses: runs that end outside" if judged else "") if drawn else "")
+        + ("; dotted: required sizes." if required else ".")
     )  # fmt: skip
     keys = [Key("box", GREY, "dash")] if drawn else []
+    keys += [Key("required", GREY, "dots")] if required else []
     return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
 
 
@@ -443,6 +450,15 @@ def _box(on: figure, result: Result, axes: tuple[str, str], start: float, own: s
     for ends, side in ((x, upright), (y, level)):
         for end in ends or ():
             side(on, end, own)
+
+
+def _required(on: figure, result: Result, height: str, axes: tuple[str, str], own: str) -> bool:
+    """Draw the required sizes of the errors across and up the page at a height; whether there are any."""
+    found = [one for one in asked(result, "error") if one.at == height and one.of in axes]
+    for one in found:
+        for side in (-one.size, one.size):
+            (upright if one.of == axes[0] else level)(on, side, own, "dotted")
+    return bool(found)
 
 
 def distribution(results: Sequence[Named]) -> Drawing | None:

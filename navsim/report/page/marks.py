@@ -190,9 +190,9 @@ def reach(on: figure, values: Iterable[np.ndarray], least: float = 0.0, symmetri
         on.y_range = Range1d(-top if symmetric else 0.0, top)
 
 
-def upright(on: figure, x: float, colour: str = GREY) -> None:
-    """A dashed line across the plot at x."""
-    on.add_layout(Span(location=x, dimension="height", line_color=colour, line_dash="dashed", line_width=1))
+def upright(on: figure, x: float, colour: str = GREY, dash: str = "dashed") -> None:
+    """A line across the plot at x."""
+    on.add_layout(Span(location=x, dimension="height", line_color=colour, line_dash=dash, line_width=1))
 
 
 def level(on: figure, y: float, colour: str = GREY, dash: str = "dashed") -> None:
@@ -258,6 +258,12 @@ def ticks(on: figure, axis: Any, at: Sequence[float], said: Sequence[object]) ->
 def steps(on: figure, x: np.ndarray, y: np.ndarray, colour: str, **style: Any) -> Any:
     """A line that keeps each value until the next."""
     return on.step("x", "y", source=source(x=x, y=y), line_color=colour, line_width=1.6, mode="after", **style)
+
+
+def view_from_above(on: figure, along: tuple[float, float], right: tuple[float, float]) -> None:
+    """Set the axes of a plan, from and to, m. The landing direction points to the right of the page and the right side
+    of the runway down, so the plan is a view from above and not its mirror image."""
+    on.update(x_range=Range1d(*along), y_range=Range1d(right[1], right[0]))
 
 
 def downwards(on: figure, low: float, high: float) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import Range1d
 from bokeh.plotting import figure
 
 from navsim.io.results import Result
@@ -33,6 +32,7 @@ from navsim.report.page.marks import (
     source,
     tell,
     ticks,
+    view_from_above,
 )
 from navsim.report.page.terrain import ridge_lines
 from navsim.report.ridges import shown_ridges
@@ -144,13 +144,13 @@ def _runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np.nda
         of = source(x=result["/plan/track_along"], y=result["/plan/track_right"])
         line(on, of, "y", GREY, line_dash="dashed")
     shown: list[tuple[float, float]] = []
-    for axis, each, more in (("x_range", along, (0.0, length)), ("y_range", right, (0.0, 0.0))):
+    for each, more in ((along, (0.0, length)), (right, (0.0, 0.0))):
         low, high = float(np.nanmin(each)), float(np.nanmax(each))
         wide = min(low, *more), max(high, *more)
         low, high = wide if wide[1] - wide[0] <= 2.0 * (high - low) else (low, high)
         room = 0.06 * max(high - low, 1.0)
-        setattr(on, axis, Range1d(low - room, high + room))
         shown.append((low - room, high + room))
+    view_from_above(on, shown[0], shown[1])
     ridge_lines(on, shown_ridges(result), shown[0], shown[1], over_map=True)
     from_runway(on)
 

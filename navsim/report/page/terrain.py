@@ -30,7 +30,7 @@ def ridge_lines(on: figure, ridges: Sequence[ShownRidge], along: Ends, right: En
                 on.multi_line(*lines, line_color="white", line_alpha=0.75, line_width=6)
             on.multi_line(*lines, line_color=BROWN, line_width=3)
             ends = parts.reshape(-1, 2)
-            x, y = ends[ends[:, 1].argmax()]
+            x, y = ends[ends[:, 1].argmin()]
             style = _inwards(x, y, along, right)
             if over_map:
                 style |= {"background_fill_color": "white", "background_fill_alpha": 0.75}
@@ -40,9 +40,9 @@ def ridge_lines(on: figure, ridges: Sequence[ShownRidge], along: Ends, right: En
 
 def _inwards(x: float, y: float, along: Ends, right: Ends) -> dict[str, Any]:
     """Where a name stands at the upper end of a line so that it reaches over no border of the plan: over the end, else
-    beside it."""
-    across, up = ((at - low) / (high - low) for at, (low, high) in ((x, along), (y, right)))
-    down = up > 1.0 - _BORDER
+    beside it. Right of the runway is down the page."""
+    across, down_the_page = ((at - low) / (high - low) for at, (low, high) in ((x, along), (y, right)))
+    down = down_the_page < _BORDER
     align = "right" if across > 1.0 - _BORDER else "left" if across < _BORDER or down else "center"
     aside = {"left": 8, "right": -8, "center": 0}[align]
     return {"text_align": align, "x_offset": aside, "y_offset": 6 if down else -4,
