@@ -1229,6 +1229,8 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "objective": ((OPTIMIZE,), "what is optimised"),
     "stopped": ((OPTIMIZE,), "why the work ended early; empty where it did not"),
     "undone": ((OPTIMIZE,), "what was left of the work"),
+    "recorded_s": ((REPLAY,), "first and last time of samples and fixes in the log, s"),
+    "flown_s": ((REPLAY,), "first and last time of the log that is flown, s"),
     "alignment_time": ((REPLAY,), "time of the log at which the flight is aligned, s"),
     "alignment_until": ((REPLAY,), "end of the data it is aligned with, s"),
     "alignment_sigma_deg": ((REPLAY,), "1 sigma of the alignment, north, east, down, degrees"),

@@ -8,6 +8,15 @@ import numpy as np
 
 from navsim.core.arrays import earth
 
+_NEIGHBOURS = 3.0
+"""Fixes farther apart than this many usual intervals do not show the velocity of one another."""
+
+
+def _intervals(time: np.ndarray, longest: float) -> np.ndarray:
+    """Begin and end (k, 2) of the intervals between times that are longer than `longest` seconds."""
+    first = np.flatnonzero(np.diff(time) > longest)
+    return np.stack([time[first], time[first + 1]], axis=1)
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -21,6 +30,10 @@ class Samples:
         """The samples at first <= time <= last."""
         keep = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]))
         return Samples(self.time[keep], self.rate[keep], self.force[keep])
+
+    def missing(self, longest: float) -> np.ndarray:
+        """Begin and end, s, of the intervals without a sample (k, 2) that are longer than `longest` seconds."""
+        return _intervals(self.time, longest)
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rate and specific force (m, 3) at times (m,), interpolated between samples."""
@@ -47,15 +60,25 @@ class Fixes:
         """The same fixes with their times put back by `delay` seconds."""
         return Fixes(self.time - delay, self.llh, self.velocity)
 
+    def pauses(self, longest: float) -> np.ndarray:
+        """Begin and end, s, of the intervals without a fix (k, 2) that are longer than `longest` seconds."""
+        return _intervals(self.time, longest)
+
     def with_velocity(self) -> tuple[Fixes, np.ndarray]:
         """The fixes (two at least) with unknown components of velocity taken from the positions around them, and over
-        how many seconds (m,), about one."""
+        how many seconds (m,), about one. Positions on both sides of a pause say nothing of the velocity: a fix that has
+        no other beside it keeps nan."""
         index = np.arange(self.time.size)
-        reach = max(1, round(0.5 / float(np.median(np.diff(self.time)))))
+        interval = float(np.median(np.diff(self.time)))
+        reach = max(1, round(0.5 / interval))
         before, after = np.maximum(index - reach, 0), np.minimum(index + reach, self.time.size - 1)
+        far = _NEIGHBOURS * reach * interval
+        before = np.where(self.time - self.time[before] > far, index, before)
+        after = np.where(self.time[after] - self.time > far, index, after)
         ecef = earth.ecef_from_llh(self.llh)
         over = self.time[after] - self.time[before]
-        derived = np.einsum("nij,nj->ni", earth.ned_matrix(self.llh), (ecef[after] - ecef[before]) / over[:, None])
+        mean = (ecef[after] - ecef[before]) / np.where(over > 0.0, over, np.nan)[:, None]
+        derived = np.einsum("nij,nj->ni", earth.ned_matrix(self.llh), mean)
         return Fixes(self.time, self.llh, np.where(np.isnan(self.velocity), derived, self.velocity)), over
 
 

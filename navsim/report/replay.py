@@ -35,6 +35,9 @@ def tables(result: Result) -> list[Table | str]:
         f"aligned at {begin:.2f} s with data up to {until:.2f} s: tilt to {max(sigma[:2]):.1f}, heading to "
         f"{sigma[2]:.1f} degrees (1 sigma); " + ", ".join(f"{count} {name}" for name, count in counts.items())
     )
+    if "flown_s" in alignment:  # results of earlier versions lack it
+        spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
+        said += "; flown " + " of the recording's ".join(spans)
     if not result["/outages/start"].size:
         return [seen, tuned, said]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))

@@ -10,7 +10,7 @@ Trans. AES 49 (2013). [2] Groves (2013), section 5.6.2 (levelling).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from navsim.models.recording import Fixes, Samples
 
 @dataclass(frozen=True)
 class Standstill:
-    """A time without motion: begin, end s; mean rate and specific force (3,), and 1 sigma of a sample (3,)."""
+    """A time without motion: begin, end s; mean rate and specific force (3,), and 1 sigma of a sample (3,); since: the
+    body stands from then on, s, of which begin .. end is the last part."""
 
+    since: float
     begin: float
     end: float
     rate: np.ndarray
@@ -34,13 +36,14 @@ class Standstill:
 @dataclass(frozen=True)
 class Alignment:
     """Where the navigation starts: time s, quaternion (4,) b -> n, covariance (3, 3) of the attitude error in NED,
-    rad2, gyro bias (3,) rad/s and its 1 sigma (3,), until when (s) data were looked at."""
+    rad2, gyro bias (3,) rad/s and its 1 sigma (3,), from when and until when (s) data were used."""
 
     time: float
     quaternion: np.ndarray
     covariance: np.ndarray
     gyro_bias: np.ndarray
     gyro_sigma: np.ndarray
+    since: float
     until: float
 
 
@@ -48,33 +51,109 @@ WINDOW = 1.0
 """Length of the pieces judged for standstill, s."""
 STILL_RATE, STILL_FORCE, STILL_SPEED = 0.05, 0.5, 0.5
 """Largest scatter (1 sigma) of rate, rad/s, and specific force, m/s2, and largest speed, m/s, of a standstill."""
+STILL_WAY = 10.0
+"""Distance that fixes of a body at rest may be apart beside `STILL_SPEED` times their interval, m."""
+AT_REST = 3.0
+"""Mean rate and specific force of a body at rest are those of the Earth within this many sigmas of the biases."""
 SHORTEST, LONGEST = 3.0, 30.0
 """A standstill is used from the one length on, and up to the other, s: gyros warm up."""
+STEP = 10.0
+"""Time from one attempt at an alignment to the next, s."""
+BRIDGED = 1.0
+"""Longest interval without samples that an alignment is carried across, s."""
 _PIECE = 1.0
 """Length of the pieces that velocities are compared over, s."""
+_USUAL = 5.0
+"""Pieces longer than this many usual ones, and sample intervals likewise, have something missing in them."""
 _CAUTION = 4.0
 """Factor on the formal covariance: residuals of neighbouring pieces hang together."""
-_G = 9.8
+_G, _GRAVITY_VARIES = 9.8, 0.05
+"""Gravity, and by how much it differs from place to place, m/s2."""
 
 
-def standstill(samples: Samples, fixes: Fixes, begin: float, end: float) -> Standstill | None:
+@dataclass(frozen=True)
+class Search:
+    """What an alignment must reach and may rest on.
+
+    heading: at a standstill, rad, where it is known. heading_sigma: 1 sigma of the heading to reach, or of `heading`,
+    rad. longest: s of motion to look at. gyro_sigma, accel_sigma: 1 sigma of the biases, rad/s, m/s2; gyro_strays: 1
+    sigma by which a gyro's bias leaves what a standstill showed, rad/s.
+    """
+
+    heading: float | None
+    heading_sigma: float
+    longest: float
+    gyro_sigma: float
+    gyro_strays: float
+    accel_sigma: float
+
+
+def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignment | None:
+    """The earliest alignment from `first` on (s): at the end of a standstill, else under way; None without one.
+
+    Fixes' times are those of validity. Nothing is aligned across an interval without samples that is longer than
+    `BRIDGED`.
+    """
+    fixes = fixes.with_velocity()[0]
+    missing = samples.missing(BRIDGED)
+    last = float(min(samples.time[-1], fixes.time[-1]))
+    begin = first
+    while begin < last - SHORTEST:
+        within = missing[(missing[:, 0] <= begin) & (missing[:, 1] > begin)]
+        if within.size:
+            begin = float(within[0, 1])
+        later = missing[missing[:, 0] > begin, 0]
+        until = float(later[0]) if later.size else np.inf
+        search = wanted.longest if wanted.heading is None else LONGEST
+        rest = standstill(samples, fixes, begin, min(begin + search, until), wanted)
+        if rest is not None and wanted.heading is not None:
+            sigma = _bias_sigma(samples, rest, wanted)
+            return at_rest(rest, wanted.heading, wanted.heading_sigma, sigma, wanted.accel_sigma)
+        if wanted.heading is not None:
+            return None
+        start, bias, sigma = max(begin, float(fixes.time[0])), np.zeros(3), wanted.gyro_sigma
+        since = start
+        if rest is not None and rest.since < begin + STEP:  # before a later one there is motion to align from
+            start, bias, sigma = rest.end, rest.rate, _bias_sigma(samples, rest, wanted)
+            since = rest.since
+        found = velocity_matching(
+            samples, fixes, start, bias, sigma, wanted.accel_sigma, wanted.heading_sigma,
+            min(wanted.longest, until - start),
+        )  # fmt: skip
+        if found is not None:
+            return replace(found, since=since)
+        begin = start + STEP
+    return None
+
+
+def _bias_sigma(samples: Samples, rest: Standstill, wanted: Search) -> float:
+    """1 sigma of the gyros' biases as the mean rates of a standstill show them, rad/s."""
+    count = np.sum((samples.time >= rest.begin) & (samples.time <= rest.end))
+    return float(np.hypot(rest.rate_sigma.max() / np.sqrt(count), wanted.gyro_strays))
+
+
+def standstill(samples: Samples, fixes: Fixes, begin: float, end: float, wanted: Search) -> Standstill | None:
     """The last `LONGEST` seconds of the first standstill of some length within begin .. end; None without one.
 
-    Pieces of `WINDOW` seconds are still when their scatter is small and no fix in them moves.
+    Pieces of `WINDOW` seconds are still when their scatter is small and no fix in them moves. Where no fix shows it the
+    fixes around must be at one place without speed, and mean rate and force those of a body at rest: in a steady turn
+    the scatter is small too, and flying straight rate and force are those of a body at rest.
     """
     edges = np.arange(begin, end, WINDOW)
     speed = np.linalg.norm(fixes.velocity[:, :2], axis=1)
     still = []
     for first in edges:
         piece = samples.between(first, first + WINDOW)
-        inside = (fixes.time >= first) & (fixes.time <= first + WINDOW)
-        moving = bool(np.any(speed[inside] > STILL_SPEED))
         quiet = (
             piece.time.size > 4
             and piece.rate.std(axis=0).max() < STILL_RATE
             and piece.force.std(axis=0).max() < STILL_FORCE
         )
-        still.append(bool(quiet) and not moving)
+        inside = speed[(fixes.time >= first) & (fixes.time <= first + WINDOW)]
+        if np.isfinite(inside).any():
+            still.append(bool(quiet) and not np.any(inside > STILL_SPEED))
+            continue
+        still.append(bool(quiet) and _at_one_place(fixes, speed, first) and _feels_rest(piece, wanted))
     start = None
     for index, at_rest in enumerate([*still, False]):
         if at_rest and start is None:
@@ -85,11 +164,27 @@ def standstill(samples: Samples, fixes: Fixes, begin: float, end: float) -> Stan
                 first = max(first, last - LONGEST)
                 piece = samples.between(first, last)
                 return Standstill(
-                    float(first), float(last), piece.rate.mean(axis=0), piece.force.mean(axis=0),
+                    float(edges[start]), float(first), float(last), piece.rate.mean(axis=0), piece.force.mean(axis=0),
                     piece.rate.std(axis=0), piece.force.std(axis=0),
                 )  # fmt: skip
             start = None
     return None
+
+
+def _at_one_place(fixes: Fixes, speed: np.ndarray, first: float) -> bool:
+    """Whether the fixes before and after a piece from `first` on are at one place, without speed; speed: (m,)."""
+    before, after = int(np.searchsorted(fixes.time, first)) - 1, int(np.searchsorted(fixes.time, first + WINDOW))
+    if before < 0 or after >= fixes.time.size or np.any(speed[[before, after]] > STILL_SPEED):
+        return False
+    a, b = earth.ecef_from_llh(fixes.llh[[before, after]])
+    return bool(np.linalg.norm(b - a) < STILL_WAY + STILL_SPEED * (fixes.time[after] - fixes.time[before]))
+
+
+def _feels_rest(piece: Samples, wanted: Search) -> bool:
+    """Whether the mean rate and specific force of samples are those of a body at rest."""
+    rate, force = piece.rate.mean(axis=0), float(np.linalg.norm(piece.force.mean(axis=0)))
+    slow = np.abs(rate).max() < AT_REST * wanted.gyro_sigma + earth.RATE
+    return bool(slow) and abs(force - _G) < AT_REST * wanted.accel_sigma + _GRAVITY_VARIES
 
 
 def levelled(force: np.ndarray, heading: float) -> np.ndarray:
@@ -103,7 +198,7 @@ def at_rest(rest: Standstill, heading: float, heading_sigma: float, gyro_sigma: 
     """Levelled at the end of a standstill, with a known heading; rad, rad/s, m/s2 (the accelerometers' biases)."""
     covariance = np.diag([(accel_sigma / _G) ** 2, (accel_sigma / _G) ** 2, heading_sigma**2])
     quaternion = quaternion_from_dcm(levelled(rest.force, heading))
-    return Alignment(rest.end, quaternion, covariance, rest.rate, np.full(3, gyro_sigma), rest.end)
+    return Alignment(rest.end, quaternion, covariance, rest.rate, np.full(3, gyro_sigma), rest.since, rest.end)
 
 
 def velocity_matching(
@@ -134,24 +229,30 @@ def velocity_matching(
         if time[index] - time[pick[-1]] >= _PIECE - 1e-6:
             pick.append(index)
     a, b, length = np.diff(force_integral[pick], axis=0), np.diff(gained[pick], axis=0), np.diff(time[pick])
-    for count in range(3, len(pick)):
+    # one across a pause of the fixes is as large as all others together, and as wrong as the gyros by then
+    usual = np.flatnonzero(length <= _USUAL * np.median(length))
+    a, b, length, ends = a[usual], b[usual], length[usual], np.array(pick)[usual + 1]
+    bridged = samples.missing(_USUAL * float(np.median(np.diff(samples.time))))
+    invented = np.mean(samples.rate.var(axis=0)) * np.diff(bridged, axis=1)[:, 0] ** 2
+    for count in range(3, usual.size + 1):
         turn = wahba(a[:count], b[:count])
         residual = b[:count] - a[:count] @ turn.T
         scatter = np.sum(residual**2) / (3 * count - 3)
         # a piece tells nothing about a turn around itself
         information = np.sum(b[:count] ** 2) * np.eye(3) - b[:count].T @ b[:count]
-        until = float(time[pick[count]])
+        until = float(time[ends[count - 1]])
         covariance = _CAUTION * scatter * np.linalg.pinv(information)
         covariance += ((gyro_sigma * 0.5 * (until - begin)) ** 2 + (accel_sigma / _G) ** 2) * np.eye(3)
+        covariance += np.sum(invented[(bridged[:, 0] >= begin) & (bridged[:, 1] <= until)]) * np.eye(3)
         # an accelerometer's bias that turns with the body looks like acceleration: beside the real horizontal one it
         # turns the heading. Flying straight it looks like a tilt, and is in the line above
         horizontal = np.sum(b[:count, :2] ** 2)
-        straight = float(np.linalg.norm(ahead[pick[: count + 1]].mean(axis=0)))
+        straight = float(np.linalg.norm(ahead[[0, *ends[:count]]].mean(axis=0)))
         fooled = np.sum((accel_sigma * length[:count]) ** 2) / max(horizontal, 1e-9)
         covariance[2, 2] += (1.0 - min(straight, 1.0) ** 2) * fooled
         if np.sqrt(covariance[2, 2]) < heading_sigma:
             sigma = np.full(3, gyro_sigma)
-            return Alignment(begin, quaternion_from_dcm(turn), covariance, gyro_bias, sigma, until)
+            return Alignment(begin, quaternion_from_dcm(turn), covariance, gyro_bias, sigma, begin, until)
     return None
 
 

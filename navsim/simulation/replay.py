@@ -25,6 +25,8 @@ from navsim.simulation.alignment import Alignment
 
 _ACCELERATION = 5.0
 """1 sigma of what an aircraft may accelerate between a fix and the alignment, m/s2."""
+_STALE = 3.0
+"""A start is taken from the fix after the alignment where the one before it is older by this, s."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +46,18 @@ class Sensed:
 class RecordedFlight(Sensed):
     """A recording ready for the filter, from the alignment on.
 
-    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), nan where unknown; speed (m,) over ground,
-    from the positions where no velocity is known; start_llh, start_velocity: of the fix nearest to the alignment,
-    carried on to it over start_age seconds; start_derived: (3,) s over which positions gave the components of that
-    velocity, 0 where they are known. ranges: of each epoch (m,) that the fixes are solved from, where they are known;
-    an epoch without a fix has nan in its place.
+    arrival (m,) times of the fixes as they came, s; llh, velocity (m, 3), nan where unknown; speed, course (m,) over
+    ground, m/s, rad, from the positions where no velocity is known; start_llh, start_velocity: of the fix nearest to
+    the alignment, carried on to it over start_age seconds; start_derived: (3,) s over which positions gave the
+    components of that velocity, 0 where they are known. ranges: of each epoch (m,) that the fixes are solved from,
+    where they are known; an epoch without a fix has nan in its place.
     """
 
     arrival: np.ndarray
     llh: np.ndarray
     velocity: np.ndarray
     speed: np.ndarray
+    course: np.ndarray
     alignment: Alignment
     start_llh: np.ndarray
     start_velocity: np.ndarray
@@ -133,28 +136,33 @@ def prepare(
     late = fixes.time
     valid = late - latency
     inside = (valid > begin) & (late <= sensed.imu_time[-1])
-    before = np.flatnonzero(valid <= begin + 1e-9)
-    at = int(before[-1]) if before.size else int(np.flatnonzero(inside)[0])
     filled, over = fixes.with_velocity()
+    known = np.isfinite(filled.velocity).all(axis=1)
+    before, after = np.flatnonzero(known & (valid <= begin + 1e-9)), np.flatnonzero(known & inside)
+    at = int(before[-1] if before.size else after[0])
+    if after.size and begin - valid[at] > valid[after[0]] - begin + _STALE:
+        at = int(after[0])
     velocity = filled.velocity[at]
     ahead = begin - float(valid[at])
     start = earth.llh_from_ecef(
         earth.ecef_from_llh(fixes.llh[at]) + ahead * earth.ned_matrix(fixes.llh[at]).T @ velocity
     )
     arrival, llh, own = late[inside], fixes.llh[inside], fixes.velocity[inside]
-    speed = np.linalg.norm(filled.velocity[inside, :2], axis=1)
+    north, east = filled.velocity[inside, :2].T
+    speed, course = np.linalg.norm(filled.velocity[inside, :2], axis=1), np.arctan2(east, north)
     if ranges is not None:
         due = ranges.time - latency
         ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time <= sensed.imu_time[-1])))
         solved = np.isin(ranges.time, arrival)
         arrival = ranges.time
-        llh, own, speed = (_among(values, solved) for values in (llh, own, speed))
+        llh, own, speed, course = (_among(values, solved) for values in (llh, own, speed, course))
     return RecordedFlight(
         **vars(sensed),
         arrival=arrival,
         llh=llh,
         velocity=own,
         speed=speed,
+        course=course,
         ranges=ranges,
         alignment=alignment,
         start_llh=start,

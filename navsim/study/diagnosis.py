@@ -755,7 +755,7 @@ def _readings(log: Log) -> list[_Interpretation]:
 def _compared(log: Log) -> np.ndarray:
     """Which fixes (m,) count: from the first motion on and for `MOST_SECONDS`, within the part that is wanted."""
     fixes, _ = log.fixes.with_velocity()
-    wanted = (fixes.time >= log.first) & (fixes.time <= log.last)
+    wanted = (fixes.time >= log.first) & (fixes.time <= log.last) & np.isfinite(fixes.velocity).all(axis=1)
     moving = wanted & (np.linalg.norm(fixes.velocity[:, :2], axis=1) > MOVING)
     if moving.any():
         wanted &= fixes.time >= fixes.time[moving][0] - WINDOW

@@ -22,12 +22,13 @@ from typing import Any, Literal
 import numpy as np
 
 from navsim.core import states
+from navsim.core.arrays.attitude import dcm_from_quaternion
 from navsim.estimation.beliefs import Beliefs
 from navsim.estimation.estimate import FILTER_KINDS, is_smoother
 from navsim.estimation.records import REJECTED, TFG
 from navsim.io import files
 from navsim.io.draft import Draft
-from navsim.io.findings import Finding, kept
+from navsim.io.findings import CONSISTENT, Finding, kept
 from navsim.io.recording import is_nmea, read_fixes, read_imu
 from navsim.io.results import Result
 from navsim.io.schema import REPLAY
@@ -63,6 +64,10 @@ LEAST_SAMPLES, LEAST_FIXES = 10, 4
 """What there must be of both to look for an alignment."""
 _START = (0.3, 0.3)
 """Velocity noise where the tuning starts, and without tuning, m/s."""
+UNFLOWN = 10.0
+"""Shortest part of a recording that is missed when it is not flown, s."""
+SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
+"""Angle between nose and course that wind and sideslip explain, rad, and for how long more is no accident, s."""
 EVALUATIONS = 400
 """Most flights that a tuning makes."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
@@ -93,6 +98,7 @@ class Recording:
     longest_gap: float
     has_vertical: bool
     ranges: Ranges | None
+    recorded: tuple[float, float]
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -220,6 +226,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     aligned = _align(scenario, samples, fixes, first, gyro, accel, settings[4])
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
+    warnings += _not_flown(scenario, log, first, aligned)
     warnings += _outages_elsewhere(scenario, aligned.time, float(samples.time[-1]))
     return Recording(
         scenario,
@@ -233,6 +240,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         longest_gap,
         tight or has_vertical or gnss.velocity_sigma_m_s is not None,
         ranges,
+        (float(min(log.samples.time[0], log.fixes.time[0])), float(max(log.samples.time[-1], log.fixes.time[-1]))),
         warnings,
     )
 
@@ -368,31 +376,21 @@ def _pinned(scenario: Replay, document: Document) -> Replay:
 def _align(
     scenario: Replay, samples: Samples, fixes: Fixes, first: float, gyro: Triad, accel: Triad, latency: float
 ) -> aligning.Alignment:
-    """The first alignment that succeeds: at the end of a standstill, or under way."""
+    """The earliest alignment: at the end of a standstill, or under way. Raises ReplayError where there is none."""
     wanted = scenario.alignment
-    fixes = fixes.with_velocity()[0].earlier(latency)
-    limit = wanted.heading_sigma_deg * DEG
-    begin = first
-    while begin < min(samples.time[-1], fixes.time[-1]) - aligning.SHORTEST:
-        search = wanted.longest_s if wanted.heading_deg is None else aligning.LONGEST
-        rest = aligning.standstill(samples, fixes, begin, begin + search)
-        if rest is not None:
-            count = np.sum((samples.time >= rest.begin) & (samples.time <= rest.end))
-            error = rest.rate_sigma.max() / np.sqrt(count)
-            sigma = float(np.hypot(error, STANDSTILL_FACTOR * gyro.markov))
-            if wanted.heading_deg is not None:
-                return aligning.at_rest(rest, wanted.heading_deg * DEG, limit, sigma, accel.initial_sigma())
-            start, bias = rest.end, rest.rate
-        else:
-            if wanted.heading_deg is not None:
-                raise ReplayError("alignment.heading_deg needs a standstill at the start, and there is none")
-            start, bias, sigma = max(begin, float(fixes.time[0])), np.zeros(3), gyro.initial_sigma()
-        found = aligning.velocity_matching(
-            samples, fixes, start, bias, sigma, accel.initial_sigma(), limit, wanted.longest_s
+    heading = None if wanted.heading_deg is None else wanted.heading_deg * DEG
+    search = aligning.Search(
+        heading, wanted.heading_sigma_deg * DEG, wanted.longest_s, gyro.initial_sigma(),
+        STANDSTILL_FACTOR * gyro.markov, accel.initial_sigma(),
+    )  # fmt: skip
+    found = aligning.find(samples, fixes.earlier(latency), first, search)
+    if found is not None:
+        return found
+    if heading is not None:
+        raise ReplayError(
+            f"alignment.heading_deg needs a standstill at the start, and there is none in the {aligning.LONGEST:g} s "
+            f"from {first:g} s on; leave it out, or let start_s begin where the aircraft stands"
         )
-        if found is not None:
-            return found
-        begin = start + 10.0
     raise ReplayError(
         f"no alignment: nowhere after {first:g} s do {wanted.longest_s:g} s of motion give the heading to "
         f"{wanted.heading_sigma_deg:g} degrees; allow more with alignment.heading_sigma_deg, or give "
@@ -532,9 +530,11 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         root_attributes(
             "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
             alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
+            recorded_s=recording.recorded, flown_s=(flight.imu_time[0], flight.imu_time[-1]),
         )
     )  # fmt: skip
-    out.variables.update(kept(findings(recording, out, withheld)))
+    off_course = _off_course(flight, flown) if scenario.checks != "off" else []
+    out.variables.update(kept(findings(recording, out, withheld) + off_course))
     return out
 
 
@@ -547,6 +547,50 @@ def findings(recording: Recording, result: Result, withheld: np.ndarray) -> list
         text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
         out.append(Finding("gap", text, (), 1, 1, 1, begin))
     return out + of_flight(result, recording.scenario.filter.gate.probability, withheld)
+
+
+def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.Alignment) -> list[str]:
+    """Warnings of the parts of a recording, longer than `UNFLOWN`, that nobody asked to leave out and that are not
+    flown: before the first fix or sample, before the alignment, after the last sample."""
+    samples, fixes = log.samples.time, log.fixes.time
+    away = f"no {scenario.alignment.longest_s:g} s of motion give the heading to "
+    away += f"{scenario.alignment.heading_sigma_deg:g} degrees"
+    parts = [(first, aligned.since, away)]
+    if scenario.start_s is None:
+        parts.insert(0, (float(samples[0]), first, "there are samples and no fixes"))
+        parts.insert(0, (float(fixes[0]), first, "there are fixes and no samples"))
+    if scenario.end_s is None:
+        parts.append((float(samples[-1]), float(fixes[-1]), "there are fixes and no samples"))
+    return [
+        f"{begin:.1f} to {end:.1f} s of the recording ({end - begin:.0f} s) are not flown: {why}"
+        for begin, end, why in parts
+        if end - begin > UNFLOWN
+    ]
+
+
+def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
+    """The findings of the times at which the nose points far from the course: `SIDEWAYS` and three sigma, for
+    `OFF_COURSE` seconds of motion on end."""
+    at = np.searchsorted(flown.time, flight.arrival)
+    nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
+    angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
+    moving = np.flatnonzero(flight.speed > MOVING)
+    off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
+    edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
+    out = []
+    for begin, end in edges:
+        rows = moving[begin:end]
+        first, last = (float(t) for t in flight.arrival[rows[[0, -1]]])
+        if last - first < OFF_COURSE:
+            continue
+        text = (
+            f"heading {np.degrees(np.median(np.abs(angle[rows]))):.0f} degrees off the course from {first:.1f} to "
+            f"{last:.1f} s (median of {rows.size} fixes faster than {MOVING:g} m/s, 1 sigma of the heading "
+            f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees): the attitude is wrong, unless "
+            "the aircraft flies sideways; align elsewhere with start_s, or silence this with `checks: off`"
+        )
+        out.append(Finding("off_course", text, (CONSISTENT,), rows.size, moving.size, 1, first))
+    return out
 
 
 def _outages_elsewhere(scenario: Replay, first: float, last: float) -> list[str]:
