@@ -54,6 +54,12 @@ class Listed:
     chosen: np.ndarray
 
 
+def time_scales(satellites: Sequence[Satellites], listed: Listed | None) -> set[str]:
+    """The time scales that chosen sources in the sky keep."""
+    groups: list[Satellites | Listed] = [*satellites, *([] if listed is None else [listed])]
+    return {CLOCKS[number] for group in groups for number in group.clock[group.chosen]}
+
+
 @dataclass(frozen=True)
 class Radiated:
     """How strong pseudolites send: eirp, dBW, and where to, evenly without a pattern."""
@@ -220,6 +226,16 @@ class Environment:
     def singled_out(self) -> bool:
         """Whether something happens to one pseudolite and not to another."""
         return any(set(event.sources) & set(self.pseudolites.names) for event in self.events)
+
+
+def find_lone_pseudolite(signals: pseudorange.Signals, pseudolites: int) -> np.ndarray:
+    """At which fixes (e,) bool one of the last so many sources is the only one received that keeps their time scale,
+    beside others that keep another: its range serves the clock unknown and nothing else."""
+    if not pseudolites:
+        return np.zeros(len(signals.used), bool)
+    same = signals.used[:, signals.clock == signals.clock[-1]].sum(axis=1)
+    ground = signals.used[:, -pseudolites:].sum(axis=1)
+    return np.asarray((same == 1) & (ground == 1) & (signals.used.sum(axis=1) > 1))
 
 
 def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ galileo, beidou, sbas, gnss): how titles tell systems. [6] Galileo OS SIS ICD (c
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 
@@ -140,6 +141,12 @@ CLOCKS = (*(system.name for system in USUAL), OWN, *(system.name for system in S
 order numbers them."""
 BY_LETTER = {system.letter: system for system in sorted(SYSTEMS, key=lambda system: system.letter)}
 """The systems in the order of their letters, which is that of files."""
+
+
+def first_time_scale(scales: Collection[str]) -> str:
+    """The first of time scales that sources keep, in the order of `SYSTEMS`; one of their own where none is kept."""
+    return next((name for name in NAMES if name in scales), OWN)
+
 
 LETTERS = "GRECJIS"
 """Letters of satellites in files, those of systems that navsim does not model too [3]."""

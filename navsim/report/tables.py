@@ -119,7 +119,7 @@ def ranging_errors(result: Result) -> str:
     values += [signals.get(key) for key in _DELAYING]
     if pseudolites["count"] or pseudolites["sites"]:
         values += [pseudolites.get(key) for key in _OF_PSEUDOLITES]
-        if pseudolites["clock"] != "own" or receiver["one_clock"]:
+        if pseudolites.get("clock") != "own" or receiver["one_clock"]:
             values.append(pseudolites["clock_offset_ns"])
     if receiver["one_clock"]:
         values += [signals["gps_offset_ns"], signals.get("system_offset_sigma_ns")]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from navsim.models.systems import CLOCKS, GLONASS, GPS
+from navsim.models.systems import CLOCKS, GLONASS, GPS, first_time_scale
 from navsim.scenario.base import (
     DEG,
     Azimuth,
@@ -328,8 +329,9 @@ class PseudolitesSection(Section):
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
     height_m: Signed = 0.0
     """height of the antennas above the runway"""
-    clock: Clock = GLONASS.name
-    """time scale the pseudolites keep; own: one unknown more"""
+    clock: Clock | None = None
+    """time scale the pseudolites keep; own: one of their own, one unknown more; left out: that of the satellites in
+    use, of several systems the first in the order GLONASS, GPS, Galileo, BeiDou, QZSS"""
     clock_offset_ns: Annotated[float, Field(ge=-1e9, le=1e9)] = 0.0
     """offset of the transmitters' clocks from that scale, unknown to the receiver"""
     survey_error_m: Triple = (0.0, 0.0, 0.0)
@@ -403,6 +405,10 @@ class PseudolitesSection(Section):
                     raise reject(f"{self.count} pseudolites need both s_m and l1_m", key)
         return self
 
+    def with_clock(self, used: Collection[str]) -> Self:
+        """The same with a time scale, where it has none: the first of the satellites', by the names of those in use."""
+        return self if self.clock else self.model_copy(update={"clock": first_time_scale(used)})
+
     @property
     def strength_known(self) -> bool:
         """Whether it is known how strong they are at any distance."""
@@ -442,6 +448,7 @@ class PseudolitesSection(Section):
         from navsim.core.arrays.earth import SPEED_OF_LIGHT
         from navsim.models.signals import Pseudolites, Radiated
 
+        assert self.clock is not None  # once it is known which satellites there are
         return Pseudolites(
             names=self.names(),
             llh=llh,

@@ -59,6 +59,12 @@ class Geometry:
     pseudolite_weighted: np.ndarray
     ridges: np.ndarray
 
+    def find_lone_pseudolite(self, count: int) -> np.ndarray:
+        """At which epochs (e,) bool so many pseudolites are one that no satellite shares the time scale with, see
+        `signals.find_lone_pseudolite`."""
+        heard = self.pseudolite_unit > 0.0
+        return np.asarray(heard & (self.unit[:, SAT_WEIGHT] == 0.0) & (count == 1))
+
     def at(self, epochs: np.ndarray) -> Geometry:
         """The same at some of the epochs, (n,) int or (e,) bool."""
         return replace(self, **{name: getattr(self, name)[epochs] for name in _OF_EPOCHS})

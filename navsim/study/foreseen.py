@@ -20,6 +20,7 @@ from navsim.models.go_around import GO_AROUND
 from navsim.models.horizon import flown_under
 from navsim.models.interference import LOWEST, radio_horizon
 from navsim.models.kinematics import Moving
+from navsim.models.systems import CLOCKS, first_time_scale
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import KeyedError
 from navsim.scenario.box import BoxSection
@@ -42,6 +43,8 @@ OFF_GROUND = 0.5
 """Height at touchdown, m, up to which an aircraft has come down: blends at a corner leave as much."""
 _MISPLACED = 5.0
 """Height of a flight of a file at its touchdown, m, beyond which that is doubted."""
+FOLLOW = "leave `clock` out, which takes the time scale of the satellites,"
+"""What to write instead of a time scale that no satellite keeps."""
 MISPRINT = 1.0
 """Difference of a published direction of a runway from that between its thresholds that is warned of, deg."""
 
@@ -72,7 +75,7 @@ class Foreseen:
         path = self.trajectory.motion(self.signals.time).position_ecef
         sites = self.environment.pseudolites
         out += _out_of_sight(self.scenario, path, sites.names, sites.llh, np.all(hidden, axis=0))
-        out += self._shadowed() + self._jammed()
+        out += self._shadowed() + self._jammed() + self.lone_pseudolite
         out += _hidden_throughout(self.environment.pseudolites.names, hidden)
         if (section := self.scenario.integrity) is not None:
             out += section.unused(self.environment.systems)
@@ -106,6 +109,19 @@ class Foreseen:
                 text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
                 out.append(f"interference.front_end_mhz: {text}")
         return out
+
+    @cached_property
+    def lone_pseudolite(self) -> list[str]:
+        """Warnings of a pseudolite that is the only source on its time scale."""
+        from navsim.models.signals import find_lone_pseudolite
+
+        times = int(find_lone_pseudolite(self.signals, len(self.environment.pseudolites.names)).sum())
+        if not times:
+            return []
+        clock = CLOCKS[self.environment.pseudolites.clock]
+        others = {CLOCKS[c] for c in self.signals.clock[self.signals.used.any(axis=0)]} - {clock}
+        when, instead = f"at {times} of {self.signals.time.size} fixes", f"give `clock: {first_time_scale(others)}`"
+        return [lone_pseudolite_warning(clock, when, instead)]
 
     @staticmethod
     def _risk_of_levels(section: IntegritySection) -> str:
@@ -205,6 +221,15 @@ class Foreseen:
             path = ("integrity", "comparison", "gbas", "ground_sigma_m")
             text = f"is a part of each range's sigma, of which the least is {least:.3g} m: at most that"
             raise InputError([Problem(document.place(path), dotted(path), text)])
+
+
+def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
+    """Warning that one pseudolite is the only source on its time scale. when: how often. instead: what to write."""
+    return (
+        f"pseudolites.clock: one pseudolite is the only source on the time scale `{clock}` {when}; its range "
+        "determines that clock and nothing else, so positions of fixes and DOPs are those without it; "
+        f"{instead} if it is synchronised to the satellites, or add a second pseudolite"
+    )
 
 
 def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
@@ -309,7 +334,7 @@ def _needs_sources(scenario: Landing) -> bool:
     sections = (
         sky.source in SOURCES_FROM_FILES, sky.systems, sky.exclude, sky.horizon, scenario.terrain, scenario.box,
         scenario.events, scenario.integrity, scenario.interference, scenario.receiver.antenna,
-        scenario.signals.system_offsets_ns,
+        scenario.signals.system_offsets_ns, scenario.pseudolites.placed(),
     )  # fmt: skip
     return isinstance(scenario.approach, FileApproach) or any(sections)
 
@@ -318,11 +343,7 @@ def told(scenario: Landing, document: Document) -> list[str]:
     """What a landing is warned of that nobody has prepared yet, but for what sensors beside the receiver measure.
     Raises InputError as whoever prepares it."""
     if not _needs_sources(scenario):
-        way = scenario.trajectory()
-        fixes = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
-        names, sites = scenario.pseudolites.names(), scenario.pseudolite_positions(way.frame)
-        path, hidden = way.motion(fixes).position_ecef, np.zeros(len(sites), dtype=bool)
-        return [*scenario.unused(), *of_way(scenario, way), *_out_of_sight(scenario, path, names, sites, hidden)]
+        return [*scenario.unused(), *of_way(scenario, scenario.trajectory())]
     from navsim.models.signals import build_signals
 
     trajectory, sources, scenario, warnings = modelled(scenario, document)

@@ -34,6 +34,7 @@ from navsim.io.findings import Finding
 from navsim.io.schema import HEIGHTS, LARGE, MOST_LEVELS, RMS_WINDOW
 from navsim.models import timescales
 from navsim.models.signals import Environment
+from navsim.models.systems import CLOCKS
 from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
@@ -41,6 +42,7 @@ from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singl
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
+from navsim.study.foreseen import FOLLOW, lone_pseudolite_warning
 from navsim.study.landing import Case, prepare
 from navsim.study.landing.case import Ask, crossing_times
 from navsim.study.landing.requirements import MET, Fulfilment
@@ -252,6 +254,10 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
             "depend on where pseudolites are; the objective has them"
         )
     geometry = glide_geometry(trajectory, seen, starts, fixes, counted)
+    if 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
+        equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
+        clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
+        warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
     objective: Judge = partial(_of_geometry, study.objective, geometry, kept)

@@ -17,7 +17,7 @@ from navsim.models.go_around import GO_AROUND
 from navsim.models.kinematics import Moving, Trajectory, touchdown_from_threshold
 from navsim.models.recorded_trajectory import largest, recorded_trajectory, smoothed_path, track_trajectory
 from navsim.models.retimed import SLOWEST
-from navsim.models.signals import Environment, Satellites
+from navsim.models.signals import Environment, Satellites, time_scales
 from navsim.models.systems import CLOCKS, SYSTEMS
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, hint
@@ -154,18 +154,21 @@ def files_of(scenario: Landing) -> dict[str, str]:
 def environment(
     scenario: Landing, document: Document, trajectory: Moving | None = None
 ) -> tuple[Environment, Landing, list[str]]:
-    """The sources of signals, the scenario with the checksums of its files written into it, warnings.
+    """The sources of signals, the scenario with the checksums of its files and the time scale of its pseudolites
+    written into it, warnings.
 
     Raises InputError for a file of satellites that cannot be used.
     """
     warnings: list[str] = []
     if trajectory is None:
         trajectory, scenario = trajectory_of(scenario, document)
-    pseudolites = scenario.pseudolites.model(scenario.pseudolite_positions(trajectory.frame))
     satellites: tuple[Satellites, ...] = ()
     listed = scenario.sky.listed() if scenario.sky.source == "directions" else None
     if listed is None:
         satellites, scenario = read_satellites(scenario, document, warnings)
+    kept = scenario.pseudolites.with_clock(time_scales(satellites, listed))
+    scenario = scenario.model_copy(update={"pseudolites": kept})
+    pseudolites = scenario.pseudolites.model(scenario.pseudolite_positions(trajectory.frame))
     horizon, scenario = horizon_of(scenario, document)
     warnings += scenario.sky.unused() + scenario.unused_of_flight()
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference

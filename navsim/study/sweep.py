@@ -26,6 +26,7 @@ from navsim.io.schema import HEIGHTS, OUTCOMES, SWEEP, VERDICTS
 from navsim.models.kinematics import Frame
 from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
+from navsim.models.systems import CLOCKS
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
@@ -46,6 +47,7 @@ from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
 from navsim.study.findings import LANDING, among, marks, notes, without_fix
+from navsim.study.foreseen import FOLLOW, lone_pseudolite_warning
 from navsim.study.landing import (
     Case,
     covariance_analysis,
@@ -280,7 +282,8 @@ class Plan:
         """Warnings about the input of a combination that are not the study's."""
         # what is not defined without a touchdown, geometry alone does not give
         mine = case.sky_warnings if self.study.method == "dop" else case.warnings
-        return [text for text in mine if text not in self.warnings]
+        told = {*self.warnings, *case.foreseen.lone_pseudolite}  # which is a finding by itself
+        return [text for text in mine if text not in told]
 
     @cached_property
     def files(self) -> dict[str, str]:
@@ -372,14 +375,14 @@ class SweepStudy:
             rows[name] = np.full(count, VERDICTS.index(UNDECIDED), np.int8)
         rows["outcome"] = np.full(count, INVALID, np.int8)
         rows["findings"] = np.zeros((count, len(LANDING)), bool)
-        rows["warned"] = np.zeros(count, bool)
+        rows["warned"], rows["alone"] = np.zeros(count, bool), np.zeros(count, bool)
         rows["site"] = np.full((count, MOST_MAP_SITES, 2), np.nan)
         if self.plan.geometry is not None:
             self._placements(first, count, self.plan.geometry, rows)
             return rows, {}, {}
         for i in range(count):
             try:
-                found, site, what, rows["warned"][i] = self._one(first + i)
+                found, site, what, rows["warned"][i], rows["alone"][i] = self._one(first + i)
             except InputError:
                 self.plan.check_files(first + i)
                 continue  # not a valid scenario: nan
@@ -417,12 +420,13 @@ class SweepStudy:
             rows["outcome"][members] = np.where(solved, COMPUTED, NO_FIX)
             rows["findings"][members, _UNHEARD] = lost > 0.0
             rows["findings"][members, _NO_EPOCH] = len(geometry.receiver) == 0
+            rows["alone"][members] = geometry.find_lone_pseudolite(len(sites[0])).any()
             for name in columns(self.plan):
                 rows[name][members] = np.where(solved, found[name], np.nan)
 
-    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool]:
-        """The outputs of a combination, its sites, ECEF, what was found in its flights, and whether its input has
-        warnings that the study has not."""
+    def _one(self, index: int) -> tuple[dict[str, float], np.ndarray, list[Finding], bool, bool]:
+        """The outputs of a combination, its sites, ECEF, what was found in its flights, whether its input has warnings
+        that the study has not, and whether a pseudolite is alone on a clock."""
         scenario, document = self.plan.scenario(self.plan.settings(index))
         method = self.plan.study.method
         case = prepare(scenario, document)
@@ -430,7 +434,7 @@ class SweepStudy:
             if checksum != self.plan.files[name]:
                 raise PartialError(f"{name} was changed while the study ran")
         site = ecef_from_llh(case.pseudolites.llh)
-        warned = bool(self.plan.warnings_of(case))
+        warned, alone = bool(self.plan.warnings_of(case)), bool(case.foreseen.lone_pseudolite)
         glide = on_glide(case.scenario, case.trajectory, case.world.signals.time)
         lost = int(np.isnan(case.world.dop[glide, 1]).sum())
         out = _of_landing(geometry_summary(case), lost)
@@ -442,11 +446,11 @@ class SweepStudy:
             outputs = out | filter_outputs(covariance_summary(case, analysis))
             if self.plan.asked:
                 outputs |= _of_fulfilments(judged_without_runs(case, analysis))
-            return outputs, site, covariance_findings(case, analysis), warned
+            return outputs, site, covariance_findings(case, analysis), warned, alone
         if method == "monte-carlo":
             flown = _flown(case, self.plan.seed, self.plan.study.runs)
             outputs = out | filter_outputs(flown) | _watched_outputs(flown)
-            return outputs | _requirement_outputs(flown), site, of(flown), warned
+            return outputs | _requirement_outputs(flown), site, of(flown), warned, alone
         if self.plan.asked:
             out |= _of_fulfilments(judged_without_runs(case, None))
         epochs = int(glide.sum())
@@ -456,7 +460,7 @@ class SweepStudy:
             found.append(Finding("epochs_without_fix", said, (FIX,), lost, epochs))
         if not epochs:
             found.append(Finding("no_fix", "no fix epoch in the glide", (FIX,)))
-        return out, site, found, warned
+        return out, site, found, warned, alone
 
 
 def _flown(case: Case, seed: int, runs: int) -> Result:
@@ -643,6 +647,15 @@ def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Findi
         said = "; ".join(planned.warnings_of(prepare(*planned.scenario(planned.settings(first)))))
         text = f"in {count} of {warned.size} combinations the input has warnings; the first: {label(first)}: {said}"
         out.append(Finding("input", text, (), count, warned.size))
+    alone = found.per_run("alone")
+    if alone.any():
+        clock, when = CLOCKS[planned.sources.pseudolites.clock], f"in {alone.sum()} of {alone.size} combinations"
+        text = lone_pseudolite_warning(clock, when, FOLLOW)
+        shared = planned.geometry
+        equal = shared is not None and bool(shared.find_lone_pseudolite(1).all())
+        if equal and (alone | (outcome != COMPUTED)).all():
+            text = f"all combinations are equally good: {text}"
+        out.append(Finding("input", text, (), int(alone.sum()), alone.size))
     return out + among(found.per_run("findings"), "combinations", label)
 
 
