@@ -106,6 +106,13 @@ class LiveOptions:
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Hold lines of a fast source back until their time has come.")
     ] = False
+    lenient: Annotated[
+        bool, typer.Option("--lenient", help="Read NMEA sentences without a checksum, which NMEA 0183 leaves optional.")
+    ] = False
+    simulator_fixes: Annotated[
+        bool,
+        typer.Option("--simulator-fixes", help="Use fixes that the receiver says are a simulator's (NMEA quality 8)."),
+    ] = False
     silence: Annotated[
         float,
         number_option(float, 0.1, "End after so many seconds without a line.", most=10**9, show_default=True),
@@ -172,7 +179,7 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
     from navsim.scenario.source import InputError
     from navsim.study import landing, source_clock
     from navsim.study.budget.landing import landing as estimated
-    from navsim.study.live import Session
+    from navsim.study.live import Block, Session
 
     def ask(section: Any, sources: Any) -> None:
         afford(Request(scenario, target, care.over_budget), estimated(section, sources), AT_TERMINAL)
@@ -199,7 +206,8 @@ def _session(scenario: Path, given: LiveOptions, care: Care, target: Path) -> Se
         case = landing.prepare(section, document, ask)
         if not case.world.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")
-        return Session(case, "receiver" if given.receiver is not None else "imu", given.seed, given.realtime, start)
+        block: Block = "receiver" if given.receiver is not None else "imu"
+        return Session(case, block, given.seed, given.realtime, start, given.lenient, given.simulator_fixes)
     except InputError as error:
         leave(BAD_INPUT, *error.problems)
     except source_clock.StartError as error:

@@ -1,17 +1,24 @@
-"""NMEA 0183 sentences: fixes from GGA, RMC and VTG, dates from RMC and ZDA.
+"""NMEA 0183 sentences: fixes from GGA, GNS, RMC, VTG and GLL, dates from RMC and ZDA.
 
 Loggers put comments between sentences, and times or other text around them: a sentence is what stands from a `$` to its
-checksum, wherever in the line. Parsing and checksums are those of the `pynmeagps` package; what belongs to one epoch,
-and what it means, is ours.
+checksum, wherever in the line. Parsing is that of the `pynmeagps` package; what belongs to one epoch, and what it
+means, is ours.
 
-Source: [1] NMEA 0183 version 4.11: GGA (fix, height over the geoid, geoid separation), RMC (date, speed and course over
-ground), VTG (speed and course), ZDA (date).
+A receiver says of each epoch how it got the position, GGA by a quality, the others by mode letters [1]. Qualities 1 to
+5 and 9, modes A, D, F, P and R are fixes. Quality 6, mode E is the receiver's own dead reckoning, 7, M a position typed
+in, 8, S a simulator: none of them measures where the receiver is. Quality 0, mode N, status V are no fix. GNS has one
+letter for each system: one that is a fix is enough.
+
+Source: [1] NMEA 0183 version 4.11: GGA and GNS (fix, height over the geoid, geoid separation), RMC (date, speed and
+course over ground), VTG (speed and course), GLL (position), ZDA (date).
 """
 
 from __future__ import annotations
 
 import datetime
 import re
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +28,21 @@ from navsim.io.text import Dropped, FileError
 from navsim.models import timescales
 from navsim.models.conventions import KNOT
 
-_USED = ("GGA", "RMC", "VTG")
+_FIELDS = {"GGA": 14, "GNS": 12, "RMC": 11, "VTG": 8, "GLL": 6, "ZDA": 6}
+"""The kinds of sentences that are read, and how many fields each has at least: without a checksum, one that is cut off
+shows by nothing else."""
+_QUALITIES = {**dict.fromkeys((1, 2, 3, 4, 5, 9), "fix"), 6: "estimated", 7: "manual", 8: "simulated"}
+_MODES = {**dict.fromkeys("ADFPR", "fix"), "E": "estimated", "M": "manual", "S": "simulated"}
+"""What a quality of GGA, and a mode of other sentences, says of a position; first those that count."""
+INSTEAD_OF_FIXES = {
+    "estimated": "NMEA epochs of the receiver's own dead reckoning (quality 6 or mode E), which are no fixes",
+    "manual": "NMEA epochs of positions typed into the receiver (quality 7 or mode M), which are no fixes",
+    "simulated": "NMEA epochs of a simulator (quality 8 or mode S), which are no fixes unless you ask for them",
+}
+"""Kinds of positions that are no fixes, with the words for a count of them."""
+_WITHOUT_CHECKSUM = "NMEA sentences without a checksum (which NMEA 0183 leaves optional), or cut off before it"
+STANDING = 0.1
+"""Speed, m/s, up to which a velocity without a course is taken for zero: receivers at rest leave the course empty."""
 _SAME_PLACE = 1e-3
 """Fixes of one epoch that differ by more, degrees, are not those of one receiver (whose GPS and GLONASS fixes may both
 be sent)."""
@@ -30,28 +51,41 @@ BACKWARDS = 60.0
 LONGEST_PAUSE = timescales.DAY
 """A file whose fixes pause for longer than this, s, is two."""
 _BEGIN = re.compile(r"[$!][A-Z][A-Z0-9]{2,},")
-_WHOLE = re.compile(r"\$[A-Z][^$*]*\*[0-9A-Fa-f]{2}(?![0-9A-Za-z])")
+_WHOLE = re.compile(r"\$([A-Z][^$*]*)\*([0-9A-Fa-f]{2})(?![0-9A-Za-z])")
+_LONGEST = 120
+"""Characters of a sentence that is read; the standard has 82."""
+_BARE = re.compile(r"\$([A-Z][A-Z0-9]{2,},[^$*]*)")
+_KIND = re.compile(r"[A-OQ-Z][A-Z0-9]([A-Z]{3}),")
+"""The kind of a sentence after its talker; one that begins with P is a maker's own."""
 
 
 class Assembler:
     """Puts the sentences of each epoch together; for files and for live streams.
 
     `feed` takes one line; an epoch is complete when a sentence of another time comes, or at `flush`. Nothing is raised;
-    counted are corrupt sentences, lines without a sentence (comments that begin with # are none), epochs without a fix,
-    fixes without a height (none in GGA, or no GGA with an RMC), fixes that contradict another of their epoch, and fixes
-    used whose GGA has no geoid separation: their heights, which are over the geoid, pass for heights over the
-    ellipsoid.
+    counted are corrupt sentences, those without a checksum that were left out, lines without a sentence (comments that
+    begin with # are none), epochs without a fix, those of each kind of `INSTEAD_OF_FIXES`, fixes without a height (none
+    in GGA or GNS, or neither), fixes that contradict another of their epoch, and fixes used that have no geoid
+    separation: their heights, which are over the geoid, pass for heights over the ellipsoid.
+
+    lenient: take sentences without a checksum, which NMEA 0183 leaves optional. simulated: take simulators' fixes.
 
     Times are UTC, POSIX s. Until a sentence has given the date (`dated`) they are seconds of the first day; `moved` is
     what such rows' times lack, s, once it is known. Dates of an RMC that is not valid are those of a receiver's reset.
     After a date, days are counted by the time of day: it is what every fix carries.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lenient: bool = False, simulated: bool = False) -> None:
+        self.lenient = lenient
+        self.takes_simulated = simulated
         self.corrupt = 0
+        self.no_checksum = 0
         self.foreign = 0
         self.other = 0
         self.no_fix = 0
+        self.estimated = 0
+        self.manual = 0
+        self.simulated = 0
         self.no_height = 0
         self.no_separation = 0
         self.untimed = 0
@@ -79,25 +113,21 @@ class Assembler:
         return rows
 
     def _take(self, sentence: str) -> np.ndarray | None:
-        parsed = parse(sentence)
+        parsed = self._parsed(sentence)
         if parsed is None:
-            self.corrupt += 1
             return None
         if parsed.msgID == "ZDA":
             self._zda(parsed)
             return None
-        if parsed.msgID not in _USED:
-            self.other += 1
-            return None
         done = None
         if parsed.msgID != "VTG":
-            time = parsed.time
+            time = _field(parsed, "time")
             if not isinstance(time, datetime.time):
                 # of no epoch, least of all of the one before: a receiver that does not know the time yet, or a leap
                 # second, 23:59:60, which UTC as a count of seconds cannot tell from the second after it
                 self.untimed += 1
                 return None
-            date = parsed.date if parsed.msgID == "RMC" and parsed.status == "A" else None
+            date = _field(parsed, "date") if parsed.msgID == "RMC" and _field(parsed, "status") == "A" else None
             if isinstance(date, datetime.date) and not self.dated:  # also the epoch before is of this date then
                 self._set_date(date, time)
             if self._time is not None and time != self._time:
@@ -105,33 +135,69 @@ class Assembler:
             if isinstance(date, datetime.date):
                 self._set_date(date, time)
             self._time = time
-        if self._time is None:
-            return done
-        if parsed.msgID == "GGA":
-            self._gga(parsed)
-        elif parsed.msgID == "RMC":
-            valid = parsed.status == "A"
-            self._fields["motion"] = (parsed.spd, parsed.cog, KNOT) if valid else None
-            if valid and _are_numbers(parsed.lat, parsed.lon):
-                self._fields["rmc"] = parsed
-        elif self._fields.get("motion") is None:
-            self._fields["motion"] = (parsed.sogk, parsed.cogt, 1.0 / 3.6)
+        if self._time is not None:
+            self._gather(parsed)
         return done
 
-    def _gga(self, gga: Any) -> None:
-        """The first fix of an epoch is its fix; another one of another place is counted."""
-        there = self._fields.get("gga")
-        if there is None or not there.quality:
-            self._fields["gga"] = gga
-        elif gga.quality and not _one_place(there, gga):
-            self.contradicting += 1
+    def _parsed(self, sentence: str) -> Any:
+        """The message by `pynmeagps` of what begins with a `$`; None, counted, for what is left out.
+
+        Text after a checksum is not looked at.
+        """
+        whole, bare = _WHOLE.match(sentence), _BARE.fullmatch(sentence.strip())
+        found = whole or bare
+        body = found[1] if found is not None and found[1].isascii() else ""
+        kind = _KIND.match(body)
+        fields = _FIELDS.get(kind[1], 0) if kind is not None else 0
+        used = fields > 0
+        if whole is not None:
+            damaged = (used and len(body) > _LONGEST) or reduce(xor, body.encode(), 0) != int(whole[2], 16)
+        else:
+            damaged = body.count(",") < fields
+        if damaged or not body:
+            self.corrupt += 1
+        elif whole is None and not self.lenient:
+            self.no_checksum += 1
+        elif not used:
+            self.other += 1
+        else:
+            parsed = parse(body)
+            self.corrupt += parsed is None
+            return parsed
+        return None
+
+    def _gather(self, parsed: Any) -> None:
+        """Keep what a sentence says of its epoch: its first fix, GGA before GNS, with a height before without; a fix of
+        another place is counted."""
+        fields, kind, fix = self._fields, parsed.msgID, _kind_of_fix(parsed)
+        if fix == "simulated" and self.takes_simulated:
+            fix = "fix"
+        if fix in INSTEAD_OF_FIXES:
+            fields.setdefault("instead", fix)
+        elif kind in ("GGA", "GNS"):
+            there = fields.get("fix")
+            if fix == "none" or not _are_numbers(parsed, "lat", "lon"):
+                fields["lost"] = True
+            elif there is None:
+                fields["fix"] = parsed
+            elif not _one_place(there, parsed):
+                self.contradicting += 1
+            elif _worth(parsed) > _worth(there):
+                fields["fix"] = parsed
+        elif kind in ("RMC", "GLL"):
+            if fix == "none":
+                fields["invalid"] = True
+            elif _are_numbers(parsed, "lat", "lon"):
+                fields["without_height"] = True
+        if fix == "fix" and kind in ("RMC", "VTG"):
+            fields.setdefault(kind, parsed)
 
     def _zda(self, zda: Any) -> None:
         try:
-            date = datetime.date(int(zda.year), int(zda.month), int(zda.day))
+            date = datetime.date(*(int(_field(zda, name)) for name in ("year", "month", "day")))
         except (TypeError, ValueError):  # empty before the first fix, or no such date
             return
-        if isinstance(zda.time, datetime.time):
+        if isinstance(_field(zda, "time"), datetime.time):
             self._set_date(date, zda.time)
 
     def _set_date(self, date: datetime.date, time: datetime.time) -> None:
@@ -152,35 +218,31 @@ class Assembler:
     def flush(self) -> np.ndarray | None:
         """The row of the epoch gathered so far, if it has a fix."""
         fields, self._fields = self._fields, {}
-        gga = fields.get("gga")
-        if gga is None or self._time is None:
-            self.no_height += "rmc" in fields
+        fix = fields.get("fix")
+        if self._time is None or not fields:
             return None
-        if not gga.quality or not _are_numbers(gga.lat, gga.lon):
+        if "instead" in fields:
+            setattr(self, fields["instead"], getattr(self, fields["instead"]) + 1)
+            return None
+        if "invalid" in fields or (fix is None and "lost" in fields):
             self.no_fix += 1
             return None
-        if not _are_numbers(gga.alt):
-            self.no_height += 1
+        if fix is None or not _are_numbers(fix, "alt"):
+            self.no_height += fix is not None or "without_height" in fields
             return None
-        lat, lon, alt = float(gga.lat), float(gga.lon), float(gga.alt)
-        known = _are_numbers(gga.sep)
-        sep = float(gga.sep) if known else 0.0
-        if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0 and -1e4 <= alt + sep <= 1e5):
+        lat, lon, alt = float(fix.lat), float(fix.lon), float(fix.alt)
+        known = _are_numbers(fix, "sep")
+        sep = float(fix.sep) if known else 0.0
+        sides = _field(fix, "NS") in ("N", "S") and _field(fix, "EW") in ("E", "W")
+        if not (sides and abs(lat) <= 90.0 and abs(lon) <= 180.0 and -1e4 <= alt + sep <= 1e5):
             self.corrupt += 1
             return None
         of_day = _seconds(self._time)
         self._at = (self._day(of_day), of_day)
         seconds = timescales.DAY * self._at[0] + of_day
-        north = east = np.nan
-        motion = fields.get("motion")
-        if motion is not None and isinstance(motion[0], int | float):
-            # a receiver at rest leaves the course empty
-            course = np.radians(float(motion[1])) if isinstance(motion[1], int | float) else 0.0
-            speed = float(motion[0]) * motion[2]
-            north, east = speed * np.cos(course), speed * np.sin(course)
         self.no_separation += not known
-        count = float(gga.numSV) if isinstance(gga.numSV, int) else np.nan
-        return np.array([seconds, lat, lon, alt + sep, north, east, np.nan, count])
+        count = float(fix.numSV) if _are_numbers(fix, "numSV") else np.nan
+        return np.array([seconds, lat, lon, alt + sep, *_velocity(fields), np.nan, count])
 
 
 _FIRST_DAY = datetime.date(1970, 1, 1).toordinal()
@@ -190,15 +252,54 @@ def _seconds(time: datetime.time) -> float:
     return 3600 * time.hour + 60 * time.minute + time.second + 1e-6 * time.microsecond
 
 
+def _kind_of_fix(parsed: Any) -> str:
+    """What a sentence says of how its position was found: `fix`, `none`, or one of `INSTEAD_OF_FIXES`."""
+    if parsed.msgID == "GGA":
+        return _QUALITIES.get(_field(parsed, "quality"), "none")
+    letters = str(_field(parsed, "posMode"))
+    valid = parsed.msgID in ("GNS", "VTG") or _field(parsed, "status") == "A"
+    if not letters and parsed.msgID != "GNS":  # before version 2.3
+        return "fix" if valid else "none"
+    said = next((kind for letter, kind in _MODES.items() if letter in letters), "none")
+    return said if valid or said != "fix" else "none"
+
+
+def _velocity(fields: dict[str, Any]) -> tuple[float, float]:
+    """North and east velocity, m/s, of the first of RMC and VTG that has speed and course; nan without one.
+
+    The magnetic course of a VTG is none: it is off by the declination.
+    """
+    for kind, course_name, units in (("RMC", "cog", {"spd": KNOT}), ("VTG", "cogt", {"sogk": 1.0 / 3.6, "sogn": KNOT})):
+        sentence = fields.get(kind)
+        if kind == "VTG" and _field(sentence, "cogtUnit") not in ("T", ""):
+            continue  # of an old version, whose fields have no letters between them
+        speeds = [unit * getattr(sentence, name) for name, unit in units.items() if _are_numbers(sentence, name)]
+        if speeds and _are_numbers(sentence, course_name):
+            course = np.radians(float(getattr(sentence, course_name)))
+            return float(speeds[0] * np.cos(course)), float(speeds[0] * np.sin(course))
+        if speeds and speeds[0] <= STANDING:
+            return 0.0, 0.0
+    return np.nan, np.nan
+
+
+def _worth(fix: Any) -> tuple[bool, bool]:
+    """By what the fix of an epoch is chosen."""
+    return _are_numbers(fix, "alt"), fix.msgID == "GGA"
+
+
 def _one_place(a: Any, b: Any) -> bool:
-    """Whether two GGA sentences give the same place, as far as they give one."""
-    pairs = [(a.lat, b.lat), (a.lon, b.lon)]
-    return all(abs(x - y) <= _SAME_PLACE for x, y in pairs if _are_numbers(x, y))
+    """Whether two sentences give the same place."""
+    return bool(abs(a.lat - b.lat) <= _SAME_PLACE and abs(a.lon - b.lon) <= _SAME_PLACE)
 
 
-def _are_numbers(*values: Any) -> bool:
-    """Whether `pynmeagps` found numbers; empty fields are empty strings to it."""
-    return all(isinstance(value, int | float) for value in values)
+def _are_numbers(parsed: Any, *names: str) -> bool:
+    """Whether these fields hold numbers."""
+    return all(isinstance(_field(parsed, name), int | float) for name in names)
+
+
+def _field(parsed: Any, name: str) -> Any:
+    """A field by its name in `pynmeagps`; empty where the sentence has fewer fields."""
+    return getattr(parsed, name, "")
 
 
 def has_sentences(lines: list[str]) -> bool:
@@ -206,32 +307,26 @@ def has_sentences(lines: list[str]) -> bool:
     return any(_BEGIN.search(line) for line in lines)
 
 
-def parse(text: str) -> Any:
-    """The message by `pynmeagps` of what begins with a `$`, None for anything but a whole sentence with its checksum.
-
-    What follows the checksum is not looked at.
-    """
+def parse(body: str) -> Any:
+    """The message by `pynmeagps` of what stands between `$` and `*` of a sentence; None where its values are none."""
     from pynmeagps import NMEAReader
     from pynmeagps.exceptions import NMEAMessageError, NMEAParseError, NMEATypeError
 
-    whole = _WHOLE.match(text)
-    if whole is None or not whole.group().isascii() or len(whole.group()) > 120:
+    if "_" in body:  # the package reads numbers as Python does, with underscores between their digits
         return None
     try:
-        parsed = NMEAReader.parse((whole.group() + "\r\n").encode(), validate=1)
-        # the package reads numbers as Python does, with underscores between their digits
-        return None if "_" in whole.group() and parsed.msgID in (*_USED, "ZDA") else parsed
+        return NMEAReader.parse(f"${body}*00\r\n".encode(), validate=0)
     except (NMEAParseError, NMEAMessageError, NMEATypeError, ValueError, IndexError, KeyError, TypeError):
         return None
 
 
-def read_nmea(path: Path, lines: list[str], dropped: Dropped) -> np.ndarray:
+def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = False) -> np.ndarray:
     """Rows of fixes (m, 8) of a file's lines; what was left out is counted.
 
-    Fixes before the first date are given it. Raises FileError where there is no fix, and at the line where the times
-    show that another recording begins.
+    Fixes before the first date are given it. simulated: those of simulators are fixes too. Raises FileError where there
+    is no fix, and at the line where the times show that another recording begins.
     """
-    assembler = Assembler()
+    assembler = Assembler(dropped.lenient, simulated)
     rows: list[np.ndarray] = []
     after: list[int] = []
     undated = 0
@@ -245,12 +340,16 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped) -> np.ndarray:
         undated += not assembler.dated
         rows.append(last)
     dropped.add("corrupt NMEA sentences", assembler.corrupt)
+    dropped.add(f"{_WITHOUT_CHECKSUM}: `lenient: true` reads them", assembler.no_checksum)
     dropped.add("lines without an NMEA sentence", assembler.foreign)
     dropped.add("NMEA epochs without a fix", assembler.no_fix)
-    dropped.add("NMEA fixes without a height (no GGA, or none in it)", assembler.no_height)
+    for kind, words in INSTEAD_OF_FIXES.items():
+        key = ": `gnss.simulator_fixes: true`" if kind == "simulated" else ""
+        dropped.add(words + key, getattr(assembler, kind))
+    dropped.add("NMEA fixes without a height (no GGA or GNS, or none in it)", assembler.no_height)
     dropped.add("NMEA fixes that contradict another of their epoch", assembler.contradicting)
     if not rows:
-        said = "; ".join(dropped.said()) or "no GGA, RMC or VTG"
+        said = "; ".join(dropped.said()) or "no GGA, GNS, RMC, VTG or GLL"
         raise FileError(0, f"no NMEA fix with a height among {len(lines)} lines: {said}", path)
     reason = "NMEA fixes without a geoid separation; their heights, over the geoid, pass for heights over the ellipsoid"
     dropped.add(reason, assembler.no_separation)

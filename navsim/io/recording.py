@@ -82,11 +82,13 @@ def read_fixes(
     lenient: bool = False,
     convention: GnssConvention = GNSS_AS_DUE,
     limited: bool = True,
+    simulated: bool = False,
 ) -> tuple[Fixes, Dropped]:
     """Fixes of a table or of NMEA sentences, in order of time, and what was left out.
 
     min_satellites: rows with fewer in the column `nsat` are left out, where there is that column. lenient: as of
-    `read_imu` (of NMEA, corrupt sentences are always left out); limited: as there. Raises FileError, naming the line;
+    `read_imu` (of NMEA, corrupt sentences are always left out, those without a checksum read); limited: as there.
+    simulated: take NMEA fixes that the receiver says are a simulator's. Raises FileError, naming the line;
     OSError where the file cannot be read.
     """
     dropped = Dropped(lenient)
@@ -95,7 +97,7 @@ def read_fixes(
         if replace(convention, time_offset=0.0) != GNSS_AS_DUE:
             message = "NMEA sentences have units and columns of their own; only their times may be shifted"
             raise FileError(0, message, path)
-        table = read_nmea(path, lines, dropped)
+        table = read_nmea(path, lines, dropped, simulated)
     else:
         table, numbers = _columns(TextTable.of(path, lines), GNSS_COLUMNS, ("nsat",), dropped, convention.columns)
         table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]

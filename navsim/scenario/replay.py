@@ -191,6 +191,8 @@ class Gnss(Section):
     """fixes closer than this to the last one used are left out: their errors are nearly the same"""
     min_satellites: Annotated[int, Field(ge=0, le=1000)] = 4
     """fixes from fewer (column nsat) are left out"""
+    simulator_fixes: bool = False
+    """take NMEA fixes that the receiver says are a simulator's (quality 8, mode S)"""
 
     @model_validator(mode="after")
     def _ranges(self) -> Self:

@@ -41,6 +41,10 @@ Block = Literal["receiver", "imu"]
 _OF_NMEA = {
     "corrupt": "corrupt",
     "empty": "no_fix",
+    "estimated": "estimated",
+    "manual": "manual",
+    "simulated": "simulated",
+    "no_checksum": "no_checksum",
     "untimed": "untimed",
     "no_height": "no_height",
     "contradicting": "contradicting",
@@ -48,7 +52,9 @@ _OF_NMEA = {
     "other": "other",
 }
 """What the assembler of sentences counts, by the name it has here."""
-_NO_FIX = ("corrupt", "empty", "untimed", "no_height")
+_LEFT_OUT = ("estimated", "manual", "simulated", "no_checksum")
+"""Counts of what looks like fixes and is left out: the user hears of each."""
+_NO_FIX = ("corrupt", "empty", "untimed", "no_height", *_LEFT_OUT)
 """Counts of what a receiver of use sends seldom, and no fix can be made of."""
 _LIMITS = {"lat": 90.0, "lon": 360.0, "h": 1e5, "v": 2000.0, "rate": 100.0, "force": 2000.0}
 _OVER = 10
@@ -85,8 +91,8 @@ _SURE = 4.0
 class Session:
     """A live run under way; `pump` it with lines, then take the `result`.
 
-    start: what the source's clock reads at time 0, None to find out. tell: what to do with a message for the user.
-    stopped: set to end the run from outside, as a handler of signals does; says why.
+    start: what the source's clock reads at time 0, None to find out. lenient, simulated: as of `Assembler`. tell: what
+    to do with a message for the user. stopped: set to end the run from outside, as a handler of signals does; says why.
     """
 
     case: Case
@@ -94,6 +100,8 @@ class Session:
     seed: int
     realtime: bool = False
     start: source_clock.Start | Literal["first"] | None = None
+    lenient: bool = False
+    simulated: bool = False
     tell: Callable[[str], None] = lambda _: None
     stopped: str | None = None
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
@@ -106,11 +114,11 @@ class Session:
             initial_estimate(case.flight, in_all_lanes(initial_errors(case.flight, self.seed, 0)))[:, 0].copy(),
             Increments([0.0]),
         )
-        self.assembler = Assembler()
+        self.assembler = Assembler(self.lenient, self.simulated)
         self.clock: source_clock.Settled | None = None
         self.last: float | None = None
         self.fixes: list[tuple[float, np.ndarray]] = []
-        self.noise, self.simulated = _fixes(case, self.seed)
+        self.noise, self.own_fixes = _fixes(case, self.seed)
         self.next_fix = 0
         self._columns = GNSS_COLUMNS if self.block == "receiver" else IMU_COLUMNS
         self._places = list(range(len(self._columns)))
@@ -321,7 +329,7 @@ class Session:
         self.counts["used"] += 1
         fixes = self.case.world.signals.time
         while self.next_fix < fixes.size and fixes[self.next_fix] + self.latency <= t + 1e-9:
-            llh, velocity = self.simulated[0][self.next_fix], self.simulated[1][self.next_fix]
+            llh, velocity = self.own_fixes[0][self.next_fix], self.own_fixes[1][self.next_fix]
             self._weigh(float(fixes[self.next_fix]), llh, velocity, self.next_fix)
             self.next_fix += 1
 
@@ -424,11 +432,13 @@ def findings(session: Session, result: Result, lines: Lines) -> list[Finding]:
     if lines.strangers:
         others = ", ".join(f"{name} ({count})" for name, count in lines.strangers.items())
         said.append(f"datagrams of other senders than the first were left out: {others}")
-    if session.counts["corrupt"] > MANY_CORRUPT * session.counts["received"]:
+    few = MANY_CORRUPT * session.counts["received"]
+    if session.counts["corrupt"] > few:
         said.append(f"{session.counts['corrupt']} of {session.counts['received']} lines hold what is no message")
-    for name in ("dropped", "contradicting", "no_separation"):
-        if session.counts[name]:
-            said.append(f"{session.counts[name]} {COUNTS[name]}")
+    cures = {"simulated": ": --simulator-fixes uses them", "no_checksum": ": --lenient reads them"}
+    for name in ("dropped", "contradicting", "no_separation", *_LEFT_OUT):
+        if session.counts[name] > (few if name == "no_checksum" else 0):
+            said.append(f"{session.counts[name]} {COUNTS[name]}{cures.get(name, '')}")
     shift, sigma = float(result["/clock/shift"]), float(result["/clock/shift_sigma"])
     if (
         session.clock is not None

@@ -175,9 +175,12 @@ def read(scenario: Replay, document: Document) -> ReadLog:
     tables = [_table(document, scenario, "imu", lambda path, *how: read_imu(path, how[0], motion, how[1]))]
     ranges = None
     if scenario.gnss.navigation is None:
-        tables.append(
-            _table(document, scenario, "gnss", lambda path, *how: read_fixes(path, fewest, how[0], place, how[1]))
-        )
+        simulated = scenario.gnss.simulator_fixes
+
+        def fixes_of(path: Path, lenient: bool, limited: bool) -> Any:
+            return read_fixes(path, fewest, lenient, place, limited, simulated)
+
+        tables.append(_table(document, scenario, "gnss", fixes_of))
     else:
         of_ranges, ranges = _observed(document, scenario)
         tables.append(of_ranges)

@@ -310,9 +310,9 @@ def test_one_source_only(tmp_path: Path) -> None:
 # --- times
 
 
-def flew(c: landing.Case, lines: list[str], start: str | None = None) -> tuple[Session, Any, list[str]]:
+def flew(c: landing.Case, lines: list[str], start: str | None = None, **how: bool) -> tuple[Session, Any, list[str]]:
     """A session over lines, its result, and the warnings."""
-    session = Session(c, "receiver", 1, start=None if start is None else start_time(start))
+    session = Session(c, "receiver", 1, start=None if start is None else start_time(start), **how)
     source = lines_of("\n".join(lines) + "\n")
     session.pump(source, 1.0)
     result = session.result()
@@ -555,6 +555,52 @@ def test_heights_over_the_geoid_are_warned_of(flown) -> None:  # type: ignore[no
     assert warned == [
         f"{fixes} fixes without a geoid separation: heights over the geoid pass for heights over the ellipsoid"
     ]
+
+
+def of_quality(line: str, quality: int, mode: str) -> str:
+    """A sentence of another kind of fix, and no longer a height over the ellipsoid by mistake."""
+    body = line.strip()[1:-3].split(",")
+    if body[0].endswith("GGA"):
+        body[6] = str(quality)
+    else:
+        body[-1] = mode
+    return sentence(",".join(body)).strip()
+
+
+@pytest.mark.parametrize(
+    ("quality", "mode", "kind"), [(6, "E", "estimated"), (7, "M", "manual"), (8, "S", "simulated")]
+)
+def test_what_is_no_fix_of_the_receiver_is_left_out(flown, quality: int, mode: str, kind: str) -> None:  # type: ignore[no-untyped-def]
+    c, _, _, nmea = flown
+    lines = nmea.read_text().splitlines()
+    mixed = [*lines[:120], *(of_quality(line, quality, mode) for line in lines[120:180]), *lines[180:]]
+    session, result, warned = flew(c, mixed)
+    whole, _, _ = flew(c, lines)
+    assert session.counts[kind] == int(result[f"/stream/{kind}"]) == 20
+    assert session.counts["used"] == whole.counts["used"] - 20
+    assert any(words.startswith("20 NMEA epochs of ") and f"quality {quality}" in words for words in warned)
+    _, result, _ = flew(c, [of_quality(line, quality, mode) for line in lines])
+    assert f"not one message could be used: {len(lines) // 3} NMEA epochs of" in flying.failures(result)[0]
+    asked, _, warned = flew(c, mixed, simulated=True)
+    assert asked.counts["used"] == whole.counts["used"] - (0 if kind == "simulated" else 20)
+    assert (kind == "simulated") == (not warned)
+
+
+def test_sentences_without_checksums_are_read_when_lenient(flown) -> None:  # type: ignore[no-untyped-def]
+    c, _, _, nmea = flown
+    lines = nmea.read_text().splitlines()
+    bare = [line.split("*")[0] for line in lines]
+    session, result, _ = flew(c, bare)
+    assert session.counts["no_checksum"] == len(lines)
+    assert not session.counts["corrupt"]
+    assert "NMEA sentences without a checksum" in flying.failures(result)[0]
+    _, _, warned = flew(c, [*lines[:300], *bare[300:]])
+    assert any(words.endswith("--lenient reads them") for words in warned)
+    whole, expected, _ = flew(c, lines)
+    session, result, warned = flew(c, bare, lenient=True)
+    assert session.counts["used"] == whole.counts["used"]
+    assert not warned
+    np.testing.assert_array_equal(result["/filter/error"], expected["/filter/error"])
 
 
 def test_messages_of_ships_are_not_corrupt(flown) -> None:  # type: ignore[no-untyped-def]

@@ -15,6 +15,7 @@ from navsim.models.conventions import GnssConvention
 from navsim.study.diagnosis import Log, diagnose
 from tests.conftest import SCENARIOS
 from tests.mistakes import MISTAKES, Made
+from tests.product.test_fuzz_readers import sentence
 from tests.recordings import circuit, record, sentences_of
 
 SHIPPED = SCENARIOS / "recorded_flight.yaml"
@@ -99,6 +100,42 @@ def test_sentences_in_order_raise_no_alarm(tmp_path: Path) -> None:
     code, said = replayed(tmp_path, f"gnss.file={tmp_path / 'fixes.nmea'}", "gnss.time_offset_s=5")
     assert code == 2
     assert "write `gnss: {time_offset_s: " in said
+
+
+def as_kind(line: str, quality: int, mode: str) -> str:
+    """A sentence of `sentences_of` whose receiver says that it got the position in another way."""
+    body = line[1:-3].split(",")
+    body[6 if body[0] == "GPGGA" else -1] = str(quality) if body[0] == "GPGGA" else mode
+    return sentence(",".join(body)).strip()
+
+
+def test_only_what_a_receiver_measured_is_flown(tmp_path: Path) -> None:
+    """Its dead reckoning and a simulator's fixes are left out and counted; the latter are taken when asked for."""
+    whole = sentences_of(SCENARIOS / "data" / "flight_gnss.csv")
+    mixed = list(whole)
+    mixed[300:306] = [as_kind(line, 6, "E") for line in whole[300:306]]
+    mixed[400:408] = [as_kind(line, 8, "S") for line in whole[400:408]]
+    (tmp_path / "fixes.nmea").write_text("\r\n".join(mixed))
+    fixes = f"gnss.file={tmp_path / 'fixes.nmea'}"
+    code, said = replayed(tmp_path, fixes)
+    assert code == 0, said
+    assert f" {len(whole) // 2 - 8} fixes" in said
+    assert "3 NMEA epochs of the receiver's own dead reckoning (quality 6 or mode E)" in said
+    assert "4 NMEA epochs of a simulator" in said
+    assert "`gnss.simulator_fixes: true`" in said
+    code, said = replayed(tmp_path, fixes, "gnss.simulator_fixes=true")
+    assert (code, "simulator" in said) == (0, False)
+    assert f" {len(whole) // 2 - 4} fixes" in said
+
+
+def test_sentences_without_checksums_fly_when_lenient(tmp_path: Path) -> None:
+    whole = sentences_of(SCENARIOS / "data" / "flight_gnss.csv")
+    (tmp_path / "fixes.nmea").write_text("\r\n".join(line.split("*")[0] for line in whole))
+    fixes = f"gnss.file={tmp_path / 'fixes.nmea'}"
+    code, said = replayed(tmp_path, fixes)
+    assert (code, "`lenient: true` reads them" in said) == (2, True)
+    code, said = replayed(tmp_path, fixes, "lenient=true")
+    assert (code, "warning" in said) == (0, False)
 
 
 OF_FIXES = [made for made in MISTAKES if next(iter(made.remedy)).startswith("gnss.")]

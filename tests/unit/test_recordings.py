@@ -74,7 +74,7 @@ def test_fixes_without_a_height_are_counted_apart(tmp_path: Path) -> None:
     assert found.time.size == 4
     assert np.all(found.llh[:, 2] == 545.4 + 46.9)
     assert dropped.counts == {
-        "NMEA fixes without a height (no GGA, or none in it)": 3,
+        "NMEA fixes without a height (no GGA or GNS, or none in it)": 3,
         "NMEA epochs without a fix": 1,
     }
     none = [gga(k, height="") for k in range(8)]
