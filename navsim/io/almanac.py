@@ -285,9 +285,10 @@ def _split(found: tle.TwoLineSets, untitled: System | None) -> AlmanacFile:
 def _tle(path: Path, lines: list[tuple[int, str]]) -> tle.TwoLineSets:
     """[4]: two lines of elements a satellite, after a line with its name where there is one; lines without comments."""
     names: dict[str, None] = {}
-    titles, firsts, seconds = [], [], []
+    titles, firsts, seconds, begins = [], [], [], []
     at = 0
     while at < len(lines):
+        begins.append(lines[at][0])
         title = ""
         if not lines[at][1].startswith("1 "):
             title = lines[at][1].removeprefix("0 ").strip()
@@ -311,6 +312,6 @@ def _tle(path: Path, lines: list[tuple[int, str]]) -> tle.TwoLineSets:
         seconds.append(pair[1][1].rstrip())
         at += 2
     try:
-        return tle.TwoLineSets.of_lines(titles, firsts, seconds)
+        return tle.TwoLineSets.of_lines(titles, firsts, seconds, begins)
     except ValueError as error:
         raise FileError(0, str(error), path) from None

@@ -78,6 +78,10 @@ class Navigation:
         """Elements of GPS; None where the file has none."""
         return self.elements.get((GPS, GPS.message))
 
+    def without_usual(self) -> dict[System, str]:
+        """Systems that sent none of the messages that they are flown by, and one that they sent instead."""
+        return {of: sent for of, sent in self.elements if (of, of.message) not in self.elements}
+
     def constellations(self, others: Mapping[System, str] = MappingProxyType({})) -> list[Constellation]:
         """Those that fly by these messages, each by the one that its system is flown by; others: of which systems by
         another one."""
@@ -122,7 +126,7 @@ def read_nav(path: Path, lenient: bool = False, systems: Sequence[System] = USUA
         of = BY_LETTER.get(letter)
         try:
             if kind == "EPH" and of in wanted and _SAME.get(message, message) in ("", of.message, *of.other_messages):
-                sent, values = _READ[of](path, record, version, usual[of])
+                sent, values = _READ[of](path, record, version, usual[of], dropped)
                 records.setdefault((of, sent), []).append(values)
                 usual[of] = len(record.lines)
             elif kind == "ION" and of is GPS and message in _KLOBUCHAR:
@@ -402,34 +406,51 @@ _Read = tuple[str, tuple[float, ...]]
 """Which message a record is of, and its numbers."""
 
 
-def _gps(path: Path, record: _Record, version: float, _: int) -> _Read:
+def _gps(path: Path, record: _Record, version: float, _: int, __: Dropped) -> _Read:
     """The fields of a GPS record."""
     return GPS.message, _in_order(_keplerian(path, record, version, GPS, _GPS_FIELDS))
 
 
-def _qzss(path: Path, record: _Record, version: float, _: int) -> _Read:
+def _qzss(path: Path, record: _Record, version: float, _: int, __: Dropped) -> _Read:
     """The fields of a QZSS record, which are those of GPS."""
     return QZSS.message, _in_order(_keplerian(path, record, version, QZSS, _GPS_FIELDS))
 
 
-_FNAV_SOURCES = 0b01_0000_0010
-"""Data sources of a record of F/NAV: E5a-I and its clock [2]."""
+_INAV_CLOCK, _FNAV_CLOCK = 1 << 9, 1 << 8
+"""Data sources that tell which signals the clock is for: E5b and E1, E5a and E1 [2]."""
+_FNAV_SOURCES = _FNAV_CLOCK | 1 << 1
+"""Data sources of a record of F/NAV: its clock, and E5a-I [2]."""
 
 
-def _galileo(path: Path, record: _Record, version: float, _: int) -> _Read:
+def _galileo(path: Path, record: _Record, version: float, _: int, dropped: Dropped) -> _Read:
     """The fields of a Galileo record: the group delay is that of E1 against the other signal of the message's clock,
     E5b of I/NAV, E5a of F/NAV [4]."""
     v = _keplerian(path, record, version, GALILEO, _GALILEO_FIELDS)
     line = record.lines[(_GALILEO_FIELDS.index("source") + 1) // 4][0]
     source = whole(path, line, f"{v['source']:.10g}", "the data sources")
-    by_inav = source & INAV_SOURCES > 0
-    if by_inav == (source & _FNAV_SOURCES > 0):
-        raise FileError(line, f"the data sources, {source}, tell neither I/NAV nor F/NAV", path)
+    by_inav = _is_of_inav(path, line, source, dropped)
     v |= {"tgd": v["bgd_e5b" if by_inav else "bgd_e5a"], "ura": v["sisa"], "iodc": v["iode"]}
     return GALILEO.message if by_inav else GALILEO.other_messages[0], _in_order(v)
 
 
-def _beidou(path: Path, record: _Record, version: float, _: int) -> _Read:
+def _is_of_inav(path: Path, line: int, source: int, dropped: Dropped) -> bool:
+    """Whether data sources tell I/NAV, else F/NAV. Where they tell both, as some simulators write them, the clock's
+    decides; where that decides nothing, a lenient reader takes I/NAV. Raises FileError."""
+    by_inav, by_fnav = source & INAV_SOURCES > 0, source & _FNAV_SOURCES > 0
+    if by_inav != by_fnav:
+        return by_inav
+    inav_clock, fnav_clock = source & _INAV_CLOCK > 0, source & _FNAV_CLOCK > 0
+    if inav_clock != fnav_clock:
+        taken = "I/NAV" if inav_clock else "F/NAV"
+        dropped.add(f"Galileo messages whose data sources, {source}, are of both kinds: {taken} by their clock", 1)
+        return inav_clock
+    told = "both I/NAV and F/NAV" if by_inav else "neither I/NAV nor F/NAV"
+    message = f"the data sources, {source}, tell {told}, and bits 8 and 9 do not say whose clock it is"
+    dropped.damaged("Galileo messages taken as I/NAV", FileError(line, message, path))
+    return True
+
+
+def _beidou(path: Path, record: _Record, version: float, _: int, __: Dropped) -> _Read:
     """The fields of a BeiDou record; clocks are those of B3I, the group delay is that of B1I against it."""
     return BEIDOU.message, _in_order(_keplerian(path, record, version, BEIDOU, _BEIDOU_FIELDS))
 
@@ -460,7 +481,7 @@ _GLONASS_LIMITS = {
 _GLONASS_RADIUS = (24.0e3, 27.0e3)
 
 
-def _glonass(path: Path, record: _Record, version: float, usual: int) -> _Read:
+def _glonass(path: Path, record: _Record, version: float, usual: int, _: Dropped) -> _Read:
     """The fields of a GLONASS record; usual: lines of the one before, 0 for none."""
     block = record.lines
     _check_length(path, record, _glonass_lines(record, version, usual), _margin(version))
@@ -520,10 +541,11 @@ _UNKNOWN = 0.999999999999e9
 """What stands for a value that is not known [2]."""
 
 
-_READ: dict[System, Callable[[Path, _Record, float, int], _Read]] = {
+_READ: dict[System, Callable[[Path, _Record, float, int, Dropped], _Read]] = {
     GPS: _gps, GLONASS: _glonass, GALILEO: _galileo, BEIDOU: _beidou, QZSS: _qzss,
 }  # fmt: skip
-"""How the messages of systems are read: path, record, version, lines of the system's record before."""
+"""How the messages of systems are read: path, record, version, lines of the system's record before, what is left out
+or doubtful."""
 
 
 def _state_vectors(records: list[tuple[float, ...]]) -> StateVectors:

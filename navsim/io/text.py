@@ -92,11 +92,13 @@ class FileError(ValueError):
 class Dropped:
     """What a reader left out or moved: how often, by reason. Damaged parts are left out only by a `lenient` reader.
 
-    outside: the first value outside of physical limits, where the reader was told to go on with it.
+    outside: the first value outside of physical limits, where the reader was told to go on with it. lines: what readers
+    of other files said.
     """
 
     lenient: bool = False
     counts: dict[str, int] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
     outside: FileError | None = None
     _reasons: dict[str, str] = field(default_factory=dict)
 
@@ -114,7 +116,7 @@ class Dropped:
 
     def said(self) -> tuple[str, ...]:
         """A line for each reason."""
-        return tuple(f"{count} {reason}" for reason, count in self.counts.items())
+        return (*self.lines, *(f"{count} {reason}" for reason, count in self.counts.items()))
 
 
 def read_lines(path: Path, dropped: Dropped | None = None) -> list[str]:

@@ -71,6 +71,15 @@ class System:
             return len(number) == 2
         return len(number) == 3 or (len(number) == 2 and 1 <= int(number) <= self.slots)
 
+    def name_in(self, title: str, alone: bool = False) -> str:
+        """The name that a satellite has in files, such as G07, where a title has it, else ""; alone: at its beginning,
+        as of a satellite that nothing else tells the system of."""
+        begins = r"^(?:PRN\s*)?" if alone else r"\b"
+        for number in re.findall(rf"{begins}{self.letter}\s?(\d{{1,2}})(?![\w.])", title.upper()):
+            if 1 <= int(number) <= self.highest:
+                return self.satellite(int(number))
+        return ""
+
     @property
     def numbers(self) -> str:
         """In words, how satellites are named."""
@@ -151,9 +160,14 @@ def first_time_scale(scales: Collection[str]) -> str:
 LETTERS = "GRECJIS"
 """Letters of satellites in files, those of systems that navsim does not model too [3]."""
 _STRANGERS = {
-    "SBAS": r"/PRN\s*\d{3}\)|\b(WAAS|EGNOS|MSAS|GAGAN|SDCM|KASS|SBAS)\b",
-    "NavIC": r"\bIRNSS\b|\bNVS-\d",
+    "SBAS": r"/PRN\s*\d{3}\)|\b(WAAS|EGNOS|MSAS|GAGAN|SDCM|KASS|SBAS)\b|^S\d{2}$",
+    "NavIC": r"\bIRNSS\b|\bNVS-\d|^I\d{2}$",
 }
+TITLES = (
+    "GPS BIIR-2 (PRN 13)", "COSMOS 2456 (730)", "GSAT0210 (PRN E01)", "BEIDOU-3 M1 (C19)", "QZS-2",
+    "G13, R07, E01, C19, J02",
+)  # fmt: skip
+"""Titles of two-line elements that tell the system, as examples: those of CelesTrak [5], then names as in files."""
 UNTITLED, UNKNOWN = "", "unknown"
 
 
@@ -163,4 +177,5 @@ def system_of(title: str) -> str:
     if not title:
         return UNTITLED
     called = {system.name: f"{system.called}|{system.numbered}" for system in SYSTEMS} | _STRANGERS
-    return next((name for name, pattern in called.items() if re.search(pattern, title.upper())), UNKNOWN)
+    told = next((name for name, pattern in called.items() if re.search(pattern, title.upper())), UNKNOWN)
+    return next((s.name for s in SYSTEMS if told == UNKNOWN and s.name_in(title, alone=True)), told)

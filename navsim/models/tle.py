@@ -20,16 +20,18 @@ import numpy as np
 from navsim.core.arrays.earth import RATE
 from navsim.models import timescales
 from navsim.models.messages import Messages, for_each
-from navsim.models.systems import NAMES, SYSTEMS, UNKNOWN, UNTITLED, System, system_of
+from navsim.models.systems import NAMES, SYSTEMS, TITLES, UNKNOWN, UNTITLED, System, system_of
 
 if TYPE_CHECKING:
     from sgp4.api import Satrec
 
 _JULIAN_1970 = 2440587.5
+_MOST_TITLES = 10
+"""Satellites of a system that a message names."""
 
 
 def short_name(title: str, first: str) -> str:
-    """G13 for `GPS BIIR-2  (PRN 13)`, R730 for `COSMOS 2456 (730)`, T28874 by catalogue number otherwise.
+    """G13 for `GPS BIIR-2  (PRN 13)` and for `G13`, R730 for `COSMOS 2456 (730)`, T28874 by catalogue number otherwise.
 
     The number of a GLONASS satellite in brackets is its own, of three digits, not the slot it stands in; slots are
     R01 to R24.
@@ -39,6 +41,8 @@ def short_name(title: str, first: str) -> str:
         numbered = re.search(system.numbered, title.upper())
         if told == system.name and numbered:
             return system.letter + numbered[1].zfill(2)
+        if told == system.name and (name := system.name_in(title)):
+            return name
     return f"T{first[2:7].strip():0>5}"
 
 
@@ -46,20 +50,21 @@ def short_name(title: str, first: str) -> str:
 class TwoLineSets:
     """Two-line elements of any systems, as they stand in a file.
 
-    names, titles (n,): short names, and what the file calls them. systems (n,): as of `system_of`. epochs (n,): UTC,
-    POSIX s. satellites (n,): of the `sgp4` package.
+    names, titles, lines (n,): short names, what the file calls them, and the lines on which they begin. systems (n,):
+    as of `system_of`. epochs (n,): UTC, POSIX s. satellites (n,): of the `sgp4` package.
     """
 
     names: tuple[str, ...]
     titles: tuple[str, ...]
+    lines: tuple[int, ...]
     systems: tuple[str, ...]
     epochs: np.ndarray
     satellites: tuple[Satrec, ...]
 
     @classmethod
-    def of_lines(cls, titles: list[str], first: list[str], second: list[str]) -> TwoLineSets:
-        """From titles ("" where there is none) and the lines of the elements. Raises ValueError for elements that SGP4
-        cannot use."""
+    def of_lines(cls, titles: list[str], first: list[str], second: list[str], lines: list[int]) -> TwoLineSets:
+        """From titles ("" where there is none), the lines of the elements, and the numbers of lines. Raises ValueError
+        for elements that SGP4 cannot use."""
         from sgp4.api import Satrec
 
         names = tuple(short_name(title, line) for title, line in zip(titles, first, strict=True))
@@ -68,7 +73,7 @@ class TwoLineSets:
             if satellite.error:
                 raise ValueError(f"{name}: SGP4 cannot use these elements (error {satellite.error})")
         epochs = np.array([(s.jdsatepoch - _JULIAN_1970 + s.jdsatepochF) * timescales.DAY for s in satellites])
-        return cls(names, tuple(titles), tuple(system_of(title) for title in titles), epochs, satellites)
+        return cls(names, tuple(titles), tuple(lines), tuple(system_of(title) for title in titles), epochs, satellites)
 
     def of(self, system: System, untitled: bool = False) -> TwoLineElements:
         """The satellites of a system; untitled: those whose system nothing tells are of it, too."""
@@ -84,9 +89,15 @@ class TwoLineSets:
         said = []
         for told in dict.fromkeys(self.systems):
             if told not in (*NAMES, UNTITLED):
-                titles = ", ".join(t for t, s in zip(self.titles, self.systems, strict=True) if s == told)
-                why = "of no known system" if told == UNKNOWN else f"of {told}, which navsim does not model"
-                said.append(f"not used, {why}: {titles}")
+                theirs = [i for i, system in enumerate(self.systems) if system == told]
+                some = ", ".join(f"{self.titles[i]} (line {self.lines[i]})" for i in theirs[:_MOST_TITLES])
+                more = f" and {len(theirs) - _MOST_TITLES} more" if len(theirs) > _MOST_TITLES else ""
+                if told == UNKNOWN:
+                    known = "; ".join(TITLES)
+                    told = f"{some}{more}; known are such as {known}"
+                    said.append(f"not used, of no known system by their titles: {told}")
+                else:
+                    said.append(f"not used, of {told}, which navsim does not model: {some}{more}")
         return tuple(said)
 
 

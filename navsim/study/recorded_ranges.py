@@ -32,9 +32,10 @@ class NavigationMessages:
 def read_messages(path: Path, lenient: bool, dropped: Dropped, systems: Sequence[System]) -> NavigationMessages:
     """The messages of some systems in a navigation file. Raises FileError, OSError as `rinex_nav.read_nav`."""
     found = read_nav(path, lenient, systems)
-    for text in found.left_out:
-        dropped.add(text, 1)
-    return NavigationMessages(tuple(found.constellations()), found.klobuchar)
+    others = found.without_usual()
+    dropped.lines += found.left_out
+    dropped.lines += (f"{of.title} flies by {sent}: there is no {of.message}" for of, sent in others.items())
+    return NavigationMessages(tuple(found.constellations(others)), found.klobuchar)
 
 
 def together(several: list[NavigationMessages]) -> NavigationMessages:
@@ -54,8 +55,7 @@ def read_ranges(
     `rinex_obs.read_obs`, and where there are fewer than two fixes.
     """
     observations = read_obs(path, dropped.lenient)
-    for text in observations.left_out:
-        dropped.add(text, 1)
+    dropped.lines += observations.left_out
     try:
         klobuchar = messages.klobuchar if options.troposphere else None
         solution = solve(observations, messages.constellations, replace(options, klobuchar=klobuchar))

@@ -50,12 +50,13 @@ def read_satellites(
         warnings.append(f"not used, since sky.systems does not name them: {more}")
     if not constellations:
         where = document.place(("sky", "systems"))
-        message = f"`source: {key}` has no satellite of {', '.join(s.name for s in wanted)}"
+        named = ", ".join(s.name for s in wanted)
+        message = f"`source: {key}` has no satellite of {named}{''.join(f'; {w}' for w in warnings)}"
         raise InputError([Problem(where, "sky.systems", message)])
     there = {c.system for c in constellations}
     if sky.systems and (lacking := [s.name for s in wanted if s not in there]):
         where = document.place(("sky", "systems"))
-        message = f"`source: {key}` has no satellite of {' or '.join(lacking)}"
+        message = f"`source: {key}` has no satellite of {' or '.join(lacking)}{''.join(f'; {w}' for w in warnings)}"
         raise InputError([Problem(where, "sky.systems", message)])
     if key == "almanac":
         _warn_of_age(sky.almanac_warning_days, constellations, float(timescales.gps_from_utc(utc)), warnings)
@@ -134,7 +135,11 @@ def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     from navsim.io.rinex_nav import read_nav
 
     found = read_nav(path, sky.lenient, sky.wanted())
-    return _Read(found.constellations(sky.messages()), found.left_out, found.offsets)
+    remarks = [
+        f"not used: {of.title} has {sent} alone, not {of.message}; `sky.galileo_message: {sent.lower()}` uses it"
+        for of, sent in found.without_usual().items() if of not in sky.messages()
+    ]  # fmt: skip
+    return _Read(found.constellations(sky.messages()), [*found.left_out, *remarks], found.offsets)
 
 
 def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import gzip
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -194,6 +195,39 @@ def test_galileo_messages_need_the_group_delay_of_their_own_clock(tmp_path: Path
     found = read_nav(path, systems=SYSTEMS)
     np.testing.assert_array_equal(np.isnan(found.elements[GALILEO, "INAV"].tgd), [False, True])
     np.testing.assert_array_equal(found.elements[GALILEO, "INAV"].ura[1], -1.0)
+
+
+@pytest.mark.parametrize(
+    ("sources", "message", "said"),
+    [
+        (513, "INAV", ""), (516, "INAV", ""), (517, "INAV", ""), (1, "INAV", ""), (4, "INAV", ""),
+        (258, "FNAV", ""), (2, "FNAV", ""), (256, "FNAV", ""),
+        (263, "FNAV", "1 Galileo messages whose data sources, 263, are of both kinds: F/NAV by their clock"),
+        (519, "INAV", "1 Galileo messages whose data sources, 519, are of both kinds: I/NAV by their clock"),
+        (515, "INAV", "I/NAV by their clock"), (261, "FNAV", "F/NAV by their clock"),
+        (3, None, "1 Galileo messages taken as I/NAV; the first: .*the data sources, 3, tell both I/NAV and F/NAV"),
+        (0, None, "tell neither I/NAV nor F/NAV"), (775, None, "bits 8 and 9 do not say whose clock it is"),
+    ],
+)  # fmt: skip
+def test_galileo_messages_by_their_data_sources(sources: int, message: str | None, said: str, tmp_path: Path) -> None:
+    """Bits 8 and 9, whose clock it is, decide where signals of both kinds are named, as simulators write them; where
+    they do not, the message is refused, or by a lenient reader taken as I/NAV."""
+    path = tmp_path / "file"
+    elements = gps.nominal(files.UTC).records.take(np.arange(1))
+    lines = rinex_write.navigation_lines({GALILEO: elements}, None, [], "made", at=float(elements.toe[0]))
+    text = with_field("\n".join(lines), "E01", 5, 1, f"{sources:19.12E}")
+    path.write_text(with_field(text, "E01", 6, 2, f"{5e-9:19.12E}"))
+    if message is None:
+        with pytest.raises(FileError, match=said.partition("first: ")[2]) as caught:
+            read_nav(path, systems=SYSTEMS)
+        assert caught.value.salvageable
+        assert caught.value.line == next(k for k, line in enumerate(lines, 1) if line.startswith("E01")) + 5
+    found = read_nav(path, lenient=message is None, systems=SYSTEMS)
+    assert list(found.elements) == [(GALILEO, message or "INAV")]
+    assert found.elements[GALILEO, message or "INAV"].tgd[0] == (5e-9 if message == "FNAV" else elements.tgd[0])
+    assert found.without_usual() == ({GALILEO: "FNAV"} if message == "FNAV" else {})
+    assert re.search(said, "; ".join(found.left_out))
+    assert len(found.left_out) == bool(said)
 
 
 @pytest.mark.parametrize(("told", "seconds"), [("", 18), ("GPS", 18), ("GAL", 18), ("BDS", None), ("BDT", None)])

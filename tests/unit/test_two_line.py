@@ -78,6 +78,25 @@ def prepared(folder: Path, lines: list[str], *assignments: str) -> landing.Case:
         ("LUCH 5A (SDCM/PRN 140)", "SBAS", "T24876"),
         ("IRNSS-1B", "NavIC", "T24876"),
         ("NVS-01 (IRNSS-1J)", "NavIC", "T24876"),
+        ("G32", "gps", "G32"),
+        ("G7", "gps", "G07"),
+        ("PRN G07", "gps", "G07"),
+        ("R01", "glonass", "R01"),
+        ("E11", "galileo", "E11"),
+        ("E11 (GSAT0101)", "galileo", "E11"),
+        ("GSAT0210 [E01]", "galileo", "E01"),
+        ("C19", "beidou", "C19"),
+        ("J02", "qzss", "J02"),
+        ("J02 QZS-2", "qzss", "J02"),
+        ("GPS G13", "gps", "G13"),
+        ("S20", "SBAS", "T24876"),
+        ("I03", "NavIC", "T24876"),
+        ("G00", systems.UNKNOWN, "T24876"),
+        ("G64", systems.UNKNOWN, "T24876"),
+        ("E99", systems.UNKNOWN, "T24876"),
+        ("R1.5", systems.UNKNOWN, "T24876"),
+        ("C19B ROCKET BODY", systems.UNKNOWN, "T24876"),
+        ("EXPLORER E11", systems.UNKNOWN, "T24876"),
         ("ISS (ZARYA)", systems.UNKNOWN, "T24876"),
         ("", systems.UNTITLED, "T24876"),
     ],
@@ -113,8 +132,9 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
 def test_satellites_of_other_systems_are_named_and_left_out(tmp_path: Path) -> None:
     case = prepared(tmp_path, BEIDOU + GPS + STRANGER + QZSS + NAVIC)
     assert [w[w.index("not used") :] for w in case.warnings if "not used" in w] == [
-        "not used, of no known system: VANGUARD 1",
-        "not used, of NavIC, which navsim does not model: IRNSS-1B",
+        "not used, of no known system by their titles: VANGUARD 1 (line 79); known are such as "
+        + "; ".join(systems.TITLES),
+        "not used, of NavIC, which navsim does not model: IRNSS-1B (line 85)",
         "not used, since sky.systems does not name them: beidou (2 satellites), qzss (1 satellites)",
     ]
     assert not [w for w in prepared(tmp_path, GPS + GLONASS).warnings if "not used" in w]
@@ -122,6 +142,22 @@ def test_satellites_of_other_systems_are_named_and_left_out(tmp_path: Path) -> N
         prepared(tmp_path, NAVIC)
     with pytest.raises(InputError, match=r"sky\.systems: `source: almanac` has no satellite of glonass, gps"):
         prepared(tmp_path, BEIDOU)
+
+
+def test_satellites_named_as_in_rinex_files_are_those_of_celestrak(tmp_path: Path) -> None:
+    """The same sky by both sorts of titles; a file of unknown titles is refused with lines and what would be known."""
+    plain = prepared(tmp_path, GPS + GALILEO, "sky.systems=[gps, galileo]")
+    named = [
+        f"{line[-4:-1] if 'GSAT' in line else 'G' + line[-3:-1]}" if line[0] == "G" else line for line in GPS + GALILEO
+    ]
+    case = prepared(tmp_path, named, "sky.systems=[gps, galileo]")
+    assert case.world.signals.names == plain.world.signals.names
+    np.testing.assert_array_equal(case.world.dop, plain.world.dop)
+    assert not [w for w in case.warnings if "not used" in w]
+    unknown = [line.replace("GPS", "OBJECT").replace("PRN ", "") for line in GPS]
+    said = r"no satellite of glonass or gps; .*: OBJECT BIIR-1   \(01\) \(line 1\), .* and 14 more; known are .* G13"
+    with pytest.raises(InputError, match=said):
+        prepared(tmp_path, unknown)
 
 
 def test_named_systems_are_used_each_with_its_clock(tmp_path: Path) -> None:
