@@ -16,6 +16,11 @@ from navsim.models.systems import GPS
 
 _NO_SCALE = "ccc"
 _NO_CLOCK = 999999.0
+_MARKS = ((78, "M"), (74, "E"), (79, "P"))
+"""Columns and letters that mark, from version c on, a manoeuvre or a jump of the clock since the epoch before, and a
+position that was not measured but predicted [1]."""
+_POOR = 13
+"""Largest code of accuracy that is not told: 2^13 mm are 8 m [1]."""
 _PAD = GPS.satellite(0)
 """What fills the list of satellites, as a name."""
 
@@ -38,6 +43,7 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     scale = GPS.time_system
     time: list[float] = []
     records: list[dict[str, tuple[float, ...]]] = []
+    codes: list[int] = []
     scales_seen = 0
     ended = False
     usable = False  # whether the epoch that positions belong to is known
@@ -47,6 +53,9 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
                 satellites = whole(path, index, line[3:6], "the number of satellites")
                 within(path, index, satellites, 1, 999, "the number of satellites")
             listed += [_name(line[9 + 3 * i : 12 + 3 * i]) for i in range(17) if line[9 + 3 * i : 12 + 3 * i].strip()]
+        elif line.startswith("++"):
+            pieces = [line[9 + 3 * i : 12 + 3 * i] for i in range(17)]
+            codes += [whole(path, index, piece, "the accuracy") for piece in pieces if piece.strip()]
         elif line.startswith("%c"):
             scales_seen += 1
             if scales_seen == 1:
@@ -95,8 +104,8 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
         dropped.damaged("wrong number of epochs", wrong)
     if not time:
         raise FileError(len(lines), "the file has no epoch", path)
-    check_table(path, len(time), len(names), 4)
-    table = np.full((len(time), len(names), 4), np.nan)
+    check_table(path, len(time), len(names), 7)
+    table = np.full((len(time), len(names), 7), np.nan)
     for epoch, record in enumerate(records):
         for i, name in enumerate(names):
             if name in record:
@@ -105,17 +114,22 @@ def read_sp3(path: Path, lenient: bool = False) -> OrbitTable:
     position[np.all(position == 0.0, axis=2)] = np.nan
     # a missing clock is all nines
     clocks = np.where(clock_us >= _NO_CLOCK, np.nan, 1e-6 * clock_us)
-    return OrbitTable(tuple(names), _gpst(np.array(time), scale), position, clocks, dropped.said())
+    poor = [f"{name} (2^{code} mm)" for name, code in zip(names, codes, strict=False) if code > _POOR]
+    dropped.add(f"satellites whose orbits are poor by the header: {', '.join(poor)}", len(poor))
+    manoeuvres, clock_events, predicted = (table[..., i] == 1.0 for i in (4, 5, 6))
+    dropped.add("positions that are predicted, not measured", predicted.sum())
+    gpst = _gpst(np.array(time), scale)
+    return OrbitTable(tuple(names), gpst, position, clocks, manoeuvres, clock_events, dropped.said())
 
 
 def _position(path: Path, line: int, text: str) -> tuple[str, tuple[float, ...]]:
-    """Name, position in km and clock in microseconds of a P line. Raises FileError."""
+    """Name, position in km, clock in microseconds and `_MARKS` (0 or 1) of a P line. Raises FileError."""
     values = [column(path, line, text, 4 + 14 * i, 14, "position") for i in range(3)]
     clock = column(path, line, text, 46, 14, "clock") if text[46:60].strip() else _NO_CLOCK
     radius = float(np.sqrt(sum(v * v for v in values)))
     if radius > 0.0:
         within(path, line, radius, 6.4e3, 5e5, "distance from the centre of the Earth in km")
-    return _name(text[1:4]), (*values, clock)
+    return _name(text[1:4]), (*values, clock, *(float(text[at : at + 1] == letter) for at, letter in _MARKS))
 
 
 def _name(text: str) -> str:

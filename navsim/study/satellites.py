@@ -17,7 +17,7 @@ from navsim.models.signals import Satellites
 from navsim.models.sky import Horizon
 from navsim.models.systems import CLOCKS, NAMES, SYSTEMS, System
 from navsim.scenario.landing import Landing
-from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES, Sky
+from navsim.scenario.sky import LENIENT, SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Place, Problem, dotted
 
 
@@ -116,11 +116,11 @@ class _Read(NamedTuple):
 # what reads files is imported for those who have some
 
 
-def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
+def _read_almanac(path: Path, utc: float, scenario: Landing) -> _Read:
     from navsim.io.almanac import read_almanac
     from navsim.io.text import FileError
 
-    told = next((system for system in SYSTEMS if system.name == sky.almanac_system), None)
+    told = next((system for system in SYSTEMS if system.name == scenario.sky.almanac_system), None)
     found = read_almanac(path, utc, told)
     if found.untitled:
         raise FileError(
@@ -131,9 +131,10 @@ def _read_almanac(path: Path, utc: float, sky: Sky) -> _Read:
     return _Read(found.constellations, found.not_used)
 
 
-def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
+def _read_navigation(path: Path, utc: float, scenario: Landing) -> _Read:
     from navsim.io.rinex_nav import read_nav
 
+    sky = scenario.sky
     found = read_nav(path, sky.lenient, sky.wanted())
     remarks = [
         f"not used: {of.title} has {sent} alone, not {of.message}; `sky.galileo_message: {sent.lower()}` uses it"
@@ -142,14 +143,16 @@ def _read_navigation(path: Path, utc: float, sky: Sky) -> _Read:
     return _Read(found.constellations(sky.messages()), [*found.left_out, *remarks], found.offsets)
 
 
-def _read_orbits(path: Path, utc: float, sky: Sky) -> _Read:
+def _read_orbits(path: Path, utc: float, scenario: Landing) -> _Read:
     from navsim.io.sp3 import read_sp3
 
-    table = read_sp3(path, sky.lenient)
-    return _Read([orbits for orbits in map(table.of, SYSTEMS) if orbits.names], table.left_out)
+    table = read_sp3(path, scenario.sky.lenient)
+    start = float(timescales.gps_from_utc(utc))
+    missing = table.missing(start, start + scenario.duration_s, scenario.sky.wanted())
+    return _Read([orbits for orbits in map(table.of, SYSTEMS) if orbits.names], [*table.left_out, *missing])
 
 
-_READERS: dict[str, Callable[[Path, float, Sky], _Read]] = {
+_READERS: dict[str, Callable[[Path, float, Landing], _Read]] = {
     "almanac": _read_almanac,
     "navigation": _read_navigation,
     "orbits": _read_orbits,
@@ -166,7 +169,7 @@ class _Files:
         self.offsets: list[tuple[str, Path, Mapping[System, tuple[int, str]]]] = []
 
     def read(
-        self, name: str, reader: Callable[[Path, float, Sky], _Read], utc: float, warnings: list[str]
+        self, name: str, reader: Callable[[Path, float, Landing], _Read], utc: float, warnings: list[str]
     ) -> Sequence[Constellation]:
         from navsim.io.text import FileError
 
@@ -174,7 +177,7 @@ class _Files:
         path = self.document.resolve(place, name)
         try:
             checksum = files.checksum(path)
-            read = reader(path, utc, self.scenario.sky)
+            read = reader(path, utc, self.scenario)
         except FileError as error:
             curable = error.salvageable and self.key in LENIENT
             cure = "; `sky.lenient: true` takes what is whole" if curable else ""
@@ -259,6 +262,7 @@ def _group(scenario: Landing, document: Document, constellation: Constellation, 
         where = document.place(("sky", sky.source))
         of = constellation.system.name
         message = f"has no {of} satellite for the time of the scenario, {scenario.epoch:%Y-%m-%d %H:%M}"
+        message += "".join(f"; {w}" for w in warnings)
         raise InputError([Problem(where, f"sky.{sky.source}", message)])
     served = known | ~usable
     reasons = (usable, "because they are marked as unhealthy"), (served, "because nothing tells where they are")
