@@ -62,6 +62,11 @@ PIECE, PIECES = 1.0, 15
 """Length of a piece, s, and pieces in a window with one rotation."""
 OFFSETS = 40.0
 """Largest offset between the clocks that is looked for, s: GPS time is 18 s from UTC, TAI 37 s."""
+LEAST_WINDOWS, LARGEST_SHARE = 2, 0.7
+"""An offset of the clocks is judged where it has so many windows of those as written, half of them at least, and is no
+larger than this share of their length: a flight that repeats itself fits a few windows anywhere."""
+APART = 2.0
+"""Offsets of the clocks farther apart than this, s, are different ones."""
 WORSE, CERTAIN = 1.4, 20.0
 """A fit is worse than the best when its residual is that many times larger and its chi-square, reduced by a factor of
 four for residuals that hang together, that much."""
@@ -623,11 +628,10 @@ def gained(fixes: Fixes, scale: np.ndarray, piece: float = PIECE, pieces: int = 
     gravity = float(np.linalg.norm(earth.gravity_ecef(earth.ecef_from_llh(fixes.llh[:1]))))
     change = np.diff(velocity, axis=0) - np.diff(edges)[:, None] * [0.0, 0.0, gravity]
     whole = np.diff(edges) < 3.0 * piece
-    windows = [
-        np.arange(first, first + pieces)
-        for first in range(0, len(change) - pieces + 1, pieces)
-        if whole[first : first + pieces].all()
-    ]
+    windows = []
+    for run in np.split(np.arange(whole.size), np.flatnonzero(~whole)):
+        run = run[whole[run]]
+        windows += [run[first : first + pieces] for first in range(0, run.size - pieces + 1, pieces)]
     whole_windows = np.reshape(windows, (-1, pieces)).astype(int)
     return _Gained(edges, change, velocity, whole_windows, np.maximum(1.0, 1.0 / scale))
 
@@ -752,10 +756,22 @@ def _readings(log: Log) -> list[_Interpretation]:
     ]
 
 
+def _usual_offset(log: Log) -> tuple[float, tuple[float, float]]:
+    """What the times of samples less those of fixes usually are, s, and between which bounds it is no mistake."""
+    if log.latency is not None:
+        return -log.latency, (-log.latency - 0.5, -log.latency + 0.5)
+    return -0.1, (-2.1, 0.4)
+
+
 def _compared(log: Log) -> np.ndarray:
-    """Which fixes (m,) count: from the first motion on and for `MOST_SECONDS`, within the part that is wanted."""
+    """Which fixes (m,) count: from the first motion on and for `MOST_SECONDS`, within the part that is wanted and,
+    where there is one, that which has samples at each tolerated offset of the clocks, so that all have the same
+    windows."""
     fixes, _ = log.fixes.with_velocity()
     wanted = (fixes.time >= log.first) & (fixes.time <= log.last) & np.isfinite(fixes.velocity).all(axis=1)
+    low, high = _usual_offset(log)[1]
+    sampled = (fixes.time + low >= log.samples.time[0]) & (fixes.time + high <= log.samples.time[-1] - 2.0 * STEP)
+    wanted &= sampled if (wanted & sampled).any() else True
     moving = wanted & (np.linalg.norm(fixes.velocity[:, :2], axis=1) > MOVING)
     if moving.any():
         wanted &= fixes.time >= fixes.time[moving][0] - WINDOW
@@ -822,10 +838,10 @@ class _Judge:
 
     def clocks(
         self, flight: _Carried, offsets: np.ndarray, tolerated: tuple[float, float]
-    ) -> tuple[float, float | None] | None:
-        """The best offset of those tolerated and the best of all others (None where a short recording lets none of them
-        be judged), with all else as written and without looking for biases; None where no offset that is tolerated can
-        be judged."""
+    ) -> tuple[float, list[float], float] | None:
+        """The best offset of those tolerated; the best of all others that can be judged, with those that are as good;
+        and the size up to which offsets could be judged, s. All else is as written, and no biases are looked for. None
+        where no offset that is tolerated can be judged."""
         target = self.targets[0]
         squares = np.full((offsets.size, self.windows.shape[0]), np.nan)
         for row, offset in enumerate(offsets):
@@ -844,9 +860,18 @@ class _Judge:
             [float(np.mean(row[np.isfinite(row)])) if np.isfinite(row).any() else np.inf for row in squares]
         )
         home = int(np.argmin(np.where(allowed, means, np.inf)))
-        others = np.where(allowed, np.inf, _levels(squares, squares[home])[0])
-        other = int(np.argmin(others))
-        return float(offsets[home]), float(offsets[other]) if np.isfinite(others[other]) else None
+        common = np.sum(np.isfinite(squares) & np.isfinite(squares[home]), axis=1)
+        length = common * self.targets[0].windows.shape[1] * PIECE
+        enough = (common >= max(LEAST_WINDOWS, 0.5 * common[home])) & (np.abs(offsets) <= LARGEST_SHARE * length)
+        others = np.where(allowed | ~enough, np.inf, _levels(squares, squares[home])[0])
+        best: list[float] = []
+        for row in np.argsort(others):
+            if not np.isfinite(others[row]) or others[row] > WORSE**2 * others.min() or len(best) == 3:
+                break
+            if all(abs(offsets[row] - each) > APART for each in best):
+                best.append(float(offsets[row]))
+        unjudged = np.abs(offsets[~(enough | allowed)])
+        return float(offsets[home]), best, float(unjudged.min(initial=OFFSETS))
 
     def fit(self, flight: _Carried, hypothesis: _Hypothesis, bias: np.ndarray) -> _Fit | None:
         """The fit of a hypothesis; None with fewer than two windows."""
@@ -893,17 +918,16 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     if not judge.windows.size or judge.samples.time.size < 10:
         return [], log
     # the clocks first, with all else as written: a latency that the tuning will find is no mistake
-    usual = -0.1 if log.latency is None else -log.latency
-    tolerated = (-2.1, 0.4) if log.latency is None else (usual - 0.5, usual + 0.5)
+    usual, tolerated = _usual_offset(log)
     near = np.arange(tolerated[0], tolerated[1] + 1e-9, 0.1)
     offsets = np.unique(np.round(np.concatenate([[usual], near, np.arange(-OFFSETS, OFFSETS + 0.1, 0.5)]), 3))
     plain = judge.carried(1.0, none)
     best_clocks = judge.clocks(plain, offsets, tolerated)
     if best_clocks is None:
         return [], log
-    at, apart = best_clocks
+    at, others, _ = best_clocks
     clocks = [_Hypothesis(offset=at)]
-    if apart is not None:
+    for apart in others:
         finer = apart + 0.1 * np.arange(-4, 5)
         finer = finer[(finer < tolerated[0]) | (finer > tolerated[1])]
         around = judge.fits(plain, [_Hypothesis(offset=float(offset)) for offset in finer], none)

@@ -138,6 +138,30 @@ def test_an_offset_within_the_latency_is_no_mistake_unless_the_latency_is_given(
     assert "gnss.time_offset_s" in found.remedies[0]
 
 
+@cache
+def weaving() -> tuple[Samples, Fixes]:
+    """The shipped flight: turns that repeat themselves every 30 s."""
+    data = ROOT / "scenarios" / "data"
+    return read_imu(data / "flight_imu.csv.gz")[0], read_fixes(data / "flight_gnss.csv")[0]
+
+
+@pytest.mark.parametrize(("begin", "length"), [(20.0, 40.0), (60.0, 25.0), (60.0, 10.0), (75.0, 25.0)])
+def test_a_gap_of_the_fixes_is_no_offset_of_the_clocks(begin: float, length: float) -> None:
+    """However few windows are left around it: in a flight that repeats itself they fit elsewhere as well."""
+    samples, fixes = weaving()
+    fixes = fixes.take((fixes.time < begin) | (fixes.time > begin + length))
+    for first in (-np.inf, begin - 10.0, begin, begin + length - 5.0, begin + length + 8.0):
+        assert diagnose(Log(samples, fixes, first=first)) == []
+
+
+def test_offsets_that_fit_as_well_are_named_together() -> None:
+    samples, fixes = weaving()
+    for kept in (fixes.time > 0.0, (fixes.time < 60.0) | (fixes.time > 85.0)):
+        late = replace(fixes, time=fixes.time + 18.0).take(kept)
+        (found,) = diagnose(Log(samples, late))
+        assert {each["gnss.time_offset_s"] for each in found.remedies} == {-18.0, 12.0}
+
+
 # --- what is declared
 
 
