@@ -67,7 +67,9 @@ _SPARE = 21
 """Satellites less the unknowns there are without pseudolites."""
 _KEPT = 22
 """n of the satellites on the pseudolites' clock."""
-_N = 23
+_REACH = 23
+"""Distance to the horizon."""
+_N = 24
 
 _TILE = 32
 """Epochs worked on at once: their C of a register of placements stay in the first cache. One loop over them finds C,
@@ -75,7 +77,7 @@ the next the roots: in one loop the steps of an epoch wait for each other, and t
 
 
 @kernel
-def _common(receiver, up, spare, satellites, weight, count, out):
+def _common(receiver, up, reach, spare, satellites, weight, count, out):
     """Rows of what `count` pseudolites at any places have in common, (e, _N); returns how many epochs have one, the
     others have too few sources. See `placement_dops`."""
     solvable = 0
@@ -102,6 +104,7 @@ def _common(receiver, up, spare, satellites, weight, count, out):
         row[_HEARD] = 1.0 if heard > 0 else 0.0
         row[_SPARE] = spare[e]
         row[_KEPT] = satellites[e, SAT_WEIGHT] * variance
+        row[_REACH] = reach[e]
     return solvable
 
 
@@ -144,9 +147,12 @@ def _along(x, y, z, row, of):
 
 
 @inlined
-def _seen(row, ridges, x, y, z):
-    """1 where places (x, y, z), ECEF, m, are seen from a receiver, 0 where a ridge is before them."""
-    seen = 1.0
+def _seen(row, ridges, x, y, z, reach):
+    """1 where places (x, y, z), ECEF, m, whose own horizon is at a distance `reach`, are seen from a receiver, 0 where
+    the Earth or a ridge is before them."""
+    dx, dy, dz = x - row[_AT], y - row[_AT + 1], z - row[_AT + 2]
+    farthest = row[_REACH] + reach
+    seen = select(fma(dz, dz, fma(dy, dy, dx * dx)) > farthest * farthest, 0.0, 1.0)
     for w in range(ridges.shape[0]):
         edge = ridges[w]
         # from the beginning of its top
@@ -167,12 +173,13 @@ def _seen(row, ridges, x, y, z):
 
 @inlined
 def _eliminated_where_seen(row, sites, places, ridges, c):
-    """As `_eliminated`, of the pseudolites that no ridge hides; returns whether there are sources enough."""
+    """As `_eliminated`, of the pseudolites that neither the Earth nor a ridge hides; returns whether there are sources
+    enough."""
     xx, yx, yy, zx, zy, zz = row[_A], row[_A + 1], row[_A + 2], row[_A + 3], row[_A + 4], row[_A + 5]
     bx, by, bz = row[_B], row[_B + 1], row[_B + 2]
     heard = 0.0
     for k in range(sites):
-        seen = _seen(row, ridges, places[k, 0], places[k, 1], places[k, 2])
+        seen = _seen(row, ridges, places[k, 0], places[k, 1], places[k, 2], places[k, 3])
         ux = places[k, 0] - row[_AT]
         uy = places[k, 1] - row[_AT + 1]
         uz = places[k, 2] - row[_AT + 2]
@@ -225,14 +232,17 @@ def _squares(row, c):
 
 
 @kernel
-def placement_dops(receiver, up, spare, satellites, weight, ridges, sites, room, places, first, last, out, lost):
+def placement_dops(
+    receiver, up, reach, spare, satellites, weight, ridges, sites, far, room, places, first, last, out, lost
+):
     """Statistics over the epochs of PDOP, HDOP, VDOP for the registers first ... last - 1 of placements.
 
-    receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. spare: (e,) int, satellites less the unknowns there
-    are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT. weight: (e,) of the pseudolites'
-    ranges, 1 or 1/variance, 0 where none is heard. ridges: (w, EDGE_N) that hide pseudolites, see
-    EDGE_FIRST. sites: (p, k, 3) ECEF of the k pseudolites of each placement, m.
-    room: (k, 3, W), work space, and places: (k, 3), lanes, the same memory. out: (3, 3, g), lanes, written: PDOP, HDOP,
+    receiver: (e, 3) ECEF, m. up: (e, 3) unit vectors in ECEF. reach: (e,) distance to the horizon, m. spare: (e,) int,
+    satellites less the unknowns there are without pseudolites. satellites: (e, SAT_N), see SAT_A, SAT_B, SAT_WEIGHT.
+    weight: (e,) of the pseudolites' ranges, 1 or 1/variance, 0 where none is heard. ridges: (w, EDGE_N) that hide
+    pseudolites, see EDGE_FIRST. sites: (p, k, 3) ECEF of the k pseudolites of each placement, m. far: (p, k) distance
+    of each to its horizon, m; (0, k) where none can be beyond it.
+    room: (k, 4, W), work space, and places: (k, 4), lanes, the same memory. out: (3, 3, g), lanes, written: PDOP, HDOP,
     VDOP by mean, smallest, largest over the epochs that have a solution, nan where none has. lost: (g,), lanes,
     written: epochs without a solution. Lane l of register g is placement W g + l; lanes past the last placement
     repeat it.
@@ -241,7 +251,7 @@ def placement_dops(receiver, up, spare, satellites, weight, ridges, sites, room,
     count, width = sites.shape[1], room.shape[2]
     epochs = receiver.shape[0]
     common = np.empty((epochs, _N))
-    solvable = _common(receiver, up, spare, satellites, weight, count, common)
+    solvable = _common(receiver, up, reach, spare, satellites, weight, count, common)
     c = small_matrix(places, _TILE, 6)
     for g in range(first, last):
         for lane in range(width):
@@ -249,6 +259,7 @@ def placement_dops(receiver, up, spare, satellites, weight, ridges, sites, room,
             for k in range(count):
                 for i in range(3):
                     room[k, i, lane] = sites[p, k, i]
+                room[k, 3, lane] = far[p, k] if far.shape[0] > 0 else math.inf
         solutions = 0.0
         p_sum, h_sum, v_sum = 0.0, 0.0, 0.0
         p_low, h_low, v_low = math.inf, math.inf, math.inf
@@ -257,7 +268,7 @@ def placement_dops(receiver, up, spare, satellites, weight, ridges, sites, room,
             rows = common[begin : min(begin + _TILE, solvable)]
             for e in range(rows.shape[0]):
                 heard = count if rows[e, _HEARD] > 0.0 else 0
-                if ridges.shape[0] == 0:
+                if ridges.shape[0] == 0 and far.shape[0] == 0:
                     _eliminated(rows[e], heard, places, c[e])
                     continue
                 enough = _eliminated_where_seen(rows[e], heard, places, ridges, c[e])

@@ -1,4 +1,4 @@
-"""What stands between a transmitter and an aircraft: ridges, each a straight knife edge.
+"""What stands between a transmitter and an aircraft: the Earth, and ridges, each a straight knife edge.
 
 Page: `docs/theory/interference.md`, section 3.
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
 from navsim.core.arrays.horizon import crossings
-from navsim.models.interference import EARTH_RADIUS, edge_loss, edge_parameter
+from navsim.models.interference import EARTH_RADIUS, LOWEST, edge_loss, edge_parameter, radio_horizon
 from navsim.models.sky import enu_matrix, unit_vector
 
 _BENT = 1.0 / 4.0
@@ -20,6 +20,17 @@ _CHORD = np.radians(1.0)
 """Azimuth that a straight part of a skyline spans at most."""
 _AT_ONCE = 32
 """Ridges that sources are looked for behind at a time, so that a skyline takes no more memory than the signals."""
+
+
+def horizon_dip(height: np.ndarray | float) -> np.ndarray:
+    """Depression of the horizon, rad, of antennas at heights over smooth ground, m, without refraction; 0 below it."""
+    return np.arccos(EARTH_RADIUS / (EARTH_RADIUS + np.maximum(height, 0.0)))
+
+
+def horizon_distance(height: np.ndarray | float) -> np.ndarray:
+    """Part of the `radio_horizon`, m, of an antenna at heights over the ground, m, on its side of the horizon. Two
+    antennas see each other up to the sum of theirs."""
+    return radio_horizon(np.maximum(height, LOWEST), 0.0)
 
 
 def ridge(ends: np.ndarray, height: float) -> np.ndarray:

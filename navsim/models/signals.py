@@ -12,14 +12,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from navsim.core.arrays.earth import RATE as EARTH_RATE
-from navsim.core.arrays.earth import ecef_from_llh, ned_matrix
+from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.core.defect import Defect
 from navsim.models import atmosphere, code_loop, interference, pseudorange, timescales
 from navsim.models.antenna import AircraftAntenna, GroundPattern
 from navsim.models.constellation import Constellation, carriers
 from navsim.models.effects import NO_EFFECTS, Effects, propagation, seen_from, space_sensitivity
 from navsim.models.events import PSEUDOLITES, Event, Scene, happened
-from navsim.models.horizon import behind
+from navsim.models.horizon import behind, horizon_dip, horizon_distance
 from navsim.models.jamming import TEMPERATURE, Jamming, Received
 from navsim.models.kinematics import Motion
 from navsim.models.lasting import LastingErrors
@@ -112,7 +112,8 @@ class ErrorLaw:
 class Environment:
     """All sources of signals, what becomes of them, the antenna that hears them, what happens, and who jams; lever_arm
     (3,) IMU to antenna, body, m. antenna: of the aircraft, where it has one by a table. terrain: (w, 2, 3) tops of
-    ridges that hide sources, ECEF, m, see `horizon.behind`."""
+    ridges that hide sources, ECEF, m, see `horizon.behind`. ground: height of the smooth Earth that hides sources over
+    the ellipsoid, m."""
 
     satellites: tuple[Satellites, ...]
     listed: Listed | None
@@ -125,6 +126,7 @@ class Environment:
     jamming: Jamming | None = None
     antenna: AircraftAntenna | None = None
     terrain: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
+    ground: float = 0.0
 
     @property
     def placed(self) -> bool:
@@ -157,6 +159,22 @@ class Environment:
         effects = replace(self.effects, thermal_pseudolites=False)
         return replace(self, jamming=None, antenna=None, effects=effects)
 
+    def in_view(self, azimuth: np.ndarray, elevation: np.ndarray, antenna: np.ndarray) -> np.ndarray:
+        """Which directions (e, s), rad, satellites are received from: those that the mask lets pass, above the horizon
+        of an antenna (e, 3), ECEF, m."""
+        return self.mask.passes(azimuth, elevation) & (elevation >= self.horizon_of(antenna)[:, None])
+
+    def horizon_of(self, antenna: np.ndarray) -> np.ndarray:
+        """Elevation (e,), rad, of the horizon of an antenna (e, 3), ECEF, m."""
+        return -horizon_dip(llh_from_ecef(antenna)[:, 2] - self.ground)
+
+    def beyond_horizon(self, antenna: np.ndarray) -> np.ndarray:
+        """Which pseudolites (e, p) bool are beyond the radio horizon of an antenna (e, 3), ECEF, m."""
+        away = np.linalg.norm(ecef_from_llh(self.pseudolites.llh) - antenna[:, None], axis=2)
+        here = horizon_distance(llh_from_ecef(antenna)[:, 2] - self.ground)
+        there = horizon_distance(self.pseudolites.llh[:, 2] - self.ground)
+        return np.asarray(away > here[:, None] + there)
+
     def behind_terrain(self, antenna: np.ndarray) -> np.ndarray:
         """Which pseudolites (e, p) bool terrain hides from an antenna (e, 3), ECEF, m."""
         there = ecef_from_llh(self.pseudolites.llh)[None]
@@ -173,7 +191,7 @@ class Environment:
             out: np.ndarray = self.antenna.elevation_of(c_eb, towards) < self.antenna.mask
         chosen = [group.chosen for group in self.satellites] + ([] if self.listed is None else [self.listed.chosen])
         satellites = slice(0, sum(map(len, chosen)))
-        passed = self.mask.passes(signals.azimuth, signals.elevation)[:, satellites]
+        passed = self.in_view(signals.azimuth, signals.elevation, signals.antenna)[:, satellites]
         out[:, satellites] &= passed & np.concatenate([*chosen, np.empty(0, bool)])
         return out
 
@@ -316,7 +334,8 @@ def build_signals(motion: Motion, utc: float, environment: Environment) -> pseud
     offset = believed - antenna[:, None]
     los = np.einsum("nij,nsj->nsi", c_ue, offset / np.linalg.norm(offset, axis=2, keepdims=True))
     azimuth, elevation = azimuth_elevation(los)
-    used = np.array(chosen, dtype=bool) & (is_pseudolite | environment.mask.passes(azimuth, elevation))
+    used = np.array(chosen, dtype=bool) & (is_pseudolite | environment.in_view(azimuth, elevation, antenna))
+    used[:, is_pseudolite] &= ~environment.beyond_horizon(antenna)
     used &= np.isfinite(distance)  # a satellite without a message at the time
     los[~used] = np.nan
     sigma = pseudorange.sigma_of_elevation(law.law, law.zenith, elevation, law.scale)

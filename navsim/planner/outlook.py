@@ -145,6 +145,8 @@ class Outlook:
         watched = replace(self._bare, names=names)
 
         def levels(places: np.ndarray) -> np.ndarray:
+            if self.geometry.has_beyond_horizon(self._proposal.sites(places)):
+                return np.array([self._by_signals(name, each, names) for each in places])
             plane = RunwayPlane(self._proposal.threshold, self._proposal.heading, places[0, :, 2])
             screen = LevelScreen(plane, watched, name, None)
             return screen(np.stack([places[..., 1], -places[..., 0]], axis=-1))[0]

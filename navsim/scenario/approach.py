@@ -48,6 +48,13 @@ class Point(Section):
         return self.lat_deg * DEG, self.lon_deg * DEG
 
 
+_LOW, _MAST = 100.0, 30.0
+"""Pseudolites above a runway higher than the first, m, and no more than the second above that height, were likely given
+the height of a mast above the ellipsoid or the geoid."""
+_DEEPEST, _HIGHEST = -100.0, 1000.0
+"""Heights of pseudolites above the runway, m, beyond which they are doubted: valleys and hills reach them."""
+
+
 class Runway(Section):
     """The runway and where on it the aircraft touches down."""
 
@@ -128,6 +135,22 @@ class Runway(Section):
     def ellipsoidal_m(self) -> float:
         """Height above the ellipsoid, m."""
         return self.height_m + (self.undulation_m if self.height_above == "geoid" else 0.0)
+
+    def doubted_height(self, key: str, height: float) -> str:
+        """Warning of a pseudolite's height above the runway, m, that is likely one above the ellipsoid or the geoid, or
+        is none of a pseudolite on the ground; empty where it is neither."""
+        meant = (h for h in (self.ellipsoidal_m, self.height_m) if h > _LOW and 0.0 <= height - h <= _MAST)
+        other = next(meant, None)
+        if other is None and _DEEPEST <= height <= _HIGHEST:
+            return ""
+        side = "above" if height > 0.0 else "below"
+        text = f"{key}: {abs(height):g} m {side} the runway; heights of pseudolites are counted from the runway"
+        if other is not None:
+            return f"{text}, which is itself at {other:g} m; give {height - other:g} if that was meant"
+        return (
+            f"{text}, not from the ellipsoid or the geoid (the runway is {self.ellipsoidal_m:g} m above the "
+            "ellipsoid); give the height of the antenna less that of the runway, and check runway.height_m"
+        )
 
     @property
     def rise(self) -> float:

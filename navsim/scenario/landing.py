@@ -538,7 +538,7 @@ class Landing(Section):
 
     def unused_of_flight(self) -> list[str]:
         """The same of the way that is flown, the sensors and the pseudolites."""
-        out = self.pseudolites.unused()
+        out = self.pseudolites.unused() + self.doubted_heights()
         if self.method == "covariance" and (air := self.air()) is not None:
             out += [f"{'.'.join(key)} changes nothing here: the covariance analysis is of the route" for key in air[1]]
         if self.imu.temperature is not None and not self.imu.warms():
@@ -549,6 +549,14 @@ class Landing(Section):
                 "both is too much, unless the errors are the station's"
             )
         return out
+
+    def doubted_heights(self) -> list[str]:
+        """Warnings of pseudolites whose height above the runway is likely one above something else."""
+        of_sites = [site.height_m for site in self.pseudolites.sites]
+        keys = {f"pseudolites.sites[{i}].height_m": h for i, h in enumerate(of_sites) if h is not None}
+        if self.pseudolites.count or None in of_sites:
+            keys["pseudolites.height_m"] = self.pseudolites.height_m
+        return [text for key, height in keys.items() if (text := self.runway.doubted_height(key, height))]
 
     def aiding(self) -> list[Any]:
         """The models of the sensors beside the receiver that there are."""

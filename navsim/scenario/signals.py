@@ -328,7 +328,7 @@ class PseudolitesSection(Section):
     frame: Literal["table1", "runway"] = "runway"
     """table1: the coordinates the paper's Table 1 computes from s_m and l1_m; runway: s_m across, l1_m along"""
     height_m: Signed = 0.0
-    """height of the antennas above the runway"""
+    """height of the antennas above the runway (its threshold), not above the ellipsoid or sea level"""
     clock: Clock | None = None
     """time scale the pseudolites keep; own: one of their own, one unknown more; left out: that of the satellites in
     use, of several systems the first in the order GLONASS, GPS, Galileo, BeiDou, QZSS"""

@@ -104,7 +104,8 @@ class Sky(Section):
     directions: ListOf[Direction] = ()
     """sources X01, X02, ... in fixed directions from the receiver, for `source: directions`"""
     mask_deg: Elevation = 5.0
-    """lowest usable elevation"""
+    """lowest usable elevation; below the horizon, which the antenna sees the lower the higher it is, nothing is
+    received"""
     mask_upper_deg: Elevation = 90.0
     """highest usable elevation"""
     horizon: str | None = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from navsim.core.placement import (
     SAT_WEIGHT,
     placement_dops,
 )
+from navsim.models.horizon import horizon_distance
 from navsim.models.kinematics import Moving
 from navsim.models.signals import Environment, build_signals
 from navsim.models.sky import enu_matrix
@@ -44,26 +46,37 @@ _OVERHEAD = 1e5
 class Geometry:
     """The approach as placements see it.
 
-    receiver: (e, 3) antenna, ECEF m. up: (e, 3). spare: (e,) int, satellites less the unknowns without pseudolites.
-    unit, weighted: (e, SAT_N) the satellites' normal matrices with unit weights and with 1/variance. pseudolite_unit,
-    pseudolite_weighted: (e,) the same of a pseudolite's range: 1, and 1/variance, 1/m2; 0 where it is not heard.
-    ridges: (w, EDGE_N) that hide pseudolites.
+    receiver: (e, 3) antenna, ECEF m. up: (e, 3). reach: (e,) its distance to the horizon, m. spare: (e,) int,
+    satellites less the unknowns without pseudolites. unit, weighted: (e, SAT_N) the satellites' normal matrices with
+    unit weights and with 1/variance. pseudolite_unit, pseudolite_weighted: (e,) the same of a pseudolite's range: 1,
+    and 1/variance, 1/m2; 0 where it is not heard.
+    ridges: (w, EDGE_N) that hide pseudolites. ground: see `Environment`.
     """
 
     receiver: np.ndarray
     up: np.ndarray
+    reach: np.ndarray
     spare: np.ndarray
     unit: np.ndarray
     weighted: np.ndarray
     pseudolite_unit: np.ndarray
     pseudolite_weighted: np.ndarray
     ridges: np.ndarray
+    ground: float
 
     def find_lone_pseudolite(self, count: int) -> np.ndarray:
         """At which epochs (e,) bool so many pseudolites are one that no satellite shares the time scale with, see
         `signals.find_lone_pseudolite`."""
         heard = self.pseudolite_unit > 0.0
         return np.asarray(heard & (self.unit[:, SAT_WEIGHT] == 0.0) & (count == 1))
+
+    def has_beyond_horizon(self, sites: np.ndarray) -> bool:
+        """Whether one of sites (..., 3), ECEF m, may be beyond the radio horizon at an epoch; a quick bound."""
+        if not sites.size or not self.receiver.size:
+            return False
+        middle = self.receiver.mean(axis=0)
+        away, spread = (np.linalg.norm(points - middle, axis=-1).max() for points in (sites, self.receiver))
+        return bool(away + spread > self.reach.min() + horizon_distance(0.0))
 
     def at(self, epochs: np.ndarray) -> Geometry:
         """The same at some of the epochs, (n,) int or (e,) bool."""
@@ -86,15 +99,18 @@ class Geometry:
         count, each = sites.shape[:2]
         groups = -(-count // WIDTH)
         sites = np.ascontiguousarray(sites)
+        far = np.empty((0, each))
+        if self.has_beyond_horizon(sites):
+            far = horizon_distance(llh_from_ecef(sites)[..., 2] - self.ground)
         values, missed = np.empty((3, 3, groups, WIDTH)), np.empty((groups, WIDTH))
         out, lost = in_lanes(values), in_lanes(missed)
         step = max(_SHARE // max(len(weight), 1), 1)
 
         def share(first: int) -> None:
-            room = np.empty((each, 3, WIDTH))
+            room = np.empty((each, 4, WIDTH))
             placement_dops(
-                self.receiver, self.up, self.spare, satellites, weight, self.ridges, sites, room, in_lanes(room),
-                first, min(first + step, groups), out, lost,
+                self.receiver, self.up, self.reach, self.spare, satellites, weight, self.ridges, sites, far, room,
+                in_lanes(room), first, min(first + step, groups), out, lost,
             )  # fmt: skip
 
         starts = range(0, groups, step)
@@ -107,7 +123,7 @@ class Geometry:
         return values.reshape(3, 3, -1)[..., :count], missed.ravel()[:count].astype(np.int64)
 
 
-_OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name != "ridges")
+_OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name not in ("ridges", "ground"))
 """What a geometry has of each epoch."""
 
 
@@ -136,15 +152,18 @@ def glide_geometry(
             Geometry(
                 receiver=s.antenna[counted],
                 up=axes[:, 2],
+                reach=horizon_distance(llh_from_ecef(s.antenna[counted])[:, 2] - environment.ground),
                 spare=(in_clock.sum(axis=1) - (in_clock > 0.0).sum(axis=1) - 3.0).astype(np.int64),
                 unit=rows(counts, shared),
                 weighted=rows(normals(los, clock, weight[:, :-1]), shared),
                 pseudolite_unit=heard.astype(float),
                 pseudolite_weighted=np.where(heard, weight[:, -1], 0.0),
                 ridges=ridges,
+                ground=environment.ground,
             )
         )
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _OF_EPOCHS})
+    every: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _OF_EPOCHS}
+    return replace(parts[0], **every)
 
 
 def _edges(tops: np.ndarray) -> np.ndarray:

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh, llh_from_ecef
+from navsim.core.arrays.earth import ecef_from_llh
 from navsim.models.approach import TOUCHDOWN
 from navsim.models.go_around import GO_AROUND
 from navsim.models.horizon import flown_under
-from navsim.models.interference import LOWEST, radio_horizon
 from navsim.models.kinematics import Moving
 from navsim.models.systems import CLOCKS, first_time_scale
 from navsim.scenario.approach import FileApproach
@@ -72,9 +71,7 @@ class Foreseen:
         if self.scenario.box is not None and (apart := self._route_outside(self.scenario.box)):
             out.append(f"box: the route itself is outside {' and '.join(apart)}")
         hidden = self.environment.behind_terrain(self.signals.antenna)
-        path = self.trajectory.motion(self.signals.time).position_ecef
-        sites = self.environment.pseudolites
-        out += _out_of_sight(self.scenario, path, sites.names, sites.llh, np.all(hidden, axis=0))
+        out += _out_of_sight(self.environment, self.signals.antenna) + self._under_horizon()
         out += self._shadowed() + self._jammed() + self.lone_pseudolite
         out += _hidden_throughout(self.environment.pseudolites.names, hidden)
         if (section := self.scenario.integrity) is not None:
@@ -109,6 +106,16 @@ class Foreseen:
                 text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
                 out.append(f"interference.front_end_mhz: {text}")
         return out
+
+    def _under_horizon(self) -> list[str]:
+        """Warning of a mask below the horizon."""
+        lowest = math.degrees(float(self.environment.horizon_of(self.signals.antenna).min(initial=0.0)))
+        if not (mask := self.scenario.sky.mask_deg) < lowest:
+            return []
+        return [
+            f"sky.mask_deg: {mask:g} deg is below the horizon, which is at {lowest:.2f} deg at lowest: satellites "
+            "below the horizon are not received; give 0 or more"
+        ]
 
     @cached_property
     def lone_pseudolite(self) -> list[str]:
@@ -297,20 +304,19 @@ def _gains_passed_over(scenario: Landing) -> list[str]:
     return [f"{', '.join(key for *_, keys in there for key in keys)}: the sensors have {names}, {told}"]
 
 
-def _out_of_sight(
-    scenario: Landing, path: np.ndarray, names: Sequence[str], llh: np.ndarray, hidden: np.ndarray
-) -> list[str]:
-    """Pseudolites that are heard although the Earth is between them and the whole flight. path: (e, 3) ECEF, m, at the
-    fixes. names, llh: (p, 3) of the pseudolites, rad, rad, m. hidden: (p,) bool, by terrain at all fixes: they are not
-    heard."""
-    ground = scenario.runway.ellipsoidal_m
-    over = np.maximum(llh_from_ecef(path)[:, 2] - ground, LOWEST) if names else path
+def _out_of_sight(environment: Environment, antenna: np.ndarray) -> list[str]:
+    """Warnings of pseudolites that the curvature of the Earth hides from an antenna (e, 3), ECEF, m, at fixes."""
+    beyond, pseudolites = environment.beyond_horizon(antenna), environment.pseudolites
+    away = np.linalg.norm(ecef_from_llh(pseudolites.llh) - antenna[:, None], axis=2)
     out = []
-    for name, place, unheard in zip(names, llh, hidden, strict=True):
-        away = np.linalg.norm(path - ecef_from_llh(place), axis=1)
-        if not unheard and away.size and (away > radio_horizon(over, max(place[2] - ground, LOWEST))).all():
-            far = f"{name} is {away.min() / 1000.0:.0f} km away"
-            out.append(f"pseudolites: {far}, beyond the radio horizon of the whole flight, and heard nevertheless")
+    for name, hidden, far in zip(pseudolites.names, beyond.T, away.T, strict=True):
+        if hidden.any():
+            when = "the whole flight" if hidden.all() else f"{hidden.sum()} of {hidden.size} fixes"
+            nearest = f"{name} is {far[hidden].min() / 1000.0:.3g} km away or more"
+            out.append(
+                f"pseudolites: {nearest}, beyond the radio horizon of {when}, and not received then; give it a "
+                "position nearer by or a higher antenna"
+            )
     return out
 
 
@@ -334,7 +340,7 @@ def _needs_sources(scenario: Landing) -> bool:
     sections = (
         sky.source in SOURCES_FROM_FILES, sky.systems, sky.exclude, sky.horizon, scenario.terrain, scenario.box,
         scenario.events, scenario.integrity, scenario.interference, scenario.receiver.antenna,
-        scenario.signals.system_offsets_ns, scenario.pseudolites.placed(),
+        scenario.signals.system_offsets_ns, scenario.pseudolites.placed(), sky.mask_deg < 0.0,
     )  # fmt: skip
     return isinstance(scenario.approach, FileApproach) or any(sections)
 

@@ -258,6 +258,8 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
         clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
+    if doubted := scenario.runway.doubted_height("height_m", study.height_m):
+        warnings.append(doubted)
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
     objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
@@ -298,10 +300,17 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     )  # fmt: skip
     if study.constraints.requirements:
         here = _with_requirements(here, full, coarse, document)
-    if here.quick and epochs.size and not (sources.placed or sources.sight_placed or sources.singled_out):
+    placed = sources.placed or sources.sight_placed or sources.singled_out
+    placed = placed or geometry.has_beyond_horizon(kept.plane.ecef(_corners(*here.limits())))
+    if here.quick and epochs.size and not placed:
         decided = None if here.requirements is None else here.requirements.decided
         here = replace(here, level_screen=LevelScreen(kept.plane, screened(case), study.objective, decided))
     return here
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Corners (4, 2) of an area from its least to its largest s and l1."""
+    return np.array([*itertools.product(*zip(low, high, strict=True))])
 
 
 def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing, bool]:

@@ -187,6 +187,7 @@ def environment(
         else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking, scenario.receiver, terrain),
         None if scenario.receiver.antenna is None else scenario.receiver.antenna.model(),
         terrain,
+        scenario.runway.ellipsoidal_m,
     )
     _check_events(scenario, document, sources)
     warnings += _excluded_elsewhere(scenario, document, sources)

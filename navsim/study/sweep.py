@@ -410,6 +410,7 @@ class SweepStudy:
             except ValueError:
                 continue
             rows["site"][i] = self.plan.in_plan(site)
+            rows["warned"][i] = not set(moved.doubted_heights()) <= set(self.plan.warnings)
             members, sites = groups.setdefault(len(site), ([], []))
             members.append(i)
             sites.append(site)

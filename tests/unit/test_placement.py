@@ -88,7 +88,8 @@ def test_epochs_without_a_solution_are_counted_and_left_out() -> None:
 
 @pytest.mark.parametrize("width", [1, *WIDTHS])
 def test_the_bits_of_a_placement_are_its_own(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever lies beside it, however wide a register is and whoever does what: lost epochs and found ones."""
+    """Whatever lies beside it, however wide a register is, whoever does what, and whether horizons are looked at: lost
+    epochs and found ones."""
     sky = "sky.directions=[{azimuth_deg: 10, elevation_deg: 30}, {azimuth_deg: 130, elevation_deg: 40}, "
     sky += "{azimuth_deg: 250, elevation_deg: 20}]"
     geometry, _, _ = here("sky.source=directions", sky, "pseudolites.clock=own")
@@ -108,15 +109,16 @@ def test_the_bits_of_a_placement_are_its_own(width: int, monkeypatch: pytest.Mon
     np.testing.assert_array_equal(again, found)
     np.testing.assert_array_equal(lost_again, lost)
 
-    groups, near = -(-len(sites) // width), np.empty((2, 3, width))
+    groups, near = -(-len(sites) // width), np.empty((2, 4, width))
     values, missed = np.empty((3, 3, groups, width)), np.empty((groups, width))
     places, out, no_fix = (a[..., 0] if width == 1 else in_lanes(a) for a in (near, values, missed))
-    placement_dops(
-        geometry.receiver, geometry.up, geometry.spare, geometry.weighted, geometry.pseudolite_weighted,
-        geometry.ridges, sites, near, places, 0, groups, out, no_fix,
-    )  # fmt: skip
-    np.testing.assert_array_equal(values.reshape(3, 3, -1)[..., : len(sites)], found)
-    np.testing.assert_array_equal(missed.ravel()[: len(sites)], lost)
+    for far in (np.empty((0, 2)), np.full((len(sites), 2), 1e6)):
+        placement_dops(
+            geometry.receiver, geometry.up, geometry.reach, geometry.spare, geometry.weighted,
+            geometry.pseudolite_weighted, geometry.ridges, sites, far, near, places, 0, groups, out, no_fix,
+        )  # fmt: skip
+        np.testing.assert_array_equal(values.reshape(3, 3, -1)[..., : len(sites)], found)
+        np.testing.assert_array_equal(missed.ravel()[: len(sites)], lost)
 
 
 def test_surfaces_rise_outwards_from_the_strip() -> None:

@@ -71,7 +71,7 @@ class Case:
         s = self.world.signals
         hidden = behind(self.environment.terrain, s.position, s.antenna)
         satellites = slice(0, len(s.names) - len(self.pseudolites.names))
-        hidden[:, satellites] &= self.environment.mask.passes(s.azimuth, s.elevation)[:, satellites]
+        hidden[:, satellites] &= self.environment.in_view(s.azimuth, s.elevation, s.antenna)[:, satellites]
         return hidden
 
     def over(self, world: World) -> Case:
