@@ -1,4 +1,5 @@
 """Files from outside, opened in one way: regular files alone, since devices and pipes may never end, or never begin.
+Files of the kernel's (/proc) say that they are regular and empty: bytes are counted as they are read.
 
 Results are opened by `results`; what `navsim live` listens to, which may well be a pipe, by `stream`.
 """
@@ -11,6 +12,7 @@ import io
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 _NAMES = (
     (stat.S_ISFIFO, "a named pipe"),
@@ -20,12 +22,42 @@ _NAMES = (
 )
 MOST_ON_DISK = 10_000_000_000
 """Bytes; larger files are refused before anything is read or summed of them."""
+MOST_UNSIZED = 16_000_000
+"""Bytes that are read of a file that says it has none."""
+
+
+class _CountedFile(io.FileIO):
+    """A file that gives no more bytes than allowed, and never nothing for now. Its reads raise OSError."""
+
+    def __init__(self, descriptor: int, path: Path, most: int) -> None:
+        super().__init__(descriptor, "rb")
+        self._path, self._most, self._at = path, most, 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        self._at = super().seek(offset, whence)
+        return self._at
+
+    def readinto(self, buffer: Any, /) -> int:
+        count = super().readinto(buffer)
+        if count is None:
+            raise OSError(errno.EINVAL, "it has nothing to read for now; a regular file is needed", str(self._path))
+        self._at += count
+        if self._at > self._most:
+            raise _too_large(self._path, self._most)
+        return count
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return io.RawIOBase.read(self, -1 if size is None else size) or b""
+
+    def readall(self) -> bytes:
+        return io.RawIOBase.readall(self) or b""
 
 
 def opened(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
     """A regular file of at most `most` bytes, open for reading.
 
-    Raises OSError, whose `strerror` says what is wrong: not there, a folder, no regular file, too large.
+    Raises OSError, whose `strerror` says what is wrong: not there, a folder, no regular file, too large. So do its
+    reads, of a file that turns out to be larger, or to have nothing for now.
     """
     # without waiting: a named pipe would keep us until somebody writes to it
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -41,7 +73,7 @@ def opened(path: Path, most: int = MOST_ON_DISK) -> io.BufferedReader:
     if problem is not None:
         os.close(descriptor)
         raise problem
-    return os.fdopen(descriptor, "rb")
+    return io.BufferedReader(_CountedFile(descriptor, path, most if about.st_size else min(most, MOST_UNSIZED)))
 
 
 def content(path: Path, most: int) -> bytes:

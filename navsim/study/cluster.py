@@ -10,9 +10,11 @@ Source: [1] Rocklin, Dask: parallel computation with blocked algorithms and task
 from __future__ import annotations
 
 import itertools
+import json
 import logging
 import pickle
 import platform
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent import futures
@@ -30,6 +32,8 @@ from distributed.scheduler import KilledWorker
 
 import navsim
 from navsim.core.lanes import WIDTH
+from navsim.io import files
+from navsim.io.text import decoded
 from navsim.study.executor import Away, Executor, Lost
 from navsim.study.job import OptionError
 from navsim.study.partial import code_key
@@ -38,6 +42,10 @@ _CONFIG: Any = numba.config
 CONNECT_S = 5.0
 """How long a scheduler may take to answer, s."""
 _CLOSE_S = 2.0
+_AGAIN_S = 0.2
+"""How long after a scheduler's file was read that was not whole it is read again, s."""
+_MOST_BYTES = 1_000_000
+"""Of a scheduler's file."""
 
 
 @cache
@@ -95,6 +103,32 @@ class _Coming(futures.Future[Any]):
         return found
 
 
+def _address_in(name: str) -> str:
+    """The address in a scheduler's file, which is written as the scheduler starts: what is not whole is read again for
+    a while. Raises OptionError."""
+    end = time.monotonic() + CONNECT_S
+    while True:
+        try:
+            content = files.content(Path(name), _MOST_BYTES)
+        except FileNotFoundError:
+            problem = "neither an address as tcp://HOST:PORT nor a scheduler's file"
+            raise OptionError(f"--scheduler {name}: {problem}") from None
+        except OSError as error:
+            raise OptionError(f"--scheduler {name}: cannot be read: {error.strerror or error}") from None
+        try:
+            address = json.loads(decoded(content))["address"]
+            if isinstance(address, str) and "://" in address:
+                return address
+            problem = "its `address` is none, such as tcp://HOST:PORT"
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            problem = "it has no `address`" if isinstance(error, KeyError | TypeError) else f"it is no JSON ({error})"
+            problem = problem if content.strip() else "it is empty"
+        if time.monotonic() > end:
+            cure = "start `dask scheduler --scheduler-file` with it, or give the address, tcp://HOST:PORT"
+            raise OptionError(f"--scheduler {name}: no scheduler's file: {problem}, also after {CONNECT_S:g} s; {cure}")
+        time.sleep(_AGAIN_S)
+
+
 class Cluster(Away):
     """The workers of one scheduler, who is nobody's to close."""
 
@@ -105,13 +139,11 @@ class Cluster(Away):
         self._numbers = itertools.count()
         for name in ("distributed", *(name for name in logging.root.manager.loggerDict if "distributed" in name)):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said by errors
-        if "://" not in address and not Path(address).is_file():
-            raise OptionError(f"--scheduler {address}: neither an address as tcp://HOST:PORT nor a scheduler's file")
-        where = {"address": address} if "://" in address else {"scheduler_file": address}
+        where = address if "://" in address else _address_in(address)
         warnings.filterwarnings("ignore", module="distributed")
         try:
             self._client: Any = distributed.Client(
-                **where, timeout=CONNECT_S, set_as_default=False, name="navsim", heartbeat_interval="2s"
+                where, timeout=CONNECT_S, set_as_default=False, name="navsim", heartbeat_interval="2s"
             )
         except (OSError, ValueError, TypeError, KeyError) as error:
             cause = str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -297,6 +298,44 @@ def test_nobody_answers(place: Path) -> None:
 def test_what_is_no_scheduler_is_refused(options: tuple[object, ...], words: str, place: Path) -> None:
     done = navsim("run", SCENARIOS / "landing.yaml", *options, "-o", "refused.h5", cwd=place, code=2)
     assert words in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "it is empty, also after 0.3 s; start `dask scheduler --scheduler-file` with it, or give the address"),
+        (b'{"type": "Scheduler", "address": "tcp://127.0.', "it is no JSON"),
+        (b"\x00\xff", "it is no JSON"),
+        (b"[]", "it has no `address`"),
+        (b'{"address": 5}', "its `address` is none, such as tcp://HOST:PORT"),
+        (b"[" * 100_000, "it is no JSON"),
+    ],
+)
+def test_a_schedulers_file_that_is_not_whole(
+    content: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is read again for a while, since a scheduler may be about to write it."""
+    from navsim.study import cluster as module
+    from navsim.study.job import OptionError
+
+    monkeypatch.setattr(module, "CONNECT_S", 0.3)
+    file = tmp_path / "scheduler.json"
+    file.write_bytes(content)
+    with pytest.raises(OptionError, match=re.escape(said)):
+        module.Cluster(str(file))
+    monkeypatch.setattr(module, "CONNECT_S", 60.0)
+    whole = b'{"type": "Scheduler", "address": "tcp://127.0.0.1:1"}'
+    monkeypatch.setattr(module.time, "sleep", lambda seconds: file.write_bytes(whole))
+    assert module._address_in(str(file)) == "tcp://127.0.0.1:1"
+
+
+@pytest.mark.parametrize("file", ["/dev/zero", "/proc/self/pagemap", "."])
+def test_a_schedulers_file_that_is_none(file: str) -> None:
+    from navsim.study import cluster as module
+    from navsim.study.job import OptionError
+
+    with pytest.raises(OptionError, match="cannot be read: "):
+        module.Cluster(file)
 
 
 def test_without_dask_the_way_to_it_is_said(place: Path) -> None:
