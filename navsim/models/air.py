@@ -266,9 +266,13 @@ class Gust:
     towards: str
     by_way: bool = False
 
+    def rise_time(self, airspeed: float) -> float:
+        """How long it rises, s, at an airspeed, m/s."""
+        return self.ramp / airspeed if self.by_way else self.ramp
+
     def at(self, t: np.ndarray, airspeed: float) -> np.ndarray:
         """Its speed at times (n,), s: m/s; airspeed: at its start, m/s."""
-        ramp = self.ramp / airspeed if self.by_way else self.ramp
+        ramp = self.rise_time(airspeed)
         since = np.clip((t - self.start) / ramp, 0.0, 1.0)
         left = np.clip((t - self.start - ramp - self.hold) / ramp, 0.0, 1.0)
         return 0.5 * self.amplitude * (np.cos(math.pi * left) - np.cos(math.pi * since))

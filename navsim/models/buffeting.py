@@ -70,8 +70,8 @@ def buffeting(air: Air, trajectory: Trajectory, time: np.ndarray, course: Course
     step = float(time[1] - time[0])
     points, shares = np.polynomial.legendre.leggauss(_NODES)
     within = time[:-1, None] + 0.5 * step * (1.0 + points)
-    sampled = _blowing(air.gusts, trajectory, time, course, time)
-    between = _blowing(air.gusts, trajectory, within.ravel(), course, time).reshape(*within.shape, 3)
+    sampled = gust_components(air.gusts, trajectory, time, course, time)
+    between = gust_components(air.gusts, trajectory, within.ravel(), course, time).reshape(*within.shape, 3)
     out = {}
     for axis, lag in enumerate(lags):
         nose = air.response.nose_lag if axis in (LATERAL, VERTICAL) else None
@@ -104,7 +104,7 @@ def _stretches(course: Course) -> tuple[np.ndarray, np.ndarray]:
     return which, (first + last) // 2
 
 
-def _blowing(
+def gust_components(
     gusts: tuple[Gust, ...], trajectory: Trajectory, t: np.ndarray, course: Course, time: np.ndarray
 ) -> np.ndarray:
     """Discrete gusts across the course, along it and up (n, 3), m/s, at times (n,), as far as the ground lets them;

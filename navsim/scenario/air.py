@@ -154,7 +154,7 @@ class WindSection(Section):
     turbulence: TurbulenceSection | None = None
     """Dryden turbulence; null: none"""
     gusts: Annotated[ListOf[GustSection], Field(max_length=100)] = ()
-    """gusts of the form 1 - cosine, that add up"""
+    """gusts of the form 1 - cosine, that add up, with turbulence (3 sigma) to less than the airspeed"""
     response: ResponseSection = ResponseSection()
     """what the aircraft makes of gusts and turbulence"""
 

@@ -69,6 +69,10 @@ if TYPE_CHECKING:
     from navsim.models.waypoints import Waypoint
 
 
+_WIND_STEP = 0.1
+"""Between times at which the wind is held against the airspeed, s."""
+
+
 class Landing(Section):
     """A landing: INS corrected by satellites and pseudolites."""
 
@@ -224,6 +228,7 @@ class Landing(Section):
         path = self._checked_path()
         self._checked_speed(path)
         trajectory = self.trajectory()
+        self.check_airspeed(trajectory)
         self.pseudolite_sites(trajectory.frame, self.track(trajectory))
         return self
 
@@ -442,6 +447,64 @@ class Landing(Section):
                 "approach",
                 key,
             )
+
+    def check_airspeed(self, trajectory: Trajectory) -> None:
+        """Raise where the aircraft would go backwards through the air, or where gusts are as fast as it."""
+        if not (self.wind.blows or self.wind.buffets):
+            return
+        import numpy as np
+
+        from navsim.models.air import triangle_along
+        from navsim.models.approach import ROLL_OUT
+        from navsim.models.retimed import SLOWEST
+
+        end = min(self.duration_s, trajectory.path.events.get(ROLL_OUT, math.inf))
+        times = np.arange(0.0, end, _WIND_STEP)
+        flown = triangle_along(trajectory, times)
+        ahead = flown.airspeed * np.cos(flown.crab)
+        worst = int(np.argmin(np.where(np.isnan(ahead), math.inf, ahead)))  # straight up there is no course
+        if ahead[worst] < SLOWEST:
+            over_ground = ahead[worst] - flown.headwind[worst]
+            raise reject(
+                f"at {times[worst]:.1f} s the wind blows with {-flown.headwind[worst]:.1f} m/s along the course, the "
+                f"aircraft moves at {over_ground:.1f} m/s over ground: its airspeed ahead would be "
+                f"{ahead[worst]:.1f} m/s, {SLOWEST:g} m/s are needed; give less wind from behind"
+                + ("" if isinstance(self.approach, FileApproach) else ", or `approach.speed_is: air`"),
+                "wind",
+                "levels" if self.wind.profile == "table" else "speed_m_s",
+            )
+        if (air := self.air()) is not None and self.wind.buffets:
+            self._check_gusts(air[0], trajectory, times)
+
+    def _check_gusts(self, air: Air, trajectory: Trajectory, grid: np.ndarray) -> None:
+        """Raise where gusts that blow at the same time, and turbulence at 3 sigma, are as fast as the aircraft."""
+        import numpy as np
+
+        from navsim.models.buffeting import gust_components
+        from navsim.models.course import Course
+
+        course = Course.of(trajectory, grid)
+        tops = [g.start + g.rise_time(1.0 / float(np.interp(g.start, grid, course.slowness[0]))) for g in air.gusts]
+        peaks = np.array([t for top, g in zip(tops, air.gusts, strict=True) for t in (top, top + g.hold)])
+        times = np.union1d(grid, peaks[peaks < grid[-1]])
+        airspeed = 1.0 / np.interp(times, grid, course.slowness[0])
+        gusts = np.linalg.norm(gust_components(air.gusts, trajectory, times, course, grid), axis=1)
+        rough = np.zeros(times.size)
+        if air.turbulence is not None:
+            height = np.interp(times, grid, course.height[0])
+            airborne = np.interp(times, grid, course.airborne[0])
+            rough = 3.0 * air.turbulence.sigmas(height).max(axis=1) * airborne
+        worst = int(np.argmax(gusts + rough - airspeed))
+        if gusts[worst] + rough[worst] < airspeed[worst]:
+            return
+        parts = [f"gusts of {gusts[worst]:.1f} m/s"] if gusts[worst] > 0.0 else []
+        parts += [f"turbulence of {rough[worst]:.1f} m/s (3 sigma)"] if rough[worst] > 0.0 else []
+        raise reject(
+            f"at {times[worst]:.1f} s there are {' and '.join(parts)}, and the airspeed is {airspeed[worst]:.1f} m/s: "
+            "no aircraft flies in air that moves as fast as it does; give less, or gusts at different times",
+            "wind",
+            "gusts" if gusts[worst] >= rough[worst] else "turbulence",
+        )
 
     def pseudolite_sites(self, frame: Frame, track: Track) -> np.ndarray:
         """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the

@@ -20,7 +20,7 @@ from navsim.models.retimed import SLOWEST
 from navsim.models.signals import Environment, Satellites, time_scales
 from navsim.models.systems import CLOCKS, SYSTEMS
 from navsim.scenario.approach import FileApproach, TrackApproach
-from navsim.scenario.base import DEG, hint
+from navsim.scenario.base import DEG, KeyedError, hint
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
@@ -92,6 +92,11 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
             moving = recorded_trajectory(time[keep] - start, llh[keep], dcm_from_rpy(attitude[keep]), frame, events)
     except ValueError as error:
         raise wrong(str(error)) from None
+    if isinstance(moving, Trajectory):
+        try:
+            scenario.check_airspeed(moving)
+        except KeyedError as error:
+            raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     pinned = approach.model_copy(update={"file_sha256": checksum})
     return moving, scenario.model_copy(update={"approach": pinned})
 
