@@ -178,8 +178,9 @@ class Gnss(Section):
     """unit of the velocity columns"""
     velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
-    latency_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
-    """delay from the time a fix is valid to its time in the file; left out: tuned, untuned 0"""
+    latency_s: Annotated[float, Field(ge=-1.0, le=2.0)] | None = None
+    """delay from the time a fix is valid to its time in the file, negative for fixes that are stamped too early; left
+    out: tuned, untuned 0"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """lever arm from the IMU to the antenna: forward, right, down"""
     velocity_sigma_m_s: PairOf[Sigma] | None = None
@@ -294,7 +295,8 @@ class Replay(Section):
     alignment: AlignmentSection = AlignmentSection()
     """how the attitude at the start is found"""
     tuning: Literal["likelihood", "none"] = "likelihood"
-    """likelihood: noise of fixes and sensors, and latency, as make the innovations of the moving flight most likely"""
+    """likelihood: noise of fixes and sensors, and latency, as make the innovations of the fixes in motion most likely;
+    where hardly any moves nothing is tuned"""
     filter: ReplayFilterSection = ReplayFilterSection()
     """what the filter does"""
     outages: ListOf[Outage] = ()

@@ -130,11 +130,13 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
 def prepare(
     sensed: Sensed, fixes: Fixes, alignment: Alignment, latency: float, ranges: Ranges | None = None
 ) -> RecordedFlight:
-    """The flight after an alignment, its fixes `latency` seconds old when they came; sensed: from the alignment on;
+    """The flight after an alignment, its fixes `latency` seconds old when they came, or stamped too early by as much
+    where it is negative, so that they come when they are valid; sensed: from the alignment on;
     ranges: that the fixes are from, of their epochs and of others, if they are known."""
     begin = alignment.time
-    late = fixes.time
-    valid = late - latency
+    early = max(0.0, -latency)
+    late = fixes.time + early
+    valid = fixes.time - latency
     inside = (valid > begin) & (late <= sensed.imu_time[-1])
     filled, over = fixes.with_velocity()
     known = np.isfinite(filled.velocity).all(axis=1)
@@ -152,9 +154,9 @@ def prepare(
     speed, course = np.linalg.norm(filled.velocity[inside, :2], axis=1), np.arctan2(east, north)
     if ranges is not None:
         due = ranges.time - latency
-        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time <= sensed.imu_time[-1])))
-        solved = np.isin(ranges.time, arrival)
-        arrival = ranges.time
+        ranges = ranges.take(np.flatnonzero((due > begin) & (ranges.time + early <= sensed.imu_time[-1])))
+        solved = np.isin(ranges.time + early, arrival)
+        arrival = ranges.time + early
         llh, own, speed, course = (_among(values, solved) for values in (llh, own, speed, course))
     return RecordedFlight(
         **vars(sensed),

@@ -1,14 +1,11 @@
 """A recorded flight: read, aligned, tuned, flown through the filter, judged by its innovations and by outages.
 
 The tuning rule, the same for every flight: what the LOG.yaml gives is kept. What it leaves out of {velocity noise of
-the fixes, horizontal and vertical; white noise of gyros and of accelerometers; latency} is set so that the innovations
-of the fixes in motion (faster than 3 m/s) are most likely, the sensors' noise being expected within a factor of two of
+the fixes, horizontal and vertical; white noise of gyros and of accelerometers; latency} is set by `study.tuning` so
+that the innovations of the fixes in motion are most likely, the sensors' noise being expected within a factor of two of
 its class's. The noise of positions is 2.5 s times that of velocities; without vertical velocities the vertical noise is
 as the horizontal. Fixes closer than 0.45 s share their errors, so only one of them is used. Biases are those of the
 sensor class, except that a standstill before the flight shows the gyros' turn-on bias.
-
-Source: [1] Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans. AC 15 (1970); Harvey,
-Forecasting, structural time series models and the Kalman filter (1989), section 3.4 (prediction error decomposition).
 """
 
 from __future__ import annotations
@@ -43,23 +40,22 @@ from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
 from navsim.simulation.sensors import followed
 from navsim.study.diagnosis import Log, diagnose
-from navsim.study.findings import notes, of_flight
+from navsim.study.findings import DOUBTED, limit, notes, of_flight
 from navsim.study.job import JobError
 from navsim.study.recorded_ranges import read_messages, read_ranges, together
 from navsim.study.root import root_attributes
 from navsim.study.single_point import PositioningOptions
 from navsim.study.statistics import gate_limits
+from navsim.study.tuning import EVALUATIONS, FASTEST_NEEDED, moving_speed, tune
 
-MOVING = 3.0
-"""Speed over ground, m/s, above which a fix counts for the tuning: receivers smooth hard at rest."""
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""
-TRUST = 0.7
-"""1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
 STANDSTILL_FACTOR = 5.0
 """In flight a gyro's bias leaves what a standstill showed by this many times its in-run instability."""
 MOST_DAMAGED = 0.1
 """Share of rows outside of physical limits up to which they are damage; of more, the unit may be another one."""
+LARGEST_NIS = 2.0
+"""Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
 LEAST_SAMPLES, LEAST_FIXES = 10, 4
 """What there must be of both to look for an alignment."""
 _START = (0.3, 0.3)
@@ -68,8 +64,6 @@ UNFLOWN = 10.0
 """Shortest part of a recording that is missed when it is not flown, s."""
 SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
 """Angle between nose and course that wind and sideslip explain, rad, and for how long more is no accident, s."""
-EVALUATIONS = 400
-"""Most flights that a tuning makes."""
 _TUNED = ("velocity_sigma_horizontal", "velocity_sigma_vertical", "gyro_noise_density", "accelerometer_noise_density",
           "latency")  # fmt: skip
 _TUNED_TIGHT = ("range_rate_sigma", "range_sigma", *_TUNED[2:])
@@ -121,7 +115,7 @@ class Recording:
             kind=kind,
             sensors=sensors,
             velocity=True,
-            latency=float(latency),
+            latency=max(0.0, float(latency)),  # an early fix waits until it is valid, and then is of now
             lever_arm=np.array(self.scenario.gnss.lever_arm_m),
             sigma_scale=1.0,
             gate=gate_limits(gate.probability if judged else 0.0),
@@ -149,6 +143,12 @@ class Recording:
         """The increments and fixes after the alignment."""
         ranges = self.ranges if self.tight else None
         return replay.prepare(self._sensed, self.fixes, self.alignment, latency, ranges)
+
+    @cached_property
+    def moving_speed(self) -> float:
+        """Speed, m/s, from which on a fix of the flight is in motion."""
+        flight = self.flight(float(self.settings[4]))
+        return moving_speed(flight.speed, not np.isfinite(flight.velocity[:, :2]).any())
 
     @cached_property
     def _sensed(self) -> replay.Sensed:
@@ -451,56 +451,11 @@ def _spaced(times: np.ndarray, spacing: float) -> np.ndarray:
     return np.array(kept, dtype=np.int64)
 
 
-def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> np.ndarray:
-    """The settings (5,) with the free ones most likely, by Nelder and Mead's simplex over their logarithms."""
-    free = recording.free
-    if not free.size:
-        return recording.settings
-    from scipy.optimize import minimize
-
-    scale = np.where(np.arange(5) == 4, 0.1, 1.0)  # the latency itself, in tenths of a second
-    start = np.where(np.arange(5) == 4, recording.settings / scale, np.log(np.maximum(recording.settings, 1e-9)))
-    start[4] = 1.0 if 4 in free else start[4]
-    flown = 0
-
-    def settings(x: np.ndarray) -> np.ndarray:
-        whole = start.copy()
-        whole[free] = x
-        return np.where(np.arange(5) == 4, scale * whole, np.exp(whole))
-
-    def cost(x: np.ndarray) -> float:
-        nonlocal flown
-        flown += 1
-        done(min(flown, EVALUATIONS))
-        values = settings(x)
-        if not 0.0 <= values[4] <= 2.0:
-            return 1e12
-        flight = recording.flight(values[4])
-        seen = replay.fly(
-            flight, recording.beliefs(values, TFG, judged=False), recording.fix_sigma(values), np.empty(0),
-            range_sigma=recording.range_sigma(values),
-        )  # fmt: skip
-        moving = flight.speed > MOVING
-        total = seen.surprise(moving if moving.sum() > 20 else np.ones_like(moving))
-        total += 0.5 * float(np.sum((np.log(values[2:4] / recording.settings[2:4]) / TRUST) ** 2))
-        return total if np.isfinite(total) else 1e12
-
-    x, step = start[free], np.where(free == 4, 0.5, 0.7)
-    for _ in range(2):  # once more from where the first simplex has shrunk to
-        simplex = np.vstack([x, x + np.diag(step)])
-        options = {"maxfev": EVALUATIONS // 2, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.05}
-        x = minimize(cost, x, method="Nelder-Mead", options=options).x  # type: ignore[call-overload]
-        step = 0.3 * step
-    best = settings(x)
-    if not recording.has_vertical:
-        best[1] = best[0]
-    return best
-
-
 def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Result:
     """Tune, fly, impose the outages. Raises ReplayError where a smoother fails."""
     scenario = recording.scenario
-    settings = tune(recording, done)
+    tuning = tune(recording, done)
+    settings = tuning.settings
     kind = FILTER_KINDS[scenario.filter.kind]
     flight, beliefs = recording.flight(settings[4]), recording.beliefs(settings, kind)
     fix_sigma = recording.fix_sigma(settings)
@@ -525,9 +480,9 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
     _innovations(draft, flight, flown)
     _outages(draft, recording, flight, settings)
     _fixes(draft, flight)
-    for name, value, was_free in zip(recording.tuned, settings, np.isin(np.arange(5), recording.free), strict=True):
+    for name, value, was_free in zip(recording.tuned, settings, tuning.tuned, strict=True):
         draft.put(f"/tuning/{name}", value, {"origin": "tuned to the innovations" if was_free else "given"})
-    _summary(draft, flight, flown)
+    _summary(draft, flight, flown, recording.moving_speed)
     alignment = recording.alignment
     out = draft.result(
         root_attributes(
@@ -537,7 +492,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
         )
     )  # fmt: skip
     off_course = _off_course(flight, flown) if scenario.checks != "off" else []
-    out.variables.update(kept(findings(recording, out, withheld) + off_course))
+    out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld), *off_course]))
     return out
 
 
@@ -549,7 +504,24 @@ def findings(recording: Recording, result: Result, withheld: np.ndarray) -> list
         begin = float(flight.imu_time[first])
         text = f"no samples for {length:.3g} s from {begin:.3f} s on; the covariance was widened"
         out.append(Finding("gap", text, (), 1, 1, 1, begin))
-    return out + of_flight(result, recording.scenario.filter.gate.probability, withheld)
+    return out + of_flight(result, recording.scenario.filter.gate.probability, withheld) + _inconsistent(result)
+
+
+def _inconsistent(result: Result) -> list[Finding]:
+    """The finding of innovations whose squares are beyond `LARGEST_NIS`, in the group of fixes where they are largest:
+    below what `of_flight` doubts for its size alone."""
+    degrees = result["/innovations/degrees"]
+    nis = dict(zip(result["/summary/fixes"], result["/summary/nis"], strict=True))
+    group = max((name for name in nis if np.isfinite(nis[name])), key=lambda name: float(nis[name]), default="all")
+    most = LARGEST_NIS * limit(float(degrees.sum())) / DOUBTED
+    if not nis[group] > most or nis["all"] > limit(float(degrees.sum())):
+        return []
+    text = (
+        f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due: the "
+        "filter believes its fixes and sensors more than they merit, and its sigmas are too small; give "
+        "gnss.velocity_sigma_m_s, or leave it out so that it is tuned"
+    )
+    return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
 
 
 def _not_flown(scenario: Replay, log: ReadLog, first: float, aligned: aligning.Alignment) -> list[str]:
@@ -577,7 +549,7 @@ def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[F
     at = np.searchsorted(flown.time, flight.arrival)
     nose = dcm_from_quaternion(flown.navigation[at, states.NAV_QUAT : states.NAV_HELD])[:, :2, 0]
     angle = np.angle(np.exp(1j * (np.arctan2(nose[:, 1], nose[:, 0]) - flight.course)))
-    moving = np.flatnonzero(flight.speed > MOVING)
+    moving = np.flatnonzero(flight.speed > FASTEST_NEEDED)
     off = np.abs(angle[moving]) > SIDEWAYS + 3.0 * flown.sigma[at[moving], states.A_D]
     edges = np.flatnonzero(np.diff(off, prepend=False, append=False)).reshape(-1, 2)
     out = []
@@ -588,7 +560,7 @@ def _off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[F
             continue
         text = (
             f"heading {np.degrees(np.median(np.abs(angle[rows]))):.0f} degrees off the course from {first:.1f} to "
-            f"{last:.1f} s (median of {rows.size} fixes faster than {MOVING:g} m/s, 1 sigma of the heading "
+            f"{last:.1f} s (median of {rows.size} fixes faster than {FASTEST_NEEDED:g} m/s, 1 sigma of the heading "
             f"{np.degrees(np.median(flown.sigma[at[rows], states.A_D])):.1f} degrees): the attitude is wrong, unless "
             "the aircraft flies sideways; align elsewhere with start_s, or silence this with `checks: off`"
         )
@@ -674,10 +646,10 @@ def of_outages(beliefs: Beliefs) -> Beliefs:
     return replace(beliefs, kind=kind, gate=gate_limits(0.0))
 
 
-def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
+def _summary(draft: Draft, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     used = flown.degrees > 0
-    groups = {"all": used, "moving": used & (flight.speed > MOVING)}
-    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{MOVING:g} m/s")
+    groups = {"all": used, "moving": used & (flight.speed > moving)}
+    draft.put("/summary/fixes", np.array(list(groups)), moving=f"{moving:.2g} m/s")
     rms = np.array([[_rms(flown.innovation[m][:, i]) for i in range(6)] for m in groups.values()])
     draft["/summary/innovation_position"] = rms[:, :3]
     draft["/summary/innovation_velocity"] = rms[:, 3:]

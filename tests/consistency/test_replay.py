@@ -41,6 +41,60 @@ def errors(result: Result, truth: tuple[np.ndarray, ...]) -> tuple[np.ndarray, n
     return position, at(velocity) - result["/filter/velocity_ned"], np.degrees((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
+def remarks(result: Result) -> list[str]:
+    return [found.text for found in findings.of(result)]
+
+
+def test_fixes_stamped_too_early_have_a_negative_latency(tmp_path: Path) -> None:
+    """Used at the time they are valid; tuned, and as far off as with their right times."""
+    truth = write_flight(tmp_path)
+    result = flown(tmp_path / "log.yaml", f"gnss.time_offset_s={-0.3 - LATENCY}")
+    assert float(result["/tuning/latency"]) == pytest.approx(-0.3, abs=0.02)
+    assert not remarks(result)
+    position, velocity, attitude = errors(result, truth)
+    late = result["/filter/time"] > 40.0
+    assert np.sqrt(np.mean(position[late] ** 2)) < 0.25
+    assert np.sqrt(np.mean(velocity[late] ** 2)) < 0.15
+    assert np.sqrt(np.mean(attitude[late] ** 2)) < 0.5
+
+
+def test_a_given_negative_latency_is_that_of_the_times(tmp_path: Path) -> None:
+    """The same fixes by right times and by early ones: the filter has them at the same moments."""
+    write_flight(tmp_path, duration=60.0)
+    given = ("tuning=none", "gnss.velocity_sigma_m_s=[0.1, 0.1]")
+    right = flown(tmp_path / "log.yaml", *given, f"gnss.time_offset_s={-LATENCY}", "gnss.latency_s=0")
+    early = flown(tmp_path / "log.yaml", *given, f"gnss.time_offset_s={-LATENCY - 0.4}", "gnss.latency_s=-0.4")
+    np.testing.assert_allclose(early["/innovations/time"], right["/innovations/time"], atol=1e-6)
+    np.testing.assert_allclose(early["/innovations/position_ned"], right["/innovations/position_ned"], atol=1e-4)
+    np.testing.assert_allclose(early["/filter/position_llh"], right["/filter/position_llh"], rtol=1e-9)
+    with pytest.raises(InputError, match="latency_s"):
+        flown(tmp_path / "log.yaml", "gnss.latency_s=-1.5")
+
+
+def test_a_latency_at_its_bound_is_told(tmp_path: Path) -> None:
+    write_flight(tmp_path, duration=60.0)
+    result = flown(tmp_path / "log.yaml", f"gnss.time_offset_s={-1.3 - LATENCY}", "checks=off")
+    assert float(result["/tuning/latency"]) == pytest.approx(-1.0, abs=0.01)
+    assert any("the tuned latency stands at its bound of -1 s" in text for text in remarks(result))
+
+
+def test_a_tuning_that_has_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_flight(tmp_path, duration=60.0)
+    monkeypatch.setattr("navsim.study.tuning.EVALUATIONS", 12)
+    result = flown(tmp_path / "log.yaml")
+    assert any("had not converged after 12 flights" in text for text in remarks(result))
+
+
+def test_innovations_larger_than_believed_are_told(tmp_path: Path) -> None:
+    """Also below the factor that a simulated filter is doubted from."""
+    write_flight(tmp_path, duration=60.0)
+    given = ("tuning=none", f"gnss.latency_s={LATENCY}")
+    for sigma, told in ((0.06, True), (0.1, False)):
+        result = flown(tmp_path / "log.yaml", *given, f"gnss.velocity_sigma_m_s=[{sigma}, {sigma}]")
+        assert (1.9 if told else 0.7) < result["/summary/nis"][0] < (3.5 if told else 1.3)
+        assert any("have a NIS of" in text for text in remarks(result)) == told
+
+
 @pytest.mark.parametrize("rough", [False, True])
 @pytest.mark.parametrize("vertical", [True, False])
 def test_a_simulated_recording_is_recovered(rough: bool, vertical: bool, tmp_path: Path) -> None:

@@ -1,0 +1,141 @@
+"""Noise and latency of a recorded flight, such that the innovations of its fixes in motion are most likely [1].
+
+Source: [1] Mehra, On the identification of variances and adaptive Kalman filtering, IEEE Trans. AC 15 (1970); Harvey,
+Forecasting, structural time series models and the Kalman filter (1989), section 3.4 (prediction error decomposition).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from navsim.estimation.records import TFG
+from navsim.io.findings import CONSISTENT, Finding
+from navsim.simulation import replay
+
+if TYPE_CHECKING:
+    from navsim.study.replay import Recording
+
+FASTEST_NEEDED = 3.0
+"""Speed over ground, m/s, from which on a fix of any flight is in motion."""
+SLOWEST, SLOWEST_DERIVED = 0.5, 1.5
+"""Least speed, m/s, of a fix in motion, and where positions alone give the speed: receivers at rest show less."""
+TYPICAL, SHARE = 90.0, 0.5
+"""Of a slow flight the fixes faster than this share of a percentile of its speeds are in motion."""
+FEWEST = 20
+"""Fixes in motion that a tuning needs more of: those of a receiver at rest are smoothed, and show no noise."""
+TRUST = 0.7
+"""1 sigma of the logarithm of a sensor's noise about its class's value, before the flight is looked at."""
+STRAYED = 5.0
+"""Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
+LATENCIES = (-1.0, 2.0)
+"""Bounds of the latency, s: below zero the fixes are stamped before the time they are valid."""
+AT_BOUND = 0.01
+"""A latency this close to one of them, s, stands there."""
+EVALUATIONS = 400
+"""Most flights that a tuning makes."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Settings (5,) as of `Recording.tuned`; which of them are tuned (5,) bool; what is not to be relied on."""
+
+    settings: np.ndarray
+    tuned: np.ndarray
+    findings: tuple[Finding, ...] = ()
+
+
+def moving_speed(speed: np.ndarray, derived: bool) -> float:
+    """Speed, m/s, from which on a fix is in motion in a flight with speeds (m,); derived: from positions alone.
+
+    3 m/s, or where the flight is slow half of what it usually flies at.
+    """
+    known = speed[np.isfinite(speed)]
+    usual = SHARE * float(np.percentile(known, TYPICAL)) if known.size else 0.0
+    return float(np.clip(usual, SLOWEST_DERIVED if derived else SLOWEST, FASTEST_NEEDED))
+
+
+def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> Tuning:
+    """The settings with the free ones most likely, by Nelder and Mead's simplex over their logarithms."""
+    free, given = recording.free, recording.settings
+    tuned = np.isin(np.arange(5), free)
+    if not free.size:
+        return Tuning(given, tuned)
+    threshold = recording.moving_speed
+    fast = int(np.sum(recording.flight(given[4]).speed > threshold))
+    if fast <= FEWEST:
+        names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
+        remark = (
+            f"nothing is tuned: {fast} fixes are in motion (faster than {threshold:.2g} m/s), needed are more than "
+            f"{FEWEST}, and receivers at rest do not show their noise; untuned are {names}: give them in the log"
+        )
+        return Tuning(given, np.zeros(5, bool), (Finding("tuning", remark),))
+    from scipy.optimize import minimize
+
+    scale = np.where(np.arange(5) == 4, 0.1, 1.0)  # the latency itself, in tenths of a second
+    start = np.where(np.arange(5) == 4, given / scale, np.log(np.maximum(given, 1e-9)))
+    start[4] = 1.0 if 4 in free else start[4]
+    flown = 0
+
+    def settings(x: np.ndarray) -> np.ndarray:
+        whole = start.copy()
+        whole[free] = x
+        return np.where(np.arange(5) == 4, scale * whole, np.exp(whole))
+
+    def cost(x: np.ndarray) -> float:
+        nonlocal flown
+        flown += 1
+        done(min(flown, EVALUATIONS))
+        values = settings(x)
+        if not LATENCIES[0] <= values[4] <= LATENCIES[1]:
+            return 1e12
+        flight = recording.flight(values[4])
+        seen = replay.fly(
+            flight, recording.beliefs(values, TFG, judged=False), recording.fix_sigma(values), np.empty(0),
+            range_sigma=recording.range_sigma(values),
+        )  # fmt: skip
+        total = seen.surprise(flight.speed > threshold)
+        total += 0.5 * float(np.sum((np.log(values[2:4] / given[2:4]) / TRUST) ** 2))
+        return total if np.isfinite(total) else 1e12
+
+    x, step = start[free], np.where(free == 4, 0.5, 0.7)
+    for most in (EVALUATIONS // 2, EVALUATIONS):  # once more from where the first simplex has shrunk to
+        simplex = np.vstack([x, x + np.diag(step)])
+        options = {"maxfev": most - flown, "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.05}
+        found = minimize(cost, x, method="Nelder-Mead", options=options)  # type: ignore[call-overload]
+        x, step = found.x, 0.3 * step
+    best = settings(x)
+    if not recording.has_vertical:
+        best[1] = best[0]
+        tuned[1] = tuned[0]
+    remarks = _remarks(recording, best, bool(found.success), flown)
+    return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks))
+
+
+def _remarks(recording: Recording, best: np.ndarray, converged: bool, flown: int) -> list[str]:
+    """What of a tuning is not to be relied on."""
+    out = []
+    if not converged:
+        names = ", ".join(recording.tuned[i].replace("_", " ") for i in recording.free)
+        out.append(
+            f"the tuning had not converged after {flown} flights: its numbers ({names}) may be far from the most "
+            "likely ones; give some of them in the log, or fly a longer part"
+        )
+    if 4 in recording.free and min(abs(best[4] - bound) for bound in LATENCIES) <= AT_BOUND:
+        side = "earlie" if best[4] < 0.0 else "late"
+        out.append(
+            f"the tuned latency stands at its bound of {best[4]:.3g} s: the fixes are stamped even {side}r than that, "
+            "or something else is wrong with them; set the clocks right with gnss.time_offset_s, or give gnss.latency_s"
+        )
+    for i, key in ((2, "imu.gyro.arw_deg_sqrt_h"), (3, "imu.accelerometer.vrw_m_s_sqrt_h")):
+        ratio = float(best[i] / recording.settings[i])
+        if i in recording.free and np.log(ratio) > STRAYED * TRUST:
+            out.append(
+                f"the tuned {recording.tuned[i].replace('_', ' ')} is {ratio:.3g} times that of the sensor class: the "
+                "fixes or the attitude disagree with the samples by more than noise does; look at the innovations, "
+                f"choose another imu.sensor_class, or give {key}"
+            )
+    return out
