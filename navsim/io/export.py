@@ -143,7 +143,8 @@ def _rinex(result: Result, target: Path) -> dict[Path, str]:
         raise _lacking(result, "measurements")
     time = result["/geometry/time"]
     if not time.size:
-        raise ResultError("the result has no epoch of measurements: the simulation is shorter than one fix interval")
+        text = "the result has no fixes: its flight is shorter than one fix interval, or than receiver.latency_s"
+        raise ResultError(text)
     elements, vectors = _elements(result), _vectors(result)
     constellations: list[Constellation] = [*elements.values(), *([] if vectors is None else [vectors])]
     if not constellations:

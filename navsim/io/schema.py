@@ -313,6 +313,8 @@ _SUMMARY = Chapter(
     "What `navsim show` prints, and `--json` with the same names.",
     (
         _a("/summary/dop/{dop}", "statistic", "1", "{DOP} over the fix epochs of the glide", _FLOWN, dop=_DOPS),
+        _a("/summary/used/{part}", "statistic", "1", "number of {part} used over the fix epochs of the glide", _FLOWN,
+           part=("satellites", "pseudolites")),
         _a("/summary/fix/rms_{part}", "interval", "m", "SKO of a fix: root of the weighted covariance, mean over the "
            "fix epochs of the glide; a prediction, without sampling uncertainty", _FLOWN,
            attributes=("minimum", "maximum"), part=("horizontal", "vertical", "3d")),
@@ -865,8 +867,10 @@ _OPTIMIZE = Chapter(
         _a("/optimum/neighbourhood", "pseudolites pseudolite loss bearing", "m",
            "how far a pseudolite may be moved by itself{how}; nan where the area or a rule ends it first, or "
            "requirements are not met to begin with", OPTIMIZE),
-        _a("/optimum/violation", "pseudolites", "m", "by how much the tightest rule is broken; negative: room left",
-           OPTIMIZE),
+        _a("/optimum/violation", "pseudolites", "m", "by how much the tightest rule is broken (dB for near_far_db); "
+           "negative: room left", OPTIMIZE),
+        _a("/optimum/tightest_rule", "pseudolites", "1", "the rule, a key below `constraints`, that is kept with the "
+           "least room; `aircraft`: the distance that pseudolites keep from it", OPTIMIZE, TEXT),
         *(
             _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
             for name, (units, meaning) in DOP_QUANTITIES.items()

@@ -45,7 +45,7 @@ def tables(result: Result) -> list[Table | str]:
         tried = "{} (all)" if result["/front/every_choice"][i] else "{}"
         tried += "" if result["/front/finished"][i] else " (stopped)"
         margin = result["/optimum/violation"][i]
-        room = "none given" if np.isneginf(margin) else cell("{:.2f} left", float(-margin))
+        room = "none given" if np.isneginf(margin) else _room(result, i, float(-margin))
         evaluations = cell(tried, int(result["/front/evaluations"][i]))
         front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room,
                   *((_met(result["/front/met"][i]),) if judged else ()))  # fmt: skip
@@ -66,6 +66,13 @@ def tables(result: Result) -> list[Table | str]:
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
             places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
     return [front, *([requirements(result)] if judged else []), places]
+
+
+def _room(result: Result, i: int, left: float) -> Cell | str:
+    """The rule that is kept with the least room, and that room; results of before do not name it."""
+    rule = str(result["/optimum/tightest_rule"][i]) if "/optimum/tightest_rule" in result else ""
+    unit = "dB" if rule == "near_far_db" else "m"
+    return cell(f"{rule}: {{:.2f}} {unit} left".removeprefix(": "), left)
 
 
 def _met(flag: np.ndarray) -> str:

@@ -563,6 +563,19 @@ def _tail(result: Result, at: float, axis: str, part: str) -> Cell | str:
                 units=("", "m", "1", "1", "1", "1"))  # fmt: skip
 
 
+def _uses(result: Result, kind: str) -> bool:
+    """Whether the result counts satellites or pseudolites, and any is used."""
+    return f"/summary/used/{kind}" in result and bool(result[f"/summary/used/{kind}"][2] > 0.0)
+
+
+def _used(result: Result, kind: str) -> Cell | str:
+    """Numbers of satellites or pseudolites used on the glide."""
+    if f"/summary/used/{kind}" not in result:
+        return ABSENT
+    mean, low, high = map(float, result[f"/summary/used/{kind}"][:3])
+    return Cell("{:.1f}  ({:.0f} - {:.0f})", (mean, low, high), whole=True, names=_RANGE)
+
+
 def summary_table(results: list[tuple[str, Result]]) -> Table:
     """One table of the summaries, a column a result: names and results in order."""
     table = Table("", ("", *(name for name, _ in results)), labelled=True, caption=_SUMMARY)
@@ -591,6 +604,9 @@ def summary_table(results: list[tuple[str, Result]]) -> Table:
             return Cell("{:.2f}  ({:.2f} - {:.2f})", (mean, low, high), whole=True, names=_RANGE)
 
         row("  " + name.upper(), dop)
+    for name in ("satellites", "pseudolites"):
+        if any(_uses(r, name) for _, r in results):
+            row(f"  {name} used", lambda r, n=name: _used(r, n))
     section("Fix, RMS by its covariance, mean on the glide, m")
     for name in ("horizontal", "vertical", "3d"):
         row(f"  {name}", lambda r, n=name: number(r[f"/summary/fix/rms_{n}"][0], 2))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from navsim.models.path import Path
     from navsim.models.waypoints import Waypoint
 
+SLOWEST = 2.0
+"""Least speed over ground at which a path has a course, m/s."""
 Reach = Annotated[float, Field(ge=-1e5, le=1e5)]
 """Along or across a runway, m."""
 
@@ -375,7 +378,8 @@ class _Captured(_ToTheGround):
     rollout_deceleration_m_s2: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
     """deceleration by the brakes after touchdown"""
     taxi_speed_kmh: Annotated[float, Field(ge=0.0, le=1000.0)] | None = None
-    """speed over ground that the roll-out is slowed to; 0: the aircraft stops and stands; null: the brakes stay on"""
+    """speed over ground that the roll-out is slowed to; 0 or null: the brakes stay on until the aircraft stops and
+    stands"""
     taxi_s: Stretch | None = None
     """time at taxi_speed_kmh before the aircraft stops and stands; null: it taxies on"""
     brake_ease_s: Stretch = 1.0
@@ -397,6 +401,17 @@ class _Captured(_ToTheGround):
         if self.taxi_speed_kmh == 0.0 and self.taxi_s is not None:
             raise reject("the aircraft stands already: taxi_speed_kmh is 0", "taxi_s")
         return self
+
+    def stops(self, path: Path, duration: float) -> bool:
+        """Whether the brakes stop the aircraft within the flight, s, although no taxi speed is given."""
+        import numpy as np
+
+        from navsim.models.approach import TOUCHDOWN
+
+        if self.taxi_speed_kmh is not None or self.speed_is == "air":
+            return False
+        lands = path.events.get(TOUCHDOWN, math.inf) < duration
+        return lands and bool(path.jet(np.array([duration]))[0, 1, 0] < SLOWEST)
 
     def flared(self, speed: float, height: float, lead_in: float, rise: float) -> Path:
         """The path from level flight at a speed, m/s, and a height, m, after so many seconds of it; rise: of the

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from navsim.scenario.aerodrome import with_published
 from navsim.scenario.air import WindSection, beside
 from navsim.scenario.approach import (
+    SLOWEST,
     FileApproach,
     PaperApproach,
     RecordedApproach,
@@ -62,7 +63,7 @@ if TYPE_CHECKING:
     from navsim.models.air import Air
     from navsim.models.effects import Effects
     from navsim.models.kinematics import Frame, Moving, Trajectory
-    from navsim.models.path import AnyPath
+    from navsim.models.path import AnyPath, Path
     from navsim.models.pseudolite import Track
     from navsim.models.receiver import Receiver
     from navsim.models.signals import Pseudolites
@@ -433,19 +434,19 @@ class Landing(Section):
         times = np.linspace(0.0, self.duration_s, 400)
         if (air := self.air()) is not None:
             slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
-            if slowest < 2.0:
+            if slowest < SLOWEST:
                 text = f"a route that falls to {slowest:.1f} m/s within duration_s has no course to be off; 2 m/s has"
                 raise reject(text + beside(air[1]), *air[1][0])
         # on the ground the nose stays where it is
         times = times[times < path.events.get(ROLL_OUT, math.inf)]
         slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
-        if slowest < 2.0:
-            key = "rollout_deceleration_m_s2" if isinstance(self.approach, SmoothApproach) else "profile"
+        if slowest < SLOWEST:
             raise reject(
-                f"the aircraft falls to {slowest:.1f} m/s within duration_s; its attitude follows from its path, "
-                "so it must keep 2 m/s; a roll-out with taxi_speed_kmh may go slower, and stand",
+                f"the aircraft falls to {slowest:.1f} m/s within duration_s, {self.duration_s:g} s; its attitude "
+                "follows from its path, so it must keep 2 m/s; give a shorter duration_s, or `speed_is: ground`, with "
+                "which an aircraft stops and stands",
                 "approach",
-                key,
+                "profile",
             )
 
     def check_airspeed(self, trajectory: Trajectory) -> None:
@@ -650,15 +651,28 @@ class Landing(Section):
         from navsim.models.retimed import held_airspeed
 
         assert not isinstance(self.approach, FileApproach)
-        if isinstance(self.approach, WaypointApproach):
-            path = self.approach.path(self._waypoints(self.approach), self.runway.rise)
-        else:
-            path = self.approach.path(self.runway.rise)
+        path = self._route(self.approach)
+        if isinstance(self.approach, SmoothApproach | WaypointApproach) and self.approach.stops(path, self.duration_s):
+            path = self._route(self.approach.model_copy(update={"taxi_speed_kmh": 0.0}))
         path = sloped(path, self.runway.rise)
         if self.approach.speed_is == "ground" or not self.wind.blows:
             return path
         wind = self.wind.mean(self.runway.heading_deg * DEG)
         return held_airspeed(path, wind, self.duration_s, self.runway.rise)
+
+    def _route(self, approach: PaperApproach | SmoothApproach | WaypointApproach | STurn) -> Path:
+        if isinstance(approach, WaypointApproach):
+            return approach.path(self._waypoints(approach), self.runway.rise)
+        return approach.path(self.runway.rise)
+
+    def why_no_fix(self) -> str:
+        """Why no fix reaches the filter of a flight without any."""
+        receiver, duration = self.receiver, f"duration_s, {self.duration_s:g} s"
+        interval = 1.0 / receiver.rate_hz
+        if interval <= self.duration_s:
+            late = f"receiver.latency_s: {receiver.latency_s:g} s after the first fix"
+            return f"{late} ({interval:g} s) is not within {duration}"
+        return f"{duration}, is shorter than one fix interval, {interval:g} s (receiver.rate_hz)"
 
     def air(self) -> tuple[Air, tuple[tuple[str, ...], ...]] | None:
         """What takes runs off the route, and the keys that say so; None where all fly it."""

@@ -349,7 +349,7 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     places = np.full((len(counts), most, 2), np.nan)
     llh = np.full((len(counts), most, 3), np.nan)
     around = np.full((len(counts), most, len(LOSSES), BEARINGS.size), np.nan)
-    margin = np.empty(len(counts))
+    margin, tightest = np.empty(len(counts)), np.full(len(counts), "", dtype=object)
     for i, count in enumerate(counts):
         best = found[count]
         places[i, :count] = best.places
@@ -357,12 +357,15 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
         if count in outcome.neighbourhoods:
             around[i, :count] = outcome.neighbourhoods[count]
         margin[i] = here.rules.violation(best.places[None])[0]
+        if excesses := here.rules.excesses(best.places[None]):
+            tightest[i] = max(excesses, key=lambda rule: float(excesses[rule][0]))
     for axis, name in enumerate(("s", "l1")):
         draft[f"/optimum/{name}"] = places[..., axis]
     for axis, name in enumerate(("latitude", "longitude", "height")):
         draft[f"/optimum/{name}"] = llh[..., axis]
     draft["/optimum/neighbourhood"] = around
     draft["/optimum/violation"] = margin
+    draft["/optimum/tightest_rule"] = tightest
     others = [dop_outputs(here.geometry, here.rules.plane.ecef(found[c].places)[None]) for c in counts]
     for name in others[0]:
         draft[f"/optimum/{name}"] = np.array([o[name][0] for o in others])

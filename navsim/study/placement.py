@@ -60,42 +60,49 @@ class Rules:
     keep_out: Any
 
     def violation(self, places: np.ndarray) -> np.ndarray:
-        """By how much placements (n, k, 2) break the worst-kept rule (n,); zero or less where all are kept.
-
-        Metres, but for near_far_db, which counts in dB.
-        """
-        s, l1 = places[..., 0], places[..., 1]
+        """By how much placements (n, k, 2) break the tightest rule (n,); zero or less where all are kept, -inf without
+        rules. Metres, but for near_far_db, which counts in dB."""
         worst = np.full(places.shape[0], -np.inf)
+        for excess in self.excesses(places).values():
+            np.maximum(worst, excess, out=worst)
+        return worst
 
-        def keep(excess: np.ndarray) -> None:
-            np.maximum(worst, excess.reshape(places.shape[0], -1).max(axis=1), out=worst)
+    def excesses(self, places: np.ndarray) -> dict[str, np.ndarray]:
+        """By how much placements (n, k, 2) break each rule (n,), by its key below `constraints`, `aircraft` for the
+        distance that pseudolites keep from it; zero or less where it is kept. Metres, but for near_far_db: dB."""
+        s, l1 = places[..., 0], places[..., 1]
+        found: dict[str, np.ndarray] = {}
+
+        def keep(rule: str, excess: np.ndarray) -> None:
+            worst = excess.reshape(places.shape[0], -1).max(axis=1)
+            found[rule] = np.maximum(worst, found.get(rule, worst))
 
         if self.given.runway_strip is not None:
-            keep(_into_strip(self.given.runway_strip, self.runway_length, s, l1))
+            keep("runway_strip", _into_strip(self.given.runway_strip, self.runway_length, s, l1))
         if self.given.surfaces is not None:
-            keep(self.plane.height - surface_height(self.given.surfaces, self.runway_length, s, l1))
+            keep("surfaces", self.plane.height - surface_height(self.given.surfaces, self.runway_length, s, l1))
         if self.keep_out is not None:
             import shapely
 
             points = shapely.points(s, l1)
             depth = shapely.distance(points, self.keep_out.boundary)
-            keep(np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
+            keep("keep_out", np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
         count = places.shape[1]
         if count:
-            keep(self.track.too_near(self.plane.ecef(places)))
+            keep("aircraft", self.track.too_near(self.plane.ecef(places)))
         for i in range(count):
             for j in range(i):
-                keep(self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))
+                keep("spacing_m", self.given.spacing_m - np.hypot(s[:, i] - s[:, j], l1[:, i] - l1[:, j]))
         if self.given.distance_m is not None or self.given.near_far_db is not None:
             sites = self.plane.ecef(places)
             # an axis after the other: (n, k, e, 3) at one go takes twice as long
             squares = sum((sites[..., i, None] - self.receiver[:, i]) ** 2 for i in range(3))
             near, far = np.sqrt(np.min(squares, axis=2)), np.sqrt(np.max(squares, axis=2))
             if self.given.distance_m is not None:
-                keep(np.maximum(self.given.distance_m[0] - near, far - self.given.distance_m[1]))
+                keep("distance_m", np.maximum(self.given.distance_m[0] - near, far - self.given.distance_m[1]))
             if self.given.near_far_db is not None:
-                keep(20.0 * np.log10(far / near) - self.given.near_far_db)
-        return worst
+                keep("near_far_db", 20.0 * np.log10(far / near) - self.given.near_far_db)
+        return found
 
 
 def _into_strip(strip: Strip, length: float, s: np.ndarray, l1: np.ndarray) -> np.ndarray:

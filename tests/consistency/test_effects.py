@@ -156,7 +156,14 @@ def test_signals_without_epochs_are_whole() -> None:
     """A flight shorter than a fix interval: warned of, not refused."""
     c = case(*BASE, "duration_s=0.5")
     assert c.world.signals.used.shape[0] == 0
-    assert "shorter than one fix interval" in landing.findings(c, landing.fly_all(c, 1, 0, 1, threads(1)))[-1].text
+    said = landing.findings(c, landing.fly_all(c, 1, 0, 1, threads(1)))[-1].text
+    assert "duration_s, 0.5 s, is shorter than one fix interval, 1 s" in said
+
+
+def test_a_latency_longer_than_the_flight_is_called_so() -> None:
+    c = case(*BASE, "duration_s=3", "receiver.latency_s=4")
+    said = landing.findings(c, landing.fly_all(c, 1, 0, 1, threads(1)))[-1].text
+    assert said.startswith("receiver.latency_s: 4 s after the first fix (1 s) is not within duration_s, 3 s")
 
 
 def test_corrections_of_listed_directions() -> None:

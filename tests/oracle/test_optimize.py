@@ -223,6 +223,8 @@ def test_surrogate_keeps_the_optimum_of_one(tmp_path: Path, objective: str) -> N
     found = search(here, 1)[1]
     assert found.value <= float(here.value(places).min()) * 1.005
     assert here.rules.violation(found.places[None])[0] <= 0.0
+    excesses = here.rules.excesses(found.places[None])
+    assert max(excesses.values())[0] == here.rules.violation(found.places[None])[0]
     assert float(here.objective(found.places[None])[0]) == pytest.approx(found.value, rel=1e-12)
     # hundreds of placements on the grid of a study as shipped; here the full analysis had but a handful
     assert found.tried["full"] <= 3

@@ -362,3 +362,17 @@ def test_no_such_endings(settings: tuple[str, ...], name: str, place: str, words
     with pytest.raises(InputError, match=words) as refused:
         scenario(*(f"approach.{each}" for each in settings), name=name)
     assert place in {problem.key for problem in refused.value.problems}
+
+
+def test_an_aircraft_that_brakes_stops_and_stands() -> None:
+    """Without a taxi speed, too: the path is that of `taxi_speed_kmh: 0` where it would stop within the flight, and the
+    same to the bit as ever before the brakes are let go."""
+    brakes = ("approach.rollout_deceleration_m_s2=2", "duration_s=140")
+    stops = scenario(*brakes, name="landing_smooth").path()
+    given = scenario(*brakes, "approach.taxi_speed_kmh=0", name="landing_smooth").path()
+    short = scenario(*brakes[:1], "duration_s=96", name="landing_smooth").path()
+    times = np.linspace(0.0, 140.0, 1401)
+    np.testing.assert_array_equal(stops.jet(times), given.jet(times))
+    assert np.abs(stops.jet(np.array([139.0]))[0, 1]).max() == 0.0
+    rolling = times[times < stops.events["stand"] - 1.01]
+    np.testing.assert_array_equal(short.jet(rolling)[:, :3], stops.jet(rolling)[:, :3])

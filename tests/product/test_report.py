@@ -25,10 +25,10 @@ from navsim.cli.main import app
 from navsim.core import states
 from navsim.io.export import choose_run, export
 from navsim.io.results import Result, ResultError, Variable, read, write
-from navsim.report import figures, limits, live, printing, quantities, sweep, tables
+from navsim.report import figures, limits, live, optimize, printing, quantities, sweep, tables
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
-from navsim.report.table import console
+from navsim.report.table import Table, console
 from navsim.report.tracking import atc, azimuth, elevation
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.scenario.sweep import Sweep
@@ -598,3 +598,20 @@ def test_a_map_is_filled_and_says_that_its_best_lies_on_the_border(tmp_path: Pat
     text = printed(console(sweep.tables(result)))
     assert "500 *" in text
     assert "the best may lie beyond" in text
+
+
+def test_the_table_has_the_satellites_used_and_the_tightest_rule(place: Path) -> None:
+    result = read(place / "runs.h5")
+    sky = np.array([not str(name).startswith("PL") for name in result["/geometry/source"]])
+    used = np.isfinite(result["/geometry/line_of_sight"][:, sky, 0])
+    assert result["/summary/used/satellites"][1] >= used.sum(axis=1).min()
+    assert result["/summary/used/satellites"][2] <= used.sum(axis=1).max()
+    (row,) = (row for row in tables.summary_table([("runs", result)]).rows if "satellites used" in str(row.cells[0]))
+    mean, low, high = result["/summary/used/satellites"][:3]
+    assert str(row.cells[1]) == f"{mean:.1f}  ({low:.0f} - {high:.0f})"
+    best = read(place / "optimize.h5")
+    front = optimize.tables(best)[0]
+    assert isinstance(front, Table)
+    for row, rule in zip(front.rows[1:], best["/optimum/tightest_rule"], strict=True):
+        assert str(row.cells[7]).startswith(f"{rule}: ")
+        assert str(row.cells[7]).endswith(" dB left" if rule == "near_far_db" else " m left")

@@ -360,7 +360,7 @@ def of_fixes(case: Case, flaws: Flaws) -> list[Finding]:
     """Findings about fixes that are not there; flaws (run, flaw), see `UNHEARD`."""
     epochs = case.world.signals.time
     if not epochs.size:
-        text = "the simulation is shorter than one fix interval: the filter never gets a fix"
+        text = f"{case.scenario.why_no_fix()}: the filter never gets a fix"
         return [Finding("no_fix", text, (FIX,))]
     names = {UNHEARD: "epochs_without_fix", UNSOLVED: "lost_fixes", NO_VELOCITY: "fixes_without_velocity",
              UNWEIGHED: "unweighed_fixes"}  # fmt: skip

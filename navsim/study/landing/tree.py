@@ -154,11 +154,10 @@ def _geometry_summary(draft: Draft, case: Case) -> None:
     glide = on_glide(case.scenario, case.trajectory, world.signals.time)
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         values = world.dop[glide, i]
-        values = values[np.isfinite(values)]
-        numbers = np.full(5, np.nan)
-        if values.size:
-            numbers[:] = values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])
-        draft[f"/summary/dop/{name}"] = numbers
+        draft[f"/summary/dop/{name}"] = _statistics(values[np.isfinite(values)])
+    ground = np.isin(world.signals.names, case.pseudolites.names)
+    for name, chosen in (("satellites", ~ground), ("pseudolites", ground)):
+        draft[f"/summary/used/{name}"] = _statistics(world.signals.used[glide][:, chosen].sum(axis=1))
 
     variance = np.diagonal(world.fix_covariance, axis1=1, axis2=2)[glide]
     variance = variance[np.isfinite(variance[:, 0])]
@@ -166,6 +165,13 @@ def _geometry_summary(draft: Draft, case: Case) -> None:
         each = np.sqrt(variance[:, columns].sum(axis=1))
         reach = {"minimum": each.min() if each.size else np.nan, "maximum": each.max() if each.size else np.nan}
         draft.put(f"/summary/fix/{name}", np.full(3, each.mean() if each.size else np.nan), reach)
+
+
+def _statistics(values: np.ndarray) -> np.ndarray:
+    """Mean, least, largest, median and 95th percentile of values (n,); nan where there are none."""
+    if not values.size:
+        return np.full(5, np.nan)
+    return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
 
 
 def accuracy(
