@@ -1,7 +1,8 @@
 """Forks of navsim as processes with a time limit, quickly: one process loads everything, the others are its forks.
 
 A fork takes milliseconds where a start takes more than a second, and is a process like any other: it has its own
-signals, exit code and memory. On its way it may be killed, or find the disk full, at a chosen step (`steps`).
+signals, exit code and memory, and the folder, environment and streams of who asks for it. On its way it may be killed,
+or find the disk full, at a chosen step (`steps`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ import gc
 import importlib
 import json
 import os
+import select
+import shlex
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -23,11 +27,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self, TextIO
 
 from tests import steps
+from tests.fork_client import __file__ as CLIENT
+from tests.fork_client import ask, received
 
 ROOT = Path(__file__).resolve().parent.parent
+NAVSIM, PYTHON = "navsim", "python"
+"""Programs whose commands can be forks; of Python those with `-c`."""
 HANG_S = 10.0
 """A command that has to refuse its input and takes longer hangs."""
 MOST_MB = 1000.0
@@ -61,48 +69,76 @@ class Ended:
 
 
 class Forks:
-    """Runs commands of navsim as forks of one process, one at a time."""
+    """Runs commands of navsim as forks of one process."""
 
     def __init__(self, folder: Path, warm: Sequence[Sequence[object]] = ()) -> None:
         """folder: for what the commands say. warm: commands run once before, so that their forks find all loaded."""
         self._folder = folder
+        self._short = tempfile.TemporaryDirectory(prefix="navsim-")  # the name of a socket has a hundred characters
+        self.door = str(Path(self._short.name) / "door")
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg"}
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "tests.forks", str(folder), json.dumps(_texts(warm))],
+            [sys.executable, "-m", "tests.forks", self.door, str(folder), json.dumps(_texts(warm))],
             cwd=ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             env=environment,
         )
-        assert self._answer() == "ready"
+        assert self._server.stdout is not None
+        assert self._server.stdout.readline() == "ready\n"
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, _: type[BaseException] | None, __: BaseException | None, ___: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process that the others are forks of."""
         self._server.communicate()
+        self._short.cleanup()
 
     def run(self, *arguments: object, cwd: Path, what: str = steps.COUNT, at: int = 0, limit_s: float = 60.0) -> Ended:
         """Run one command. what: happens at step number `at`, see `steps`."""
-        assert self._server.stdin is not None
-        order = {"arguments": list(map(str, arguments)), "cwd": str(cwd), "what": what, "at": at, "limit_s": limit_s}
-        self._server.stdin.write(json.dumps(order) + "\n")
-        self._server.stdin.flush()
-        told = self._answer()
-        out, err = (
-            (self._folder / name).read_text(encoding="utf-8", errors="replace") for name in ("out.txt", "err.txt")
-        )
-        return Ended(out=out, err=err, **told)
+        with (
+            open(os.devnull) as nothing,
+            open(self._folder / "out.txt", "w+", encoding="utf-8", errors="replace") as out,
+            open(self._folder / "err.txt", "w+", encoding="utf-8", errors="replace") as err,
+        ):
+            streams = {number: stream.fileno() for number, stream in enumerate((nothing, out, err))}
+            words, how = list(map(str, arguments)), {"what": what, "at": at, "limit_s": limit_s}
+            told = ask(self.door, words, str(cwd), streams, os.environ, **how)
+            return Ended(out=_whole(out), err=_whole(err), **told)
 
-    def _answer(self) -> Any:
-        assert self._server.stdout is not None
-        return json.loads(self._server.stdout.readline())
+    def programs(self, folder: Path) -> Path:
+        """Write programs `navsim` and `python` for shells, whose commands are forks; returns their folder."""
+        folder.mkdir(exist_ok=True)
+        for name in (NAVSIM, PYTHON):
+            program(folder / name, "-IS", CLIENT, self.door, name)
+        return folder
+
+
+def _whole(stream: TextIO) -> str:
+    stream.seek(0)
+    return stream.read()
+
+
+def program(file: Path, *words: object) -> None:
+    """Write a program that is this Python with these words and those that the program is given."""
+    said = " ".join(shlex.quote(str(word)) for word in (sys.executable, *words))
+    file.write_text(f'#!/bin/sh\nexec {said} "$@"\n')
+    file.chmod(0o755)
+
+
+def found_first(programs: Path, tree: Path = ROOT) -> dict[str, str]:
+    """The environment of a shell that finds the programs of a folder before others, and the package of a tree."""
+    return {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(tree)}
 
 
 @functools.cache
-def _shared() -> Forks:
-    """The one of this test process; it ends with it, for its input is closed then."""
+def shared() -> Forks:
+    """The one of this test process; it ends with it."""
     landing = ROOT / "scenarios" / "landing.yaml"
     short = ("run", landing, "--set", "duration_s=65", "-q", "--force")
     warm = (
@@ -113,12 +149,14 @@ def _shared() -> Forks:
     )
     folder = tempfile.TemporaryDirectory(prefix="navsim-forks-")
     atexit.register(folder.cleanup)
-    return Forks(Path(folder.name), warm)
+    forks = Forks(Path(folder.name), warm)
+    atexit.register(forks.close)
+    return forks
 
 
 def navsim(*arguments: object, cwd: Path, code: int | None = 0) -> subprocess.CompletedProcess[str]:
     """A command that must end with this code (None: any), without a traceback."""
-    done = _shared().run(*arguments, cwd=cwd, limit_s=600.0)
+    done = shared().run(*arguments, cwd=cwd, limit_s=600.0)
     assert "Traceback" not in done.err
     assert code is None or done.code == code, done.err + done.out
     assert done.code is not None, "it hangs"
@@ -129,7 +167,7 @@ def _texts(commands: Sequence[Sequence[object]]) -> list[list[str]]:
     return [[str(word) for word in command] for command in commands]
 
 
-def _serve(folder: Path, warm: list[list[str]]) -> None:
+def _serve(door: str, folder: Path, warm: list[list[str]]) -> None:
     from typer.testing import CliRunner
 
     from navsim.cli.main import app
@@ -141,66 +179,113 @@ def _serve(folder: Path, warm: list[list[str]]) -> None:
             raise RuntimeError(f"{command}: {done.output}")
     importlib.import_module("navsim.report.page.document")  # Bokeh, a second for each report
     gc.freeze()  # what is collected in a fork is what it made itself
-    print(json.dumps("ready"), flush=True)
-    for line in sys.stdin:
-        print(json.dumps(_forked(folder, **json.loads(line))), flush=True)
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(door)
+        listening.listen()
+        print("ready", flush=True)
+        while listening in select.select([listening, sys.stdin], [], [])[0]:  # its input is closed at the end
+            line, _ = listening.accept()
+            with line:
+                if os.fork() == 0:
+                    listening.close()
+                    _keep(line)
+            with suppress(ChildProcessError):  # those that have ended
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    pass
 
 
-def _forked(folder: Path, arguments: list[str], cwd: str, what: str, at: int, limit_s: float) -> dict[str, Any]:
-    counted = folder / "steps.txt"
-    counted.unlink(missing_ok=True)
-    began = time.monotonic()
-    child = os.fork()
-    if child == 0:
-        _become(folder, arguments, cwd, what, at)
-    while True:
-        done, status, usage = os.wait4(child, os.WNOHANG)
-        if done:
-            break
-        if time.monotonic() - began > limit_s:
-            os.kill(child, signal.SIGKILL)
-            _, _, usage = os.wait4(child, 0)
-            status = None
-            break
-        time.sleep(0.001)
-    return {
-        "code": None if status is None else os.waitstatus_to_exitcode(status),
-        "seconds": time.monotonic() - began,
-        "peak_mb": usage.ru_maxrss / 1024.0,
-        "steps": int(counted.read_text()) if counted.exists() else 0,
-    }
+def _keep(line: socket.socket) -> None:
+    """The process between the one that serves and a command: it tells how that ended, and does not return."""
+    code = 1
+    try:
+        order = received(line)
+        limit_s = order.pop("limit_s", 0.0)
+        with tempfile.TemporaryFile("w+") as counted:
+            began = time.monotonic()
+            child = os.fork()
+            if child == 0:
+                line.close()
+                _become(counted, **order)
+            line.sendall(f"{child}\n".encode())
+            late = False
+
+            def kill(*_: object) -> None:
+                nonlocal late
+                late = True
+                os.kill(child, signal.SIGKILL)
+
+            signal.signal(signal.SIGALRM, kill)
+            signal.setitimer(signal.ITIMER_REAL, limit_s)
+            _, status, usage = os.wait4(child, 0)
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            told = {
+                "code": None if late else os.waitstatus_to_exitcode(status),
+                "seconds": time.monotonic() - began,
+                "peak_mb": usage.ru_maxrss / 1024.0,
+                "steps": int(_whole(counted) or 0),
+            }
+        line.sendall(f"{json.dumps(told)}\n".encode())
+        code = 0
+    finally:
+        os._exit(code)
 
 
-def _become(folder: Path, arguments: list[str], cwd: str, what: str, at: int) -> None:
+def _become(
+    counted: TextIO,
+    arguments: list[str],
+    cwd: str,
+    environment: dict[str, str],
+    streams: dict[int, int],
+    program: str = NAVSIM,
+    what: str = steps.COUNT,
+    at: int = 0,
+) -> None:
     """The forked process: it runs the command and does not return."""
     code = 1
     try:
         os.chdir(cwd)
-        for number, name in ((0, os.devnull), (1, str(folder / "out.txt")), (2, str(folder / "err.txt"))):
-            descriptor = os.open(name, os.O_RDWR | (os.O_CREAT | os.O_TRUNC if number else 0))
-            os.dup2(descriptor, number)
-            os.close(descriptor)
+        os.environ.clear()
+        os.environ.update(environment)
+        for number in range(3):
+            if number in streams:
+                os.dup2(streams[number], number)
+                os.close(streams[number])
+            else:
+                os.close(number)
         # new streams, open to the end: what a buffer of the parent holds is not said a second time
-        sys.stdin = open(0, closefd=False)  # noqa: SIM115
-        sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))  # noqa: SIM115
-        sys.argv = ["navsim", *arguments]
+        sys.stdin = open(0, closefd=False) if 0 in streams else None  # noqa: SIM115
+        sys.stdout, sys.stderr = (
+            open(number, "w", buffering, encoding="utf-8", closefd=False) if number in streams else None  # noqa: SIM115
+            for number, buffering in ((1, -1), (2, 1))  # errors a line at a time
+        )
+        sys.argv = [program, *arguments]
+        sys.modules["__main__"].__package__ = None  # as of a program that is installed, whose name is said in its help
         from navsim.__main__ import main
 
         with steps.watched(Path(cwd), what, at) as count:
             try:
-                main()
+                main() if program == NAVSIM else _python(*arguments)
                 code = 0
             except SystemExit as left:
                 code = left.code if isinstance(left.code, int) else int(left.code is not None)
-        (folder / "steps.txt").write_text(str(count()))
+        counted.write(str(count()))
+        counted.flush()
     except BaseException:  # told as an interpreter would at its end, for `Ended.failure` to find
         traceback.print_exc()
     finally:
-        with suppress(OSError):
-            sys.stdout.flush()
-            sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, AttributeError):
+                stream.flush()
         os._exit(code)
 
 
+def _python(option: str, code: str, *arguments: str) -> None:
+    """What `python -c` does."""
+    assert option == "-c", "only commands can be forks"
+    sys.argv = [option, *arguments]
+    sys.path[0] = ""
+    exec(compile(code, "<string>", "exec"), {"__name__": "__main__"})
+
+
 if __name__ == "__main__":
-    _serve(Path(sys.argv[1]), json.loads(sys.argv[2]))
+    _serve(sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3]))

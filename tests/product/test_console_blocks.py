@@ -7,11 +7,8 @@ reader writes. Each page starts in an empty folder.
 
 from __future__ import annotations
 
-import os
 import re
-import shlex
 import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from tests.forks import found_first, program, shared
 from tests.product.test_documented_commands import fresh_copy
 
 DOCS = ROOT / "docs"
@@ -71,14 +69,16 @@ PAGES = {page: found for page, found in _ALL.items() if any(step.command for ste
 """What pages with commands have their readers do."""
 
 
-def followed(page: list[Step], folder: Path, tree: Path = ROOT) -> Path:
-    """Do what a page says, by the package of a tree; returns the folder in which it was done."""
-    (folder / "bin").mkdir()
-    shim = folder / "bin" / "navsim"
-    shim.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m navsim "$@"\n')
-    shim.chmod(0o755)
-    path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(tree), "PYTHONSAFEPATH": "1", "COLUMNS": "130"}
+def followed(page: list[Step], folder: Path, clone: Path | None = None) -> Path:
+    """Do what a page says, returns the folder in which it was done. clone: whose package is started anew for every
+    command; without one they are forks of a process that has all loaded."""
+    programs = folder / "bin"
+    if clone is None:
+        shared().programs(programs)
+    else:
+        programs.mkdir()
+        program(programs / "navsim", "-m", "navsim")
+    environment = {**found_first(programs, clone or ROOT), "PYTHONSAFEPATH": "1", "COLUMNS": "130"}
     work = folder / "work"
     work.mkdir()
     for step in page:
@@ -105,12 +105,14 @@ def test_commands_say_what_pages_show(page: str, tmp_path: Path) -> None:
     followed(PAGES[page], tmp_path)
 
 
-def test_a_newcomer_has_a_placement_map_in_ten_minutes(tmp_path: Path) -> None:
-    """A clone, a first result, one's own runway, a map of placements, a page, by what the tutorial says and nothing
-    else; other packages are there."""
+def test_a_newcomer_has_a_placement_map_in_ten_minutes(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    """A first result, one's own runway, a map of placements, a page, by what the tutorial says and nothing else; with
+    `--as-written` by the package of a clone, whose commands start and compile as a newcomer's do."""
+    clone = tmp_path / "clone" if pytestconfig.getoption("--as-written") else None
     start = time.monotonic()
-    fresh_copy(tmp_path / "clone")
-    work = followed(PAGES[TUTORIAL], tmp_path, tmp_path / "clone")
+    if clone is not None:
+        fresh_copy(clone)
+    work = followed(PAGES[TUTORIAL], tmp_path, clone)
     seconds = time.monotonic() - start
     print(f"{seconds:.0f} s")
     assert seconds < MOST_S

@@ -1,7 +1,7 @@
 """Every command of README.md and docs/*.md, run top to bottom as written, in a fresh copy of the tree.
 
 Nothing lies beside the copy. It has what git tracks but for the package: that is the one under test, as an editable
-installation has it. (Machine code is kept by the path of its source, so a copied package would compile for a minute.)
+installation has it. `navsim` and `python` are forks of one process that has all loaded: see `tests/forks.py`.
 
 With `--as-written` (part of `make validate`) every number is taken as it stands; without it `SHORTER` makes the long
 commands small.
@@ -9,14 +9,12 @@ commands small.
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 import urllib.request
@@ -29,6 +27,7 @@ from navsim.cli.main import app
 from navsim.io.export import export
 from navsim.io.results import read
 from tests.conftest import ROOT
+from tests.forks import found_first, shared
 
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PROGRAMS = ("navsim", "make", "cat", "python")
@@ -149,9 +148,8 @@ def send_fixes(result: Path, folder: Path, port: int, stop: threading.Event) -> 
             time.sleep(0.0005)
 
 
-def run(command: str, tree: Path, place: Path) -> subprocess.CompletedProcess[str]:
-    """One line by the shell, `navsim` and `python` being those of the tree."""
-    environment = {**os.environ, "PATH": f"{place / 'bin'}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+def run(command: str, tree: Path, place: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    """One line by the shell."""
     if command.startswith("navsim plan"):
         return look(command, tree, environment)
     if "--scheduler" in command:
@@ -213,11 +211,7 @@ def look(command: str, tree: Path, environment: dict[str, str]) -> subprocess.Co
 def test_commands_run_as_written(document: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
     tree = tmp_path / "tree"
     fresh_copy(tree, "navsim/", "tests/", "benchmarks/")
-    (tmp_path / "bin").mkdir()
-    for name, start in (("navsim", "-m navsim"), ("python", "")):
-        shim = tmp_path / "bin" / name
-        shim.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {start} "$@"\n')
-        shim.chmod(0o755)
+    environment = found_first(shared().programs(tmp_path / "bin"))
     whole = pytestconfig.getoption("--as-written")
     for written in commands(document):
         command = written
@@ -227,7 +221,7 @@ def test_commands_run_as_written(document: Path, tmp_path: Path, pytestconfig: p
             command += "\n"
             for long, short in SHORTER:
                 command = command.replace(long, short)
-        done = run(command, tree, tmp_path)
+        done = run(command, tree, tmp_path, environment)
         if NO_DEVICE in command:
             assert done.returncode == 2, command
             assert f"{NO_DEVICE}?baud=921600" in done.stderr

@@ -15,6 +15,7 @@ import pytest
 from navsim import __version__
 from navsim.cli import common, log
 from navsim.cli.ending import ends, keep, say
+from tests import forks
 from tests.conftest import SCENARIOS
 
 NAVSIM = [sys.executable, "-m", "navsim"]
@@ -22,9 +23,7 @@ SHORT = ["run", str(SCENARIOS / "landing.yaml"), "--set", "duration_s=2", "--fig
 
 
 def navsim(cwd: Path, *words: str, code: int = 0) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run([*NAVSIM, *words], cwd=cwd, capture_output=True, text=True, check=False)
-    assert done.returncode == code, done.stderr
-    return done
+    return forks.navsim(*words, cwd=cwd, code=code)
 
 
 def events(file: Path) -> list[dict[str, Any]]:

@@ -36,7 +36,7 @@ from navsim.report.table import TIDY, Table, tidy
 from navsim.report.view import view
 from tests import steps
 from tests.conftest import ROOT
-from tests.forks import _shared, navsim
+from tests.forks import navsim, shared
 from tests.made import EVERY, EVIL
 
 MOST_BYTES = 5_000_000
@@ -430,11 +430,11 @@ def test_a_kill_or_a_full_disk_leaves_the_page_before(place: Path, tmp_path: Pat
     command = ("report", "r.h5")
     navsim(*command, cwd=tmp_path)
     whole = (tmp_path / "r.html").read_bytes()
-    count = _shared().run(*command, cwd=tmp_path).steps
+    count = shared().run(*command, cwd=tmp_path).steps
     assert 2 <= count < 50
     for at in range(1, count + 1):
         for what in (steps.KILL, steps.FULL):
-            done = _shared().run(*command, cwd=tmp_path, what=what, at=at)
+            done = shared().run(*command, cwd=tmp_path, what=what, at=at)
             assert what == steps.KILL or done.failure() is None, done.err
             assert (tmp_path / "r.html").read_bytes() == whole
     navsim(*command, cwd=tmp_path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import os
@@ -29,7 +30,7 @@ from navsim.scenario.source import load
 from navsim.study.landing.ensemble import stopping_rule
 from navsim.study.landing.rare import stopping_rule as rare_rule
 from tests.conftest import ROOT, SCENARIOS
-from tests.forks import navsim
+from tests.forks import found_first, navsim, shared
 
 MOST_WAIT_S = 60.0
 
@@ -42,17 +43,12 @@ def need(program: str) -> str:
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Iterator[dict[str, str]]:
+def place(tmp_path: Path) -> dict[str, str]:
     """An environment whose `navsim` is the one under test, in a folder with two scenarios and a result."""
-    (tmp_path / "bin").mkdir()
-    program = tmp_path / "bin" / "navsim"
-    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m navsim "$@"\n')
-    program.chmod(0o755)
     for name in ("glide.yaml", "glass.yaml", "glued.h5", "glued_sky.png", "glued_track.svg"):
         (tmp_path / name).write_text("kind: landing\nversion: 1\n")
-    path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
     own = {"HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path), "TERM": "dumb"}
-    return {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), **own}
+    return found_first(shared().programs(tmp_path / "bin")) | own
 
 
 TYPED = [
@@ -231,9 +227,14 @@ def test_an_empty_list_is_refused_by_the_schema_as_by_navsim(tmp_path: Path) -> 
     assert not validator.is_valid(data | {"vary": []})
 
 
+@functools.cache
+def every_kind() -> dict[str, Any]:
+    return published(ANY)
+
+
 @pytest.mark.parametrize("name", shipped.names())
 def test_the_schema_of_any_kind_takes_every_template_and_no_misspelt_key(name: str) -> None:
-    validator = jsonschema.Draft202012Validator(published(ANY))
+    validator = jsonschema.Draft202012Validator(every_kind())
     data = load(shipped.path(name)).data
     validator.validate(data)
     assert not validator.is_valid(data | {"titel": "x"})
