@@ -41,7 +41,11 @@ class SweepOptions:
     ] = None
     seed: SeedOption = 1
     runs: Annotated[
-        int | None, number_option(int, 1, "Runs of each combination with method monte-carlo. Default: the study's.")
+        int | None,
+        number_option(
+            int, 0, "Runs of each combination with method monte-carlo; default: the study's. With method covariance, "
+            "runs of the best combinations, 0 for none; default: 200.",
+        ),
     ] = None
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
@@ -86,6 +90,15 @@ class OptimizeOptions:
         float | None,
         number_option(float, 0.0, "Stop then, with the best found so far. Default: none.", most=10**9),
     ] = None
+    runs: Annotated[
+        int | None,
+        number_option(
+            int,
+            0,
+            "Runs that the best placements are flown with, 0 for none. Default: 200 for an error of the filter, "
+            "else none.",
+        ),
+    ] = None
     dry_run: Annotated[bool, dry_run_option("Check everything, search nothing.")] = False
     fresh: FreshOption = False
     json_: JsonOption = False
@@ -98,7 +111,7 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: Care) -> None:
     """
     from navsim.study.job import Options
 
-    options = Options(given.seed, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
+    options = Options(given.seed, given.runs, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
     with leaving():
         job, suffix = opened("optimize", study, given.set_ or [], options)
         target = target_of(given.output, study.stem + suffix)

@@ -153,7 +153,7 @@ _AXES = Chapter(
         _labels("/enu_column", "columns of matrices in these axes", _FLOWN, "east", "north", "up"),
         _labels("/rpy", "Euler angles, yaw-pitch-roll sequence", (*_FLOWN, REPLAY), "roll", "pitch", "yaw"),
         _labels("/interval", "a value and its two-sided 95 % confidence interval",
-                (*_FLOWN, RARE, TABLE2, ATC, AZIMUTH), "value", "low", "high"),
+                (*_FLOWN, RARE, TABLE2, ATC, AZIMUTH, SWEEP, OPTIMIZE), "value", "low", "high"),
         _labels("/statistic", "statistics over the fix epochs of the glide", _FLOWN,
                 "mean", "min", "max", "p50", "p95"),
         _labels("/statistic", "statistics over the fix epochs of the glide", TABLE2, "mean", "min", "max"),
@@ -801,6 +801,8 @@ OUTCOMES = ("computed", "no valid scenario", "no fix at all")
 """What became of a combination of a sweep, by its number."""
 
 _OF_REQUIREMENTS = "where `requirements` is one of `outputs`"
+_CONFIRMED = "with method covariance, where it is one of `outputs`, unless `--runs 0`"
+_REJECTING = "where runs spoke against a choice"
 _SWEEP = Chapter(
     "Sweep",
     "A cube for each output, an axis for each varied key or list of keys.",
@@ -825,6 +827,27 @@ _SWEEP = Chapter(
            when=_OF_REQUIREMENTS),
         _a("/outcome/combination", "*axes", "1",
            ", ".join(f"{number} {words}" for number, words in enumerate(OUTCOMES)), SWEEP, WHOLE),
+        _a("/flown/runs", "", "1", "runs that the best combinations were flown with", SWEEP, WHOLE, when=_CONFIRMED),
+        *(
+            entry
+            for name, (units, meaning) in FILTER_QUANTITIES.items()
+            for entry in (
+                _a(f"/flown/{name}", "interval", units, f"{meaning} of the best combination by runs", SWEEP,
+                   when=_CONFIRMED),
+                _a(f"/flown/{name}_combination", "", "1", "number of that combination, the last axis fastest", SWEEP,
+                   WHOLE, when=_CONFIRMED),
+            )
+        ),
+        *(
+            _a(f"/rejected/{name}", dims, units, meaning, SWEEP, of, when=_REJECTING)
+            for name, dims, units, meaning, of in (
+                ("rejected", "rejected", "1", "numbers of combinations that runs spoke against", WHOLE),
+                ("output", "rejected", "1", "the output that they were the best for", TEXT),
+                ("combination", "rejected", "1", "number of the combination, the last axis fastest", WHOLE),
+                ("analysed", "rejected", "m", "the output by covariance analysis", NUMBER),
+                ("flown", "rejected interval", "m", "the output by runs", NUMBER),
+            )
+        ),
         _a("/plan/point", "point", "1", "points of the track", SWEEP, WHOLE),
         _a("/plan/threshold_llh", "llh", "rad, rad, m", "threshold of the runway", (SWEEP, OPTIMIZE)),
         _a("/site", "site", "1", "number of the pseudolite", SWEEP, WHOLE),
@@ -875,6 +898,23 @@ _OPTIMIZE = Chapter(
             _a(f"/optimum/{name}", "pseudolites", units, meaning, OPTIMIZE)
             for name, (units, meaning) in DOP_QUANTITIES.items()
         ),
+        _a("/flown/runs", "pseudolites", "1", "runs that the best placement was flown with; 0: none", OPTIMIZE, WHOLE),
+        _a("/flown/objective", "pseudolites interval", "{unit}",
+           "{quantity}, of the best placement by runs; nan where none was flown, or the objective is no error of the "
+           "filter", OPTIMIZE),
+        *(
+            _a(f"/flown/{part}", "pseudolites interval", "m", f"{part} position error, {_RMS}, of the best placement; "
+               "nan where none was flown", OPTIMIZE)
+            for part in ("horizontal", "vertical")
+        ),
+        _a("/rejected/rejected", "rejected", "1", "numbers of placements that runs spoke against", OPTIMIZE, WHOLE,
+           when=_REJECTING),
+        _a("/rejected/pseudolites", "rejected", "1", "number of pseudolites", OPTIMIZE, WHOLE, when=_REJECTING),
+        _a("/rejected/s", "rejected pseudolite", "m", "right of the runway's axis", OPTIMIZE, when=_REJECTING),
+        _a("/rejected/l1", "rejected pseudolite", "m", "before the threshold", OPTIMIZE, when=_REJECTING),
+        _a("/rejected/analysed", "rejected", "{unit}", "{quantity}, by covariance analysis", OPTIMIZE,
+           when=_REJECTING),
+        _a("/rejected/flown", "rejected interval", "{unit}", "{quantity}, by runs", OPTIMIZE, when=_REJECTING),
         _a("/front/met", "pseudolites", "1", "1: all requirements that placements are judged by are met", OPTIMIZE,
            WHOLE, when=_MEETING),
         _a("/front/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),

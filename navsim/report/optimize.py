@@ -8,9 +8,9 @@ import numpy as np
 import yaml
 
 from navsim.io.results import Result
-from navsim.io.schema import LARGE
+from navsim.io.schema import FILTER_QUANTITIES, LARGE
 from navsim.report.ridges import shown_ridges
-from navsim.report.table import ABSENT, Cell, Table, cell, number
+from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.tables import setting
 from navsim.report.view import View, one_by_one
 
@@ -65,7 +65,42 @@ def tables(result: Result) -> list[Table | str]:
             reach = [_reach(row) if explored else "not computed" for row in around]
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in ("s", "l1")]
             places.add(cell("{}", int(count)), f"PL{k + 1}", *where, *angles, *reach)
-    return [front, *([requirements(result)] if judged else []), places]
+    return [front, *flown(result), *([requirements(result)] if judged else []), places]
+
+
+def flown(result: Result) -> list[Table | str]:
+    """What runs say of the best placements, beside the covariance analysis; those that they spoke against."""
+    counts, runs = result["/pseudolites"], result["/flown/runs"]
+    if not runs.any():
+        said = "The best placements are by geometry alone, not flown; --runs 200 tells what a filter makes of them."
+        return [said]
+    name = str(result.attributes["objective"])
+    of_filter = name in FILTER_QUANTITIES
+    heads = ("pseudolites", *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
+             "vertical, m", "runs")  # fmt: skip
+    out = Table("The best placements, flown (RMS [95 %])", heads)
+    for i, count in enumerate(counts):
+        errors = [interval(result[f"/flown/{part}"][i], 3) for part in ("horizontal", "vertical")]
+        both = (
+            [number(result["/front/objective"][i], 4), interval(result["/flown/objective"][i], 4)] if of_filter else []
+        )
+        out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
+    if "/rejected/rejected" not in result:
+        return [out]
+    against = Table(
+        "Rejected: runs are worse than the covariance analysis says",
+        ("pseudolites", "covariance analysis", "runs [95 %]", "s, l1, m"),
+    )
+    for i in range(result["/rejected/rejected"].size):
+        k = int(result["/rejected/pseudolites"][i])
+        at = ", ".join(
+            f"({s:.2f}, {l1:.2f})"
+            for s, l1 in zip(result["/rejected/s"][i, :k], result["/rejected/l1"][i, :k], strict=True)
+        )
+        against.add(
+            cell("{}", k), number(result["/rejected/analysed"][i], 4), interval(result["/rejected/flown"][i], 4), at
+        )
+    return [out, against]
 
 
 def _room(result: Result, i: int, left: float) -> Cell | str:
@@ -129,6 +164,7 @@ def best_plain(result: Result) -> dict[str, Any]:
             "pseudolites": int(count),
             "value": _plain(float(result["/front/objective"][i])),
             "finished": bool(result["/front/finished"][i]),
+            "flown": _flown_plain(result, i),
             "sites": [
                 {"s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}
                 for k in range(int(count))
@@ -140,6 +176,15 @@ def best_plain(result: Result) -> dict[str, Any]:
         for i, count in enumerate(result["/pseudolites"])
     ]
     return out
+
+
+def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
+    """What runs say of the i-th placement as plain data, each with its interval; None where it was not flown."""
+    runs = int(result["/flown/runs"][i])
+    if not runs:
+        return None
+    names = ("objective", "horizontal", "vertical")
+    return {"runs": runs} | {name: [_plain(float(x)) for x in result[f"/flown/{name}"][i]] for name in names}
 
 
 def _plain(value: float) -> float | None:

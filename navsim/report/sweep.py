@@ -48,6 +48,15 @@ def best(cube: np.ndarray, large: bool) -> tuple[int, ...] | None:
     return tuple(int(i) for i in np.unravel_index(int(np.argmin(ranked)), cube.shape))
 
 
+def choice(result: Result, name: str) -> np.ndarray:
+    """The values of an output that the best is chosen among: where runs spoke against combinations, without those, and
+    without all that are better than the one that was recommended."""
+    cube, path = result[f"/sweep/{name}"], f"/flown/{name}_combination"
+    if path not in result:
+        return cube
+    return np.where(cube < cube.flat[int(result[path])], np.nan, cube)
+
+
 _ALIKE = 1e-9
 """Values that differ by no more, relative, are as good as each other: rounding leaves less."""
 
@@ -90,7 +99,7 @@ def tables(result: Result) -> list[Table | str]:
     out = Table(title, columns)
     for name in shown(result):
         cube, said = result[f"/sweep/{name}"], label(result, name)
-        index = best(cube, large(result, name))
+        index = best(choice(result, name), large(result, name))
         if index is None:
             out.add(said, table.ABSENT, table.ABSENT, table.ABSENT)
             continue
@@ -109,7 +118,32 @@ def tables(result: Result) -> list[Table | str]:
         out.add(said, *spread, *places)
     out.notes = "\n".join(dict.fromkeys(notes))
     judged = requirements(result)
-    return [out] if judged is None else [out, judged]
+    return [out, *flown(result), *([] if judged is None else [judged])]
+
+
+def flown(result: Result) -> list[Table | str]:
+    """What runs say of the best combinations, and of those that they spoke against."""
+    names = [name for name in shown(result) if f"/flown/{name}" in result]
+    if not names:
+        return []
+    runs = int(result["/flown/runs"])
+    out = Table(f"The best, flown {runs} times", ("output", "covariance analysis", "runs [95 %]"))
+    for name in names:
+        analysed = result[f"/sweep/{name}"].flat[int(result[f"/flown/{name}_combination"])]
+        out.add(label(result, name), table.number(analysed, 4), table.interval(result[f"/flown/{name}"], 4))
+    if "/rejected/rejected" not in result:
+        return [out]
+    keyed = list(keys(result))
+    against = Table(
+        "Rejected: runs are worse than the covariance analysis says",
+        ("output", "covariance analysis", "runs [95 %]", *(key_path(result, key) for key in keyed)),
+    )
+    for i, name in enumerate(map(str, result["/rejected/output"])):
+        index = np.unravel_index(int(result["/rejected/combination"][i]), result[f"/sweep/{name}"].shape)
+        places = (_place(setting(result, key, tuple(map(int, index))), "") for key in keyed)
+        both = table.number(result["/rejected/analysed"][i], 4), table.interval(result["/rejected/flown"][i], 4)
+        against.add(label(result, name), *both, *places)
+    return [out, against]
 
 
 def requirements(result: Result) -> Table | None:
@@ -147,12 +181,16 @@ def best_plain(result: Result) -> dict[str, object]:
         if name.endswith(VERDICT):
             out[name] = {word: int(np.sum(cube == code)) for code, word in enumerate(VERDICTS)}
             continue
-        index = best(cube, large(result, name))
+        index = best(choice(result, name), large(result, name))
         if index is not None:
             place = {key: np.asarray(setting(result, key, index)).item() for key in keys(result)}
             tied = alike(cube, index)
             ends = at_ends(result, index) if tied.sum() == 1 else []  # none of several is the best
-            out[name] = {"value": float(cube[index]), **place, "alike": int(tied.sum()), "at_end_of_range": ends}
+            by_runs: dict[str, object] = {}
+            if (path := f"/flown/{name}") in result:
+                by_runs = {"flown": [float(x) for x in result[path]], "runs": int(result["/flown/runs"])}
+            value = float(cube[index])
+            out[name] = {"value": value, **by_runs, **place, "alike": int(tied.sum()), "at_end_of_range": ends}
     return out
 
 
@@ -207,7 +245,7 @@ def _over_two(result: Result, name: str, axes: tuple[int, int]) -> Figure:
     from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     cube, dims, better = result[f"/sweep/{name}"], dimensions(result), large(result, name)
-    found = best(cube, better)
+    found = best(choice(result, name), better)
     assert found is not None
     others = [i for i in range(cube.ndim) if i not in axes]
     values = cube[_slice(cube.ndim, others, tuple(found[i] for i in others))]
@@ -315,7 +353,8 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
     cube, dims = result[f"/sweep/{name}"], dimensions(result)
     others = [axis for axis in range(cube.ndim) if axis not in plane]
     better = large(result, name)
-    found = best(cube, better)
+    chosen = choice(result, name)
+    found = best(chosen, better)
     assert found is not None
     points = list(np.ndindex(*(cube.shape[axis] for axis in others)))
     if len(points) > _MOST_PANELS:
@@ -335,7 +374,7 @@ def panels(result: Result, name: str, plane: tuple[int, int]) -> list[Panel]:
         for along, right in sites:
             x, y = _corners(numbers, along), _corners(numbers, right)
             corners.append(None if x is None or y is None else (x, y))
-        here, title, star = best(values, better), "", None
+        here, title, star = best(chosen[place], better), "", None
         if here is not None:
             tied = alike(values, here)
             everywhere = bool(tied[np.isfinite(values)].all())

@@ -27,6 +27,7 @@ from navsim.scenario.requirements import (
     singles,
 )
 from navsim.simulation.landing_covariance import Analysis
+from navsim.study.confirmation import filter_outputs
 from navsim.study.landing import (
     Case,
     covariance_analysis,
@@ -40,7 +41,6 @@ from navsim.study.landing.integrity import spread_over
 from navsim.study.landing.requirements import Fulfilment, sizes_of
 from navsim.study.placement import Rules, RunwayPlane
 from navsim.study.sources import touchdown_time
-from navsim.study.sweep import filter_outputs
 
 Judge = Callable[[np.ndarray], np.ndarray]
 """Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""

@@ -42,6 +42,8 @@ from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singl
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
+from navsim.study.confirmation import Errors, Fly, filter_outputs, fly_case
+from navsim.study.executor import threads
 from navsim.study.foreseen import FOLLOW, lone_pseudolite_warning
 from navsim.study.landing import Case, prepare
 from navsim.study.landing.case import Ask, crossing_times
@@ -124,7 +126,7 @@ class PlacementProblem:
     findings of a placement (k, 2); quick: levels are all that is analysed. None and none for objectives of geometry.
     load, coarse_load: of the requirements. level_screen: of placements of which levels are all that is analysed, where
     there can be one. ahead: has placements (n, k, 2) analysed by a fidelity (`search.COARSE`, `FULL`) before they are
-    judged one by one, where others can do it at the same time.
+    judged one by one, where others can do it at the same time. fly: runs of a placement.
     """
 
     study: Optimize
@@ -143,6 +145,12 @@ class PlacementProblem:
     coarse_load: Judge | None = None
     level_screen: LevelScreen | None = None
     ahead: Callable[[np.ndarray, str], None] | None = None
+    fly: Fly | None = None
+
+    @property
+    def flies(self) -> bool:
+        """Whether covariance analyses of the filter judge placements."""
+        return self.found is not None
 
     @property
     def analysed(self) -> bool:
@@ -263,8 +271,9 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
     objective: Judge = partial(_of_geometry, study.objective, geometry, kept)
+    fly = partial(_fly, study, bare, document)
     if study.objective in DOP_OBJECTIVES and not study.constraints.requirements:
-        return PlacementProblem(study, scenario, kept, geometry, objective, warnings)
+        return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly)
     watches = study.constraints.requirements or study.objective in LEVEL_OBJECTIVES
     if watches and scenario.integrity is not None and scenario.integrity.method == "filter":
         text = "levels of filters take seconds each and are not searched; use integrity.method mhss, then navsim run"
@@ -297,6 +306,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         _features(geometry, epochs, end, kept, flies),
         full.findings if flies else None,
         not flies,
+        fly=fly,
     )  # fmt: skip
     if study.constraints.requirements:
         here = _with_requirements(here, full, coarse, document)
@@ -339,6 +349,19 @@ def _posed(study: Optimize, document: Document, bare: Document) -> tuple[Landing
         set_value(bare, "method", "covariance", document.place(key), document.folder)
         scenario = validated(Landing, bare)
     return scenario, flies
+
+
+def _fly(
+    study: Optimize, bare: Document, document: Document, places: np.ndarray, seed: int, first: int, runs: int
+) -> Errors:
+    """Errors by runs of the base scenario with pseudolites at `places` (k, 2)."""
+    own = bare.copy()
+    own.data["pseudolites"].pop("count")
+    sites = [{"s_m": float(s), "l1_m": float(l1), "height_m": study.height_m} for s, l1 in places]
+    for key, value in (("method", "monte-carlo"), ("pseudolites.frame", "runway"), ("pseudolites.sites", sites)):
+        set_value(own, key, value, document.place(("base",)), document.folder)
+    case = prepare(validated(Landing, own), own)
+    return filter_outputs(fly_case(case, seed, first, runs, threads()))
 
 
 def _refused(document: Document, key: KeyPath, text: str) -> InputError:

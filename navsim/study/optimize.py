@@ -20,6 +20,7 @@ from navsim.scenario.load import resolved_yaml
 from navsim.study import findings as judging
 from navsim.study.ahead import Ahead, Judges
 from navsim.study.analyses import Judge
+from navsim.study.confirmation import RUNS, Candidate, Confirmation, confirm
 from navsim.study.executor import Away
 from navsim.study.journal import Journal
 from navsim.study.landing.requirements import MET, Fulfilment
@@ -48,13 +49,14 @@ TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
 @dataclass
 class SearchOutcome:
     """What a study has come to. found, neighbourhoods, maps: by number of pseudolites, see `neighbourhood` and
-    `objective_map`. without: the objective without pseudolites. stopped: TIME_LIMIT or INTERRUPTED where the work ended
-    early, else empty."""
+    `objective_map`. without: the objective without pseudolites. confirmed: what runs say of the best placements.
+    stopped: TIME_LIMIT or INTERRUPTED where the work ended early, else empty."""
 
     without: float
     found: dict[int, Found] = field(default_factory=dict)
     neighbourhoods: dict[int, np.ndarray] = field(default_factory=dict)
     maps: dict[int, np.ndarray] = field(default_factory=dict)
+    confirmed: dict[int, Confirmation] = field(default_factory=dict)
     stopped: str = ""
 
     def undone(self, counts: tuple[int, ...]) -> list[str]:
@@ -80,7 +82,12 @@ def search(here: PlacementProblem, seed: int, watch: Watch | None = None) -> dic
 
 def planned(here: PlacementProblem) -> list[Step]:
     """All steps of the work, each with the most placements it may judge."""
-    return [*_search_steps(here), *_later_steps(here)]
+    return [*_search_steps(here), *(Step(_flying(count), {}) for count in here.study.counts), *_later_steps(here)]
+
+
+def default_runs(here: PlacementProblem) -> int:
+    """Runs that the best placements are flown with: of geometry alone none."""
+    return RUNS if here.flies else 0
 
 
 def _search_steps(here: PlacementProblem) -> list[Step]:
@@ -111,13 +118,16 @@ def solve(
     watch: Watch | None = None,
     journal: Journal | None = None,
     pool: Away | None = None,
+    runs: int = 0,
 ) -> SearchOutcome:
-    """Placements, then their neighbourhoods, then maps. The time limit of the watch or an interrupt ends the work; what
-    was found until then is kept, the best of a search in progress with it.
+    """Placements, then runs of the best, then neighbourhoods, then maps. The time limit of the watch or an interrupt
+    ends the work; what was found until then is kept, the best of a search in progress with it; after the limit it is
+    still flown.
 
-    journal: of an earlier attempt, which this one goes on from, to the same outcome. pool: of workers elsewhere, who
-    analyse placements where there are several at a time, if the journal keeps them. Raises NoPlacement where there is
-    none; KeyboardInterrupt where there is none yet; PartialError where the journal cannot be kept; executor.Lost.
+    runs: of the best placement of each number of pseudolites; 0: none is flown. journal: of an earlier attempt, which
+    this one goes on from, to the same outcome. pool: of workers elsewhere, who analyse placements where there are
+    several at a time, if the journal keeps them. Raises NoPlacement where there is none; KeyboardInterrupt where there
+    is none yet; PartialError where the journal cannot be kept; executor.Lost.
     """
     watch = watch or Watch()
     journal = journal or Journal()
@@ -152,6 +162,9 @@ def solve(
                     judge(nothing)
         for count, found in _searches(here, seed, watch, journal):
             outcome.found[count] = found
+        for count in counts if runs else ():
+            with watch.step(_flying(count)):
+                _fly_best(here, outcome, count, seed, runs, journal)
         for count in counts:
             best = outcome.found[count]
             watch.best, watch.places = best.value, best.places
@@ -169,7 +182,37 @@ def solve(
             if isinstance(stop, KeyboardInterrupt):
                 raise
             raise NoPlacement("the time limit passed before any placement that keeps the rules was found") from None
+        if runs and outcome.stopped == TIME_LIMIT:
+            for count in outcome.found.keys() - outcome.confirmed.keys():
+                _fly_best(here, outcome, count, seed, runs, journal)
     return outcome
+
+
+def _fly_best(
+    here: PlacementProblem, outcome: SearchOutcome, count: int, seed: int, runs: int, journal: Journal
+) -> None:
+    """Fly the best placement of a number of pseudolites; the next best takes its place where runs speak against it."""
+    best = outcome.found[count]
+
+    def work() -> Arrays:
+        assert here.fly is not None
+        others: list[Candidate] = [partial(_analysed, here, one) for one in best.others]
+        candidates: list[Candidate] = [lambda: (best.places, best.value), *others]
+        return confirm(candidates, here.study.objective, here.fly, seed, runs).arrays()
+
+    # a search that was stopped may go on to another placement
+    key = hashlib.sha256(best.places.tobytes()).hexdigest()[:16]
+    found = outcome.confirmed[count] = Confirmation.of(journal.step(f"flown-{count}-{runs}-{key}", work))
+    if found.rejected and not np.array_equal(found.best.choice, best.places):
+        load = float(here.judged(found.best.choice[None]).load[0])
+        outcome.found[count] = replace(best, places=found.best.choice, value=found.best.analysed, load=load)
+
+
+def _analysed(here: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """A placement (k, 2) with its objective by the full analysis, None where it breaks a rule or misses a
+    requirement."""
+    found = here.judged(places[None])
+    return (places, float(found.objective[0])) if found.value[0] < UNMET else None
 
 
 def _judges(here: PlacementProblem) -> Judges:
@@ -189,6 +232,10 @@ def _keep_unfinished(here: PlacementProblem, outcome: SearchOutcome, counts: tup
     if best.value[0] < UNSOLVED:
         count, objective, load = len(watch.places), float(best.objective[0]), float(best.load[0])
         outcome.found[count] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
+
+
+def _flying(count: int) -> str:
+    return f"{named(count)}, flying the best"
 
 
 def _around(count: int) -> str:
@@ -374,14 +421,46 @@ def optimize_result(here: PlacementProblem, outcome: SearchOutcome, seed: int) -
     draft["/map/l1"] = l1
     maps = here.shown(np.stack([outcome.maps.get(c, np.full((s.size, l1.size), np.nan)) for c in counts]))
     draft.put("/map/objective", maps, unit=unit, quantity=quantity)
+    _flown(draft, outcome, unit, quantity)
     unmet = _requirements(draft, here, outcome)
     attributes = root_attributes(
         "optimize", seed, here.scenario, study=study, objective=study.objective, stopped=outcome.stopped,
         undone="; ".join(outcome.undone(study.counts)),
     )  # fmt: skip
     out = draft.result(attributes)
-    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome) + unmet))
+    flown = [each for c, one in sorted(outcome.confirmed.items()) for each in one.findings(named(c), _at)]
+    out.variables.update(kept(judging.notes(here.warnings) + _findings(here, outcome) + flown + unmet))
     return out
+
+
+def _at(places: np.ndarray) -> str:
+    return f"the placement at s, l1 {', '.join(f'({s:.2f}, {l1:.2f})' for s, l1 in places)} m"
+
+
+def _flown(draft: Draft, outcome: SearchOutcome, unit: str, quantity: str) -> None:
+    """What runs say of the best placements, and of those that they spoke against."""
+    counts = sorted(outcome.found)
+    errors, runs = np.full((len(counts), 3, 3), np.nan), np.zeros(len(counts), np.int64)
+    known = {count: outcome.confirmed[count] for count in counts if count in outcome.confirmed}
+    for i, count in enumerate(counts):
+        if count in known:
+            errors[i], runs[i] = known[count].best.errors, known[count].runs
+    draft["/flown/runs"] = runs
+    draft.put("/flown/objective", errors[:, 0], unit=unit, quantity=quantity)
+    for i, name in enumerate(("horizontal", "vertical"), 1):
+        draft[f"/flown/{name}"] = errors[:, i]
+    rejected = [(count, one) for count, found in known.items() for one in found.rejected]
+    if not rejected:
+        return
+    places = np.full((len(rejected), max(counts), 2), np.nan)
+    for i, (count, one) in enumerate(rejected):
+        places[i, :count] = one.choice
+    draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)
+    draft["/rejected/pseudolites"] = np.array([count for count, _ in rejected])
+    for axis, name in enumerate(("s", "l1")):
+        draft[f"/rejected/{name}"] = places[..., axis]
+    draft.put("/rejected/analysed", np.array([one.analysed for _, one in rejected]), unit=unit, quantity=quantity)
+    draft.put("/rejected/flown", np.array([one.errors[0] for _, one in rejected]), unit=unit, quantity=quantity)
 
 
 def _requirements(draft: Draft, here: PlacementProblem, outcome: SearchOutcome) -> list[Finding]:

@@ -26,12 +26,13 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from navsim.scenario.optimize import LEVEL_OBJECTIVES
 from navsim.study.analyses import Judge
+from navsim.study.confirmation import APART, CANDIDATES
 from navsim.study.job import JobError
 from navsim.study.objective import BROKEN, UNMET, UNSOLVED, Judged, PlacementProblem, merit
 from navsim.study.watch import Step, Watch
@@ -108,7 +109,8 @@ class Found:
     """The best placement of one number of pseudolites. places: (k, 2) s and l1, m. value: its objective, not finite
     where it has none and misses the requirements. tried: placements judged, by the way of judging. every: every choice
     of sites was judged by the objective. finished: the search came to its end. load: of the requirements; above 1 no
-    placement was found that meets them, and this one misses the worst of them by least."""
+    placement was found that meets them, and this one misses the worst of them by least. others: the next best of
+    those analysed (k, 2), the best first, for when runs speak against this one."""
 
     places: np.ndarray
     value: float
@@ -116,6 +118,7 @@ class Found:
     every: bool
     finished: bool
     load: float = 0.0
+    others: tuple[np.ndarray, ...] = ()
 
     @property
     def met(self) -> bool:
@@ -128,6 +131,7 @@ class Found:
             "places": self.places, "value": np.array(self.value), "every": np.array(self.every),
             "finished": np.array(self.finished), "way": np.array(list(self.tried)),
             "tried": np.array(list(self.tried.values())), "load": np.array(self.load),
+            "others": np.array(self.others).reshape(-1, *self.places.shape),
         }  # fmt: skip
 
     @staticmethod
@@ -135,7 +139,17 @@ class Found:
         """What `arrays` was made of."""
         tried = dict(zip(arrays["way"].tolist(), arrays["tried"].tolist(), strict=True))
         every, finished = bool(arrays["every"]), bool(arrays["finished"])
-        return Found(arrays["places"], float(arrays["value"]), tried, every, finished, float(arrays["load"]))
+        others = tuple(arrays["others"])
+        return Found(arrays["places"], float(arrays["value"]), tried, every, finished, float(arrays["load"]), others)
+
+
+class _Best(NamedTuple):
+    """A placement (k, 2) with its value; others, every: as of `Found`."""
+
+    places: np.ndarray
+    value: float
+    others: tuple[np.ndarray, ...] = ()
+    every: bool = False
 
 
 def steps(here: PlacementProblem, count: int, earlier: bool) -> list[Step]:
@@ -269,13 +283,12 @@ def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarra
     """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
     watch.begin()
     trials = Trials(here, watch, searching=True)
-    every = False
     if here.study.sites:
         choose = _choose_analysed if here.analysed else _choose
-        places, value, every = choose(here, count, seed, trials, watch)
+        places, value, others, every = choose(here, count, seed, trials, watch)
     else:
         place = _place_analysed if here.analysed else _place
-        places, value = place(here, count, seed, earlier, trials, watch)
+        places, value, others, every = place(here, count, seed, earlier, trials, watch)
     if value >= BROKEN or (value >= UNSOLVED and here.requirements is None):
         what = "protection level" if here.study.objective in LEVEL_OBJECTIVES else "fix"
         reason = "breaks a rule" if value >= BROKEN else f"leaves epochs of the glide without a {what}"
@@ -284,10 +297,10 @@ def search_one(here: PlacementProblem, count: int, seed: int, earlier: np.ndarra
         judge = (lambda some: trials.full(some).value) if here.analysed else trials.at_once
         places, value = _printed(places, value, judge)
     if here.requirements is None:
-        return Found(places, value, watch.tried_since(), every, finished=True)
+        return Found(places, value, watch.tried_since(), every, finished=True, others=others)
     best = here.judged(places[None])
     objective, load = float(best.objective[0]), float(best.load[0])
-    return Found(places, objective, watch.tried_since(), every, finished=True, load=load)
+    return Found(places, objective, watch.tried_since(), every, finished=True, load=load, others=others)
 
 
 def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray, float]:
@@ -313,7 +326,7 @@ def _printed(places: np.ndarray, value: float, judge: Judge) -> tuple[np.ndarray
 
 def _place(
     here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
-) -> tuple[np.ndarray, float]:
+) -> _Best:
     def value(x: np.ndarray) -> float:
         return float(trials.at_once(x.reshape(1, count, 2))[0])
 
@@ -330,7 +343,7 @@ def _place(
             x, reached = _finish(value, candidate.ravel(), bounds, _FINISHING, _FINISHING_TRIES)
             if reached < lowest:
                 best, lowest = x.reshape(count, 2), reached
-    return best, lowest
+    return _Best(best, lowest)
 
 
 def _bounds(here: PlacementProblem, count: int) -> Bounds:
@@ -426,9 +439,7 @@ def _chunks(number: int, count: int) -> Iterator[np.ndarray]:
         yield np.array(chunk)
 
 
-def _choose(
-    here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch
-) -> tuple[np.ndarray, float, bool]:
+def _choose(here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch) -> _Best:
     """The best `count` of the study's sites."""
     usable = _sites(here, count)
     with watch.step(_choosing(count)):
@@ -439,9 +450,9 @@ def _choose(
                 i = int(np.argmin(values))
                 if values[i] < lowest:
                     best, lowest = usable[chunk[i]], float(values[i])
-            return best, lowest, True
+            return _Best(best, lowest, every=True)
         ranked = _exchanged(usable, count, seed, here.study.effort, trials.at_once)
-        return usable[ranked[0][1]], ranked[0][0], False
+        return _Best(usable[ranked[0][1]], ranked[0][0])
 
 
 def _exchanged(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> list[tuple[float, list[int]]]:
@@ -628,7 +639,7 @@ def _gaps(here: PlacementProblem, count: int) -> np.ndarray:
 
 def _place_analysed(
     here: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, trials: Trials, watch: Watch
-) -> tuple[np.ndarray, float]:
+) -> _Best:
     rng = np.random.default_rng([seed, count])
     bounds = _bounds(here, count)
     size, pace = _members(count), _pace(here)
@@ -712,7 +723,7 @@ def _decided(
     trials: Trials,
     watch: Watch,
     refine: Callable[[], None] = lambda: None,
-) -> tuple[np.ndarray, float]:
+) -> _Best:
     """The best by the full analysis of the best by the coarse one, 10 m apart. Where none of them meets requirements
     that the coarse one holds for met, it is made as much stricter, and what is refined by it is judged again."""
     best, lowest = np.empty((0, 2)), math.inf
@@ -730,7 +741,8 @@ def _decided(
             if lowest < UNMET or not (expected <= learner.most).any():
                 break
             learner.most = min(learner.most, float(np.fmin.reduce(expected / found.load)))
-    return best, lowest
+    others = (one for one in learner.apart(CANDIDATES, APART) if apart(one, best) > APART)
+    return _Best(best, lowest, tuple(others)[: CANDIDATES - 1])
 
 
 def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -747,17 +759,15 @@ def _pool(here: PlacementProblem, count: int, rng: np.random.Generator) -> np.nd
     return kept if len(kept) >= _first(here, count) + _members(count) else pool
 
 
-def _choose_analysed(
-    here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch
-) -> tuple[np.ndarray, float, bool]:
+def _choose_analysed(here: PlacementProblem, count: int, seed: int, trials: Trials, watch: Watch) -> _Best:
     """The best `count` of the study's sites by analyses."""
     usable = _sites(here, count)
     if math.comb(len(usable), count) <= _all(here):
         with watch.step(_choosing(count)):
             choices = usable[np.concatenate(list(_chunks(len(usable), count)))]
             values = trials.full(choices).value
-        best = int(np.argmin(values))
-        return choices[best], float(values[best]), True
+        best, *others = np.argsort(values, kind="stable")
+        return _Best(choices[best], float(values[best]), tuple(choices[others[: CANDIDATES - 1]]), every=True)
     with watch.step(_choosing(count)):
         ranked = [
             _screened_choices(usable, count, seed, here.study.effort, trials.by(screen)) for screen in here.screens
@@ -773,8 +783,7 @@ def _choose_analysed(
             pool = np.unique(np.concatenate([pool, _neighbours(usable, learner.ranked()[0])]), axis=0)
             order = np.argsort(trials.at_once(usable[pool], learner.surrogate(0.0)), kind="stable")
             learner.analyse(learner.new((usable[c] for c in pool[order]), pace.learning, 0.0))
-    places, value = _decided(learner, count, here, trials, watch)
-    return places, value, False
+    return _decided(learner, count, here, trials, watch)
 
 
 def _screened_choices(usable: np.ndarray, count: int, seed: int, effort: int, judge: Judge) -> np.ndarray:

@@ -10,9 +10,9 @@ import copy
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from navsim.io import files
 from navsim.io.draft import Draft
 from navsim.io.findings import FIX, Finding, kept, of
 from navsim.io.results import Result
-from navsim.io.schema import HEIGHTS, OUTCOMES, SWEEP, VERDICTS
+from navsim.io.schema import OUTCOMES, SWEEP, VERDICTS
 from navsim.models.kinematics import Frame
 from navsim.models.pseudolite import Track
 from navsim.models.signals import Environment
@@ -44,6 +44,16 @@ from navsim.scenario.sweep import (
     Vary,
 )
 from navsim.simulation.geometry import Geometry, glide_geometry
+from navsim.study.confirmation import (
+    APART,
+    CANDIDATES,
+    Candidate,
+    Confirmation,
+    Errors,
+    confirm,
+    filter_outputs,
+    fly_case,
+)
 from navsim.study.ensemble import Ensemble, fly_all
 from navsim.study.executor import Executor, threads
 from navsim.study.findings import LANDING, among, marks, notes, without_fix
@@ -56,9 +66,7 @@ from navsim.study.landing import (
     integrity,
     judged_without_runs,
     prepare,
-    result,
 )
-from navsim.study.landing import fly_all as fly_landing
 from navsim.study.landing.requirements import UNDECIDED, Fulfilment, Statement, statements
 from navsim.study.landing.tree import geometry_summary
 from navsim.study.partial import Arrays, PartialError, Store, code_key
@@ -67,12 +75,15 @@ from navsim.study.sources import environment, files_of, glide_epochs, on_glide
 
 MOVES = tuple(f"pseudolites.{key}" for key in ("count", "s_m", "l1_m", "height_m", "frame", "sites"))
 """Keys that move pseudolites and nothing else."""
+_PLACES = ("pseudolites.s_m", "pseudolites.l1_m")
+"""Keys of distances, m, that say where pseudolites stand."""
 NAME_FILES = ("source", "horizon", *SOURCES_FROM_FILES)
 """Keys of the sky that say which files are read, as do those within them."""
-OWN_DIMENSIONS = ("finding", "point", "sample", "site")
+OWN_DIMENSIONS = ("finding", "interval", "point", "rejected", "sample", "site")
 """Dimensions of a result that are no axes named by keys."""
 UNUSABLE = "unusable"
 MOST_MAP_SITES = 8
+_NOTHING: Mapping[str, Confirmation] = {}
 COMPUTED, INVALID, NO_FIX = range(3)
 """What became of a combination, see `schema.OUTCOMES`."""
 _UNHEARD, _NO_EPOCH = (list(LANDING).index(name) for name in ("epochs_without_fix", "no_fix"))
@@ -449,7 +460,7 @@ class SweepStudy:
                 outputs |= _of_fulfilments(judged_without_runs(case, analysis))
             return outputs, site, covariance_findings(case, analysis), warned, alone
         if method == "monte-carlo":
-            flown = _flown(case, self.plan.seed, self.plan.study.runs)
+            flown = fly_case(case, self.plan.seed, 0, self.plan.study.runs, threads(1))
             outputs = out | filter_outputs(flown) | _watched_outputs(flown)
             return outputs | _requirement_outputs(flown), site, of(flown), warned, alone
         if self.plan.asked:
@@ -462,10 +473,6 @@ class SweepStudy:
         if not epochs:
             found.append(Finding("no_fix", "no fix epoch in the glide", (FIX,)))
         return out, site, found, warned, alone
-
-
-def _flown(case: Case, seed: int, runs: int) -> Result:
-    return result(case, fly_landing(case, seed, 0, runs, threads(1), keep="none"), seed, keep="none")
 
 
 def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
@@ -482,19 +489,6 @@ def _of_landing(summary: Draft, lost: int) -> dict[str, float]:
     sigmas = [summary[f"/summary/fix/rms_{name}"] for name in ("horizontal", "vertical")]
     values = [*(d[0] for d in dops), *(d[2] for d in dops), *(s[0] for s in sigmas), lost]
     return dict(zip(DOP_OUTPUTS, map(float, values), strict=True))
-
-
-def filter_outputs(tree: Result | Draft) -> dict[str, float]:
-    """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
-    out: dict[str, float] = {}
-    for name in FILTER_OUTPUTS:
-        if name in ("horizontal", "vertical"):
-            interval = tree[f"/summary/rms/{name}"]
-        else:
-            axis, height = name.split("_")
-            interval = tree[f"/summary/at/{axis}"][list(HEIGHTS).index(height)]
-        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
-    return out
 
 
 def _watched_outputs(flown: Result) -> dict[str, float]:
@@ -574,6 +568,64 @@ def compute(
     return fly_all(SweepStudy(planned), 0, planned.size, executor, store, done, size=planned.batch)
 
 
+def confirm_best(
+    planned: Plan, found: Ensemble, runs: int, store: Store | None, tell: Callable[[str], None]
+) -> dict[str, Confirmation]:
+    """What runs say of the best combination for each error of the filter, after a covariance analysis of all."""
+    known: dict[tuple[int, int], Errors] = {}
+    out = {}
+    for name in columns(planned):
+        values = found.per_run(name) if name in FILTER_OUTPUTS else np.empty(0)
+        if not np.isfinite(values).any():
+            continue
+        tell(f"flying the best by {name}")
+
+        def fly(choice: np.ndarray, seed: int, first: int, count: int) -> Errors:
+            index = int(choice[0])
+            if (index, first) not in known:
+                scenario, document = _as_runs(planned, index)
+                flown = fly_case(prepare(scenario, document), seed, first, count, threads())
+                known[index, first] = filter_outputs(flown)
+            return known[index, first]
+
+        kept = None if store is None else store.read(f"flown-{name}-{runs}")
+        if kept is None:
+            kept = confirm(_ranked(planned, values), name, fly, planned.seed, runs).arrays()
+            if store is not None:
+                store.write(f"flown-{name}-{runs}", kept)
+        out[name] = Confirmation.of(kept)
+    return out
+
+
+def _as_runs(planned: Plan, index: int) -> tuple[Landing, Document]:
+    """The scenario of a combination, to be flown."""
+    document = planned.scenario(planned.settings(index))[1].copy()
+    set_value(document, "method", "monte-carlo", planned.document.place(("method",)), planned.document.folder)
+    return validated(Landing, document), document
+
+
+def _ranked(planned: Plan, values: np.ndarray) -> Iterator[Candidate]:
+    """Combinations by their values (n,), the best first, without those that move pseudolites of one before them by
+    less than `APART`: runs speak against both."""
+    tried: list[dict[str, Any]] = []
+    for index in np.argsort(values, kind="stable"):
+        if len(tried) == CANDIDATES or not np.isfinite(values[index]):
+            return
+        here = planned.settings(int(index))
+        if any(all(_is_near(key, here[key], value) for key, value in other.items()) for other in tried):
+            continue
+        tried.append(here)
+        yield partial(_candidate, int(index), float(values[index]))
+
+
+def _is_near(key: str, value: Any, other: Any) -> bool:
+    return bool(abs(value - other) < APART if key in _PLACES else value == other)
+
+
+def _candidate(index: int, value: float) -> tuple[np.ndarray, float]:
+    return np.array([index]), value
+
+
 def partial_key(planned: Plan) -> dict[str, object]:
     """What partial work must agree in to be resumed."""
     text = resolved_yaml(planned.study) + resolved_yaml(planned.pinned)
@@ -585,8 +637,8 @@ def partial_key(planned: Plan) -> dict[str, object]:
     }
 
 
-def sweep_result(planned: Plan, found: Ensemble) -> Result:
-    """The cube of the study, with where the pseudolites of each combination stand."""
+def sweep_result(planned: Plan, found: Ensemble, confirmed: Mapping[str, Confirmation] = _NOTHING) -> Result:
+    """The cube of the study, with where the pseudolites of each combination stand, and what runs say of the best."""
     study = planned.study
     draft = Draft(
         SWEEP,
@@ -611,6 +663,7 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         else:
             draft[f"/sweep/{name}"] = cube
     _places(draft, planned, found)
+    _flown(draft, confirmed)
     outcome = found.per_run("outcome")
     draft["/outcome/combination"] = outcome.reshape(planned.shape)
     root = root_attributes(
@@ -625,16 +678,38 @@ def sweep_result(planned: Plan, found: Ensemble) -> Result:
         refused=int(np.sum(outcome != COMPUTED)),
     )
     out = draft.result(root)
-    out.variables.update(kept(_findings(planned, found, outcome)))
+    flown = [
+        each
+        for name, one in confirmed.items()
+        for each in one.findings(name, lambda choice: _label(planned, int(choice[0])))
+    ]
+    out.variables.update(kept(_findings(planned, found, outcome) + flown))
     return out
+
+
+def _flown(draft: Draft, confirmed: Mapping[str, Confirmation]) -> None:
+    """What runs say of the best combinations, and of those that they spoke against."""
+    for name, one in confirmed.items():
+        draft["/flown/runs"] = np.int64(one.runs)
+        draft[f"/flown/{name}"] = one.best.errors[0]
+        draft[f"/flown/{name}_combination"] = np.int64(one.best.choice[0])
+    rejected = [(name, one) for name, confirmation in confirmed.items() for one in confirmation.rejected]
+    if rejected:
+        draft["/rejected/rejected"] = np.arange(1, len(rejected) + 1)
+        draft["/rejected/output"] = np.array([name for name, _ in rejected], dtype=object)
+        draft["/rejected/combination"] = np.array([int(one.choice[0]) for _, one in rejected])
+        draft["/rejected/analysed"] = np.array([one.analysed for _, one in rejected])
+        draft["/rejected/flown"] = np.array([one.errors[0] for _, one in rejected])
+
+
+def _label(planned: Plan, index: int) -> str:
+    return ", ".join(f"{key} {value}" for key, value in planned.settings(index).items())
 
 
 def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Finding]:
     """What was found in how many combinations, which of them are nan, and what the input was warned of."""
 
-    def label(index: int) -> str:
-        return ", ".join(f"{key} {value}" for key, value in planned.settings(index).items())
-
+    label = partial(_label, planned)
     out = notes(planned.warnings)
     for number, against in ((INVALID, ()), (NO_FIX, (FIX,))):
         some = outcome == number

@@ -313,4 +313,4 @@ def test_wrong_kinds_are_sent_where_they_belong(place: Path) -> None:
 
 def test_runs_are_refused_where_none_are_flown(tmp_path: Path) -> None:
     said = navsim("sweep", SCENARIOS / "placement_sweep.yaml", "--runs", 5, cwd=tmp_path, code=2).stderr
-    assert "--runs: only for method monte-carlo; this sweep is by dop" in said
+    assert "--runs: this sweep is by geometry alone (method dop), which flies nothing" in said

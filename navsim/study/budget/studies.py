@@ -14,6 +14,7 @@ from navsim.scenario.landing import Landing
 from navsim.scenario.load import read
 from navsim.scenario.optimize import DOP_OBJECTIVES, Optimize
 from navsim.scenario.shipped import path
+from navsim.scenario.sweep import FILTER_OUTPUTS
 from navsim.study import integrity_table, optimize, replay, table2
 from navsim.study.analyses import COARSE_FIXES, COARSE_IMU, SCREENED
 from navsim.study.budget.estimate import (
@@ -76,9 +77,9 @@ _REPLAYED_MEMORY = 3000
 """An output or fix of a replayed flight, bytes."""
 
 
-def sweep(planned: Plan, workers: int, away: bool = False) -> Budget:
+def sweep(planned: Plan, workers: int, away: bool = False, confirming: int = 0) -> Budget:
     """All combinations of a study. Sizes are those of combinations spread over it that are valid. away: whether the
-    workers have memory of their own."""
+    workers have memory of their own. confirming: runs of the best for each error of the filter."""
     names = columns(planned)
     keys = sum(len(axis.keys) for axis in planned.axes)
     of_one = NUMBER * (len(names) + 2 * MOST_MAP_SITES)
@@ -99,6 +100,9 @@ def sweep(planned: Plan, workers: int, away: bool = False) -> Budget:
         scenarios = planned.spread(_SAMPLED)
         costs = [_combination(planned, scenario) for scenario in scenarios]
         time = planned.size / workers * sum(cost.time_s for cost in costs) / len(costs)
+        if confirming:
+            errors = sum(name in FILTER_OUTPUTS for name in names)
+            time += errors * confirming * max(run_time(each, extent(each, planned.sources)) for each in scenarios)
         memory = 0.0 if away else workers * max(cost.memory_bytes for cost in costs)
     batches = -(-planned.size // planned.batch)
     return Budget(
@@ -161,15 +165,19 @@ def _glide(scenario: Landing) -> int:
     return int(glide_epochs(scenario, scenario.trajectory())[1].sum())
 
 
+def _whole(here: PlacementProblem) -> Extent:
+    """The base scenario with the most pseudolites."""
+    case = here.scenario
+    fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
+    samples, followed = epochs(case.duration_s, case.imu.rate_hz).size, case.filter.states(1, case.gain_states)
+    return Extent(samples, fixes, 24 + max(here.study.counts), 1, followed + case.height_states, 0, 0.0, 0, 0)
+
+
 def search_time(here: PlacementProblem) -> float:
     """The most time a search takes, s."""
-    case = here.scenario
+    case, whole = here.scenario, _whole(here)
     points = len(here.geometry.receiver)
-    fixes = case.receiver.model().epochs(case.duration_s, case.imu.rate_hz).size
-    heard = 24 + max(here.study.counts)
-    samples, followed = epochs(case.duration_s, case.imu.rate_hz).size, case.filter.states(1, case.gain_states)
-    followed += case.height_states
-    whole = Extent(samples, fixes, heard, 1, followed, 0, 0.0, 0, 0)
+    fixes, heard = whole.epochs, whole.sources
     rough = replace(whole, samples=int(case.duration_s * COARSE_IMU), epochs=int(case.duration_s * COARSE_FIXES))
     full, coarse = (0.0, 0.0) if here.quick else (analysis_time(whole), analysis_time(rough))
     levels = 0.0
@@ -181,6 +189,12 @@ def search_time(here: PlacementProblem) -> float:
         levels = _LEVEL_TIME * SCREENED * subsets
     cost = {GEOMETRY: 4.0 * points * _POINT_TIME, FULL: full, COARSE: coarse, LEVELS: levels}
     return sum(cost[way] * most for step in optimize.planned(here) for way, most in step.most.items())
+
+
+def confirming_time(here: PlacementProblem, runs: int) -> float:
+    """Time to fly the best placement of each number of pseudolites, s."""
+    scenario = here.scenario
+    return len(here.study.counts) * runs * run_time(scenario, _whole(here)) if runs else 0.0
 
 
 def tables(runs: int, workers: int) -> Budget:

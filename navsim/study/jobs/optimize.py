@@ -49,7 +49,9 @@ class OptimizeJob:
             allow(asked[0], final=False)
 
         self.posed = problem(self.section, self.document, self.base, ask)
-        allow(replace(asked[0], time_s=asked[0].time_s + estimates.search_time(self.posed)), at_most=True)
+        self._runs = optimize.default_runs(self.posed) if self.options.runs is None else self.options.runs
+        time = asked[0].time_s + estimates.search_time(self.posed) + estimates.confirming_time(self.posed, self._runs)
+        allow(replace(asked[0], time_s=time), at_most=True)
 
     def described(self) -> str:
         return f"{self.section.objective} for {list(self.section.counts)} pseudolites"
@@ -64,7 +66,7 @@ class OptimizeJob:
         )
         with executor.pool(executor.workers) as pool:
             away = pool if isinstance(pool, Away) else None
-            found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store), away)
+            found = optimize.solve(self.posed, self.options.seed, self._watch, Journal(store), away, self._runs)
         result = optimize.optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
         why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""

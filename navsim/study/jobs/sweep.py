@@ -8,6 +8,7 @@ from navsim.scenario.source import Document
 from navsim.scenario.sweep import REQUIREMENTS, Sweep
 from navsim.study import sweep
 from navsim.study.budget.studies import sweep as estimated
+from navsim.study.confirmation import RUNS
 from navsim.study.executor import Executor
 from navsim.study.job import Allow, OptionError, Options, Outcome, Tell
 from navsim.study.partial import Store
@@ -21,11 +22,16 @@ class SweepJob:
     plan: sweep.Plan
 
     def __init__(self, section: Sweep, document: Document, options: Options) -> None:
-        if options.runs and section.method != "monte-carlo":
-            raise OptionError(f"{option('runs')}: only for method monte-carlo; this sweep is by {section.method}")
+        if options.runs is not None and section.method == "dop":
+            raise OptionError(f"{option('runs')}: this sweep is by geometry alone (method dop), which flies nothing")
+        if options.runs == 0 and section.method == "monte-carlo":
+            raise OptionError(f"{option('runs')}: method monte-carlo needs a run of each combination at least")
         if options.require and REQUIREMENTS not in section.wanted():
             raise OptionError(f"{option('require')}: {REQUIREMENTS} is none of the study's outputs")
         self.section, self.document, self.seed = section, document, options.seed
+        self.confirming = 0
+        if section.method == "covariance":
+            self.confirming = RUNS if options.runs is None else options.runs
         self.base = base_of(section, document)
         self.sort = Sort("sweep", section.method)
         self.kernels = f"sweep-{section.method}"
@@ -44,7 +50,7 @@ class SweepJob:
 
     def prepare(self, executor: Executor, allow: Allow) -> None:
         self.plan = sweep.plan(self.section, self.document, self.base, self.seed)
-        allow(estimated(self.plan, executor.workers, executor.away))
+        allow(estimated(self.plan, executor.workers, executor.away, self.confirming))
 
     def described(self) -> str:
         extent = " x ".join(f"{len(axis.points)} {axis.name}" for axis in self.plan.axes)
@@ -54,4 +60,7 @@ class SweepJob:
         return sweep.partial_key(self.plan)
 
     def run(self, executor: Executor, store: Store | None, tell: Tell) -> Outcome:
-        return Outcome(sweep.sweep_result(self.plan, sweep.compute(self.plan, executor, store, tell)))
+        found, confirmed = sweep.compute(self.plan, executor, store, tell), {}
+        if self.confirming:
+            confirmed = sweep.confirm_best(self.plan, found, self.confirming, store, lambda words: tell(0, words))
+        return Outcome(sweep.sweep_result(self.plan, found, confirmed))

@@ -1,0 +1,172 @@
+"""Runs of what an analysis recommends: its errors by Monte Carlo beside those by covariance analysis.
+
+A covariance analysis is right to some order alone, and a search looks for the place where it is smallest: if it is
+wrong anywhere, that is where the search ends. So the best placements are flown before they are printed. One whose runs
+are worse than its analysis says is rejected, and the next best is flown, with other runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.io.draft import Draft
+from navsim.io.findings import CONSISTENT, Finding, several
+from navsim.io.results import Result
+from navsim.io.schema import FILTER_QUANTITIES, HEIGHTS
+from navsim.study.executor import Executor
+from navsim.study.landing import Case, result
+from navsim.study.landing import fly_all as fly_landing
+from navsim.study.partial import Arrays
+
+RUNS = 200
+"""Runs of a recommended flight: the interval of an RMS error is 10 % wide to each side."""
+TOLERANCE = 0.1
+"""Runs speak against an analysis where their 95 % interval lies beyond this part of its value."""
+_PARTS = ("horizontal", "vertical")
+"""Errors that are shown whatever the objective is."""
+
+Errors = Mapping[str, float]
+"""Errors of the filter by name, with the ends of their intervals as `NAME_low`, `NAME_high`."""
+Fly = Callable[[np.ndarray, int, int, int], Errors]
+"""Errors by runs of a choice: of what, seed, number of the first run, number of runs."""
+Candidate = Callable[[], tuple[np.ndarray, float] | None]
+"""A choice, a placement (k, 2) or the number of a combination (1,), and its objective by analysis; None where it is
+none after all."""
+APART = 30.0
+"""How far candidates are from each other, m: runs that speak against one speak against its neighbours too."""
+CANDIDATES = 12
+"""Choices that are flown at most until runs agree with the analysis of one."""
+
+
+def filter_outputs(tree: Result | Draft) -> dict[str, float]:
+    """The filter's errors of a landing result, with the ends of their intervals as `NAME_low`, `NAME_high`."""
+    out: dict[str, float] = {}
+    for name in FILTER_QUANTITIES:
+        if name in _PARTS:
+            interval = tree[f"/summary/rms/{name}"]
+        else:
+            axis, height = name.split("_")
+            interval = tree[f"/summary/at/{axis}"][list(HEIGHTS).index(height)]
+        out |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, interval), strict=True))
+    return out
+
+
+def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -> Result:
+    """The result of runs first ... first + runs - 1, statistics alone."""
+    return result(case, fly_landing(case, seed, first, runs, executor, keep="none"), seed, keep="none")
+
+
+def interval_of(errors: Errors, name: str) -> np.ndarray:
+    """An error by runs with its 95 % interval: value, low, high (3,)."""
+    return np.array([errors[name], errors[f"{name}_low"], errors[f"{name}_high"]])
+
+
+def is_worse(analysed: float, interval: np.ndarray) -> bool:
+    """Whether runs exclude that errors are as small as analysed, or up to `TOLERANCE` larger."""
+    return bool(interval[1] > (1.0 + TOLERANCE) * analysed)
+
+
+def is_better(analysed: float, interval: np.ndarray) -> bool:
+    """Whether runs exclude that errors are as large as analysed, or up to `TOLERANCE` smaller."""
+    return bool(interval[2] < (1.0 - TOLERANCE) * analysed)
+
+
+@dataclass(frozen=True)
+class FlownChoice:
+    """A choice, see `Candidate`, with its objective by analysis, nan where that is no error of the filter, and the
+    errors by runs: rows objective, horizontal, vertical; columns value, low, high (3, 3)."""
+
+    choice: np.ndarray
+    analysed: float
+    errors: np.ndarray
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether its runs speak against the analysis."""
+        return is_worse(self.analysed, self.errors[0])
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What runs say of the best choices. best: the one that is recommended, by runs that chose nothing. rejected:
+    others, by the runs that spoke against them. runs: of each."""
+
+    best: FlownChoice
+    rejected: tuple[FlownChoice, ...]
+    runs: int
+
+    def arrays(self) -> Arrays:
+        """As arrays, of which `of` makes the same again."""
+        every = (self.best, *self.rejected)
+        return {
+            "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
+            "errors": np.array([one.errors for one in every]), "runs": np.array(self.runs),
+        }  # fmt: skip
+
+    @staticmethod
+    def of(arrays: Arrays) -> Confirmation:
+        """What `arrays` was made of."""
+        columns = (arrays[name] for name in ("choice", "analysed", "errors"))
+        best, *rejected = (
+            FlownChoice(choice, float(value), errors) for choice, value, errors in zip(*columns, strict=True)
+        )
+        return Confirmation(best, tuple(rejected), int(arrays["runs"]))
+
+    def findings(self, whose: str, label: Callable[[np.ndarray], str]) -> list[Finding]:
+        """What was rejected and why, and a recommended choice whose runs do not agree. whose: choices these are; label:
+        of a choice, in words."""
+        out = []
+        for one in self.rejected:
+            text = f"{whose}: {label(one.choice)} is rejected: {self._both(one)}"
+            out.append(Finding("rejected_choice", text))
+        if self.best.is_worse:
+            text = f"{whose}: covariance analysis and runs do not agree: {self._both(self.best)}; believe the runs"
+            text += "; nothing else that was flown is better" if self.rejected else ""
+            out.append(Finding("choice_worse_than_analysed", text, (CONSISTENT,)))
+        elif is_better(self.best.analysed, self.best.errors[0]):
+            text = f"{whose}: runs are better than the covariance analysis says: {self._both(self.best)}"
+            out.append(Finding("choice_better_than_analysed", text))
+        return out
+
+    def _both(self, one: FlownChoice) -> str:
+        value, low, high = one.errors[0]
+        runs = several(self.runs, "run")
+        return f"{one.analysed:.3g} m by covariance analysis, {value:.3g} m [{low:.3g}, {high:.3g}] in {runs}"
+
+
+def confirm(candidates: Iterable[Candidate], objective: str, fly: Fly, seed: int, runs: int) -> Confirmation:
+    """Fly candidates, the best by analysis first, until runs agree with the analysis of one, or no analysis that is
+    left is better than what was flown.
+
+    Recommended is the one whose runs agree, unless another one flies better all the same. Each candidate has runs of
+    its own; what is recommended after several were flown is flown anew: the runs that chose it are not those that are
+    printed.
+    """
+    tried: list[FlownChoice] = []
+    of_filter = objective in FILTER_QUANTITIES
+
+    def flown(choice: np.ndarray, analysed: float, number: int) -> FlownChoice:
+        errors = fly(choice, seed, number * runs, runs)
+        first = interval_of(errors, objective) if of_filter else np.full(3, np.nan)
+        rows = [first, *(interval_of(errors, name) for name in _PARTS)]
+        return FlownChoice(choice, analysed if of_filter else math.nan, np.array(rows))
+
+    for candidate in candidates:
+        if (found := candidate()) is None:
+            continue
+        if any(found[1] >= one.errors[0, 0] for one in tried):
+            break
+        tried.append(flown(*found, len(tried)))
+        if not tried[-1].is_worse:
+            break
+    best = min(tried, key=lambda one: float(one.errors[0, 0]))
+    if not tried[-1].is_worse and best.errors[0, 2] >= tried[-1].errors[0, 1]:
+        best = tried[-1]
+    rejected = tuple(one for one in tried if one is not best and one.is_worse)
+    if len(tried) > 1:
+        best = flown(best.choice, best.analysed, len(tried))
+    return Confirmation(best, rejected, runs)
