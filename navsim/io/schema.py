@@ -243,8 +243,9 @@ _FILTER = Chapter(
         _labels("/filter/axis", "body axes, forward-right-down", REPLAY, "x", "y", "z"),
         _a("/filter/gyro_bias", "run time axis", "rad/s", "estimated bias of the gyros", REPLAY),
         _a("/filter/accelerometer_bias", "run time axis", "m/s2", "estimated bias of the accelerometers", REPLAY),
-        _a("/filter/nees", "run time", "1", "normalised estimation error squared of all states", LANDING, when=_KEPT,
-           attributes=("degrees_of_freedom",)),
+        _a("/filter/nees", "run time", "1",
+           "normalised estimation error squared of all states; its degrees of freedom are the states that have any "
+           "uncertainty", LANDING, when=_KEPT, attributes=("degrees_of_freedom",)),
         _a("/filter/nees_position_velocity", "run time", "1",
            "normalised estimation error squared of position and velocity", LANDING, when=_KEPT,
            attributes=("degrees_of_freedom",)),
@@ -384,7 +385,8 @@ _SUMMARY = Chapter(
         ),
         _a("/summary/consistency/group", "group", "1", "groups of three states", LANDING, TEXT),
         _a("/summary/consistency/nees_group", "time group", "1",
-           "ensemble mean per degree of freedom of each group's normalised squared error", LANDING, attributes=_BAND),
+           "ensemble mean per degree of freedom of each group's normalised squared error; nan without uncertainty",
+           LANDING, attributes=_BAND),
         _a("/summary/consistency/mean_group", "group", "1", f"mean of nees_group {_LATE}; one is right", LANDING),
         _a("/summary/consistency/sigma_error", "group interval", "1",
            "relative error of the filter's sigma by mean_group, -0.1: 10 % small; interval by the band of a single "

@@ -151,7 +151,9 @@ def _group(result: Result, name: str) -> Cell | str:
     i = _place(result, _GROUPS, name)
     if i is None:
         return ABSENT
-    mean = cell("{:.3f}", float(result["/summary/consistency/mean_group"][i]), names=("mean",))
+    if not np.isfinite(found := float(result["/summary/consistency/mean_group"][i])):
+        return ABSENT
+    mean = cell("{:.3f}", found, names=("mean",))
     return mean if single(result) else cell(
         "{:.3f}  {}", *mean.values, str(result["/summary/consistency/verdict"][i]), names=("mean", "verdict")
     )

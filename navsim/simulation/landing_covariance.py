@@ -121,11 +121,15 @@ class Analysis:
     degrees: np.ndarray
     aided: dict[str, np.ndarray]
 
-    def expected_square(self, states_: slice) -> np.ndarray:
-        """Expected normalised squared error of some states, per degree of freedom (t,)."""
+    def expected_square(self, states_: slice | np.ndarray) -> np.ndarray:
+        """Expected normalised squared error of some states, or of those of numbers (k,), per degree of freedom (t,);
+        nan of none."""
+        numbers = np.arange(self.mean.shape[1])[states_]
+        if not numbers.size:
+            return np.full(len(self.mean), np.nan)
         second = self.covariance + self.mean[:, :, None] * self.mean[:, None, :]
-        believed = self.believed[:, states_, states_]
-        return np.trace(np.linalg.solve(believed, second[:, states_, states_]), axis1=1, axis2=2) / believed.shape[1]
+        believed, second = (p[:, numbers[:, None], numbers] for p in (self.believed, second))
+        return np.trace(np.linalg.solve(believed, second), axis1=1, axis2=2) / numbers.size
 
 
 class _SourceErrors(ABC):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -41,6 +42,8 @@ from navsim.study.statistics import gate_limits
 
 FOOT = 0.3048
 PERCENTILES = (50, 95, 99)
+MOVING = slice(states.POS, states.ATT)
+"""States of position and velocity."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,33 @@ class Case:
     def groups(self) -> tuple[str, ...]:
         """The groups of three states that are judged by themselves."""
         return tuple(states.slices(self.beliefs.sensors.blocks))
+
+    @cached_property
+    def uncertain(self) -> np.ndarray:
+        """Which states (n,) bool have any uncertainty, in truth or in the filter: an initial sigma, process noise, or
+        states that they are integrals of. Only these are degrees of freedom."""
+        flight, sensors = self.flight, self.beliefs.sensors
+        triads, starts = (flight.gyro, flight.accel), (flight.start, flight.initial)
+        declared = zip(sensors.blocks, sensors.sigma, strict=True)
+        known = [sigma == 0.0 and block.drive == 0.0 for block, sigma in declared]
+        for k, triad in enumerate(triads):  # biases come first
+            known[k] &= triad.initial_sigma() == triad.drive() == 0.0 and not triad.further.there
+        noisy = [
+            bool(sensors.noise[k] > 0.0) or triad.white() > 0.0 or triad.scale > 0.0
+            or not all(here for block, here in zip(sensors.blocks, known, strict=True) if block.triad == k)
+            for k, triad in enumerate(triads)
+        ]  # fmt: skip
+        fixed = flight.initial.fixed is not None and bool(np.any(flight.initial.fixed))
+        attitude = fixed or any(start.attitude > 0.0 for start in starts) or noisy[states.GYROS]
+        velocity = attitude or any(start.velocity > 0.0 for start in starts) or noisy[states.ACCELEROMETERS]
+        position = velocity or any(start.position > 0.0 for start in starts)
+        sizes = [3, 3, 3, *(block.size for block in sensors.blocks)]
+        each = np.repeat([position, velocity, attitude, *np.invert(known)], sizes)
+        return np.append(each, np.ones(len(self.states) - each.size, bool))  # clocks are unknown at the start
+
+    def degrees(self, states_: slice = slice(None)) -> int:
+        """How many of some states, or of all, have any uncertainty."""
+        return int(self.uncertain[states_].sum())
 
     @property
     def beliefs(self) -> Beliefs:

@@ -23,7 +23,7 @@ from navsim.study.findings import (
 )
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, to_first_order
-from navsim.study.landing.case import PERCENTILES, Case, crossing_times, rms_window
+from navsim.study.landing.case import MOVING, PERCENTILES, Case, crossing_times, rms_window
 from navsim.study.landing.ensemble import (
     FAR_OFF,
     FOLLOWED,
@@ -94,7 +94,6 @@ def _beyond_range(case: Case) -> list[str]:
 
 def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     """What was wrong with the input, with the fixes of the error-free flight and with what the filter would believe."""
-    n = len(case.states)
     none, e = analysis.degrees == 0, analysis.degrees.size
     solvable = np.isfinite(case.world.dop[:, 1])
     fixes = np.zeros((UNRANGED + 1, e), bool)
@@ -117,8 +116,8 @@ def covariance_findings(case: Case, analysis: Analysis) -> list[Finding]:
     if outputs[NOT_POSITIVE].any():
         return found  # no normalised square is defined
     for name, states_, words in (
-        ("sigma_position_velocity", slice(0, states.ATT), "errors of position and velocity"),
-        ("sigma_all_states", slice(0, n), f"errors of {n} states"),
+        ("sigma_position_velocity", np.flatnonzero(case.uncertain[MOVING]), "errors of position and velocity"),
+        ("sigma_all_states", np.flatnonzero(case.uncertain), f"errors of {case.degrees()} states"),
     ):
         mean = float(analysis.expected_square(states_)[1:].mean()) if e else math.nan
         found += doubted(name, words, mean, math.inf)
@@ -210,10 +209,11 @@ def _summary(draft: Draft, case: Case, analysis: Analysis, square: np.ndarray) -
         draft[f"/summary/budget/{name}"] = np.sqrt(part)
         draft[f"/summary/budget/{name}_share"] = share
     draft["/summary/consistency/time"] = case.world.filter_time
+    every, moving = np.flatnonzero(case.uncertain), np.flatnonzero(case.uncertain[MOVING])
     nis = np.concatenate([[np.nan], analysis.nis / np.maximum(analysis.degrees, 1)])
     for name, values, degrees in (
-        ("nees", analysis.expected_square(slice(0, n)), n),
-        ("nees_position_velocity", analysis.expected_square(slice(0, states.ATT)), 6),
+        ("nees", analysis.expected_square(every), every.size),
+        ("nees_position_velocity", analysis.expected_square(moving), moving.size),
         ("nis", nis, int(analysis.degrees.max(initial=0))),
     ):
         draft.put(f"/summary/consistency/{name}", values, {"degrees_of_freedom": degrees})

@@ -30,7 +30,7 @@ from navsim.study.ensemble import fly_all as fly_ensemble
 from navsim.study.executor import Executor
 from navsim.study.findings import Flaws
 from navsim.study.landing import integrity
-from navsim.study.landing.case import Case, crossing_times, rms_window
+from navsim.study.landing.case import MOVING, Case, crossing_times, rms_window
 from navsim.study.partial import Arrays, Store, code_key
 from navsim.study.statistics import rms_interval
 from navsim.study.sums import Sums
@@ -123,7 +123,11 @@ class LandingStudy:
         route_rpy, to_rpy = self.attitude
         rows: list[Arrays] = []
         sums = Sums()
-        n = len(self.case.states)
+        every, moving, *of_groups = (
+            self.case.degrees(part) or math.nan
+            for part in (slice(None), MOVING, *(slice(3 * i, 3 * i + 3) for i in range(len(self.case.groups))))
+        )
+        groups = np.array(of_groups)
         kept: Arrays = {}
         flown = 0
         measured = "pseudorange" in HISTORIES[self.keep]
@@ -143,8 +147,8 @@ class LandingStudy:
                     "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
-                    "nees_mean": _finite_means(runs.nees[:, 1:]) / n,
-                    "nees_position_velocity_mean": _finite_means(runs.nees_position_velocity[:, 1:]) / 6,
+                    "nees_mean": _finite_means(runs.nees[:, 1:]) / every,
+                    "nees_position_velocity_mean": _finite_means(runs.nees_position_velocity[:, 1:]) / moving,
                     "innovations": np.nansum(runs.innovation_squared, axis=1),
                     "weighed": runs.degrees.sum(axis=1),
                     "weighed_ranges": np.sum(runs.range_status != NOT_USED, axis=(1, 2)),
@@ -170,9 +174,9 @@ class LandingStudy:
                     1,
                     {
                         **{name: values[i] for name, values in added.items()},
-                        "nees": runs.nees[i] / n,
-                        "nees_position_velocity": runs.nees_position_velocity[i] / 6,
-                        "nees_group": runs.nees_group[i] / 3,
+                        "nees": runs.nees[i] / every,
+                        "nees_position_velocity": runs.nees_position_velocity[i] / moving,
+                        "nees_group": runs.nees_group[i] / groups,
                         "nis": np.concatenate([[np.nan], nis]),
                     },
                 )
@@ -334,9 +338,10 @@ def findings(case: Case, ensemble: Ensemble) -> list[Finding]:
     out += judging.rejections(gated, runs * epochs.size if tight else fixed, probability, runs, each)
     out += of_outputs(case, outputs)
     mean = _finite_mean(ensemble.per_run("nees_position_velocity_mean"))
-    out += judging.doubted("sigma_position_velocity", "errors of position and velocity", mean, 6 * runs, runs)
+    moving = case.degrees(MOVING)
+    out += judging.doubted("sigma_position_velocity", "errors of position and velocity", mean, moving * runs, runs)
     if runs > 1:  # of the lower half of runs: the few with a wrong heading are known, see `FAR_OFF`
-        n = len(case.states)
+        n = case.degrees()
         half = float(np.sort(ensemble.per_run("nees_mean"))[(runs - 1) // 2])
         out += judging.doubted("sigma_all_states", f"errors of {n} states in half of the runs", half, n * runs, runs)
     for k, aid in enumerate(case.world.aids):

@@ -16,7 +16,7 @@ from navsim.models.systems import CLOCKS
 from navsim.study.ensemble import Ensemble
 from navsim.study.landing import integrity, requirements, tails
 from navsim.study.landing.box import box_of, counted
-from navsim.study.landing.case import PERCENTILES, Case, rms_window
+from navsim.study.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.study.landing.ensemble import GATED, LEVELS, UNHEARD, UNSOLVED, findings
 from navsim.study.landing.tree import accuracy, attributes, base, belief
 from navsim.study.parts import pack
@@ -94,7 +94,7 @@ def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
     draft.put("/filter/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     draft["/filter/error"] = _history(ensemble, "error")
     draft["/filter/sigma"] = _history(ensemble, "sigma")
-    for name, degrees in (("nees", len(case.states)), ("nees_position_velocity", 6)):
+    for name, degrees in _nees_degrees(case):
         draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
     if world.ways is not None:
         for i, axis in enumerate(RUNWAY_AXES):
@@ -210,7 +210,7 @@ def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     runs, branch = ensemble.runs, "/summary/consistency"
     draft[f"{branch}/time"] = case.world.filter_time
     most = int(ensemble.per_run("degrees").max())
-    for name, degrees in (("nees", len(case.states)), ("nees_position_velocity", 6), ("nis", most)):
+    for name, degrees in (*_nees_degrees(case), ("nis", most)):
         band = consistency_band(degrees, runs) if degrees else (np.nan, np.nan)
         draft.put(f"{branch}/{name}", ensemble.mean(name), _of_band(band, degrees))
     band = consistency_band(3, runs)
@@ -222,8 +222,17 @@ def _consistency(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft[f"{branch}/mean_group"] = late
     off = np.stack([sigma_error(m if runs > 1 else np.nan, band) for m in late])
     draft.put(f"{branch}/sigma_error", off, {"tolerance": SIGMA_TOLERANCE})
-    words = [verdict(error) if runs > 1 else "none: a single run" for error in off]
+    known = [case.degrees(slice(3 * i, 3 * i + 3)) == 0 for i in range(len(case.groups))]
+    words = [
+        "none: no uncertainty" if sure else verdict(error) if runs > 1 else "none: a single run"
+        for sure, error in zip(known, off, strict=True)
+    ]
     draft[f"{branch}/verdict"] = np.array(words, dtype=object)
+
+
+def _nees_degrees(case: Case) -> tuple[tuple[str, int], ...]:
+    """Degrees of freedom of the normalised estimation errors squared, by their names."""
+    return ("nees", case.degrees()), ("nees_position_velocity", case.degrees(MOVING))
 
 
 def _of_band(band: tuple[float, float], degrees: int) -> dict[str, float]:
