@@ -6,6 +6,7 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,19 @@ if TYPE_CHECKING:
 _OBJECTS = 20_000
 """New objects between two looks for cycles among them while work is done: every random stream that a kernel has drawn
 from leaves one, a few kilobytes a run."""
+
+
+_resumed: ContextVar[Path | None] = ContextVar("resumed", default=None)
+
+
+@contextmanager
+def resuming(folder: Path) -> Iterator[None]:
+    """While it lasts, a command may only go on with the partial work in this folder."""
+    token = _resumed.set(folder)
+    try:
+        yield
+    finally:
+        _resumed.reset(token)
 
 
 @dataclass(frozen=True)
@@ -55,7 +69,8 @@ def carry_out(name: object, job: Job, target: Path, wanted: Wanted) -> Result | 
 
     listener = Listener(AT_TERMINAL, shown, () if care.quiet or wanted.json else ("rich.console",))
     asked = steps.Order(
-        wanted.options, wanted.figures, care.quiet, care.force, care.over_budget, wanted.dry_run, sys.argv[1:]
+        wanted.options, wanted.figures, care.quiet, care.force, care.over_budget, wanted.dry_run, sys.argv[1:],
+        _resumed.get(),
     )  # fmt: skip
     with leaving():
         done = steps.carry_out(name, job, target, asked, listener)

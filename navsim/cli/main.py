@@ -44,7 +44,7 @@ PLACES = {
 
 
 @cache
-def _command(name: str) -> Any:
+def command_named(name: str) -> Any:
     """A command as typer has it."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(name)(ending(grouped(named(PLACES[name]))))
@@ -55,7 +55,7 @@ class _Commands(Mapping[str, Any]):
     """All commands by name, each made when it is asked for."""
 
     def __getitem__(self, name: str) -> Any:
-        return _command(name)
+        return command_named(name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(PLACES)

@@ -5,13 +5,35 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from navsim.cli.carry_out import resuming
 from navsim.cli.common import leave, leaving
 from navsim.cli.ending import BAD_INPUT, say
+from navsim.cli.options import Care, SchedulerOption, WorkersOption, figures_option
+
+_ClickException: Any = typer.BadParameter.__mro__[2]
+"""What click raises of a wrong command line; typer has a click of its own, or the common one."""
+_RESUMED = ("run", "sweep", "optimize")
+"""Commands that keep partial work."""
+_GIVEN_ANEW = ("figures", "scheduler", "force", "over_budget", "quiet", "log_")
+"""Options that write, connect or overwrite elsewhere, or say less: `resume` takes them from its own command line alone.
+A folder of partial work may come from anybody, in an archive."""
+_DROPPED = ("fresh", *_GIVEN_ANEW)
+"""What was to be discarded then was; another attempt's work is what is wanted now."""
+
+
+@dataclass(frozen=True)
+class ResumeOptions:
+    """Where and how it goes on."""
+
+    workers: WorkersOption = None
+    scheduler: SchedulerOption = None
+    figures: Annotated[str | None, figures_option("for several runs or with --quiet")] = None
 
 
 def resume(
@@ -21,11 +43,14 @@ def resume(
             metavar="FOLDER", help="The finished work that was left, RESULT.h5.partial.", show_default=False
         ),
     ],
+    given: ResumeOptions,
+    care: Care,
 ) -> None:
     """Go on with a study that was interrupted or killed.
 
-    The command that began it is given again, in the folder where it was given, and goes on from what is finished.
-    Scenario, files and code must be those of before.
+    navsim gives the command that began it again, in the folder where it was given, and goes on from what is finished.
+    Scenario, files and code must be those of before. Options on where files and figures go, on clusters and on
+    overwriting are not taken from the folder: give them again.
     """
     from navsim.cli.main import app
     from navsim.study.partial import PartialError, begun_by
@@ -36,12 +61,70 @@ def resume(
             begun = begun_by(folder)
         except PartialError as error:
             raise BadInput(said(error)) from None
-    # what was to be discarded then was; another attempt's work is what is wanted now
-    words = [word for word in begun.words if word != "--fresh"]
+    words, dropped = _read(folder, begun.words, given)
+    words += _options(given, care)
     say(f"navsim {shlex.join(words)}")
+    if dropped:
+        say(f"without {shlex.join(dropped)} of its first command; give it to navsim resume if you want it again")
+    with resuming(folder.absolute()):
+        try:
+            os.chdir(begun.folder)
+        except OSError as error:
+            leave(BAD_INPUT, f"{begun.folder}: {error.strerror or error}")
+        sys.argv[1:] = words
+        app()
+
+
+def _read(folder: Path, words: tuple[str, ...], given: ResumeOptions) -> tuple[list[str], list[str]]:
+    """Words of a command that say what is computed, and those of options that are not taken from a file."""
+    from navsim.cli.main import command_named
+
+    refused = f"{folder}: its command, navsim {shlex.join(words)},"
+    if words[0] not in _RESUMED:
+        leave(BAD_INPUT, f"{refused} keeps no partial work; only navsim {', '.join(_RESUMED)} can be resumed")
+    command = command_named(words[0])
     try:
-        os.chdir(begun.folder)
-    except OSError as error:
-        leave(BAD_INPUT, f"{begun.folder}: {error.strerror or error}")
-    sys.argv[1:] = words
-    app()
+        context = command.make_context(words[0], list(words[1:]))
+    except (_ClickException, typer.Exit) as error:
+        why = error.format_message() if isinstance(error, _ClickException) else "it only prints help"
+        leave(BAD_INPUT, f"{refused} is none of this version ({why}); repeat the command by hand")
+    kept, dropped = [words[0]], list[str]()
+    for parameter in command.params:
+        source = context.get_parameter_source(parameter.name)
+        if source is not None and source.name == "COMMANDLINE":
+            name = parameter.name
+            anew = name in _DROPPED or (name == "workers" and (given.workers or given.scheduler) is not None)
+            (dropped if anew else kept).extend(_spell(parameter, context.params[name]))
+    if "--scheduler" in dropped and given.scheduler is None and given.workers is None:
+        asked = dropped[dropped.index("--scheduler") + 1]
+        leave(
+            BAD_INPUT,
+            f"{folder}: its command worked on the cluster {asked}, an address that navsim resume does not take from a "
+            f"file; give it, --scheduler {shlex.quote(asked)}, or --workers N for threads of this machine",
+        )
+    return kept, [word for word in dropped if word != "--fresh"]
+
+
+def _spell(parameter: Any, value: Any) -> list[str]:
+    """A parameter of a command line as words."""
+    if parameter.param_type_name == "argument":
+        return [f"./{value}" if str(value).startswith("-") else str(value)]
+    name = str(parameter.opts[0])
+    if parameter.is_flag:
+        return [name]
+    return [word for each in (value if parameter.multiple else [value]) for word in (name, str(each))]
+
+
+def _options(given: ResumeOptions, care: Care) -> list[str]:
+    """Options of `resume` as words for the command, with paths as of here: it works in another folder. The log is open
+    already."""
+    words = [name for name in ("force", "over_budget", "quiet") if getattr(care, name)]
+    spelled = [f"--{name.replace('_', '-')}" for name in words]
+    if given.workers is not None:
+        spelled += ["--workers", str(given.workers)]
+    if given.scheduler is not None:
+        is_file = Path(given.scheduler).exists()
+        spelled += ["--scheduler", os.path.abspath(given.scheduler) if is_file else given.scheduler]
+    if given.figures is not None:
+        spelled += ["--figures", given.figures if given.figures == "none" else os.path.abspath(given.figures)]
+    return spelled

@@ -43,6 +43,7 @@ _HASHED = {
 """Parts of keys that tell a reader nothing."""
 _KEY_FILE = "key.json"
 _COMMAND_FILE = "command.json"
+_BY_HAND = "repeat the command by hand"
 JOURNAL = "journal.txt"
 """The file of `study.journal` in the folder."""
 
@@ -235,9 +236,18 @@ class Command:
     folder: Path
 
 
+def _check_owner(file: Path) -> None:
+    """Raise PartialError where a folder or file is another user's: it would decide what this user computes."""
+    status = file.stat()
+    if status.st_uid not in (0, os.geteuid()):
+        raise PartialError(f"{file}: belongs to user {status.st_uid}, and says what you would compute; {_BY_HAND}")
+    if status.st_mode & 0o002:
+        raise PartialError(f"{file}: everybody may write it, and it says what you would compute; {_BY_HAND}")
+
+
 def begun_by(folder: Path) -> Command:
-    """The command line whose work lies in a folder. Raises PartialError where none is known, or it would not go on
-    from this work."""
+    """The command line whose work lies in a folder, as it is written there: `check_key` and the command's own target
+    say whether it is of this work. Raises PartialError where none is known, or it would not go on from this work."""
     if not folder.is_dir():
         beside = folder.with_name(f"{folder.name}.partial")
         if beside.is_dir():
@@ -249,12 +259,16 @@ def begun_by(folder: Path) -> Command:
         what = begun if (folder / _KEY_FILE).exists() else "no partial work of navsim lies there"
         raise PartialError(f"{folder}: {what}: there is no {_COMMAND_FILE}, so no command is known")
     try:
+        for each in (folder, file):
+            _check_owner(each)
         told = json.loads(file.read_bytes())
         words, place, work = tuple(told["command"]), Path(told["folder"]), Path(told["work"])
-        if not words or not all(isinstance(word, str) for word in words):
+        if not words or not all(isinstance(word, str) and word.isprintable() for word in words):
             raise ValueError
-    except (OSError, ValueError, KeyError, TypeError):
-        raise PartialError(f"{file}: cannot be read or is damaged; repeat the command by hand") from None
+        if not place.is_absolute() or not work.is_absolute():
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise PartialError(f"{file}: cannot be read or is damaged; {_BY_HAND}") from None
     command = f"in {place}: navsim {shlex.join(words)}"
     if folder.resolve() != work.resolve():
         raise PartialError(f"{folder}: was moved there from {work}, where its command would look for it ({command})")
@@ -283,6 +297,11 @@ def begun_before(folder: Path, key: dict[str, Any]) -> Begun | None:
         return Begun(sum(1 for _ in folder.glob("*.npz")), analyses)
     except OSError as error:
         raise PartialError(f"{folder}: partial work cannot be read there: {error.strerror or error}") from None
+
+
+def check_key(folder: Path, key: dict[str, Any]) -> None:
+    """Raise PartialError where the work in a folder is not of the study with this key."""
+    _compare(folder, json.dumps(key, sort_keys=True, indent=1), key)
 
 
 def _has_work(folder: Path) -> bool:

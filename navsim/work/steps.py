@@ -32,7 +32,8 @@ class Order:
     """What is to be done with a job. options: as the job has them. figures: see `target.figure_folder`; plain: none of
     one run either, unless a folder is given. force: overwrite a result of another sort. over_budget: compute what the
     machine seems too small for. dry_run: only say what it would take. command: the words of the command line after
-    the program, by which it is gone on with; empty where there is none."""
+    the program, by which it is gone on with; empty where there is none. resumed: the folder of partial work to go on
+    with, which must be this job's; None where the job may begin."""
 
     options: Options
     figures: str | Path | None = None
@@ -41,6 +42,7 @@ class Order:
     over_budget: bool = False
     dry_run: bool = False
     command: Sequence[str] = ()
+    resumed: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
     """
     from navsim.io.results import SEVERAL_RUNS
 
+    _check_resumed(target, order)
     check_target(target, job.sort, order.force)
     drawing = figure_folder(order.figures, target, order.plain or job.sort.runs == SEVERAL_RUNS)
     with workplace(order.options, listener.speech) as executor:
@@ -77,6 +80,15 @@ def carry_out(name: object, job: Job, target: Path, order: Order, listener: List
             _load_ahead(job.kernels, listener.ahead)
             _prepare(name, job, target, order, listener, executor)
             return _computed(name, job, target, order, listener, executor, drawing)
+
+
+def _check_resumed(target: Path, order: Order) -> None:
+    """Raise BadInput, before anything is touched, where a resumed command works elsewhere than in its folder."""
+    from navsim.io.whole import partial_folder
+
+    if order.resumed is not None and (own := partial_folder(target)).resolve() != order.resumed.resolve():
+        where = f"would write {target}, whose work lies in {own}"
+        raise BadInput(said(f"{order.resumed}: its command {where}; if you mean that, give the command itself"))
 
 
 def _prepare(
@@ -246,12 +258,16 @@ def _load_ahead(kernels: str, modules: Sequence[str]) -> None:
 def _store(job: Job, target: Path, order: Order) -> Store | None:
     """The place for partial work beside the result; None where the work is in one piece, and none lies there."""
     from navsim.io.whole import partial_folder
-    from navsim.study.partial import PartialError, Store
+    from navsim.study.partial import PartialError, Store, check_key
 
     folder = partial_folder(target)
+    if order.resumed is not None and not job.pieces:
+        raise BadInput(said(f"{order.resumed}: its command keeps no work; if you mean it, give the command itself"))
     if not job.pieces or (job.pieces == 1 and not folder.exists()):
         return None
     try:
+        if order.resumed is not None:
+            check_key(folder, job.key())
         store = Store(folder, job.key(), order.options.fresh)
         if order.command:
             store.note(order.command)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -59,13 +61,19 @@ def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytes
     store.note(["sweep", file.name, "-o", "o p.h5", "--fresh", "--dry-run"])
     assert "its own is a b/o p.h5.partial: give that" in navsim("resume", "a b/o p.h5", cwd=tmp_path, code=2).stderr
     said = navsim("resume", "a b/o p.h5.partial", cwd=tmp_path).stderr
-    assert said.startswith("navsim sweep begun.yaml -o 'o p.h5' --dry-run\n")
+    assert said.startswith("navsim sweep begun.yaml --output 'o p.h5' --dry-run\n")
     assert "2 of 3 pieces of the combinations are kept" in said
     file.write_text(file.read_text().replace("150", "151"))
     said = navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
     assert "partial work of another study lies there (other settings of the study)" in said
     file.unlink()
     assert "begun.yaml: cannot be read" in navsim("resume", "a b/o p.h5.partial", cwd=tmp_path, code=2).stderr
+
+
+def relative(folder: Path, member: str) -> None:
+    """Make a path in the command a relative one, so that it is anywhere."""
+    file = folder / "command.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {member: "."}))
 
 
 @pytest.mark.parametrize(
@@ -77,10 +85,12 @@ def test_resuming_is_giving_the_command_again(tmp_path: Path, monkeypatch: pytes
         (lambda folder: (folder / "command.json").write_text("[]"), "command.json: cannot be read or is damaged"),
         (lambda folder: (folder / "command.json").write_text('{"command": [1], "folder": "/", "work": ""}'), "damaged"),
         (lambda folder: (folder / "command.json").write_bytes(b"\xff{"), "damaged"),
+        (lambda folder: relative(folder, "work"), "damaged"),
+        (lambda folder: relative(folder, "folder"), "damaged"),
         (lambda folder: folder.rename(folder.with_name("moved")), "was moved there from"),
         (lambda folder: (folder.parent / "work").rmdir(), "the folder in which its command was given is gone"),
     ],
-    ids=["folder", "command", "all", "other", "words", "bytes", "moved", "gone"],
+    ids=["folder", "command", "all", "other", "words", "bytes", "work", "place", "moved", "gone"],
 )  # fmt: skip
 def test_what_cannot_be_resumed_is_told(
     change: Callable[[Path], object], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -93,6 +103,73 @@ def test_what_cannot_be_resumed_is_told(
     now = change(folder)
     asked = now if isinstance(now, Path) else folder
     assert said in navsim("resume", asked, cwd=tmp_path, code=2).stderr
+
+
+RUN = ("run", "landing.yaml", "--runs", "60", "--set", "duration_s=65")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("report", "out.h5", "-o", "../page.html"), "keeps no partial work; only navsim run, sweep, optimize can be"),
+        (("resume", "out.h5.partial"), "keeps no partial work"),
+        (("init", "landing.yaml"), "keeps no partial work"),
+        ((*RUN, "-o", "../victim.h5"), "its command would write ../victim.h5, whose work lies in ../victim.h5.partial"),
+        (RUN, "its command would write results/landing_runs60.h5"),
+        ((*RUN[:2], "--method", "covariance", "-o", "out.h5"), "its command keeps no work; if you"),
+        (("run", "--help"), "is none of this version (it only prints help)"),
+        ((*RUN, "--no-such"), "is none of this version (No such option: --no-such"),
+        ((*RUN, "-o", "out.h5"), "partial work of another study lies there"),
+        ((*RUN, "-o", "out.h5", "--scheduler", "tcp://evil:8786"), "an address that navsim resume does not take"),
+        ((*RUN, "-o", "out.h5\x1b[2J"), "cannot be read or is damaged"),
+    ],
+)  # fmt: skip
+def test_only_the_work_of_the_folder_itself_is_resumed(
+    words: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder of partial work may come from anybody: other commands, targets and studies are refused, and nothing is
+    written, not even a log."""
+    (tmp_path / "victim.h5").write_bytes(b"precious")
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    shutil.copy(SCENARIOS / "landing.yaml", "landing.yaml")
+    Store(Path("out.h5.partial"), {"seed": 1}, fresh=False).note([*words, "--log", "../log", "--force"])
+    before = sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("*") if path.is_file())
+    done = navsim("resume", "work/out.h5.partial", cwd=tmp_path, code=2)
+    assert said in done.stderr
+    assert sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("*") if path.is_file()) == before
+
+
+def test_what_a_command_does_elsewhere_is_not_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Logs, figures, overwriting: by the options of `resume` alone, whose paths are of where it is given."""
+    (tmp_path / "work").mkdir()
+    file = study(tmp_path / "work", "begun", SWEEP)
+    store = begun(file, tmp_path / "work" / "out.h5", 2)
+    monkeypatch.chdir(tmp_path / "work")
+    elsewhere = ("--log", str(tmp_path / "theirs"), "--figures", str(tmp_path / "drawn"), "--force")
+    store.note(["sweep", file.name, "-o", "out.h5", "--workers", "1", *elsewhere])
+    done = navsim("resume", "work/out.h5.partial", "--workers", 2, "-q", "--log", "mine", cwd=tmp_path)
+    first, second, *_ = done.stderr.splitlines()
+    assert first == "navsim sweep begun.yaml --output out.h5 --quiet --workers 2"
+    assert second.startswith("without --workers 1 --figures ")
+    assert f"--force --log {tmp_path}/theirs of its first command; give it to navsim resume" in second
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "work"]
+    assert (tmp_path / "work" / "out.h5").is_file()
+    assert not store.folder.exists()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
+@pytest.mark.parametrize("name", ["", "command.json"])
+@pytest.mark.parametrize(("owner", "mode", "said"), [(12345, 0o755, "belongs to user 12345"), (0, 0o777, "everybody")])
+def test_work_of_others_is_not_resumed(
+    name: str, owner: int, mode: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Store(Path("out.h5.partial"), {"seed": 1}, fresh=False).note([*RUN, "-o", "out.h5"])
+    file = tmp_path / "out.h5.partial" / name
+    os.chown(file, owner, 0)
+    file.chmod(mode)
+    assert said in navsim("resume", "out.h5.partial", cwd=tmp_path, code=2).stderr
 
 
 @pytest.mark.parametrize(
