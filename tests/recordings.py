@@ -10,7 +10,7 @@ import numpy as np
 
 from navsim.core.arrays.attitude import dcm_from_rpy
 from navsim.core.arrays.earth import llh_from_ecef, ned_matrix
-from navsim.models.conventions import HEIGHT_UNITS, SPEED_UNITS
+from navsim.models.conventions import GNSS_COLUMNS, HEIGHT_UNITS, IMU_COLUMNS, SPEED_UNITS
 from navsim.models.kinematics import tangent_frame
 from navsim.models.recorded_trajectory import RecordedTrajectory, recorded_trajectory
 from navsim.models.recording import Fixes, Samples
@@ -158,6 +158,33 @@ def drive() -> RecordedTrajectory:
     )
 
 
+def quadrotor(duration: float = 150.0) -> RecordedTrajectory:
+    """A small quadrotor: stands, climbs, hovers, flies out and back at 1 to 2 m/s with the nose wherever it is, and
+    turns on the spot; it tilts to accelerate and against the drag of its rotors."""
+    time = np.arange(0.0, duration + 0.05, 0.1)
+
+    def gathered(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([[0.0], np.cumsum(0.05 * (x[1:] + x[:-1]))])
+
+    north = smooth_steps(
+        time, [20, 30, 60, 70, 100, 112, 120, 132], [0.0, 1.5, 0.0, -1.5, 0.0, 2.0, 0.0, -1.8, 0.0], 3.0
+    )
+    east = smooth_steps(
+        time, [40, 50, 62, 72, 85, 95, 122, 130], [0.0, 1.2, 0.0, 1.6, 0.0, -1.8, 0.0, 1.2, 0.0], 3.0
+    )
+    climb = smooth_steps(time, [6, 12, 75, 80, 104, 110], [0.0, 1.2, 0.0, -1.0, 0.0, 0.9, 0.0], 3.0)
+    turning = smooth_steps(
+        time, [34, 37, 54, 58, 90, 94, 115, 118], [0.0, 0.5, 0.0, -0.4, 0.0, 0.5, 0.0, 0.4, 0.0], 2.0
+    )
+    yaw = 0.7 + gathered(turning)
+    pushed = [np.gradient(speed, 0.1) + 0.3 * speed for speed in (north, east)]
+    ahead, right = pushed[0] * np.cos(yaw) + pushed[1] * np.sin(yaw), pushed[1] * np.cos(yaw) - pushed[0] * np.sin(yaw)
+    frame = tangent_frame(np.array([np.radians(45.3), np.radians(-93.2), 250.0]), 0.0)
+    place = np.stack([gathered(north), gathered(east), -gathered(climb)], axis=1)
+    c_nb = dcm_from_rpy(np.stack([np.arctan2(right, 9.8), -np.arctan2(ahead, 9.8), yaw], axis=1))
+    return recorded_trajectory(time, llh_from_ecef(frame.origin + place @ frame.axes.T), c_nb, frame, {})
+
+
 def record(
     trajectory: RecordedTrajectory,
     seed: int,
@@ -197,3 +224,35 @@ def record(
     if velocities != "ned":
         velocity[:, 2 if velocities == "horizontal" else slice(0, 3)] = np.nan
     return samples, Fixes(valid + latency, llh, velocity)
+
+
+def parked_before(samples: Samples, fixes: Fixes, length: float, still: float = 4.0) -> tuple[Samples, Fixes]:
+    """The same recording after `length` seconds at rest, as its first `still` seconds are, with fixes that the receiver
+    smooths to centimetres."""
+    rng = np.random.default_rng(3)
+    time = np.arange(1, round(length / samples.time[0])) * samples.time[0]
+    first = samples.time < still
+    rate, force = (
+        np.vstack([v[first].mean(axis=0) + v[first].std(axis=0) * rng.standard_normal((time.size, 3)), v])
+        for v in (samples.rate, samples.force)
+    )
+    valid = np.arange(fixes.time[0], length, fixes.time[1] - fixes.time[0])
+    llh = fixes.llh[:1] + [1e-9, 1e-9, 0.01] * rng.standard_normal((valid.size, 3))
+    velocity = 0.01 * rng.standard_normal((valid.size, 3))
+    return (
+        Samples(np.concatenate([time, samples.time + length]), rate, force),
+        Fixes(np.concatenate([valid, fixes.time + length]), np.vstack([llh, fixes.llh]),
+              np.vstack([velocity, fixes.velocity])),
+    )  # fmt: skip
+
+
+def write_recording(folder: Path, samples: Samples, fixes: Fixes) -> Path:
+    """The recording as files, and its log.yaml."""
+    np.savetxt(folder / "imu.csv", np.column_stack([samples.time, samples.rate, samples.force]), "%.9g", ",",
+               header=",".join(IMU_COLUMNS), comments="")  # fmt: skip
+    place = np.column_stack([np.degrees(fixes.llh[:, :2]), fixes.llh[:, 2]])
+    np.savetxt(folder / "gnss.csv", np.column_stack([fixes.time, place, fixes.velocity]), "%.12g", ",",
+               header=",".join(GNSS_COLUMNS), comments="")  # fmt: skip
+    log = folder / "log.yaml"
+    log.write_text("kind: replay\nversion: 1\nimu: {file: imu.csv}\ngnss: {file: gnss.csv}\ntuning: none\n")
+    return log

@@ -1281,6 +1281,7 @@ ROOT: Mapping[str, tuple[tuple[str, ...], str]] = {
     "undone": ((OPTIMIZE,), "what was left of the work"),
     "recorded_s": ((REPLAY,), "first and last time of samples and fixes in the log, s"),
     "flown_s": ((REPLAY,), "first and last time of the log that is flown, s"),
+    "not_judged": ((REPLAY,), "what the checks of units, axes, signs and clocks cannot judge by this flight"),
     "alignment_time": ((REPLAY,), "time of the log at which the flight is aligned, s"),
     "alignment_until": ((REPLAY,), "end of the data it is aligned with, s"),
     "alignment_sigma_deg": ((REPLAY,), "1 sigma of the alignment, north, east, down, degrees"),

@@ -38,6 +38,8 @@ def tables(result: Result) -> list[Table | str]:
     if "flown_s" in alignment:  # results of earlier versions lack it
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
         said += "; flown " + " of the recording's ".join(spans)
+    if unseen := str(alignment.get("not_judged", "")):
+        said += f"\nnot judged: {unseen}"
     if not result["/outages/start"].size:
         return [seen, tuned, said]
     lost = Table("Horizontal drift without fixes, m", ("length, s", "outages", "median", "largest"))

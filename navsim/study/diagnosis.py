@@ -48,8 +48,9 @@ STEADY = 0.4
 """Spread of specific force over its mean that a flight has at most; rates of rotation spread more."""
 WINDOW = 10.0
 """Length of the pieces over which positions and velocities are compared, s."""
-SHORTEST_WAY, SHORTEST_CLIMB = 15.0, 8.0
-"""Pieces of a shorter way or climb, m, do not count: positions wander."""
+SHORTEST_WAYS, SHORTEST_CLIMBS = (15.0, 4.0), (8.0, 3.0)
+"""Pieces of a shorter way or climb, m, do not count: positions wander. The second is for flights that have too few
+longer ones: of these only a correction that explains them is a mistake."""
 FITS, MISFITS = 0.35, 0.5
 """Difference of two ways over their mean, median of all pieces: a fit up to the one, none from the other on."""
 ACCEPTED = 0.15
@@ -67,7 +68,7 @@ LEAST_WINDOWS, LARGEST_SHARE = 2, 0.7
 larger than this share of their length: a flight that repeats itself fits a few windows anywhere."""
 APART = 2.0
 """Offsets of the clocks farther apart than this, s, are different ones."""
-WORSE, CERTAIN = 1.4, 20.0
+WORSE, CERTAIN = 1.25, 20.0
 """A fit is worse than the best when its residual is that many times larger and its chi-square, reduced by a factor of
 four for residuals that hang together, that much."""
 MOVING, HEADING_SIGMA = 3.0, 0.2
@@ -133,18 +134,36 @@ class Log:
     sentences: bool = False
 
 
+@dataclass(frozen=True)
+class Diagnosis:
+    """Mistakes in the order in which they are to be cured; what the motion does not show, so that a mistake in it would
+    pass."""
+
+    mistakes: list[Mistake]
+    not_judged: list[str]
+
+
 def diagnose(log: Log) -> list[Mistake]:
     """All mistakes that can be told from a recording, in the order in which they are to be cured."""
+    return examine(log).mistakes
+
+
+def examine(log: Log) -> Diagnosis:
+    """The mistakes of a recording, and what of it cannot be judged."""
+    unseen: list[str] = []
     found, log = times(log)
     more, log = scales(log)
     found += more
-    more, log = ways(log)
+    more, log = ways(log, unseen)
     found += more
     apart = overlap(log)
     if apart or any(not mistake.remedies for mistake in found):
-        return found + apart
-    more, log = motion(log)
-    return found + more
+        return Diagnosis(found + apart, [*unseen, f"{_OF_SENSORS}: other mistakes come first"])
+    more, log = motion(log, unseen)
+    return Diagnosis(found + more, unseen)
+
+
+_OF_SENSORS = "signs, columns and axes of the sensors, unit of the gyros, clocks"
 
 
 # --- times
@@ -288,16 +307,25 @@ def _strength(samples: Samples, values: np.ndarray) -> tuple[float, float]:
 # --- positions against velocities
 
 
-def ways(log: Log) -> tuple[list[Mistake], Log]:
-    """Angles, heights, speeds, axes of the velocity: what positions change by must be what the velocity adds up to."""
+def ways(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
+    """Angles, heights, speeds, axes of the velocity: what positions change by must be what the velocity adds up to.
+
+    unseen: is told what cannot be judged."""
     found: list[Mistake] = []
     if not log.sentences:  # their positions are on Earth, or they are corrupt
         found, log = _angles(log)
-    if not np.isfinite(log.fixes.velocity[:, :2]).all():
-        return found, log
     more, log = _level(log)
     found += more
-    known = bool(np.isfinite(log.fixes.velocity[:, 2]).all())
+    known = bool(np.isfinite(log.fixes.velocity[:, 2]).any())
+    way, summed = _moved(log.fixes)
+    for what, axes, shortest in (
+        ("unit and axes of the horizontal velocity, unit of the angles", slice(0, 2), SHORTEST_WAYS),
+        ("sign of the vertical velocity, unit of the height", slice(2, 3), SHORTEST_CLIMBS),
+    ):
+        if not np.isfinite(log.fixes.velocity[:, axes]).all(axis=1).any():
+            unseen.append(f"{what}: the fixes have no such velocity")
+        elif np.isnan(_relative_residual(way[:, axes], summed[:, axes], shortest)[0]):
+            unseen.append(f"{what}: fewer than three pieces of {WINDOW:g} s are longer than {shortest[1]:g} m")
     turned = any(set(remedy) == {"gnss.velocity_axes"} for mistake in more for remedy in mistake.remedies[:1])
     if turned and not (known and _climbs(log)):
         # east, north, down is rare, but the vertical velocity does not show it
@@ -334,7 +362,7 @@ def _angles(log: Log) -> tuple[list[Mistake], Log]:
 def _climbs(log: Log) -> bool:
     """Whether enough pieces climb or descend to judge the vertical velocity."""
     way, summed = _moved(log.fixes)
-    return bool(np.isfinite(_relative_residual(way[:, 2:], summed[:, 2:], SHORTEST_CLIMB)[0]))
+    return bool(np.isfinite(_relative_residual(way[:, 2:], summed[:, 2:], SHORTEST_CLIMBS)[0]))
 
 
 def _both_turn(level: Mistake, vertical: Mistake) -> bool:
@@ -358,9 +386,13 @@ def _exchanged(log: Log) -> tuple[Log, dict[str, Any]]:
 
 
 def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
-    """Changes of position and integrals of velocity (w, 3), NED m, over pieces of `WINDOW` seconds without holes."""
+    """Changes of position and integrals of velocity (w, 3), NED m, over pieces of `WINDOW` seconds without holes, of
+    the fixes that have a horizontal velocity; the vertical ones nan where it is not known throughout."""
+    usual = float(np.median(np.diff(fixes.time)))
+    fixes = fixes.take(np.isfinite(fixes.velocity[:, :2]).all(axis=1))
     time = fixes.time
-    usual = float(np.median(np.diff(time)))
+    if time.size < 2:
+        return np.empty((0, 3)), np.empty((0, 3))
     ecef, axes = earth.ecef_from_llh(fixes.llh), earth.ned_matrix(fixes.llh)
     steps = 0.5 * (fixes.velocity[1:] + fixes.velocity[:-1]) * np.diff(time)[:, None]
     gathered = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
@@ -376,13 +408,16 @@ def _moved(fixes: Fixes) -> tuple[np.ndarray, np.ndarray]:
     return np.reshape(way, (-1, 3)), np.reshape(summed, (-1, 3))
 
 
-def _relative_residual(way: np.ndarray, summed: np.ndarray, shortest: float) -> tuple[float, int]:
-    """Median of |difference| / mean length of two ways (w, d) in pieces with a way, and how many pieces have one."""
+def _relative_residual(way: np.ndarray, summed: np.ndarray, shortest: tuple[float, float]) -> tuple[float, int, bool]:
+    """Median of |difference| / mean length of two ways (w, d) in pieces with a way, how many pieces have one, and
+    whether that is of the longer kind; nan with fewer than three pieces of either kind."""
     length = 0.5 * (np.linalg.norm(way, axis=1) + np.linalg.norm(summed, axis=1))
-    counts = length > shortest
-    if counts.sum() < 3:
-        return np.nan, int(counts.sum())
-    return float(np.median(np.linalg.norm(way - summed, axis=1)[counts] / length[counts])), int(counts.sum())
+    for least in shortest:
+        counts = length > least
+        if counts.sum() >= 3:
+            difference = np.linalg.norm(way - summed, axis=1)
+            return float(np.median(difference[counts] / length[counts])), int(counts.sum()), least == shortest[0]
+    return np.nan, int(counts.sum()), False
 
 
 _LEVEL = [m for m in (axes_matrix(name, LEVEL_AXES) for name in conventions.all_axes(LEVEL_AXES)) if m[2, 2] == 1.0]
@@ -391,7 +426,7 @@ _LEVEL = [m for m in (axes_matrix(name, LEVEL_AXES) for name in conventions.all_
 
 def _level(log: Log) -> tuple[list[Mistake], Log]:
     way, summed = _moved(log.fixes)
-    as_written, count = _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAY)
+    as_written, count, certain = _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAYS)
     if np.isnan(as_written) or as_written <= MISFITS:
         return [], log
     written = "kn" if log.sentences else log.gnss.speed_unit
@@ -412,8 +447,9 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
         moved, added = _moved(placed.fixes)
         for matrix, (unit, factor) in itertools.product([np.eye(3)] if log.sentences else _LEVEL, speeds.items()):
             turned = not np.array_equal(matrix, np.eye(3))
-            residual, enough = _relative_residual(moved[:, :2], factor * added[:, :2] @ matrix[:2, :2].T, SHORTEST_WAY)
-            if np.isnan(residual) or enough < 3:
+            turned_way = factor * added[:, :2] @ matrix[:2, :2].T
+            residual, _, _ = _relative_residual(moved[:, :2], turned_way, SHORTEST_WAYS)
+            if np.isnan(residual):
                 continue
             letters = axes_letters(matrix @ axes_now, LEVEL_AXES)
             keys, said = dict(remedy), [seems] if seems else []
@@ -439,7 +475,7 @@ def _level(log: Log) -> tuple[list[Mistake], Log]:
     )
     chosen = _simplest([(changes, residual) for changes, residual, *_ in options], as_written)
     if not chosen:
-        return [Mistake(evidence, "position and velocity contradict each other", (), "gnss")], log
+        return [Mistake(evidence, "position and velocity contradict each other", (), "gnss")][: int(certain)], log
     told = " or ".join(options[i][4] for i in chosen)
     remedies = () if log.sentences else tuple(options[i][3] for i in chosen)
     return [Mistake(evidence, told, remedies, "gnss")], options[chosen[0]][2]
@@ -463,14 +499,14 @@ def _simplest(options: list[tuple[int, float]], as_written: float) -> list[int]:
 def _vertical(log: Log) -> tuple[list[Mistake], Log]:
     way, summed = _moved(log.fixes)
     down, added = way[:, 2:], summed[:, 2:]
-    as_written, count = _relative_residual(down, added, SHORTEST_CLIMB)
+    as_written, count, _ = _relative_residual(down, added, SHORTEST_CLIMBS)
     if np.isnan(as_written) or as_written <= MISFITS:
         return [], log
     heights = {log.gnss.height_unit: 1.0, **_relative(conventions.HEIGHT_UNITS, log.gnss.height_unit)}
     options = []
     for sign, (unit, factor) in itertools.product((1.0, -1.0), heights.items()):
-        residual, enough = _relative_residual(factor * down, sign * added, SHORTEST_CLIMB)
-        if np.isnan(residual) or enough < 3:
+        residual, _, _ = _relative_residual(factor * down, sign * added, SHORTEST_CLIMBS)
+        if np.isnan(residual):
             continue
         axes = axes_letters(np.diag([1.0, 1.0, sign]) @ axes_matrix(log.gnss.velocity_axes, LEVEL_AXES), LEVEL_AXES)
         keys, said = {}, []
@@ -840,7 +876,7 @@ class _Judge:
         self, flight: _Carried, offsets: np.ndarray, tolerated: tuple[float, float]
     ) -> tuple[float, list[float], float] | None:
         """The best offset of those tolerated; the best of all others that can be judged, with those that are as good;
-        and the size up to which offsets could be judged, s. All else is as written, and no biases are looked for. None
+        and the smallest one that cannot be judged, s. All else is as written, and no biases are looked for. None
         where no offset that is tolerated can be judged."""
         target = self.targets[0]
         squares = np.full((offsets.size, self.windows.shape[0]), np.nan)
@@ -870,8 +906,8 @@ class _Judge:
                 break
             if all(abs(offsets[row] - each) > APART for each in best):
                 best.append(float(offsets[row]))
-        unjudged = np.abs(offsets[~(enough | allowed)])
-        return float(offsets[home]), best, float(unjudged.min(initial=OFFSETS))
+        not_judged = np.abs(offsets[~(enough | allowed)])
+        return float(offsets[home]), best, float(not_judged.min(initial=np.inf))
 
     def fit(self, flight: _Carried, hypothesis: _Hypothesis, bias: np.ndarray) -> _Fit | None:
         """The fit of a hypothesis; None with fewer than two windows."""
@@ -903,19 +939,22 @@ def _levels(squares: np.ndarray, home: np.ndarray) -> tuple[np.ndarray, int]:
     return np.where(enough, share * own.mean(), np.inf), int(kept.sum())
 
 
-def motion(log: Log) -> tuple[list[Mistake], Log]:
+def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     """Signs, columns and axes of the triads, unit of the gyros, offset of the clocks: by the explanation of the fewest
-    changes among those that fit the velocities as well as the best one."""
+    changes among those that fit the velocities as well as the best one. unseen: is told what cannot be judged."""
     readings = _readings(log)
     if not readings:
         lat = float(np.degrees(np.abs(log.fixes.llh[:, 0])).max())
         evidence = f"latitudes reach {lat:.6g} degrees"
         return [Mistake(evidence, "no known unit of the angles explains it", (), "gnss")], log
+    too_short = f"{_OF_SENSORS}: fewer than two windows of {PIECE * PIECES:g} s have samples and fixes without holes"
     if readings[0].fixes.time.size < PIECES:
+        unseen.append(too_short)
         return [], log
     judge = _Judge(log, readings)
     none = np.zeros(3)
     if not judge.windows.size or judge.samples.time.size < 10:
+        unseen.append(too_short)
         return [], log
     # the clocks first, with all else as written: a latency that the tuning will find is no mistake
     usual, tolerated = _usual_offset(log)
@@ -924,8 +963,11 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     plain = judge.carried(1.0, none)
     best_clocks = judge.clocks(plain, offsets, tolerated)
     if best_clocks is None:
+        unseen.append(too_short)
         return [], log
-    at, others, _ = best_clocks
+    at, others, beyond = best_clocks
+    if np.isfinite(beyond):
+        unseen.append(f"offsets of the clocks of {beyond:.3g} s and more: too little of the flight overlaps then")
     clocks = [_Hypothesis(offset=at)]
     for apart in others:
         finer = apart + 0.1 * np.arange(-4, 5)
@@ -953,7 +995,7 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     short = [home]
     for kind in (True, False):  # where nothing turns all fit alike, and the usual ones must be among them
         of_kind = [i for i in order if i and _always(fits[i].hypothesis, at) == kind]
-        short += [fits[i] for i in of_kind[:12] if levels[i] <= 4.0 * levels[order[0]]]
+        short += [fits[i] for i in of_kind[: 24 if kind else 12] if levels[i] <= 4.0 * levels[order[0]]]
     fits = [
         again
         for fit in short
@@ -967,13 +1009,18 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     due = judge.targets[0].gained[judge.windows]
     signal = float(np.mean(np.var(due, axis=1)))
     if 0 not in in_question and best > max(0.25 * signal, 2.0 * VELOCITY_SIGMA**2):
-        return [], log  # nothing explains it
+        unseen.append(f"{_OF_SENSORS}: nothing explains the velocities, not as written either")
+        return [], log
     options = [e for i in in_question for e in _explained(log, readings, fits[i], float(levels[i]), tolerated)]
     if not options:
         return [], log
     options.sort(key=lambda e: (e.changes, not e.usual, e.square))
     first = options[0]
     if first.changes == 0:
+        seen = (e for e in options if e.changes == 1 and e.usual and "gnss.time_offset_s" not in e.remedy)
+        hidden = {"another horizontal axis forward" if _turns_forward(e) else _without_seem(e.seems) for e in seen}
+        if hidden:
+            unseen.append(f"{', '.join(sorted(hidden))}: with such a mistake the flight would fit as well")
         return [], log
     alternatives = [
         e for e in options if (e.changes, e.usual) == (first.changes, first.usual) and e.square <= 1.3 * first.square
@@ -986,6 +1033,16 @@ def motion(log: Log) -> tuple[list[Mistake], Log]:
     remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
     mistake = Mistake(evidence, " or ".join(e.seems for e in unique), remedies, "gnss")
     return [mistake], log
+
+
+def _without_seem(words: str) -> str:
+    """What seems to be the case, as a noun."""
+    return words.replace(" seem to have ", " with ").replace(" seems ", " ").replace(" seem to be ", " ")
+
+
+def _turns_forward(explanation: _Explanation) -> bool:
+    """Whether all it does is to turn both triads about the vertical."""
+    return list(explanation.remedy) == ["imu.axes"] and explanation.remedy["imu.axes"][2] == "D"
 
 
 def _always(hypothesis: _Hypothesis, offset: float) -> bool:

@@ -39,7 +39,7 @@ from navsim.scenario.source import Document, InputError, Place, Problem
 from navsim.simulation import alignment as aligning
 from navsim.simulation import replay
 from navsim.simulation.sensors import followed
-from navsim.study.diagnosis import Log, diagnose
+from navsim.study.diagnosis import Log, examine
 from navsim.study.findings import DOUBTED, limit, notes, of_flight
 from navsim.study.job import JobError
 from navsim.study.recorded_ranges import read_messages, read_ranges, together
@@ -93,6 +93,7 @@ class Recording:
     has_vertical: bool
     ranges: Ranges | None
     recorded: tuple[float, float]
+    not_judged: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -166,6 +167,7 @@ class ReadLog:
     fixes: Fixes
     ranges: Ranges | None
     warnings: list[str]
+    not_judged: tuple[str, ...]
 
 
 def read(scenario: Replay, document: Document) -> ReadLog:
@@ -185,13 +187,13 @@ def read(scenario: Replay, document: Document) -> ReadLog:
         of_ranges, ranges = _observed(document, scenario)
         tables.append(of_ranges)
     scenario = _pinned(scenario, document)
-    warnings = _checked(scenario, document, *(table.judged for table in tables))
+    warnings, not_judged = _checked(scenario, document, *(table.judged for table in tables))
     for table in tables:
         if table.refusal is not None:
             raise table.refusal
         warnings += table.lost.said()
     samples, fixes = (table.rows for table in tables)
-    return ReadLog(scenario, samples, fixes, ranges, warnings)
+    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged))
 
 
 def prepare(scenario: Replay, document: Document) -> Recording:
@@ -244,15 +246,16 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         tight or has_vertical or gnss.velocity_sigma_m_s is not None,
         ranges,
         (float(min(log.samples.time[0], log.fixes.time[0])), float(max(log.samples.time[-1], log.fixes.time[-1]))),
+        log.not_judged,
         warnings,
     )
 
 
-def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> list[str]:
-    """What is probably wrong with how the recording is written, as warnings. Raises InputError where it is to be
-    refused."""
+def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[list[str], list[str]]:
+    """What is probably wrong with how the recording is written, as warnings, and what cannot be judged. Raises
+    InputError where it is to be refused."""
     if scenario.checks == "off":
-        return []
+        return [], ["everything: checks are off"]
     log = Log(
         samples,
         fixes,
@@ -263,13 +266,14 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
         last=np.inf if scenario.end_s is None else scenario.end_s,
         sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.lenient),
     )
-    found = diagnose(log)
+    examined = examine(log)
+    found = examined.mistakes
     if found and scenario.checks == "refuse":
         way_out = "(`checks: warn` flies it nevertheless)"
         raise InputError(
             [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
         )
-    return [str(mistake) for mistake in found]
+    return [str(mistake) for mistake in found], examined.not_judged
 
 
 @dataclass(frozen=True)
@@ -489,6 +493,7 @@ def compute(recording: Recording, done: Callable[[int], None] = lambda _: None) 
             "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
             alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
             recorded_s=recording.recorded, flown_s=(flight.imu_time[0], flight.imu_time[-1]),
+            not_judged="; ".join(recording.not_judged),
         )
     )  # fmt: skip
     off_course = _off_course(flight, flown) if scenario.checks != "off" else []

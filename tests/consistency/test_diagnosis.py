@@ -16,14 +16,15 @@ from typer.testing import CliRunner
 from navsim.cli.main import app
 from navsim.io.recording import read_fixes, read_imu
 from navsim.models import conventions
-from navsim.models.conventions import BODY_AXES, GNSS_COLUMNS, IMU_COLUMNS, GnssConvention, ImuConvention
+from navsim.models.conventions import BODY_AXES, GnssConvention, ImuConvention
 from navsim.models.recording import Fixes, Samples
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay
-from navsim.study.diagnosis import Log, diagnose
+from navsim.study.diagnosis import Log, diagnose, examine
 from tests.mistakes import MISTAKES, Made, needs
-from tests.recordings import circuit, drive, record, straight
+from tests.recordings import circuit, drive, quadrotor, record, straight
+from tests.recordings import write_recording as table
 
 ROOT = Path(__file__).resolve().parents[2]
 AIRCRAFT = needs("turns", "rolls", "sideways", "climbs", "velocities", "vertical")
@@ -162,19 +163,64 @@ def test_offsets_that_fit_as_well_are_named_together() -> None:
         assert {each["gnss.time_offset_s"] for each in found.remedies} == {-18.0, 12.0}
 
 
+# --- slow flights
+
+SHOWN_AT_WALKING_PACE = (
+    "FLU for FRD", "accelerometer's sign", "accelerometer x negated", "accelerometer y negated",
+    "accelerometer z negated", "accelerometer x and y", "accelerometer x and z", "accelerometer in g", "gyro's sign",
+    "gyro z negated", "gyro x and y", "gyro y and z", "gyro in deg/s", "radians", "latitude and longitude",
+    "height in feet", "vertical sign", "vn and ve", "ENU for NED", "speed in km/h", "speed in knots",
+    "GPS time for UTC",
+)  # fmt: skip
+
+
+@cache
+def drone() -> tuple[Samples, Fixes]:
+    return record(quadrotor(), 1, fix_rate=5.0, velocity_noise=0.05, position_noise=0.5)
+
+
+@pytest.mark.parametrize("name", SHOWN_AT_WALKING_PACE)
+def test_each_mistake_of_a_slow_flight_is_named(name: str) -> None:
+    """No fix is faster than 2.5 m/s, the drone hovers for half of the time, and its nose points anywhere."""
+    assert np.nanmax(np.linalg.norm(drone()[1].velocity[:, :2], axis=1)) < 2.5
+    assert named(BY_NAME[name], drone()) == [(BY_NAME[name].remedy,)]
+
+
+@pytest.mark.parametrize("velocities", ["ned", "horizontal", "none"])
+def test_a_slow_flight_in_order_raises_no_alarm(velocities: Any) -> None:
+    """Parked for the most part, too, by a receiver whose positions wander."""
+    for poor in ({}, {"position_noise": 3.0, "velocity_noise": 0.2, "accel_bias": 0.1}):
+        for seed in (11, 12):
+            samples, fixes = record(quadrotor(), seed, velocities=velocities, **poor)
+            assert diagnose(Log(samples, fixes)) == []
+            assert diagnose(Log(samples.between(0.0, 45.0), fixes.take(fixes.time < 45.0))) == []
+
+
+def test_what_cannot_be_judged_is_listed() -> None:
+    assert examine(Log(*aircraft())).not_judged == []
+    (nose,) = examine(Log(*drone())).not_judged
+    assert nose.startswith("another horizontal axis forward: ")
+    samples, fixes = drone()
+    vertical, motion = examine(Log(samples, replace(fixes, velocity=fixes.velocity * [1.0, 1.0, np.nan]))).not_judged
+    assert vertical == "sign of the vertical velocity, unit of the height: the fixes have no such velocity"
+    assert "the gyro's z axis reversed" in motion
+    horizontal, _, sensors = examine(Log(samples.between(0.0, 15.0), fixes.take(fixes.time < 15.0))).not_judged
+    assert horizontal.startswith("unit and axes of the horizontal velocity, unit of the angles: fewer than three")
+    assert sensors.startswith("signs, columns and axes of the sensors, unit of the gyros, clocks: fewer than two")
+    straight_on = "; ".join(examine(Log(*level())).not_judged)
+    for name in ("the gyro's z axis reversed", "the columns x and y of the gyros exchanged", "offsets of the clocks",
+                 "sign of the vertical velocity", "the accelerometer's y axis reversed"):  # fmt: skip
+        assert name in straight_on, name
+
+
+def test_velocities_are_judged_where_some_are_missing() -> None:
+    samples, fixes = BY_NAME["speed in knots"].make(*aircraft())
+    some = np.where(np.arange(fixes.time.size)[:, None] % 20 == 7, np.nan, fixes.velocity)
+    (found,) = diagnose(Log(samples, replace(fixes, velocity=some)))
+    assert found.remedies == ({"gnss.speed_unit": "kn"},)
+
+
 # --- what is declared
-
-
-def table(folder: Path, samples: Samples, fixes: Fixes) -> Path:
-    """The recording as files, and its LOG.yaml."""
-    np.savetxt(folder / "imu.csv", np.column_stack([samples.time, samples.rate, samples.force]), "%.9g", ",",
-               header=",".join(IMU_COLUMNS), comments="")  # fmt: skip
-    place = np.column_stack([np.degrees(fixes.llh[:, :2]), fixes.llh[:, 2]])
-    np.savetxt(folder / "gnss.csv", np.column_stack([fixes.time, place, fixes.velocity]), "%.12g", ",",
-               header=",".join(GNSS_COLUMNS), comments="")  # fmt: skip
-    log = folder / "log.yaml"
-    log.write_text("kind: replay\nversion: 1\nimu: {file: imu.csv}\ngnss: {file: gnss.csv}\ntuning: none\n")
-    return log
 
 
 @pytest.mark.parametrize("name", BY_NAME)

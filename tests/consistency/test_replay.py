@@ -16,7 +16,7 @@ from navsim.io.results import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
 from navsim.study import replay
-from tests.recordings import LATENCY, sentences_of, write_flight
+from tests.recordings import LATENCY, parked_before, quadrotor, record, sentences_of, write_flight, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 GIVEN = ("tuning=none", f"gnss.latency_s={LATENCY}", "gnss.velocity_sigma_m_s=[0.1, 0.1]")
@@ -83,6 +83,24 @@ def test_a_tuning_that_has_not_converged_is_told(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("navsim.study.tuning.EVALUATIONS", 12)
     result = flown(tmp_path / "log.yaml")
     assert any("had not converged after 12 flights" in text for text in remarks(result))
+
+
+def test_parked_fixes_do_not_tune(tmp_path: Path) -> None:
+    """However many a slow flight has: its own fixes in motion do; of one that never moves nothing is tuned."""
+    hovering = record(quadrotor(70.0), 1, rate=25.0, fix_rate=2.0, position_noise=0.3)
+    samples, fixes = parked_before(*hovering, 100.0)
+    given = ("tuning=likelihood", "alignment.heading_deg=40.1", "alignment.heading_sigma_deg=5",
+             "imu.gyro.arw_deg_sqrt_h=1", "imu.accelerometer.vrw_m_s_sqrt_h=1", "gnss.latency_s=0.1")  # fmt: skip
+    result = flown(write_recording(tmp_path, samples, fixes), *given)
+    assert 0.05 < float(result["/tuning/velocity_sigma_horizontal"]) < 0.12  # 0.01 m/s at rest, 0.1 m/s in flight
+    assert 0.7 < result["/summary/nis"][1] < 1.4
+    assert not remarks(result)
+    standing = write_recording(tmp_path, samples.between(0.0, 100.0), fixes.take(fixes.time < 100.0))
+    result = flown(standing, *given)
+    (text,) = remarks(result)
+    assert text.startswith("nothing is tuned: 0 fixes are in motion (faster than 0.5 m/s)")
+    assert float(result["/tuning/velocity_sigma_horizontal"]) == 0.3
+    assert result.variables["/tuning/velocity_sigma_horizontal"].attributes["origin"] == "given"
 
 
 def test_innovations_larger_than_believed_are_told(tmp_path: Path) -> None:
