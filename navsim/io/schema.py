@@ -217,6 +217,13 @@ _RECEIVER = Chapter(
         _a("/receiver/clock", "run time clock_name", "m", "receiver clock against each time scale", LANDING, when=_ALL),
         _a("/receiver/covariance_enu", "time enu enu_column", "m2", "weighted covariance of a position fix at truth",
            _FLOWN),
+        _a("/imu/time", "time", "s", "times of the samples since the epoch: each is of the interval that ends there",
+           LANDING, when=_ALL),
+        _labels("/imu/axis", "body axes", LANDING, "forward", "right", "down"),
+        _a("/imu/delta_angle", "run time axis", "rad", "integral of the angular rate that the gyros measured over the "
+           "interval", LANDING, when=_ALL),
+        _a("/imu/delta_velocity", "run time axis", "m/s", "integral of the specific force that the accelerometers "
+           "measured over the interval", LANDING, when=_ALL),
         _a("/measurements/time", "time", "s", "fix epochs", LANDING, when=_ALL),
         _a("/measurements/source", "source", "1", "names of the sources", LANDING, TEXT, when=_ALL),
         _a("/measurements/pseudorange", "run time source", "m", "pseudoranges", LANDING, when=_ALL),
@@ -251,6 +258,9 @@ _FILTER = Chapter(
            attributes=("degrees_of_freedom",)),
         _a("/filter/deviation_{axis}", "run time", "m", "how far the way of a run is off the route, {axis}", LANDING,
            when=f"{_WAYS}, {_KEPT}", axis=RUNWAY_AXES),
+        _a("/filter/gust_{axis}", "run time", "m/s", "gusts and turbulence beside the mean wind (`/truth/wind_ned`), "
+           "{axis}: to the right of the course, along it, up; both together are the wind that the aircraft meets",
+           LANDING, when=f"{_WAYS}, {_ALL}", axis=RUNWAY_AXES),
         _a("/filter/epoch", "epoch", "s", "fix epochs, time of validity", LANDING, when=_KEPT),
         _a("/filter/innovation_squared", "run epoch", "1",
            "normalised innovation squared, nan where nothing is weighed", LANDING, when=_KEPT,

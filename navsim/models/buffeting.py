@@ -45,14 +45,19 @@ class Buffeting:
     def moved(self, states: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """The way off the route with its first two derivatives (3, k, W), m, and the speed through the air that the
         nose follows with its rate (2, k, W), m/s, of no size where none does; states (k, n, W) of the walk."""
-        gust, met = self.gust[:, None], self.met[..., None]
+        gust, met = self.blowing(states), self.met[..., None]
         if states is not None:
-            n = self.rows.shape[1]
-            gust = gust + np.einsum("kn,knw->kw", self.rows[self.which], states[:, :n])
-            met = met + states[:, n:]
+            met = met + states[:, self.rows.shape[1] :]
         place, speed, nose = met[:, 1], met[:, 2], met[:, 3:]
         acceleration = (gust - met[:, 0]) / self.lag[self.which, None] + self.guided(np.stack([place, speed]))
         return np.stack([place, speed, acceleration]), nose.transpose(1, 0, 2)
+
+    def blowing(self, states: np.ndarray | None) -> np.ndarray:
+        """Gusts and turbulence (k, W), m/s, beside the mean wind; states (k, n, W) of the walk."""
+        gust = self.gust[:, None]
+        if states is None:
+            return gust
+        return np.asarray(gust + np.einsum("kn,knw->kw", self.rows[self.which], states[:, : self.rows.shape[1]]))
 
     def guided(self, moved: np.ndarray) -> np.ndarray:
         """The acceleration (k, W), m/s2, with which guidance answers a way and its derivative (2 or more, k, W); of the

@@ -32,11 +32,13 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Departure:
     """Deviations of runs at times (k,), s, equally spaced: way (k, 9, W) place (m), velocity and acceleration along
-    path axes; turn (k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate."""
+    path axes; turn (k, 6, W) Gibbs vector of the attitude in the reference's body axes, and its rate. gust (k, 3, W):
+    wind beside the mean one, m/s, to the right of the course, along it, up."""
 
     time: np.ndarray
     way: np.ndarray
     turn: np.ndarray
+    gust: np.ndarray
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
@@ -56,6 +58,11 @@ class Departure:
         first, s, h = self._since(time)
         p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
         return np.asarray(p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))))
+
+    def gust_at(self, time: np.ndarray) -> np.ndarray:
+        """`gust` at times (m,): between samples on the straight line."""
+        first, s, h = self._since(time)
+        return np.asarray(self.gust[first] + s / h * (self.gust[first + 1] - self.gust[first]))
 
     def _since(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """The samples before times (m,), the time since them (m, 1, 1), and that between samples."""
@@ -128,11 +135,14 @@ class Disturbance:
                 way[:, 3 * order + 2] -= up[order]
             if self.pitches:  # the nose follows the way through the air
                 self._turn(turn, 1, up[1], up[2])
+        gust = np.zeros((self.time.size, 3, lanes))
         for axis, met in self.buffeting.items():
-            self._buffeted(axis, met, states.get(_TURBULENCE + axis), way, turn)
+            own = states.get(_TURBULENCE + axis)
+            gust[:, axis] = met.blowing(own)
+            self._buffeted(axis, met, own, way, turn)
         if known is not None:
             self._steered(known, way, turn)
-        return Departure(self.time, way, turn)
+        return Departure(self.time, way, turn, gust)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
         """Adds a deviation across the course: the nose follows the way, the bank its acceleration."""

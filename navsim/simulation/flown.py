@@ -64,8 +64,8 @@ class FlownWay:
 class Flown(NamedTuple):
     """What runs (lanes) meet on their ways: exact increments dtheta, dv (n, 3, W); llh, velocity (o, 3, W), quaternion
     (o, 4, W), rpy (o, 3, W) at the filter's outputs, and how far off the route that is, deviation (o, 3, W), m, along
-    axes of the runway: lateral (right), along, vertical (up); antenna (e, 3, W) ECEF and ranges, rates (e, s, W) at
-    fixes; departure."""
+    axes of the runway: lateral (right), along, vertical (up); gust (o, 3, W) there, see `Departure`; antenna
+    (e, 3, W) ECEF and ranges, rates (e, s, W) at fixes; departure."""
 
     dtheta: np.ndarray
     dv: np.ndarray
@@ -74,6 +74,7 @@ class Flown(NamedTuple):
     quaternion: np.ndarray
     rpy: np.ndarray
     deviation: np.ndarray
+    gust: np.ndarray
     antenna: np.ndarray
     ranges: np.ndarray
     rates: np.ndarray
@@ -143,7 +144,7 @@ class Ways:
             own = [generator(seed, run, "air", number) for run in runs]
             rngs[number] = (*own, *(own[-1] for _ in range(others)))
         departure = self.disturbance.drawn(rngs, len(runs), lanes, known)
-        for each in (departure.way, departure.turn):
+        for each in (departure.way, departure.turn, departure.gust):
             each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
         dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)
         along, step = self.disturbance, float(self.disturbance.time[1] - self.disturbance.time[0])
@@ -165,6 +166,7 @@ class Ways:
             quaternion=_lanes(there.quaternion, lanes),
             rpy=_lanes(there.rpy, lanes),
             deviation=np.stack([way[:, 1], way[:, 0], -way[:, 2]], axis=1),
+            gust=departure.gust_at(self.at_filter.time),
             antenna=antenna,
             ranges=ranges,
             rates=rates,
@@ -174,7 +176,8 @@ class Ways:
     def of_run(self, flown: Flown, lane: int) -> FlownWay:
         """The flight of one run."""
         of_all, one = flown.departure, slice(lane, lane + 1)
-        return FlownWay(self.route, Departure(of_all.time, of_all.way[..., one], of_all.turn[..., one]))
+        own = (part[..., one] for part in (of_all.way, of_all.turn, of_all.gust))
+        return FlownWay(self.route, Departure(of_all.time, *own))
 
     def _ranges(self, antenna: np.ndarray, antenna_velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True ranges and range rates (e, s, W): those of the route, and by how much the distances differ."""

@@ -213,7 +213,10 @@ class Run:
     size where nothing is excluded; innovation_ratio (e,): see `InnovationTest`, of no size where there is none;
     deviation (o, 3): of the way that was flown from the route, lateral, along, vertical, m, its true roll, pitch, yaw,
     attitude (o, 3), rad, and where the antenna truly was at fixes (e, 3), ECEF, m; of no size where all runs fly the
-    route; clipped (2,): samples of gyros and of accelerometers beyond their range, of no size where they have none."""
+    route; gust (o, 3): wind beside the mean one, m/s, to the right of the course, along it, up, of no size likewise;
+    delta_angle, delta_velocity (n, 3): increments that the inertial sensors measured, rad, m/s, of no size where they
+    are not wanted; clipped (2,): samples of gyros and of accelerometers beyond their range, of no size where they have
+    none."""
 
     pseudorange: np.ndarray
     range_rate: np.ndarray
@@ -243,6 +246,9 @@ class Run:
     deviation: np.ndarray
     attitude: np.ndarray
     antenna: np.ndarray
+    gust: np.ndarray
+    delta_angle: np.ndarray
+    delta_velocity: np.ndarray
     clipped: np.ndarray
 
     def one(self, which: int) -> Run:
@@ -777,9 +783,10 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         return of_runs(lanes) if measured else np.empty((count, 0, 0))
 
     none = np.empty((0, 3, WIDTH))
-    own = {"deviation": none, "attitude": none, "antenna": none}
+    own = {"deviation": none, "attitude": none, "antenna": none, "gust": none}
     if inputs.flown is not None:
-        own = {"deviation": inputs.flown.deviation, "attitude": inputs.flown.rpy, "antenna": inputs.flown.antenna}
+        flown = inputs.flown
+        own = {"deviation": flown.deviation, "attitude": flown.rpy, "antenna": flown.antenna, "gust": flown.gust}
     of_events = _of_events(
         flight, [of_runs(m) for m in inputs.aided], of_runs(account.innovation_squared),
         of_runs(account.degrees).astype(np.int64), of_runs(account.status).astype(np.int64),
@@ -799,6 +806,7 @@ def fly_inputs(flight: Flight, inputs: Inputs, count: int, measured: bool = Fals
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
         **{name: of_runs(lanes) for name, lanes in own.items()},
+        delta_angle=of_signals(inputs.dtheta), delta_velocity=of_signals(inputs.dv),
         clipped=of_runs(inputs.clipped).astype(np.int64) if flight.limited else np.empty((count, 0), np.int64),
     )  # fmt: skip
 

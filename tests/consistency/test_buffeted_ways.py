@@ -41,7 +41,8 @@ def departed(*settings: str, seconds: float, runs: int = WIDTH, name: str = "lan
             n: tuple(np.random.default_rng((n, run)) for run in range(first, first + WIDTH)) for n in disturbance.walks
         }
         drawn.append(disturbance.drawn(rngs, WIDTH, WIDTH))
-    return Departure(time, *(np.concatenate([getattr(d, part) for d in drawn], axis=2) for part in ("way", "turn")))
+    parts = ("way", "turn", "gust")
+    return Departure(time, *(np.concatenate([getattr(d, part) for d in drawn], axis=2) for part in parts))
 
 
 def predicted(world: Any, height: np.ndarray, airspeed: np.ndarray) -> np.ndarray:

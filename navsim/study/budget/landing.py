@@ -114,7 +114,7 @@ class Extent:
             "settled": self.settled,
             "ranged": self.ranged,
             "tried": self.tried,
-            "limited": self.limited,
+            "limited": self.limited, "sample": self.samples,
             "deviating": self.epochs + 1 if self.ways else 0, "met": self.epochs if self.ways else 0,
         }  # fmt: skip
 
@@ -177,10 +177,10 @@ def landing(
     part = runs * (COLUMNS + (36 if here.ways else 0)) * NUMBER + _blocks(runs) * sums_bytes(here)
     result = _common_bytes(scenario, here) + streamed + part + runs * 13 * NUMBER
     result += NUMBER * (4 + here.sizes()["group"]) * (here.epochs + 1)
-    variables = {"none": 104, "errors": 113, "all": 122}[keep] + (27 if runs > 1 else 0)
+    variables = {"none": 106, "errors": 115, "all": 128}[keep] + (27 if runs > 1 else 0)
     if here.ways:
-        variables += {"none": 16, "errors": 19, "all": 20}[keep]
-    result += variables * VARIABLE + NUMBER * (here.epochs + here.sources)
+        variables += {"none": 16, "errors": 19, "all": 23}[keep]
+    result += variables * VARIABLE + NUMBER * (here.epochs + here.sources + (here.samples if keep == "all" else 0))
     image = WRITING * (result if streamed < BUILT_IN_MEMORY else result - streamed)
     return Budget(
         BASE_TIME
@@ -292,7 +292,7 @@ def _stored(here: Extent, keep: str) -> float:
         errors
         + ranges
         + here.epochs * here.ranged
-        + of("fix_llh", "fix_velocity", "aided", "antenna")
+        + of("fix_llh", "fix_velocity", "aided", "antenna", "gust", "delta_angle", "delta_velocity")
         + NUMBER * here.epochs * here.clocks
     )
 

@@ -73,7 +73,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
     "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
     "innovation_ratio": ("tried",), "deviation": ("deviating", 3), "attitude": ("deviating", 3),
-    "antenna": ("met", 3), "clipped": ("limited",),
+    "antenna": ("met", 3), "gust": ("deviating", 3), "delta_angle": ("sample", 3), "delta_velocity": ("sample", 3),
+    "clipped": ("limited",),
 }  # fmt: skip
 """Shapes of the histories of a run, all of eight bytes a number; output: time 0 and every epoch."""
 

@@ -74,6 +74,9 @@ def _measurements(draft: Draft, case: Case, ensemble: Ensemble) -> None:
     draft["/measurements/source"] = np.array(s.names, dtype=object)
     draft["/measurements/pseudorange"] = _history(ensemble, "pseudorange")
     draft["/measurements/range_rate"] = _history(ensemble, "range_rate")
+    draft["/imu/time"] = case.world.imu_time[1:]
+    for name in ("delta_angle", "delta_velocity"):
+        draft[f"/imu/{name}"] = _history(ensemble, name)
     draft["/measurements/cn0"] = _history(ensemble, "pseudorange", lambda block: np.broadcast_to(s.cn0, block.shape))
 
 
@@ -98,6 +101,8 @@ def _filter(draft: Draft, case: Case, ensemble: Ensemble, keep: str) -> None:
         draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
     if world.ways is not None:
         for i, axis in enumerate(RUNWAY_AXES):
+            if keep == "all":
+                draft[f"/filter/gust_{axis}"] = _history(ensemble, "gust", lambda block, i=i: block[..., i])  # type: ignore[misc]
             draft[f"/filter/deviation_{axis}"] = _history(ensemble, "deviation", lambda block, i=i: block[..., i])  # type: ignore[misc]
     draft["/filter/epoch"] = world.signals.time
     most = int(ensemble.per_run("degrees").max())
