@@ -149,7 +149,7 @@ def posing(study: Optimize, scenario: Landing, sources: Environment) -> Budget:
     signals = SIGNAL_MEMORY * here.epochs * here.sources * starts
     ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
     judged = _JUDGED_MEMORY * judged_places * _glide(scenario) * ruled
-    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 40 * VARIABLE
+    result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
     flown = 0.0
     if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
         flown = 2.0 * SAMPLE_MEMORY * here.samples + ANALYSED_MEMORY * here.epochs
