@@ -28,6 +28,8 @@ _DEGREE = 5
 _FEWEST = 8
 _LOOK = 0.01
 """Step in which the largest of a motion is sought, s."""
+_AT_ONCE = 50_000
+"""Moments of a motion that are looked at together: of a flight of hours, all would take gigabytes."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +144,17 @@ class Largest:
 
 def largest(moving: Moving, duration: float) -> Largest:
     """Of a motion from time 0 on, every hundredth of a second."""
-    motion = moving.motion(np.arange(0.0, duration + 0.5 * _LOOK, _LOOK))
-    force, rate = (np.linalg.norm(each, axis=1) for each in (motion.specific_force, motion.angular_rate))
+    time = np.arange(0.0, duration + 0.5 * _LOOK, _LOOK)
+    pieces = (moving.motion(piece) for piece in np.array_split(time, -(-time.size // _AT_ONCE)))
+    force, rate = (
+        np.concatenate(each)
+        for each in zip(
+            *((np.linalg.norm(m.specific_force, axis=1), np.linalg.norm(m.angular_rate, axis=1)) for m in pieces),
+            strict=True,
+        )
+    )
     hard, fast = int(np.argmax(force)), int(np.argmax(rate))
-    return Largest(float(force[hard]), float(motion.time[hard]), float(rate[fast]), float(motion.time[fast]))
+    return Largest(float(force[hard]), float(time[hard]), float(rate[fast]), float(time[fast]))
 
 
 def _rms(distance: np.ndarray) -> float:

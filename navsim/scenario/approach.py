@@ -14,6 +14,7 @@ from navsim.scenario.base import (
     KMH,
     Azimuth,
     Checksum,
+    FlightTime,
     Latitude,
     ListOf,
     LogTime,
@@ -267,6 +268,10 @@ class _Approach(Section):
     """how far the way of each run is off the route; null: all fly the route"""
 
 
+S_TURN_LASTS = 3600.0
+"""Turns of `profile: s-turn`, s."""
+
+
 class STurn(_Approach):
     """Level flight turning right and left, not a landing: for filters to prove themselves in."""
 
@@ -289,7 +294,7 @@ class STurn(_Approach):
             self.turn_rate_deg_s * DEG,
             self.period_s,
             self.roll_s,
-            3600.0,
+            S_TURN_LASTS,
         )
 
 
@@ -298,7 +303,7 @@ class GoAroundSection(Section):
 
     height_m: Annotated[float, Field(ge=0.1, le=5000.0)] | None = None
     """height above the runway, coming down, at which it begins; null: at_s says when"""
-    at_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
+    at_s: FlightTime | None = None
     """when it begins; null: height_m says where"""
     load_factor: Annotated[float, Field(ge=1.01, le=5.0)] = 1.2
     """lift by weight in the pull-up; where coming on and off makes the climb already, less is reached"""

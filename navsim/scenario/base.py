@@ -69,7 +69,11 @@ NonNegative = Annotated[float, Field(ge=0.0, le=1e6)]
 Signed = Annotated[float, Field(ge=-1e6, le=1e6)]
 """A place, an offset, an error, in the unit of its key."""
 Variance = Annotated[float, Field(ge=1e-18, le=1e12)]
-Stretch = Annotated[float, Field(ge=0.01, le=3600.0)]
+LONGEST_FLIGHT = 1e6
+"""Of a simulation, s. Memory bounds flights earlier: the budget is asked before they are flown."""
+FlightTime = Annotated[float, Field(ge=0.0, le=LONGEST_FLIGHT)]
+"""A time in a flight, s after time 0."""
+Stretch = Annotated[float, Field(ge=0.01, le=LONGEST_FLIGHT)]
 """How long a part of a flight takes, s."""
 ScanPeriod = Annotated[float, Field(ge=0.001, le=60.0)]
 """Between measurements, s."""

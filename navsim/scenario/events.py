@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import ListOf, Section, Triple, reject
+from navsim.scenario.base import FlightTime, ListOf, Section, Triple, reject
 
 if TYPE_CHECKING:
     from navsim.models.events import Event, Happening
 
-When = Annotated[float, Field(ge=0.0, le=3600.0)]
 Error = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Of a range, m, or its change, m/s."""
 _NONE = (0.0, 0.0, 0.0)
@@ -28,9 +27,9 @@ class EventSection(Section):
     """what happens"""
     sources: Annotated[ListOf[str], Field(min_length=1)]
     """names of satellites and pseudolites, of satellite systems, `pseudolites`, `all`"""
-    at_s: When = 0.0
+    at_s: FlightTime = 0.0
     """when it begins, after time 0"""
-    until_s: When | None = None
+    until_s: FlightTime | None = None
     """when it ends, after time 0; null: at the end of the flight"""
 
     @model_validator(mode="after")

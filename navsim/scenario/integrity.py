@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import ListOf, NonNegative, Section, reject
+from navsim.scenario.base import FlightTime, ListOf, NonNegative, Section, reject
 from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 
@@ -75,7 +75,7 @@ class GroundGroup(Section):
 class TailsSection(Section):
     """Where it is sampled how often fixes are beyond their levels and nothing is said."""
 
-    at_s: Annotated[ListOf[Annotated[float, Field(ge=0.0, le=3600.0)]], Field(min_length=1, max_length=20)]
+    at_s: Annotated[ListOf[FlightTime], Field(min_length=1, max_length=20)]
     """times at which tails are sampled; of each the last fix epoch up to then"""
     samples: Annotated[int, Field(ge=1000, le=1_000_000)] = 100_000
     """samples of each fault at each of the times"""
@@ -84,7 +84,7 @@ class TailsSection(Section):
 class InnovationsSection(Section):
     """A test of the filter's innovations, which sees what no single fix shows."""
 
-    window_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 30.0
+    window_s: FlightTime = 30.0
     """how long innovations are added up; 0: each epoch by itself"""
     p_fa: Chance = 1e-5
     """probability of an alarm at an epoch without a fault"""

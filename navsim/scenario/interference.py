@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.approach import Point
-from navsim.scenario.base import ListOf, NonNegative, PairOf, Section, reject
+from navsim.scenario.base import FlightTime, ListOf, NonNegative, PairOf, Section, reject
 from navsim.scenario.terrain import RidgeSection, tops_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from navsim.models.spectra import SweptTone, Waveform
     from navsim.scenario.signals import CodeTrackingSection, ReceiverSection
 
-Moment = Annotated[float, Field(ge=0.0, le=3600.0)]
 Density = Annotated[float, Field(ge=0.0, le=80.0)]
 """Carrier to noise density ratio, dB-Hz."""
 Wait = Annotated[float, Field(ge=0.0, le=60.0)]
@@ -69,7 +68,7 @@ class JammerSection(Section):
     only the mean is felt"""
     shadow_db: NonNegative = 0.0
     """loss by what hides it from the aircraft"""
-    on_s: ListOf[PairOf[Moment]] = ()
+    on_s: ListOf[PairOf[FlightTime]] = ()
     """when it sends: from, to, one or several times; left out: always"""
 
     @model_validator(mode="after")

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from navsim.scenario.aerodrome import with_published
 from navsim.scenario.air import WindSection, beside
 from navsim.scenario.approach import (
+    S_TURN_LASTS,
     SLOWEST,
     FileApproach,
     PaperApproach,
@@ -28,6 +29,7 @@ from navsim.scenario.approach import (
 )
 from navsim.scenario.base import (
     DEG,
+    LONGEST_FLIGHT,
     KeyedError,
     ListOf,
     Section,
@@ -85,7 +87,7 @@ class Landing(Section):
     """title of results, reports and exports; empty: they show the name of the file"""
     epoch: Utc
     """UTC of time 0"""
-    duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 120.0
+    duration_s: Annotated[float, Field(gt=0.0, le=LONGEST_FLIGHT)] = 120.0
     """length of the simulation"""
     method: Literal["monte-carlo", "covariance", "rare"] = "monte-carlo"
     """monte-carlo: fly the runs; covariance: the same accuracy to first order from matrices, with an error budget;
@@ -210,6 +212,8 @@ class Landing(Section):
         for i, event in enumerate(self.events):
             if event.at_s >= self.duration_s:
                 raise reject(f"is not within duration_s, {self.duration_s:g} s", "events", i, "at_s")
+        if isinstance(self.approach, STurn) and self.duration_s > S_TURN_LASTS:
+            raise reject(f"turns of `profile: s-turn` last {S_TURN_LASTS:g} s; give no more", "duration_s")
         if self.duration_s * self.imu.rate_hz < 2.0:
             raise reject("shorter than two samples of the IMU", "duration_s")
         if isinstance(self.approach, FileApproach):

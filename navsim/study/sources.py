@@ -29,6 +29,9 @@ from navsim.study.satellites import horizon_of, read_satellites
 HARDEST, FASTEST = 20.0, 1000.0
 """Largest specific force, in units of standard gravity, and rate, deg/s, of a motion that a table is taken for."""
 
+_SPEED_STEP = 0.1
+"""Step in which the slowest of a long recorded flight is sought, s."""
+
 
 def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landing]:
     """The motion to be flown, and the scenario with the checksum of its recording written into it.
@@ -132,7 +135,7 @@ def _read_table(path: Path, scenario: Landing) -> tuple[np.ndarray, np.ndarray, 
 def _check_flyable(moving: Moving, scenario: Landing) -> None:
     """Raise ValueError for a motion that is none of an aircraft."""
     if isinstance(moving, Trajectory):
-        t = np.linspace(0.0, scenario.duration_s, 2000)
+        t = np.linspace(0.0, scenario.duration_s, max(2000, math.ceil(scenario.duration_s / _SPEED_STEP) + 1))
         speed = np.linalg.norm(moving.path.jet(t)[:, 1], axis=1)
         if (slowest := float(speed.min())) < SLOWEST:
             text = f"moves at {slowest:.2f} m/s {t[int(np.argmin(speed))]:.1f} s after the start"
