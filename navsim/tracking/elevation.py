@@ -19,7 +19,8 @@ from navsim.tracking.kalman import singer
 
 @dataclass(frozen=True)
 class Model:
-    """x(k+1) = phi x(k) + root w(k), y = h x + noise of variance r (deg2); root (n, m), q = root root'."""
+    """x(k+1) = phi x(k) + root w(k), y = h x + noise of variance r (deg2); root (n, m), q = root root'. r: (1, 1), or
+    (k, 1, 1) where it changes from step to step."""
 
     phi: np.ndarray
     root: np.ndarray
@@ -47,6 +48,11 @@ def model(kind: str, period: float, rate_variance: float, correlation_time: floa
     # nearly singular for a short period: a root by eigenvalues, not by Cholesky
     values, vectors = np.linalg.eigh(covariance)
     return Model(phi, vectors * np.sqrt(np.maximum(values, 0.0)), np.array([[1.0, 0.0, 0.0]]), noise)
+
+
+def first_order(angle_variance: float, r: float) -> Model:
+    """The first-order model [beta]: the angle itself is a random walk, angle_variance deg2 a period."""
+    return Model(np.eye(1), np.array([[np.sqrt(angle_variance)]]), np.eye(1), np.array([[r]]))
 
 
 @kernel

@@ -12,11 +12,15 @@ convergent algorithms for the steady-state Riccati equation, Int. J. Control 28 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from navsim.core.defect import Defect
 from navsim.core.jit import kernel
 
+_MOST_DECAY = 8.0
+"""Correlation times in a period up to which van Loan's method keeps its digits: its error grows by e with each."""
 _DOUBLINGS = 200
 """More than enough: 64 for a decay of 1e-12 a step."""
 
@@ -94,10 +98,15 @@ def van_loan(f: np.ndarray, diffusion: np.ndarray, period: float) -> tuple[np.nd
 def singer(period: float, alpha: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Phi, Q (3, 3) of position, rate and an acceleration of 1 sigma `sigma` and decay `alpha`, 1/s, exact [3].
 
-    Singer's closed form cancels badly for a short period; van Loan's method does not.
+    Singer's closed form cancels badly for a short period; van Loan's method does not. For a period of many correlation
+    times van Loan's method overflows: a short period is doubled then.
     """
     f = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -alpha]])
-    return van_loan(f, np.diag([0.0, 0.0, 2.0 * alpha * sigma**2]), period)
+    doublings = max(0, math.ceil(math.log2(alpha * period / _MOST_DECAY)))
+    phi, q = van_loan(f, np.diag([0.0, 0.0, 2.0 * alpha * sigma**2]), period / 2**doublings)
+    for _ in range(doublings):
+        phi, q = phi @ phi, q + phi @ q @ phi.T
+    return phi, q
 
 
 def singer_sigma(largest: float, share_largest: float, share_none: float) -> float:
@@ -109,14 +118,16 @@ def singer_sigma(largest: float, share_largest: float, share_none: float) -> flo
 def covariance_sequence(
     phi: np.ndarray, q: np.ndarray, h: np.ndarray, r: np.ndarray, p0: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """P after the update (k, n, n) and gain (k, n, m) for k = 1 ... steps: predict, then update [1]."""
+    """P after the update (k, n, n) and gain (k, n, m) for k = 1 ... steps: predict, then update [1]. r: (m, m), or
+    (k, m, m) where it changes from step to step."""
     p = p0
+    variances = np.broadcast_to(r, (steps, *r.shape[-2:]))
     covariances, gains = np.empty((steps, *p0.shape)), np.empty((steps, p0.shape[0], h.shape[0]))
     for k in range(steps):
         p = phi @ p @ phi.T + q
-        gain = np.linalg.solve(h @ p @ h.T + r, h @ p).T
+        gain = np.linalg.solve(h @ p @ h.T + variances[k], h @ p).T
         keep = np.eye(p.shape[0]) - gain @ h
-        p = keep @ p @ keep.T + gain @ r @ gain.T
+        p = keep @ p @ keep.T + gain @ variances[k] @ gain.T
         covariances[k], gains[k] = p, gain
     return covariances, gains
 
@@ -148,12 +159,14 @@ def steady_state(phi: np.ndarray, q: np.ndarray, h: np.ndarray, r: np.ndarray) -
 def driven_covariance(
     phi: np.ndarray, h: np.ndarray, r: np.ndarray, gains: np.ndarray, p0: np.ndarray, q: np.ndarray
 ) -> np.ndarray:
-    """True covariance (k, n, n) of the errors of a filter with these gains, its truth having p0, q and r."""
+    """True covariance (k, n, n) of the errors of a filter with these gains, its truth having p0, q and r, as
+    `covariance_sequence`."""
     s = p0
+    variances = np.broadcast_to(r, (gains.shape[0], *r.shape[-2:]))
     out = np.empty((gains.shape[0], *p0.shape))
     for k, gain in enumerate(gains):
         keep = np.eye(s.shape[0]) - gain @ h
-        s = keep @ (phi @ s @ phi.T + q) @ keep.T + gain @ r @ gain.T
+        s = keep @ (phi @ s @ phi.T + q) @ keep.T + gain @ variances[k] @ gain.T
         out[k] = s
     return out
 

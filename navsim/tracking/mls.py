@@ -6,10 +6,11 @@ beacon of the segment, m.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
+Real = float | np.ndarray
 TO_DEGREES = 180.0 / np.pi
 
 LEVEL_END = 80.0
@@ -24,6 +25,8 @@ FLARE_STATION = 3500.0 + 80.0 * FLARE
 ROLL_OUT = 2.0
 """Deceleration of the roll-out, m/s2; the paper gives none."""
 _ROLL_OUT_STATION = FLARE_STATION - 80.0 * FLARE
+BEYOND = FLARE_STATION - 750.0
+"""Distance from the glide beacon on to the station beyond the runway, m."""
 
 
 @dataclass(frozen=True)
@@ -76,22 +79,46 @@ def elevation(leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return TO_DEGREES * np.arctan2(leg.h, leg.d), TO_DEGREES * cross / square, TO_DEGREES * second
 
 
-def approach(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """beta, beta', beta'' of the guidance used along the way: the glide beacon to the flare, then the flare station."""
+def along(t: np.ndarray) -> Leg:
+    """The whole approach: distance to the glide beacon up to the flare, then to the station beyond the runway."""
     t = np.asarray(t, dtype=float)
     parts = (
-        (t < LEVEL_END, lambda: level_leg(t)),
-        ((t >= LEVEL_END) & (t < GLIDE_END), lambda: glide(t - LEVEL_END)),
-        ((t >= GLIDE_END) & (t < GLIDE_END + FLARE), lambda: flare(t - GLIDE_END, FLARE_STATION)),
-        (t >= GLIDE_END + FLARE, lambda: roll_out(t - GLIDE_END - FLARE)),
+        (t < LEVEL_END, level_leg(t)),
+        ((t >= LEVEL_END) & (t < GLIDE_END), glide(t - LEVEL_END)),
+        ((t >= GLIDE_END) & (t < GLIDE_END + FLARE), flare(t - GLIDE_END, FLARE_STATION)),
+        (t >= GLIDE_END + FLARE, roll_out(t - GLIDE_END - FLARE)),
     )
-    out = np.full((3, t.size), np.nan)
+    out = np.full((len(fields(Leg)), t.size), np.nan)
     for where, leg in parts:
-        values = elevation(leg())
-        out[:, where] = np.stack(values)[:, where]
-    return out[0], out[1], out[2]
+        out[:, where] = np.stack(astuple(leg))[:, where]
+    return Leg(*out)
 
 
-def manoeuvre_sigma(d: float, h: float, sigma_d2: float, sigma_h2: float) -> float:
-    """1 sigma of beta'' (deg/s2) from accelerations along and up of 1 sigma sigma_d2, sigma_h2 (m/s2), linearised."""
-    return float(TO_DEGREES * np.hypot(h * sigma_d2, d * sigma_h2) / (h**2 + d**2))
+def approach(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """beta, beta', beta'' of the guidance used on the approach: the glide beacon to the flare, then the flare
+    station."""
+    return elevation(along(t))
+
+
+def azimuth(
+    t: np.ndarray, on_line: float, cross_speed: float, cross_acceleration: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Azimuth and its derivatives, seen from the station beyond the runway, deg, deg/s, deg/s2.
+
+    The aircraft comes towards the centre line at `cross_speed`, m/s, turns onto it at `cross_acceleration`, m/s2, and
+    is on it from `on_line`, s, on. The distance along the runway is that of the approach.
+    """
+    leg = along(t)
+    to_go = np.maximum(on_line - np.asarray(t, dtype=float), 0.0)
+    turn = cross_speed / cross_acceleration
+    turned = np.minimum(to_go, turn)
+    y = 0.5 * cross_acceleration * turned**2 + cross_speed * (to_go - turned)
+    y2 = np.where((to_go > 0.0) & (to_go <= turn), cross_acceleration, 0.0)
+    d = np.where(np.asarray(t) < GLIDE_END, leg.d + BEYOND, leg.d)
+    return elevation(Leg(d, leg.d1, leg.d2, y, -cross_acceleration * turned, y2))
+
+
+def angle_sigma(d: Real, h: Real, sigma_d: Real, sigma_h: Real) -> Real:
+    """1 sigma of arctan(h/d), deg, linearised in the errors of d and h, m; of its second derivative, deg/s2, where
+    these are errors of accelerations, m/s2."""
+    return TO_DEGREES * np.hypot(h * sigma_d, d * sigma_h) / (h**2 + d**2)

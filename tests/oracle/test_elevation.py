@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 from scipy.stats import chi2
 
+from navsim.io.results import Result
+from navsim.report.table import Table
+from navsim.report.tracking.elevation import criterion_verdict, tables
 from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.tracking.elevation import BANDS, Proof, audit, compute, coverage, nominal, prove, smallest_number
 from navsim.tracking import mls
@@ -109,6 +113,21 @@ def test_singer(within: Within) -> None:
     np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=within["second program"])
 
 
+@pytest.mark.parametrize("ratio", [5.0, 24.7, 1e3, 6e4])
+def test_singer_over_many_correlation_times(ratio: float) -> None:
+    """The closed form, which keeps its digits there; van Loan's method overflowed."""
+    t, e, alpha = 0.5, np.exp(-ratio), ratio / 0.5
+    phi, q = singer(t, alpha, 2.0)
+    x = ratio
+    np.testing.assert_allclose(phi[:, 2], [(x - 1 + e) / alpha**2, (1 - e) / alpha, e], rtol=1e-10, atol=1e-30)
+    closed = [
+        (1 - e**2 + 2 * x + 2 * x**3 / 3 - 2 * x**2 - 4 * x * e) / (2 * alpha**5),
+        (e**2 + 1 - 2 * e + 2 * x * e - 2 * x + x**2) / (2 * alpha**4), (1 - e**2 - 2 * x * e) / (2 * alpha**3),
+        (4 * e - 3 - e**2 + 2 * x) / (2 * alpha**3), (e**2 + 1 - 2 * e) / (2 * alpha**2), (1 - e**2) / (2 * alpha),
+    ]  # fmt: skip
+    np.testing.assert_allclose(q[np.triu_indices(3)], 2 * alpha * 4.0 * np.array(closed), rtol=1e-9)
+
+
 ANGLES = [
     (mls.level_leg, 0.0, (0.763898461, 0.007638079, 0.0001209091)),
     (mls.level_leg, 60.0, (1.607880370, 0.025374258, 0.0006596934)),
@@ -199,6 +218,195 @@ def test_nominal_approach() -> None:
             assert flown.time[k] == pytest.approx(at, abs=0.01)
         assert np.hypot(flown.bias[i], flown.noise[i])[late].max() == pytest.approx(worst, rel=1e-3)
     assert flown.noise[0, -1] == pytest.approx(0.015418, rel=1e-4)
+
+
+def kalman(phi, q, r, p0, x0, angle):  # type: ignore[no-untyped-def]
+    """A plain Kalman filter of one measured angle: bias (k,) without noise, and 1 sigma (k,) of what noise adds, which
+    is the root of the sum of its squared responses to a unit error of each measurement."""
+    n = len(x0)
+    r = np.broadcast_to(r, angle.shape)
+    x, p, carry = np.array(x0, dtype=float), np.array(p0, dtype=float), np.zeros((n, angle.size))
+    bias, noise = np.empty(angle.size), np.empty(angle.size)
+    for k, true in enumerate(angle):
+        x, p, carry = phi @ x, phi @ p @ phi.T + q, phi @ carry
+        gain = p[:, 0] / (p[0, 0] + r[k])
+        x = x + gain * (true - x[0])
+        p = p - np.outer(gain, p[0])
+        carry -= np.outer(gain, carry[0])
+        carry[:, k] += gain
+        bias[k], noise[k] = x[0] - true, np.sqrt((carry[0] ** 2 * r).sum())
+    return bias, noise
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return compute(scenario(montecarlo={"experiments": 2}), 1, None)
+
+
+SECOND = np.array([[1.0, PERIOD], [0.0, 1.0]])
+
+
+@pytest.mark.validates("First-order filters on the nominal approach", "a plain numpy filter; closed form of the lag",
+                       bias="1e-9 deg", **{"lag (relative)": "5e-3"})  # fmt: skip
+def test_first_order_filters(result: Result, within: Within) -> None:
+    time = 60.0 + PERIOD * np.arange(1, scenario().nominal_steps + 1)
+    angle = np.degrees(np.arctan2(np.where(time < 80, 200.0, 0.0), 15000 - 150 * time + 0.3125 * time**2))
+    angle = np.where(time < 80, angle, np.degrees(np.arctan(0.04)))
+    k1 = float(result["/filter/steady_gain"][0])
+    np.testing.assert_allclose(result["/order/variance"][:3], [Q, 0.006 * PERIOD**2, k1**2 / (1 - k1) * R], rtol=1e-9)
+    for i, variance in enumerate(result["/order/variance"]):
+        if i == 0:
+            bias, noise = kalman(SECOND, np.diag([0.0, Q]), R, P0, [2.4, 0.0042], angle)
+        else:
+            bias, noise = kalman(np.eye(1), np.array([[variance]]), R, [[0.625]], [2.4], angle)
+            gain = result["/order/gain"][i]
+            assert gain**2 / (1 - gain) * R == pytest.approx(variance, rel=1e-9)
+            late = PERIOD * (1 - gain) / gain
+            lag = -late * mls.approach(np.array([time[time < 80][-1] - late]))[1][0]
+            assert result["/order/before"][i] == pytest.approx(lag, rel=within["lag (relative)"])
+            assert result["/order/recovery"][i] == pytest.approx(-np.log(0.1) * -PERIOD / np.log(1 - gain), abs=0.05)
+        np.testing.assert_allclose(result["/order/bias"][i], bias, rtol=0, atol=within["bias"])
+        np.testing.assert_allclose(result["/order/noise"][i], noise, rtol=1e-8)
+        late = time >= 65.0
+        assert result["/order/worst_rmse"][i] == pytest.approx(np.hypot(bias, noise)[late].max(), rel=1e-8)
+    np.testing.assert_array_equal(result["/order/bias"][0], result["/nominal/bias"][0])
+    assert result["/order/sigma"][2] == pytest.approx(result["/order/sigma"][0], rel=1e-12)
+    # no other first-order filter has less error before the capture
+    least = np.hypot(result["/order/before"], result["/order/noise"][:, int((80 - 60) / PERIOD) - 1])[3]
+    for factor in (0.5, 0.8, 1.25, 2.0):
+        bias, noise = kalman(np.eye(1), factor * result["/order/variance"][3:, None], R, [[0.625]], [2.4], angle)
+        assert np.hypot(bias, noise)[(time >= 65) & (time < 80)].max() > 0.999 * least
+    rows = [row.texts() for row in titled(result, "first-order filter beside").rows]
+    assert [row[-1].split(":")[0] for row in rows] == ["", "as claimed", "not as claimed", "not as claimed"]
+
+
+def titled(result: Result, words: str) -> Table:
+    return next(part for part in tables(result) if isinstance(part, Table) and words in part.title)
+
+
+def test_criterion_of_the_second_order_model(result: Result) -> None:
+    """Accelerations by differences of the angle on the paper's trajectory, the memory by the poles of its filter."""
+    step = 1e-3
+    expected = []
+    for leg, end in ((mls.level_leg, 80.0), (lambda s: mls.flare(s, 3500.0 + 80 * mls.FLARE), 15.04)):
+        t = np.arange(0.0, end, step)
+        one = leg(t)
+        beta = np.degrees(np.arctan2(one.h, one.d))
+        expected.append(np.abs(np.diff(beta, 2)).max() / step**2)
+    np.testing.assert_allclose(result["/criterion/acceleration"][[0, 2]], expected, rtol=1e-3)
+    assert result["/criterion/acceleration"][1] < 1e-12
+    assert result["/criterion/memory"] == pytest.approx(0.5443, abs=5e-5)
+    np.testing.assert_allclose(result["/criterion/period_error"][0], 0.5 * PERIOD**2 * 0.0015415906, rtol=1e-6)
+    assert result["/criterion/acceleration"][4] == pytest.approx(0.0015415, rel=1e-3)
+    assert titled(result, "criterion").rows[0].texts()[-1] == "met, also over the filter's memory"
+    assert criterion_verdict(1e4, 3.0) == "met over a period, not over the filter's memory"
+    assert criterion_verdict(3.0, 1.0) == "not met"
+
+
+@pytest.mark.validates("Limits of the exact model of a correlated acceleration", "closed form; scipy's Riccati solver",
+                       matrices="1e-6", variance="1e-8 (relative)")  # fmt: skip
+def test_limits_of_the_model(result: Result, within: Within) -> None:
+    for i, tau in enumerate(result["/limit/correlation_time"]):
+        x = PERIOD / tau
+        e = np.exp(-x)
+        assert result["/limit/ratio"][i] == pytest.approx(x, rel=1e-12)
+        shares = np.array([2 * (x - 1 + e) / x**2, (1 - e) / x, e])
+        assert result["/limit/to_velocity"][i] == pytest.approx(shares.max(), abs=within["matrices"])
+        assert result["/limit/to_acceleration"][i] == pytest.approx((1 - shares).max(), abs=within["matrices"])
+        assert result["/limit/drive"][i] == pytest.approx(1 - e**2, abs=within["matrices"])
+        q11 = 3 * (1 - e**2 + 2 * x + 2 * x**3 / 3 - 2 * x**2 - 4 * x * e) / (2 * x**3)
+        q12, q22 = (e**2 + 1 - 2 * e + 2 * x * e - 2 * x + x**2) / x**2, (4 * e - 3 - e**2 + 2 * x) / (2 * x)
+        white = 1 - np.array([q11, q12, q22])
+        if x > 0.02:  # below, the closed form cancels
+            assert result["/limit/to_white"][i] == pytest.approx(np.abs(white).max(), abs=within["matrices"])
+        phi, q = singer(PERIOD, 1 / tau, np.sqrt(Q / PERIOD / (2 * tau)))
+        before = solve_discrete_are(phi.T, np.eye(3)[:, :1], q, np.array([[R]]))
+        p11 = before[0, 0] - before[0, 0] ** 2 / (before[0, 0] + R)
+        assert result["/limit/angle"][i] * 3.12325186245e-4 == pytest.approx(p11, rel=within["variance"])
+    assert np.all(np.diff(result["/limit/to_velocity"]) < 0)
+    assert np.all(np.diff(result["/limit/to_white"]) < 0)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{"nominal": {"to_s": 62.0}}, {"azimuth": {"to_s": 42.0}}, {"filter": {"period_s": 6.0}},
+     {"nominal": {"from_s": 60.0, "to_s": 65.01}}],
+)  # fmt: skip
+def test_a_run_that_ends_before_it_is_judged_is_refused(keys: dict[str, object]) -> None:
+    """It ended with a traceback."""
+    with pytest.raises(ValueError, match=r"write at (least|most)"):
+        scenario(**keys)
+
+
+def test_azimuth_channel(result: Result) -> None:
+    """A turn onto the centre line from two parabolas and a straight line, seen from 3954 m beyond the beacon."""
+    time = 40.0 + 0.0741 * np.arange(1, scenario().azimuth_steps + 1)
+    turn, left = 30.0 / 1.96133, np.maximum(75.0 - time, 0.0)
+    y = np.where(left < turn, 0.5 * 1.96133 * left**2, 30.0 * left - 0.5 * 30.0 * turn)
+    s = time - 80.0
+    d = np.where(time < 80, 15000 - 150 * time + 0.3125 * time**2, 5000 - 100 * s + 0.2117647 * s**2) + 3953.577867
+    angle = np.degrees(np.arctan(y / d))
+    np.testing.assert_allclose(result["/azimuth/angle"], angle, rtol=0, atol=1e-9)
+    phi = np.array([[1.0, 0.0741], [0.0, 1.0]])
+    for i, q in enumerate((3e-4, 7e-6)):
+        bias, noise = kalman(phi, np.diag([0.0, q]), R, P0, [3.5, -0.1], angle)
+        np.testing.assert_allclose(result["/azimuth/bias"][i], bias, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(result["/azimuth/noise"][i], noise, rtol=1e-8)
+        before = solve_discrete_are(phi.T, np.eye(2)[:, :1], np.diag([0.0, q]), np.array([[R]]))[0, 0]
+        assert result["/azimuth/steady_sigma"][i] == pytest.approx(np.sqrt(before * R / (before + R)), rel=1e-8)
+    step = 1e-3
+    t = np.array([30.0, 65.0, 74.0, 90.0, 130.0])
+    _, rate, second = mls.azimuth(t, 75.0, 30.0, 1.96133)
+    above, here, below = (mls.azimuth(t + s, 75.0, 30.0, 1.96133)[0] for s in (step, 0.0, -step))
+    np.testing.assert_allclose((above - below) / (2 * step), rate, atol=1e-8)
+    np.testing.assert_allclose((above - 2 * here + below) / step**2, second, atol=1e-6)
+
+
+@pytest.mark.validates("The flare guided by range and radio altimeter",
+                       "a plain numpy filter fed with noisy ranges and heights", bias="1e-9 deg",
+                       **{"touchdown, 400 runs (relative)": "0.12"})  # fmt: skip
+def test_flare_guidance(result: Result, within: Within) -> None:
+    """Noise of ranges and heights is drawn, and goes through the arctangent: no variance is linearised here."""
+    since = PERIOD * np.arange(1, int(np.log(15) / 0.18 / PERIOD) + 1)
+    h, d = 30 * np.exp(-0.18 * since), 3500 + 80 * np.log(15) / 0.18 - 80 * since
+    beta = np.degrees(np.arctan(h / d))
+    sigma_h = np.maximum(0.5, 0.02 * h)
+    rng = np.random.default_rng(5)
+    heights = h + sigma_h * rng.standard_normal((400, h.size))
+    ranges = d + 15.0 * rng.standard_normal((400, h.size))
+    onboard = np.degrees(np.arctan(heights / ranges))
+    station = beta + 0.06 * rng.standard_normal((400, h.size))
+    spread = (onboard - beta).std(axis=0)
+    np.testing.assert_allclose(result["/flare/measured_sigma"][1], spread, rtol=0.2)
+    assert np.mean(result["/flare/measured_sigma"][1] / spread) == pytest.approx(1.0, abs=0.01)
+    weight = 1 / np.square(result["/flare/measured_sigma"][:2])
+    both = (weight[0] * station + weight[1] * onboard) / weight.sum(axis=0)
+    for i, (measured, r) in enumerate(
+        ((station, R), (onboard, 1 / weight[1]), (both, 1 / weight.sum(axis=0)))
+    ):  # fmt: skip
+        for j, q in enumerate((1e-4, 8.46e-6)):
+            bias, noise = kalman(SECOND, np.diag([0.0, q]), r, P0, [0.365, -0.06], beta)
+            np.testing.assert_allclose(result["/flare/bias"][i, j], bias, rtol=0, atol=within["bias"])
+            np.testing.assert_allclose(result["/flare/noise"][i, j], noise, rtol=1e-7)
+            ends = np.array([kalman_end(SECOND, np.diag([0.0, q]), r, measured)])
+            rmse = np.sqrt(np.mean((ends - beta[-1]) ** 2))
+            assert result["/flare/touchdown_rmse"][i, j] == pytest.approx(
+                rmse, rel=within["touchdown, 400 runs (relative)"]
+            )
+    lever = result["/flare/touchdown_height_rmse"] / result["/flare/touchdown_rmse"]
+    np.testing.assert_allclose(lever, np.pi / 180 * d[-1] * (1 + (h[-1] / d[-1]) ** 2), rtol=1e-12)
+    assert {row.texts()[-1] for row in titled(result, "flare").rows} == {"within"}
+
+
+def kalman_end(phi, q, r, measured):  # type: ignore[no-untyped-def]
+    """The last estimate of the angle of each run; measured (run, k)."""
+    r = np.broadcast_to(r, measured.shape[1:])
+    x, p = np.tile([[0.365], [-0.06]], len(measured)), P0
+    for k in range(measured.shape[1]):
+        x, p = phi @ x, phi @ p @ phi.T + q
+        gain = p[:, 0] / (p[0, 0] + r[k])
+        x, p = x + np.outer(gain, measured[:, k] - x[0]), p - np.outer(gain, p[0])
+    return x[0]
 
 
 def test_every_number_of_the_paper_is_reported() -> None:

@@ -17,7 +17,7 @@ from tests.product.test_run import navsim, stored
 SHIPPED = {
     "mls_elevation": (
         {"filter/covariance": ("step", "state", "state_column"), "montecarlo/fraction_in_band": ("experiment", "band")},
-        ("approach", "proof", "nominal"),
+        ("approach", "proof", "nominal", "orders", "channels"),
     ),
     "azimuth_tracking": (
         {"filters/L4/error_deg": ("run", "time"), "filters/S1/sigma_deg": ("time",)},

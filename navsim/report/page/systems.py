@@ -216,6 +216,13 @@ def elevations(results: Sequence[Named]) -> list[Drawing]:
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
         out += [_approach(result, anchor, called), _proof(result, anchor, called), _nominal(result, anchor, called)]
+        if "/order/filter" in result:
+            out += [
+                _curves(elevation.order_curves(result), elevation.ORDER_TITLES, f"orders{anchor}",
+                        f"First-order filters{called}"),
+                _curves(elevation.channel_curves(result), elevation.CHANNEL_TITLES, f"channels{anchor}",
+                        f"Azimuth and flare{called}"),
+            ]  # fmt: skip
     return out
 
 
@@ -283,6 +290,25 @@ def _nominal(result: Result, anchor: str, called: str) -> Drawing:
         + which.words()
     )
     return Drawing(f"nominal{anchor}", f"Nominal approach{called}", panels, caption, keys)
+
+
+def _curves(curves: Sequence[elevation.Curve], titles: tuple[str, str], anchor: str, title: str) -> Drawing:
+    """Curves in two panels beside each other."""
+    panels, keys, thinned = [], [], []
+    for panel, head in enumerate(titles):
+        on = plot(head, "time of the approach, s", "10⁻³ deg", 260)
+        marks = []
+        for i, curve in enumerate(c for c in curves if c.panel == panel):
+            which = some(curve.time.size, 800)
+            thinned.append(which)
+            of = source(x=which(curve.time), y=which(curve.values))
+            marks.append(line(on, of, "y", colour(i), name=curve.name))
+            key = Key(curve.name, colour(i))
+            keys += [key] if key not in keys else []
+        tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
+        panels.append(on)
+    caption = "On the nominal approach, after settling." + most_thinned(thinned).words()
+    return Drawing(anchor, title, panels, caption, keys)
 
 
 def table2s(results: Sequence[Named]) -> list[Drawing]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,6 +64,10 @@ def tables(result: Result) -> list[Table | str]:
             number(result["/nominal/worst_rmse"][i], 5),
         )
 
+    more: list[Table | str] = []
+    if "/order/filter" in result:
+        more = [*_orders(result), *_criterion(result), _limits(result), _channels(result), _flare(result)]
+
     checked = Table("The paper's numbers", ("statement", "published", "computed", "unit", "verdict"))
     for i, statement in enumerate(result["/audit/statement"]):
         both = [cell("{:.6g}", float(result[f"/audit/{which}"][i])) for which in ("published", "computed")]
@@ -72,7 +78,142 @@ def tables(result: Result) -> list[Table | str]:
         f"nominal run does. Errors are correlated over steps, so a single experiment cannot confirm "
         f"a confidence of {sure:g}."
     )
-    return [steady, proof, flown, checked, note]
+    return [steady, proof, flown, *more, checked, note]
+
+
+def order_verdict(peak: float, recovery: float) -> str:
+    """Verdict on the paper's claim of a first-order filter, from its largest bias and the time that its bias takes to
+    settle after the capture of the glide, each over those of the second-order filter."""
+    errors = "larger dynamic error" if peak > 1.0 else "no larger dynamic error"
+    if not np.isfinite(recovery):
+        return errors
+    slow = "slower" if recovery > 1.0 else "not slower"
+    return f"{'as claimed' if peak > 1.0 and recovery > 1.0 else 'not as claimed'}: {errors}, {slow}"
+
+
+def _orders(result: Result) -> list[Table | str]:
+    table = Table(
+        "A first-order filter beside the second-order one, on the nominal approach",
+        ("filter", "Q over a period", "sd in the limit, deg", "bias before the capture, deg",
+         "largest bias, deg", "settled after, s", "worst RMSE, deg", "the paper's claim"),
+        notes="settled: the bias stays below a tenth of its largest value after the capture of the glide; "
+        "Q: (deg/s)² of the rate in a second-order filter, deg² of the angle in a first-order one",
+    )  # fmt: skip
+    peak, recovery = np.abs(result["/order/peak_bias"]), result["/order/recovery"]
+    for i, name in enumerate(result["/order/filter"]):
+        verdict = order_verdict(float(peak[i] / peak[0]), float(recovery[i] / recovery[0])) if i else ""
+        table.add(
+            str(name), cell("{:.4g}", float(result["/order/variance"][i])), number(result["/order/sigma"][i], 5),
+            number(result["/order/before"][i], 5), number(result["/order/peak_bias"][i], 5),
+            number(recovery[i], 2), number(result["/order/worst_rmse"][i], 5), verdict,
+        )  # fmt: skip
+    return [
+        table,
+        "The paper: a first-order filter has considerable dynamic errors and settles slowly. Rate white: Q is the "
+        "table's variance of the rate times T². Same sigma: the gain of the second-order filter. Least error: the gain "
+        "of the smallest RMSE at the largest rate of the approach.",
+    ]
+
+
+MUCH = 10.0
+"""A criterion "much larger" holds from this ratio on."""
+
+
+def criterion_verdict(period: float, memory: float) -> str:
+    """Verdict on sigma >> 1/2 T^2 beta'', from the ratios for the period and for the filter's memory."""
+    if memory >= MUCH:
+        return "met, also over the filter's memory"
+    return "met over a period, not over the filter's memory" if period >= MUCH else "not met"
+
+
+def _criterion(result: Result) -> list[Table | str]:
+    measured, memory = float(result["/criterion/sigma"]), float(result["/criterion/memory"])
+    sigma, period = float(result["/order/sigma"][0]), float(result.variables["/step"].attributes["period_s"])
+    table = Table(
+        f"The criterion σ ≫ ½T²β''max for a second-order filter: σ = {measured:g} deg, T = {period:g} s",
+        ("stretch", "β''max, deg/s²", "½T²β'', deg", "σ over it", f"½T²β'' with T = {memory:.3f} s, deg",
+         f"σ of the filter, {sigma:.4f} deg, over it", "verdict"),
+    )  # fmt: skip
+    for i, name in enumerate(result["/criterion/stretch"]):
+        acceleration = float(result["/criterion/acceleration"][i])
+        errors = (float(result[f"/criterion/{which}_error"][i]) for which in ("period", "memory"))
+        if acceleration < _NO_ACCELERATION:
+            table.add(str(name), number(0.0, 6), "", "", "", "", "met: the angle has no acceleration")
+            continue
+        of_period, of_memory = errors
+        ratios = measured / of_period, sigma / of_memory
+        table.add(
+            str(name), cell("{:.4g}", acceleration), cell("{:.4g}", of_period), cell("{:.3g}", ratios[0]),
+            cell("{:.4g}", of_memory), cell("{:.3g}", ratios[1]), criterion_verdict(*ratios),
+        )  # fmt: skip
+    return [
+        table,
+        f"T is the paper's interval of extrapolation: one period. The filter remembers longer, {memory:.3f} s in the "
+        f"limit; σ there is that of its angle. Neither sees the corner at the capture of the glide, where β' jumps: it "
+        f"leaves the bias of {abs(float(result['/order/peak_bias'][0])):.4f} deg of the table above.",
+    ]
+
+
+_NO_ACCELERATION = 1e-12
+"""Accelerations of the angle below this are rounding, deg/s2."""
+
+
+def _limits(result: Result) -> Table:
+    table = Table(
+        "The exact model by T/τ: differences from its limits",
+        ("τ, s", "T/τ", "A from constant velocity", "A from constant acceleration", "Q from a white acceleration",
+         "drive left, share of σ²", "P11 over the paper's model", "nearer limit of A"),
+        notes="A: last column as shares of T²/2, T, 1; Q: of angle and rate, largest relative difference; "
+        "T/τ → ∞: the first and third go to 0, T/τ → 0: the second and the drive",
+    )  # fmt: skip
+    for i, tau in enumerate(result["/limit/correlation_time"]):
+        velocity, acceleration, white, drive, angle = (
+            float(result[f"/limit/{name}"][i])
+            for name in ("to_velocity", "to_acceleration", "to_white", "drive", "angle")
+        )
+        table.add(
+            cell("{:g}", float(tau)), cell("{:.4g}", float(result["/limit/ratio"][i])), number(velocity, 4),
+            number(acceleration, 4), number(white, 4), number(drive, 4), number(angle, 4),
+            "constant velocity" if velocity < acceleration else "constant acceleration",
+        )  # fmt: skip
+    return table
+
+
+def _channels(result: Result) -> Table:
+    table = Table(
+        "The azimuth beside the elevation, on the nominal approach",
+        ("channel", "rate, Hz", "Q, (deg/s)²", "sd in the limit, deg", "largest bias, deg", "at, s",
+         "worst RMSE, deg"),
+        notes="elevation: capture of the glide; azimuth: turn onto the centre line, seen from beyond the runway",
+    )  # fmt: skip
+    for place, name, section in (("/nominal", "elevation", "filter"), ("/azimuth", "azimuth", "azimuth")):
+        for i, q in enumerate(result[f"{place}/rate_variance"]):
+            table.add(
+                name, number(1.0 / float(setting(result, section, "period_s")), 1), cell("{:.6g}", float(q)),
+                number(result[f"{place}/steady_sigma"][i], 5), number(result[f"{place}/peak_bias"][i], 5),
+                number(result[f"{place}/peak_time"][i], 2), number(result[f"{place}/worst_rmse"][i], 5),
+            )  # fmt: skip
+    return table
+
+
+def _flare(result: Result) -> Table:
+    allowed = float(setting(result, "flare", "allowed_deg"))
+    table = Table(
+        f"The flare guided from beyond the runway; the paper allows {allowed:g} deg at touchdown",
+        ("guided by", "Q, (deg/s)²", "σ of one measurement, start and touchdown, deg", "largest bias, deg",
+         "RMSE at touchdown, deg", "in height, m", "verdict"),
+    )  # fmt: skip
+    for i, name in enumerate(result["/flare/source"]):
+        measured = result["/flare/measured_sigma"][i]
+        ends = cell("{:.5f}, {:.5f}", float(measured[0]), float(measured[-1]), names=("start", "touchdown"))
+        for j, q in enumerate(result["/flare/rate_variance"]):
+            rmse = float(result["/flare/touchdown_rmse"][i, j])
+            table.add(
+                str(name), cell("{:.6g}", float(q)), ends, number(result["/flare/peak_bias"][i, j], 5),
+                number(rmse, 5), number(result["/flare/touchdown_height_rmse"][i, j], 3),
+                "within" if rmse <= allowed else "beyond",
+            )  # fmt: skip
+    return table
 
 
 def _approach(result: Result) -> Figure:
@@ -149,12 +290,76 @@ def _nominal(result: Result) -> Figure:
     return fig
 
 
+def _two_panels(curves: Sequence[Curve], titles: tuple[str, str]) -> Figure:
+    """Curves in two panels above each other, each with its keys."""
+    from navsim.report.figures import legend_over
+    from navsim.report.printing import COLOURS, COLUMN, new_figure
+
+    fig = new_figure(2 * COLUMN, 5.0)
+    axes = fig.subplots(2, 1)
+    for panel, ax in enumerate(axes):
+        inside = [curve for curve in curves if curve.panel == panel]
+        for i, curve in enumerate(inside):
+            ax.plot(curve.time, curve.values, color=COLOURS[i % len(COLOURS)], label=curve.name)
+        ax.set_ylabel(f"{titles[panel]}, 10⁻³ deg")
+        ax.set_xlabel("time of the approach, s")
+        legend_over(ax, 2)
+    fig.align_ylabels(axes)
+    return fig
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve of a figure with two panels: values (t,) over time (t,), in 1e-3 deg."""
+
+    panel: int
+    time: np.ndarray
+    values: np.ndarray
+    name: str
+
+
+ORDER_TITLES, CHANNEL_TITLES = ("bias", "RMSE"), ("RMSE of the azimuth", "RMSE in the flare")
+
+
+def order_curves(result: Result) -> list[Curve]:
+    """Bias and root mean square error of the second-order and the first-order filters, after settling."""
+    late = judged(result)
+    out = []
+    for i, name in enumerate(map(str, result["/order/filter"])):
+        bias, noise = result["/order/bias"][i, late], result["/order/noise"][i, late]
+        time = result["/order/time"][late]
+        out += [Curve(0, time, 1e3 * bias, name), Curve(1, time, 1e3 * np.hypot(bias, noise), name)]
+    return out
+
+
+def channel_curves(result: Result) -> list[Curve]:
+    """Root mean square error of the azimuth, and of the angle in the flare by what guides, after settling."""
+    settling = float(result.variables["/nominal/time"].attributes["settling_s"])
+    out = []
+    time = result["/azimuth/time"]
+    late = time >= float(setting(result, "azimuth", "from_s")) + settling
+    for i, q in enumerate(result["/azimuth/rate_variance"]):
+        rmse = np.hypot(result["/azimuth/bias"][i], result["/azimuth/noise"][i])
+        out.append(Curve(0, time[late], 1e3 * rmse[late], f"Q = {q:.3g} (deg/s)²"))
+    time = result["/flare/time"]
+    late = time >= time[0] + settling
+    for i, name in enumerate(map(str, result["/flare/source"])):
+        rmse = np.hypot(result["/flare/bias"][i, 0], result["/flare/noise"][i, 0])
+        out.append(Curve(1, time[late], 1e3 * rmse[late], name))
+    return out
+
+
 def figures(result: Result) -> dict[str, Figure]:
-    """The angle over the approach, the proof with its band, the nominal run."""
-    return {"approach": _approach(result), "proof": _proof(result), "nominal": _nominal(result)}
+    """The angle over the approach, the proof with its band, the nominal run; first-order filters, azimuth and flare."""
+    out = {"approach": _approach(result), "proof": _proof(result), "nominal": _nominal(result)}
+    if "/order/filter" in result:
+        out["orders"] = _two_panels(order_curves(result), ORDER_TITLES)
+        out["channels"] = _two_panels(channel_curves(result), CHANNEL_TITLES)
+    return out
 
 
-_SUMMARY = ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/audit")
+_SUMMARY = ("/filter/steady", "/band_theory", "/montecarlo/fraction", "/nominal/worst", "/nominal/peak", "/order/worst",
+            "/order/peak", "/criterion", "/limit", "/azimuth/worst", "/flare/touchdown", "/audit")  # fmt: skip
 VIEW = View(
     one_by_one(tables),
     140,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -14,12 +14,17 @@ from navsim.scenario.base import (
     PairOf,
     ScanPeriod,
     Section,
+    Sigma,
     Utc,
     Variance,
     Version,
     reject,
 )
 
+SETTLING = 5.0
+"""Runs on the nominal trajectory are judged after this time, s."""
+LONGEST_PERIOD = 5.0
+"""Longest period of the filter, s: the flare of 15 s has a measurement that is judged."""
 Steps = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
@@ -57,6 +62,17 @@ class MonteCarlo(Section):
     """probability of being within the band, for which the smallest number of runs is looked up"""
 
 
+def _check_variances(section: Any) -> None:
+    if not section.rate_variances_deg2_s2:
+        raise reject("an empty list", "rate_variances_deg2_s2")
+
+
+def _check_run(section: Any) -> None:
+    if section.to_s <= section.from_s:
+        raise reject("must lie after from_s", "to_s")
+    _check_variances(section)
+
+
 class NominalSection(Section):
     """The run on the nominal trajectory, where truth does not follow the filter's model."""
 
@@ -66,13 +82,63 @@ class NominalSection(Section):
     """end of the run, on the nominal trajectory"""
     rate_variances_deg2_s2: ListOf[Variance] = (1e-4, 7.462188e-6, 1.19395e-8)
     """the paper's Q, and what its formula gives for accelerations up and along"""
+    first_order_variances_deg2: ListOf[Variance] = ()
+    """further process noises of the first-order filter, variance of the angle's increment over a period"""
 
     @model_validator(mode="after")
     def _order(self) -> Self:
-        if self.to_s <= self.from_s:
-            raise reject("must lie after from_s", "to_s")
-        if not self.rate_variances_deg2_s2:
-            raise reject("an empty list", "rate_variances_deg2_s2")
+        _check_run(self)
+        return self
+
+
+class AzimuthChannel(Section):
+    """The azimuth, measured from beyond the runway, while the aircraft turns onto the centre line; the filter's model
+    and start are those of the elevation."""
+
+    period_s: ScanPeriod = 0.0741
+    """time between measurements, 13.5 Hz"""
+    measurement_variance_deg2: Variance = 0.0036
+    """variance of a measured azimuth; the paper has one for all angles"""
+    rate_variances_deg2_s2: ListOf[Variance] = (3e-4, 7.0e-6)
+    """Q of the filter: the noise density of the paper's Q over this period; for accelerations across at 9 km"""
+    initial_deg: Pair = (3.5, -0.1)
+    """azimuth, and rate in deg/s, the filter starts with"""
+    on_line_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 75.0
+    """time of the nominal trajectory from which on the aircraft is on the centre line"""
+    cross_speed_m_s: Annotated[float, Field(ge=0.1, le=200.0)] = 30.0
+    """speed across, towards the centre line, before the turn"""
+    cross_acceleration_m_s2: Annotated[float, Field(ge=0.01, le=50.0)] = 1.96133
+    """acceleration across in the turn, 0.2 g"""
+    from_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 40.0
+    """start of the run, on the nominal trajectory"""
+    to_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 110.0
+    """end of the run, on the nominal trajectory"""
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        _check_run(self)
+        return self
+
+
+class FlareSection(Section):
+    """The flare, guided from beyond the runway: by the angle of a station, or by a range and a radio altimeter."""
+
+    range_sigma_m: Sigma = 15.0
+    """1 sigma of the range to the station beyond the runway, white"""
+    height_sigma_floor_m: Sigma = 0.5
+    """1 sigma of the radio altimeter near the ground, white"""
+    height_sigma_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
+    """1 sigma of the radio altimeter as a share of the height, where that is more"""
+    rate_variances_deg2_s2: ListOf[Variance] = (1e-4, 8.46e-6)
+    """Q of the filter: the paper's, and for accelerations upwards at the start of the flare"""
+    initial_deg: Pair = (0.365, -0.06)
+    """angle, and rate in deg/s, the filter starts with"""
+    allowed_deg: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.032
+    """allowed standard deviation of the angle at touchdown, the paper's"""
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        _check_variances(self)
         return self
 
 
@@ -93,9 +159,37 @@ class Elevation(Section):
     """the experiments that prove the filter"""
     nominal: NominalSection = NominalSection()
     """the run on the nominal trajectory"""
+    correlation_times_s: ListOf[CorrelationTime] = (10.0, 1.0, 0.1, 0.01, 0.001)
+    """correlation times of the angle's acceleration for which the exact model is compared with its two limits"""
+    azimuth: AzimuthChannel = AzimuthChannel()
+    """the azimuth, while the aircraft turns onto the centre line"""
+    flare: FlareSection = FlareSection()
+    """the flare, guided from beyond the runway"""
+
+    @model_validator(mode="after")
+    def _judged(self) -> Self:
+        """Every run has a measurement behind its settling; the flare has one by its length."""
+        for name, section, period in (
+            ("nominal", self.nominal, self.filter.period_s), ("azimuth", self.azimuth, self.azimuth.period_s),
+        ):  # fmt: skip
+            if _steps(section, period) * period < SETTLING:
+                message = f"{section.to_s:g} s: errors are judged {SETTLING:g} s after from_s; write at least"
+                raise reject(f"{message} {section.from_s + SETTLING + period:g} s", name, "to_s")
+        if self.filter.period_s > LONGEST_PERIOD:
+            message = f"{self.filter.period_s:g} s: the flare lasts 15 s and is judged after {SETTLING:g} s"
+            raise reject(f"{message}; write at most {LONGEST_PERIOD:g} s", "filter", "period_s")
+        return self
 
     @property
     def nominal_steps(self) -> int:
         """Measurements of the nominal run."""
-        span = self.nominal.to_s - self.nominal.from_s
-        return int(span / self.filter.period_s + 1e-9)
+        return _steps(self.nominal, self.filter.period_s)
+
+    @property
+    def azimuth_steps(self) -> int:
+        """Measurements of the azimuth's run."""
+        return _steps(self.azimuth, self.azimuth.period_s)
+
+
+def _steps(section: NominalSection | AzimuthChannel, period: float) -> int:
+    return int((section.to_s - section.from_s) / period + 1e-9)

@@ -6,12 +6,14 @@ from navsim.scenario.tracking.atc import Atc
 from navsim.scenario.tracking.azimuth import Azimuth
 from navsim.scenario.tracking.elevation import Elevation
 from navsim.study.budget.estimate import BASE_MEMORY, BASE_TIME, NUMBER, VARIABLE, WRITING, Budget
-from navsim.study.tracking import atc, azimuth
+from navsim.study.tracking import atc, azimuth, elevation
 
 _RUN_TIME = 20e-6
 """Seconds a run of a companion's filter takes whatever its length."""
 _STEP_TIME, _ATC_TIME, _AZIMUTH_TIME, _MAP_TIME = 0.1e-6, 7e-6, 9e-6, 0.6e-6
 """Seconds a step of the elevation filter; a scan of all filters of a tracking case; a scan of a filter of the map."""
+_COVARIANCE_TIME = 60e-6
+"""Seconds a step of a filter's covariance takes, with that of its true errors."""
 _AZIMUTH_MEMORY = 850
 """A scan of a run of the azimuth scenario: draws, reports, ten filters' histories, bytes."""
 
@@ -22,12 +24,19 @@ def mls_elevation(scenario: Elevation, runs: int | None = None) -> Budget:
     n = 3 if scenario.filter.model == "singer" else 2
     flown = (runs or section.runs) * section.steps
     nominal, filters = scenario.nominal_steps, len(scenario.nominal.rate_variances_deg2_s2)
+    orders = len(elevation.ORDERS) + len(scenario.nominal.first_order_variances_deg2)
+    azimuth_, azimuth_filters = scenario.azimuth_steps, len(scenario.azimuth.rate_variances_deg2_s2)
+    flare = elevation.flare_steps(scenario)
+    flares = len(elevation.FLARE_SOURCES) * len(scenario.flare.rate_variances_deg2_s2)
+    kept = nominal * (2 + 2 * filters) + nominal * (1 + 2 * orders) + azimuth_ * (2 + 2 * azimuth_filters)
+    kept += flare * (5 + 2 * flares)
+    covariances = nominal * (filters + orders) + azimuth_ * azimuth_filters + flare * flares
     steps = section.steps * (1 + 3 * n * n + 2 * n) + 4 * section.experiments
-    result = NUMBER * (steps + nominal * (2 + 2 * filters) + 4200) + 38 * VARIABLE
+    result = NUMBER * (steps + kept + 4300) + 84 * VARIABLE
     # covariances are made one filter after the other
-    memory = flown * (n + 3) + section.steps * 8 * n * n + nominal * (2 * filters + 4 * n * n + 8)
+    memory = flown * (n + 3) + section.steps * 8 * n * n + kept + max(nominal, azimuth_, flare) * (4 * n * n + 8)
     experiments = section.experiments
-    time = experiments * (flown * _STEP_TIME + (runs or section.runs) * _RUN_TIME) + 1e-6 * (nominal * filters)
+    time = experiments * (flown * _STEP_TIME + (runs or section.runs) * _RUN_TIME) + _COVARIANCE_TIME * covariances
     return Budget(
         BASE_TIME + 1.0 + time + 1e-5 * section.steps, BASE_MEMORY + NUMBER * memory + WRITING * result, result
     )

@@ -5,8 +5,9 @@ Source: `docs/theory/elevation.md`. Degrees throughout, as the paper has it.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,19 +17,17 @@ from navsim.io.draft import Draft
 from navsim.io.findings import CONSISTENT, Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import ELEVATION
-from navsim.scenario.tracking.elevation import Elevation
+from navsim.scenario.tracking.elevation import SETTLING, Elevation
 from navsim.study.findings import doubted, positive
 from navsim.study.root import root_attributes
 from navsim.tracking import mls
-from navsim.tracking.elevation import Model, fly, follow, model
-from navsim.tracking.kalman import covariance_sequence, driven_covariance, singer_sigma, steady_state
+from navsim.tracking.elevation import Model, first_order, fly, follow, model
+from navsim.tracking.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
 
 BANDS = ("std_theory", "std_sample", "variance")
 """Ways to read "within +-20 %": of the standard deviation, about the filter's or about the sample's, or of the
 variance."""
 G = 9.80665
-SETTLING = 5.0
-"""The nominal run is judged after this time, s."""
 
 
 def band_limits(band: str, delta: float) -> tuple[float, float]:
@@ -125,9 +124,12 @@ def _model(scenario: Elevation, rate_variance: float | None = None) -> Model:
     return model(f.model, f.period_s, variance, f.correlation_time_s, f.measurement_variance_deg2)
 
 
-def _initial(scenario: Elevation, n: int) -> np.ndarray:
+def _initial(
+    scenario: Elevation, n: int, rate_variance: float | None = None, period: float | None = None
+) -> np.ndarray:
     f = scenario.filter
-    acceleration = 0.5 * f.rate_variance_deg2_s2 / f.period_s / f.correlation_time_s
+    variance = f.rate_variance_deg2_s2 if rate_variance is None else rate_variance
+    acceleration = 0.5 * variance / (f.period_s if period is None else period) / f.correlation_time_s
     return np.diag([*f.initial_variance, acceleration][:n])
 
 
@@ -151,13 +153,231 @@ def nominal(scenario: Elevation) -> NominalRun:
     for variance in section.rate_variances_deg2_s2:
         m = _model(scenario, variance)
         n = m.phi.shape[0]
-        _, gains = covariance_sequence(m.phi, m.q, m.h, m.r, _initial(scenario, n), steps)
-        estimate = np.empty((steps, n))
-        follow(m.phi, gains[:, :, 0], np.array([*f.initial_deg, 0.0][:n]), beta, estimate)
-        bias.append(estimate[:, 0] - beta)
-        none = np.zeros((n, n))
-        noise.append(np.sqrt(driven_covariance(m.phi, m.h, m.r, gains, none, none)[:, 0, 0]))
+        one = without_noise(m, _initial(scenario, n), (*f.initial_deg, 0.0)[:n], beta)
+        bias.append(one[0])
+        noise.append(one[1])
     return NominalRun(time, beta, np.array(bias), np.array(noise))
+
+
+def without_noise(
+    m: Model, p0: np.ndarray, first: tuple[float, ...], angle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A filter on a true angle (k,), deg: its bias, estimate minus truth, and 1 sigma of what noise adds, (k,)."""
+    _, gains = covariance_sequence(m.phi, m.q, m.h, m.r, p0, angle.size)
+    estimate = np.empty((angle.size, p0.shape[0]))
+    follow(m.phi, gains[:, :, 0], np.array(first), angle, estimate)
+    none = np.zeros_like(p0)
+    noise = np.sqrt(driven_covariance(m.phi, m.h, m.r, gains, none, none)[:, 0, 0])
+    return estimate[:, 0] - angle, noise
+
+
+# --- the order of the filter, its criterion, the limits of its model
+
+
+ORDERS = ("second order", "first order, rate white", "first order, same sigma", "first order, least error")
+"""The filter of the scenario, and first-order filters: with the initial variance of the rate as that of a rate that is
+white from measurement to measurement; with the second-order filter's sigma; with the least error on this approach."""
+TENTH = 0.1
+"""A bias has settled where it stays below this share of its largest value."""
+
+
+@dataclass(frozen=True)
+class OrderRun:
+    """A filter on the nominal approach. variance: its process noise, sigma: of its angle in the limit, deg. bias, noise
+    (k,), deg; before: bias just before the capture of the glide, deg; recovery: time from the capture until the bias
+    stays below a tenth of its largest value from there on, s; nan where the run does not have it."""
+
+    name: str
+    variance: float
+    gain: float
+    sigma: float
+    bias: np.ndarray
+    noise: np.ndarray
+    before: float
+    recovery: float
+
+
+def least_error_gain(rate: float, period: float, r: float) -> float:
+    """Gain in the limit of the first-order filter of the least root mean square error while the angle moves at `rate`,
+    deg/s: it lags by rate T (1 - K)/K, and noise adds R K/(2 - K)."""
+    k = np.geomspace(1e-6, 0.999, 20_000)
+    return float(k[np.argmin((rate * period * (1.0 - k) / k) ** 2 + r * k / (2.0 - k))])
+
+
+def orders(scenario: Elevation, flown: NominalRun) -> list[OrderRun]:
+    """First-order filters beside the second-order one of the scenario, on the nominal approach.
+
+    In the limit a first-order filter of the gain K has the process noise K P- = K^2 R/(1 - K).
+    """
+    f = scenario.filter
+    r, m = f.measurement_variance_deg2, _model(scenario)
+    n = m.phi.shape[0]
+    second, gain = steady_state(m.phi, m.q, m.h, m.r)
+    predicted = (m.phi @ second @ m.phi.T + m.q)[0, 0]
+    fastest = float(np.abs(mls.approach(flown.time[judged(scenario, flown.time)])[1]).max())
+    least = least_error_gain(fastest, f.period_s, r)
+    variances = [
+        f.initial_variance[1] * f.period_s**2,
+        float(gain[0, 0] * predicted),
+        least**2 / (1.0 - least) * r,
+        *scenario.nominal.first_order_variances_deg2,
+    ]
+    names = [*ORDERS, *(f"first order, {q:.4g} deg2" for q in scenario.nominal.first_order_variances_deg2)]
+    out = [_order(names[0], f.rate_variance_deg2_s2, m, _initial(scenario, n), (*f.initial_deg, 0.0)[:n], flown)]
+    for name, variance in zip(names[1:], variances, strict=True):
+        p0 = np.array([[f.initial_variance[0]]])
+        out.append(_order(name, variance, first_order(variance, r), p0, f.initial_deg[:1], flown))
+    return out
+
+
+def _order(
+    name: str, variance: float, m: Model, p0: np.ndarray, first: tuple[float, ...], flown: NominalRun
+) -> OrderRun:
+    p, gain = steady_state(m.phi, m.q, m.h, m.r)
+    bias, noise = without_noise(m, p0, first, flown.beta)
+    captured = flown.time >= mls.LEVEL_END
+    before, recovery = np.nan, np.nan
+    if captured.any() and not captured[0]:
+        before = float(bias[~captured][-1])
+        late = np.abs(bias[captured])
+        above = np.flatnonzero(late > TENTH * late.max())[-1]
+        if above + 1 < late.size:
+            recovery = float(flown.time[captured][above + 1] - mls.LEVEL_END)
+    return OrderRun(name, variance, float(gain[0, 0]), float(np.sqrt(p[0, 0])), bias, noise, before, recovery)
+
+
+STRETCHES = ("level leg", "glide", "flare", "roll-out", "nominal run")
+
+
+def memory(m: Model, period: float) -> float:
+    """Time constant of a filter in the limit, s: that of the slowest pole of (I - K h) phi."""
+    gain = steady_state(m.phi, m.q, m.h, m.r)[1]
+    poles = np.linalg.eigvals((np.eye(m.phi.shape[0]) - gain @ m.h) @ m.phi)
+    return float(-period / np.log(np.abs(poles).max()))
+
+
+def largest_accelerations(scenario: Elevation) -> np.ndarray:
+    """Largest |beta''| on each of STRETCHES, deg/s2."""
+    ends = np.array([0.0, mls.LEVEL_END, mls.GLIDE_END, mls.GLIDE_END + mls.FLARE, mls.GLIDE_END + mls.FLARE + 20.0])
+    stretches = [*itertools.pairwise(ends), (scenario.nominal.from_s, scenario.nominal.to_s)]
+    # a corner belongs to the stretch before it as well as to that after it
+    return np.array([
+        np.abs(mls.approach(np.linspace(a, np.nextafter(b, a), 20_001))[2]).max() for a, b in stretches
+    ])  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far the exact model of a correlated acceleration is from its limits, by T over the correlation time.
+
+    to_velocity, to_acceleration: the largest difference of its transition matrix from that of uncorrelated
+    accelerations (constant velocity) and of constant acceleration, each element of the last column as a share of T^2/2,
+    T, 1. to_white: the largest relative difference of Q of angle and rate from that of a white acceleration of the same
+    density. drive: variance that a period adds to the acceleration, as a share of the acceleration's own. angle: P11 in
+    the limit, over that of the scenario's `paper` model.
+    """
+
+    to_velocity: float
+    to_acceleration: float
+    to_white: float
+    drive: float
+    angle: float
+
+
+def limits(scenario: Elevation, correlation_time: float) -> Limits:
+    """The exact model beside its limits; the density of the acceleration is that of the filter."""
+    f = scenario.filter
+    t, density = f.period_s, f.rate_variance_deg2_s2 / f.period_s
+    variance = 0.5 * density / correlation_time
+    phi, q = singer(t, 1.0 / correlation_time, float(np.sqrt(variance)))
+    shares = phi[:, 2] / np.array([0.5 * t * t, t, 1.0])
+    white = density * np.array([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]])
+    r = np.array([[f.measurement_variance_deg2]])
+    exact = steady_state(phi, q, np.array([[1.0, 0.0, 0.0]]), r)[0][0, 0]
+    m = model("paper", t, f.rate_variance_deg2_s2, correlation_time, f.measurement_variance_deg2)
+    paper = steady_state(m.phi, m.q, m.h, m.r)[0][0, 0]
+    return Limits(
+        float(np.abs(shares).max()), float(np.abs(1.0 - shares).max()), float(np.abs(q[:2, :2] / white - 1.0).max()),
+        float(q[2, 2] / variance), float(exact / paper),
+    )  # fmt: skip
+
+
+# --- the azimuth, and the flare guided from beyond the runway
+
+
+def judged(scenario: Elevation, time: np.ndarray) -> np.ndarray:
+    """Which times of the nominal run are behind its start."""
+    return time >= scenario.nominal.from_s + SETTLING
+
+
+@dataclass(frozen=True)
+class ChannelRun:
+    """A channel's filter on its true angle: time, angle (k,); by Q, its steady sigma (q,), bias and noise (q, k),
+    deg."""
+
+    time: np.ndarray
+    angle: np.ndarray
+    sigma: np.ndarray
+    bias: np.ndarray
+    noise: np.ndarray
+
+
+def azimuth_channel(scenario: Elevation) -> ChannelRun:
+    """The azimuth filter while the aircraft turns onto the centre line."""
+    c, f = scenario.azimuth, scenario.filter
+    time = c.from_s + c.period_s * np.arange(1, scenario.azimuth_steps + 1)
+    angle = mls.azimuth(time, c.on_line_s, c.cross_speed_m_s, c.cross_acceleration_m_s2)[0]
+    sigma, runs = [], []
+    for q in c.rate_variances_deg2_s2:
+        m = model(f.model, c.period_s, q, f.correlation_time_s, c.measurement_variance_deg2)
+        n = m.phi.shape[0]
+        sigma.append(float(np.sqrt(steady_state(m.phi, m.q, m.h, m.r)[0][0, 0])))
+        runs.append(without_noise(m, _initial(scenario, n, q, c.period_s), (*c.initial_deg, 0.0)[:n], angle))
+    return ChannelRun(time, angle, np.array(sigma), *(np.array([run[i] for run in runs]) for i in range(2)))
+
+
+FLARE_SOURCES = ("angle of the station", "range and radio altimeter", "both")
+
+
+@dataclass(frozen=True)
+class FlareRun:
+    """The flare: time, beta (k,); by source, 1 sigma of one measured angle (s, k); by source and Q, bias and noise
+    (s, q, k), deg. lever: height that a degree is at touchdown, m."""
+
+    time: np.ndarray
+    beta: np.ndarray
+    measured: np.ndarray
+    bias: np.ndarray
+    noise: np.ndarray
+    lever: float
+
+
+def flare_steps(scenario: Elevation) -> int:
+    """Measurements of the flare."""
+    return int(mls.FLARE / scenario.filter.period_s + 1e-9)
+
+
+def flare_guidance(scenario: Elevation) -> FlareRun:
+    """The filter in the flare, guided by the station's angle, by arctan(height/range), or by both.
+
+    Both measure the same angle: they count as one measurement of the variance 1/(1/R1 + 1/R2).
+    """
+    c, f = scenario.flare, scenario.filter
+    since = f.period_s * np.arange(1, flare_steps(scenario) + 1)
+    leg = mls.flare(since, mls.FLARE_STATION)
+    beta = mls.elevation(leg)[0]
+    height = np.maximum(c.height_sigma_floor_m, c.height_sigma_share * leg.h)
+    angle = np.full(since.size, np.sqrt(f.measurement_variance_deg2))
+    onboard = mls.angle_sigma(leg.d, leg.h, c.range_sigma_m, height)
+    measured = np.array([angle, onboard, 1.0 / np.hypot(1.0 / angle, 1.0 / onboard)])
+    runs = np.empty((2, len(FLARE_SOURCES), len(c.rate_variances_deg2_s2), since.size))
+    for i, sigma in enumerate(measured):
+        for j, q in enumerate(c.rate_variances_deg2_s2):
+            m = replace(_model(scenario, q), r=sigma[:, None, None] ** 2)
+            n = m.phi.shape[0]
+            runs[:, i, j] = without_noise(m, _initial(scenario, n, q), (*c.initial_deg, 0.0)[:n], beta)
+    lever = float(np.hypot(leg.h[-1], leg.d[-1]) ** 2 / leg.d[-1] / mls.TO_DEGREES)
+    return FlareRun(mls.GLIDE_END + since, beta, measured, runs[0], runs[1], lever)
 
 
 # --- the paper's numbers
@@ -183,7 +403,7 @@ def audit() -> list[Checked]:
     period, tau = 0.0247, 1.0
 
     def formula(d: float, h: float, along: float, up: float) -> float:
-        return mls.manoeuvre_sigma(d, h, along, up) ** 2
+        return float(mls.angle_sigma(d, h, along, up)) ** 2
 
     rows = [
         Checked("beta at the start of the glide", 2.4, start, "deg", "off by 0.11; 2.4 needs D = 4772 m"),
@@ -248,6 +468,10 @@ def compute(scenario: Elevation, seed: int, runs: int | None, done: Callable[[in
     draft.put("/band_theory/runs_needed", needed, confidence=f"{section.confidence:g}")
     _approach(draft)
     _nominal(draft, scenario, flown)
+    _orders(draft, scenario, flown)
+    _model_limits(draft, scenario)
+    _azimuth(draft, scenario)
+    _flare(draft, scenario)
     rows = audit()
     for name, kind in (("statement", object), ("published", float), ("computed", float), ("unit", object),
                        ("verdict", object)):  # fmt: skip
@@ -284,8 +508,68 @@ def _nominal(draft: Draft, scenario: Elevation, flown: NominalRun) -> None:
     draft["/nominal/beta"] = flown.beta
     draft["/nominal/bias"] = flown.bias
     draft["/nominal/noise"] = flown.noise
-    settled = flown.time >= scenario.nominal.from_s + SETTLING
+    settled = judged(scenario, flown.time)
     peak = np.argmax(np.abs(flown.bias[:, settled]), axis=1)
     draft["/nominal/worst_rmse"] = np.hypot(flown.bias, flown.noise)[:, settled].max(axis=1)
     draft["/nominal/peak_bias"] = np.take_along_axis(flown.bias[:, settled], peak[:, None], axis=1)[:, 0]
     draft["/nominal/peak_time"] = flown.time[settled][peak]
+    draft["/nominal/steady_sigma"] = np.array([
+        np.sqrt(steady_state(m.phi, m.q, m.h, m.r)[0][0, 0])
+        for m in (_model(scenario, q) for q in scenario.nominal.rate_variances_deg2_s2)
+    ])  # fmt: skip
+
+
+def _orders(draft: Draft, scenario: Elevation, flown: NominalRun) -> None:
+    found, settled = orders(scenario, flown), judged(scenario, flown.time)
+    draft["/order/filter"] = np.array([order.name for order in found], dtype=object)
+    draft["/order/time"] = flown.time
+    for name in ("variance", "gain", "sigma", "bias", "noise", "before", "recovery"):
+        draft[f"/order/{name}"] = np.array([getattr(order, name) for order in found])
+    _worst(draft, "/order", flown.time, settled)
+
+
+def _worst(draft: Draft, place: str, time: np.ndarray, settled: np.ndarray) -> None:
+    """The largest bias of each filter, its time, and the largest root mean square error, of what is in the draft."""
+    bias, noise = draft[f"{place}/bias"][..., settled], draft[f"{place}/noise"][..., settled]
+    peak = np.argmax(np.abs(bias), axis=-1)
+    draft[f"{place}/peak_bias"] = np.take_along_axis(bias, peak[..., None], axis=-1)[..., 0]
+    draft[f"{place}/peak_time"] = time[settled][peak]
+    draft[f"{place}/worst_rmse"] = np.hypot(bias, noise).max(axis=-1)
+
+
+def _model_limits(draft: Draft, scenario: Elevation) -> None:
+    f, m = scenario.filter, _model(scenario)
+    length, largest = memory(m, f.period_s), largest_accelerations(scenario)
+    draft["/criterion/acceleration"] = largest
+    draft["/criterion/memory"] = length
+    draft["/criterion/sigma"] = np.sqrt(f.measurement_variance_deg2)
+    draft["/criterion/period_error"] = 0.5 * f.period_s**2 * largest
+    draft["/criterion/memory_error"] = 0.5 * length**2 * largest
+    times = np.array(scenario.correlation_times_s)
+    draft["/limit/correlation_time"] = times
+    draft["/limit/ratio"] = f.period_s / times
+    rows = [limits(scenario, time) for time in scenario.correlation_times_s]
+    for name in ("to_velocity", "to_acceleration", "to_white", "drive", "angle"):
+        draft[f"/limit/{name}"] = np.array([getattr(row, name) for row in rows])
+
+
+def _azimuth(draft: Draft, scenario: Elevation) -> None:
+    found = azimuth_channel(scenario)
+    draft["/azimuth/rate_variance"] = np.array(scenario.azimuth.rate_variances_deg2_s2)
+    draft["/azimuth/time"] = found.time
+    draft["/azimuth/angle"] = found.angle
+    draft["/azimuth/steady_sigma"] = found.sigma
+    draft["/azimuth/bias"], draft["/azimuth/noise"] = found.bias, found.noise
+    _worst(draft, "/azimuth", found.time, found.time >= scenario.azimuth.from_s + SETTLING)
+
+
+def _flare(draft: Draft, scenario: Elevation) -> None:
+    found = flare_guidance(scenario)
+    draft["/flare/rate_variance"] = np.array(scenario.flare.rate_variances_deg2_s2)
+    draft["/flare/time"] = found.time
+    draft["/flare/beta"] = found.beta
+    draft["/flare/measured_sigma"] = found.measured
+    draft["/flare/bias"], draft["/flare/noise"] = found.bias, found.noise
+    _worst(draft, "/flare", found.time, found.time >= mls.GLIDE_END + SETTLING)
+    draft["/flare/touchdown_rmse"] = np.hypot(found.bias, found.noise)[..., -1]
+    draft["/flare/touchdown_height_rmse"] = found.lever * np.hypot(found.bias, found.noise)[..., -1]
