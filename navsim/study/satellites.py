@@ -45,13 +45,14 @@ def read_satellites(
             raise InputError([Problem(where, f"sky.{key}", message)])
     others = [c for c in constellations if c.system not in wanted]
     constellations = [c for c in constellations if c.system in wanted]
+    unused: dict[str, list[str]] = {}
     if others and not sky.systems:
-        more = ", ".join(f"{c.system.name} ({len(c.names)} satellites)" for c in others)
-        warnings.append(f"not used, since sky.systems does not name them: {more}")
+        unused[_UNNAMED] = [f"{c.system.name} ({len(c.names)} satellites)" for c in others]
     if not constellations:
         where = document.place(("sky", "systems"))
         named = ", ".join(s.name for s in wanted)
-        message = f"`source: {key}` has no satellite of {named}{''.join(f'; {w}' for w in warnings)}"
+        remarks = "".join(f"; {remark}" for remark in (*warnings, *_not_used(unused)))
+        message = f"`source: {key}` has no satellite of {named}{remarks}"
         raise InputError([Problem(where, "sky.systems", message)])
     there = {c.system for c in constellations}
     if sky.systems and (lacking := [s.name for s in wanted if s not in there]):
@@ -63,7 +64,8 @@ def read_satellites(
     if sky.broadcast:
         last = float(timescales.utc_from_gps(timescales.gps_from_utc(utc) + scenario.duration_s))
         constellations = [c.broadcast(utc, last) for c in constellations]
-    groups = tuple(_group(scenario, document, c, warnings) for c in constellations)
+    groups = tuple(_group(scenario, document, c, warnings, unused) for c in constellations)
+    warnings += _not_used(unused)
     names = [name for group in groups for name in group.names]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -247,8 +249,25 @@ def _warn_of_age(limit_days: float, constellations: Sequence[Constellation], gps
             )
 
 
-def _group(scenario: Landing, document: Document, constellation: Constellation, warnings: list[str]) -> Satellites:
-    """A constellation with the choice of its satellites; warnings of those that cannot be used."""
+_UNNAMED, _UNHEALTHY, _UNKNOWN = "sky.systems does not name them", "marked as unhealthy", "nothing tells where they are"
+"""Why satellites are not used."""
+
+
+def _not_used(unused: dict[str, list[str]]) -> list[str]:
+    """One warning of all satellites that are not used, by why; none if all are."""
+    told = "; ".join(f"{', '.join(names)} ({why})" for why, names in unused.items())
+    return [f"satellites not used: {told}"] if unused else []
+
+
+def _group(
+    scenario: Landing,
+    document: Document,
+    constellation: Constellation,
+    warnings: list[str],
+    unused: dict[str, list[str]],
+) -> Satellites:
+    """A constellation with the choice of its satellites; those that cannot be used are added to `unused`, by why.
+    warnings: of before, which may tell why there is none."""
     sky = scenario.sky
     if sky.use_unhealthy:
         constellation = constellation.using_unhealthy()
@@ -265,11 +284,9 @@ def _group(scenario: Landing, document: Document, constellation: Constellation, 
         message += "".join(f"; {w}" for w in warnings)
         raise InputError([Problem(where, f"sky.{sky.source}", message)])
     served = known | ~usable
-    reasons = (usable, "because they are marked as unhealthy"), (served, "because nothing tells where they are")
-    for good, why in reasons:
+    for good, why in ((usable, _UNHEALTHY), (served, _UNKNOWN)):
         if not np.all(good):
-            out = ", ".join(n for n, g in zip(names, good, strict=True) if not g)
-            warnings.append(f"not used, {why}: {out}")
+            unused.setdefault(why, []).extend(n for n, g in zip(names, good, strict=True) if not g)
     chosen = usable & known & np.array([name not in sky.exclude for name in names])
     clock = np.full(len(names), CLOCKS.index(constellation.system.name))
     return Satellites(constellation, names, clock, chosen)

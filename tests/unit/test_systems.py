@@ -23,7 +23,9 @@ PACKAGE = Path(__file__).resolve().parents[2] / "navsim"
 UTC = timescales.posix(2018, 9, 13, 12)
 LETTER = re.compile(r"[RGECJ](\d\d)?")
 OTHER_MEANINGS = {
+    ("io/nmea.py", "E"): "east, estimated",
     ("io/rinex_write.py", "E"): "exponents",
+    ("io/sp3.py", "E"): "a clock event",
     ("io/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
     ("report/integrity_table.py", "G"): "the ground may be lost",

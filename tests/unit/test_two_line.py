@@ -135,7 +135,7 @@ def test_satellites_of_other_systems_are_named_and_left_out(tmp_path: Path) -> N
         "not used, of no known system by their titles: VANGUARD 1 (line 79); known are such as "
         + "; ".join(systems.TITLES),
         "not used, of NavIC, which navsim does not model: IRNSS-1B (line 85)",
-        "not used, since sky.systems does not name them: beidou (2 satellites), qzss (1 satellites)",
+        "not used: beidou (2 satellites), qzss (1 satellites) (sky.systems does not name them)",
     ]
     assert not [w for w in prepared(tmp_path, GPS + GLONASS).warnings if "not used" in w]
     with pytest.raises(InputError, match=r"sky\.almanac: no satellite of glonass or gps; .*not used, of NavIC"):
