@@ -61,12 +61,14 @@ def read_ranges(
         solution = solve(observations, messages.constellations, replace(options, klobuchar=klobuchar))
     except ValueError as error:
         raise FileError(0, str(error), path) from None
+    dropped.lines += solution.verdicts.report(solution.ranges.names)
     solved = np.isfinite(solution.llh[:, 0])
     few = solved & (solution.satellites < fewest)
     dropped.add(f"fixes with fewer than {fewest} satellites", int(few.sum()))
     solved &= ~few
     if solved.sum() < 2:
-        raise FileError(0, f"{solved.sum()} fixes by these messages; two are the least", path)
+        said = "".join(f"; {line}" for line in dropped.said())
+        raise FileError(0, f"{solved.sum()} fixes by these messages; two are the least{said}", path)
     time = solution.time + shift
     ranges = replace(_steadied(solution.ranges, solution.clocks), time=time)
     empty = ~np.isfinite(ranges.pseudorange).any(axis=1)

@@ -52,6 +52,8 @@ POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers carry positions on with the velocity."""
 STANDSTILL_FACTOR = 5.0
 """In flight a gyro's bias leaves what a standstill showed by this many times its in-run instability."""
+_MOST_PDOP = 30.0
+"""Largest PDOP of fixes from ranges that are flown, RTKLIB's: their sigma is that of all fixes."""
 MOST_DAMAGED = 0.1
 """Share of rows outside of physical limits up to which they are damage; of more, the unit may be another one."""
 LARGEST_NIS = 2.0
@@ -327,7 +329,7 @@ def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
             raise InputError([Problem(place, f"gnss.navigation[{i}]", message)]) from None
     shift = gnss.time_offset_s - float(gps_from_utc(scenario.epoch.timestamp()))
     messages = together(several)
-    options = PositioningOptions(mask=gnss.mask_deg * DEG, troposphere=gnss.atmosphere)
+    options = PositioningOptions(mask=gnss.mask_deg * DEG, troposphere=gnss.atmosphere, most_pdop=_MOST_PDOP)
     fixes, ranges = _read(
         document, scenario, "gnss",
         lambda path: read_ranges(path, messages, options, gnss.min_satellites, shift, dropped),

@@ -7,7 +7,7 @@ Source: [1] IS-GPS-200, sections 20.3.3.3.3, 20.3.3.4.3. [2] Kaplan & Hegarty (2
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -21,8 +21,11 @@ from navsim.models.constellation import Constellation
 from navsim.models.pseudorange import apparent_velocity, turned_with_earth
 from navsim.models.recording import Ranges
 from navsim.models.sky import azimuth_elevation, enu_matrix
+from navsim.study import outliers
 
 _PASSES = 4
+_UNCORRECTED = 20.0
+"""Delay of the ionosphere overhead that the test of residuals allows for where nothing corrects it, m."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class PositioningOptions:
     of GLONASS satellites, by name, that neither the orbits nor the observation file tell. weights: of ranges, by the
     elevation alone, or by an error budget [3] of what the satellites tell of their accuracy, half of the ionosphere's
     delay, 0.3 m of the troposphere's and 0.3 m of biases overhead, and the code's noise; untold: accuracy of satellites
-    that tell none, 1 sigma, m."""
+    that tell none, 1 sigma, m. most_pdop: largest PDOP of a fix that is given."""
 
     mask: float = np.radians(10.0)
     sigma: float = 1.0
@@ -41,6 +44,7 @@ class PositioningOptions:
     channels: Mapping[str, int] = field(default_factory=dict)
     weights: Literal["elevation", "budget"] = "elevation"
     untold: float = 5.0
+    most_pdop: float = 100.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Solution:
     """Fixes at e epochs: time GPS s, llh (e, 3) rad, rad, m, position (e, 3) ECEF m, velocity (e, 3) NED m/s
     (nan with fewer than four Dopplers), clocks (e, MAX_CLOCKS) m, covariance (e, 6, 6) of position and velocity NED,
     dop (e, 5), satellites (e,) how many were used, residual (e, s) m; nan without a fix; ranges: what they are
-    from."""
+    from, without those that the outlier test excluded; verdicts: what it found."""
 
     time: np.ndarray
     llh: np.ndarray
@@ -60,12 +64,13 @@ class Solution:
     satellites: np.ndarray
     residual: np.ndarray
     ranges: Ranges
+    verdicts: outliers.Verdicts
 
 
 def solve(
     observations: Observations, constellations: Sequence[Constellation], settings: PositioningOptions
 ) -> Solution:
-    """A fix at every epoch from code on L1, one receiver clock a constellation.
+    """A fix at every epoch from code on L1, one receiver clock a constellation, of those that pass `outliers`.
 
     constellations: satellites whose place or clock they do not know at an epoch are left out, as those below the mask.
     Raises ValueError, naming them, for GLONASS satellites whose frequency channel nothing tells: not the constellation
@@ -78,47 +83,100 @@ def solve(
     position, velocity, offset, drift = _at_transmission(observations.time, code, constellations, members)
     ranges = code + SPEED_OF_LIGHT * offset
     rates = -doppler * wavelength + SPEED_OF_LIGHT * drift
-
-    e, s = ranges.shape
-    llh, speed, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
-    covariance = np.empty((e, 6, 6))
-    travel = code / SPEED_OF_LIGHT
-    sigma, delay, visible = np.full((e, s), settings.sigma), np.zeros((e, s)), np.ones((e, s), dtype=bool)
     told = [c.accuracy(observations.time - 0.075)[:, own] for c, own in zip(constellations, members, strict=True)]
     accuracy = np.concatenate(told, axis=1)
     accuracy[np.isnan(accuracy)] = settings.untold
+    measured = _Measured(observations.time, position, velocity, ranges, rates, code, accuracy, clock, ratio2)
+    possible = np.isfinite(ranges) & np.isfinite(position[..., 0])
+
+    def again(rows: np.ndarray, kept: np.ndarray) -> outliers.TestedFixes:
+        return _fixes(measured.take(rows), settings, kept)[0]
+
+    with np.errstate(all="ignore"):  # far from the Earth, where a wrong range may put a fix
+        fixes, travel, dop = _fixes(measured, settings, np.ones(ranges.shape, dtype=bool))
+        verdicts = outliers.evaluate(observations.time, fixes, possible, again, settings.most_pdop)
+        changed = np.flatnonzero(verdicts.excluded.any(axis=1))
+        if changed.size:
+            kept = ~verdicts.excluded[changed]
+            _, travel[changed], dop[changed] = _fixes(measured.take(changed), settings, kept)
+    dop[~fixes.fixed] = np.nan
+    tested = np.where(verdicts.excluded | verdicts.contradictory[:, None], np.nan, ranges)
+    return Solution(
+        observations.time, fixes.llh, fixes.position, fixes.velocity, fixes.clocks, fixes.covariance, dop,
+        np.where(fixes.fixed, fixes.used.sum(axis=1), 0), fixes.residual,
+        _ranges(observations.time, fixes.llh, fixes.velocity, (position, velocity, tested, rates), travel, clock,
+                ratio2, settings, (tuple(observations.satellites[i] for own in columns for i in own),
+                                   tuple(c.system.name for c in constellations))),
+        verdicts,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What was measured at e epochs to s satellites: their places and velocities at transmission, ranges corrected for
+    their clocks, range rates, pseudoranges as received, accuracies that satellites tell, clock and (L1 / f)^2 (s,)."""
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    ranges: np.ndarray
+    rates: np.ndarray
+    code: np.ndarray
+    accuracy: np.ndarray
+    clock: np.ndarray
+    ratio2: np.ndarray
+
+    def take(self, rows: np.ndarray) -> _Measured:
+        """The same at some epochs."""
+        own = ("time", "position", "velocity", "ranges", "rates", "code", "accuracy")
+        return replace(self, **{name: getattr(self, name)[rows] for name in own})
+
+
+def _fixes(
+    m: _Measured, settings: PositioningOptions, allowed: np.ndarray
+) -> tuple[outliers.TestedFixes, np.ndarray, np.ndarray]:
+    """Fixes from the allowed ranges (e, s), travel times (e, s), s, and DOPs (e, 5)."""
+    e, s = m.ranges.shape
+    llh, speed, clocks = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS))
+    covariance = np.empty((e, 6, 6))
+    travel = m.code / SPEED_OF_LIGHT
+    sigma, delay, visible = np.full((e, s), settings.sigma), np.zeros((e, s)), allowed
+    budget = sigma
     los = np.full((e, s, 3), np.nan)
-    turned, believed = position, np.full((e, 3), np.nan)
+    turned, believed = m.position, np.full((e, 3), np.nan)
     start = np.zeros(3)
     for round_ in range(_PASSES):
-        turned, moving = turned_with_earth(position, travel), turned_with_earth(velocity, travel)
+        turned, moving = turned_with_earth(m.position, travel), turned_with_earth(m.velocity, travel)
         if round_:
             moving = apparent_velocity(turned, moving, believed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
-        usable = np.isfinite(ranges - delay) & np.isfinite(turned[..., 0]) & visible
+        usable = np.isfinite(m.ranges - delay) & np.isfinite(turned[..., 0]) & visible
         receiver.fixes(
-            start, turned, moving, sigma, np.full((e, s), 0.1), clock,
-            np.where(usable, ranges - delay, np.nan), rates, llh, speed, clocks, covariance,
+            start, turned, moving, sigma, np.full((e, s), 0.1), m.clock,
+            np.where(usable, m.ranges - delay, np.nan), m.rates, llh, speed, clocks, covariance,
         )  # fmt: skip
         believed = ecef_from_llh(llh)
         distance, los, azimuth, elevation = _sights(llh, turned)
         travel = np.where(np.isfinite(distance), distance / SPEED_OF_LIGHT, travel)
-        visible = elevation >= settings.mask
+        visible = allowed & (elevation >= settings.mask)
         # both nan where the direction is, and the delay below the horizon: satellites that are not visible
-        ionosphere, troposphere = _delays(observations.time, llh, azimuth, elevation, ratio2, settings)
+        ionosphere, troposphere = _delays(m.time, llh, azimuth, elevation, m.ratio2, settings)
         delay = ionosphere + troposphere
         sigma = settings.sigma * _slant(elevation)
+        unknown = ionosphere if settings.klobuchar is not None else _UNCORRECTED * np.sqrt(_slant(elevation))
+        budget = _budget(m.accuracy, unknown, elevation)
         if settings.weights == "budget":
-            sigma = _budget(accuracy, ionosphere, elevation)
-    usable = np.isfinite(ranges - delay) & visible & np.isfinite(believed[:, :1])
+            sigma = _budget(m.accuracy, ionosphere, elevation)
+    usable = np.isfinite(m.ranges - delay) & visible & np.isfinite(believed[:, :1])
     los[~usable] = np.nan
-    residual = ranges - delay - np.linalg.norm(turned - believed[:, None], axis=2) - clocks[:, clock]
-    return Solution(
-        observations.time, llh, believed, speed, clocks, covariance, dops(los, clock), usable.sum(axis=1),
-        np.where(usable, residual, np.nan),
-        _ranges(observations.time, llh, speed, (position, velocity, ranges, rates), travel, clock, ratio2, settings,
-                (tuple(observations.satellites[i] for own in columns for i in own),
-                 tuple(c.system.name for c in constellations))),
+    residual = m.ranges - delay - np.linalg.norm(turned - believed[:, None], axis=2) - clocks[:, m.clock]
+    dop = dops(los, m.clock)
+    received = np.where(np.isfinite(believed[:, :1]), usable, np.isfinite(m.ranges) & allowed)
+    scales = np.stack([received[:, m.clock == c].any(axis=1) for c in range(MAX_CLOCKS)], axis=1)
+    fixes = outliers.TestedFixes(
+        llh, speed, clocks, covariance, believed, dop[:, 1], usable, np.where(usable, residual, np.nan), budget,
+        3 + scales.sum(axis=1),
     )  # fmt: skip
+    return fixes, travel, dop
 
 
 def _sights(llh: np.ndarray, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -1,0 +1,218 @@
+"""Outlier test of single-point fixes: residuals, exclusion of ranges, geometry, plausible heights and speeds.
+
+The sum of squared residuals of a fix, each over its sigma, follows a chi-square distribution if all ranges are good. A
+fix that fails the test is computed anew without each of its ranges; the one without which it passes is excluded, if no
+other would do nearly as well. A fix that nothing cures is refused. A fix from as many ranges as unknowns has no
+residuals, and is only compared with its neighbours.
+
+Sources: [1] Kaplan & Hegarty (2017), section 11.4 (chi-square test, exclusion). [2] RTKLIB 2.4.3, `pntpos.c`
+(`valsol`, `raim_fde`: the test, its limit of DOP).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+FALSE_ALARM = 1e-5
+"""Probability that good ranges fail the test."""
+_MOST_PDOP_WITHOUT = 10.0
+"""Largest PDOP of a fix of which ranges were excluded: a wrong choice is worth so much more in a weak geometry."""
+HEIGHTS = (-1e3, 1e5)
+"""Heights of fixes that are given, m."""
+FASTEST = 2000.0
+"""Largest speed of fixes that are given, m/s."""
+_MOST_EXCLUDED = 4
+"""Ranges of an epoch that may be excluded."""
+_DISTINCT = 2.0 * np.log(1000.0)
+"""By how much the sum of squares has to be larger without any other range: the one is a thousand times likelier."""
+_PAIRED, _VERY_BEST = 9, 3
+"""So many ranges without which the sum of squares is least are tried in pairs, and so many with all others: a large
+error hides a small one."""
+_EPOCHS_AT_ONCE = 500
+"""Epochs whose ranges are tried at once."""
+_SCATTER = 500.0
+"""By how much a fix that nothing tests may lie off its neighbours, m, beside what is flown between."""
+_MOST_NAMES = 12
+
+
+@dataclass(frozen=True)
+class TestedFixes:
+    """TestedFixes at e epochs from s satellites, of any choice of ranges.
+
+    llh (e, 3), velocity (e, 3), clocks (e, c), covariance (e, 6, 6), position (e, 3) ECEF, pdop (e,); nan without a
+    fix. used, residual (m, nan where not used), sigma (m): (e, s). unknowns (e,): how many a fix has.
+    """
+
+    llh: np.ndarray
+    velocity: np.ndarray
+    clocks: np.ndarray
+    covariance: np.ndarray
+    position: np.ndarray
+    pdop: np.ndarray
+    used: np.ndarray
+    residual: np.ndarray
+    sigma: np.ndarray
+    unknowns: np.ndarray
+
+    @property
+    def fixed(self) -> np.ndarray:
+        """(e,) whether there is a fix."""
+        return np.isfinite(self.llh[:, 0])
+
+    @property
+    def redundancy(self) -> np.ndarray:
+        """(e,) how many ranges there are beyond those that a fix needs."""
+        return self.used.sum(axis=1) - self.unknowns
+
+    @property
+    def chi2(self) -> np.ndarray:
+        """(e,) sum of squared residuals over their sigmas; inf without a fix."""
+        return np.where(self.fixed, np.nansum((self.residual / self.sigma) ** 2, axis=1), np.inf)
+
+    @property
+    def passes(self) -> np.ndarray:
+        """(e,) whether the residuals pass the test; nothing without redundancy does."""
+        some = self.redundancy > 0
+        return some & (self.chi2 <= chdtri(np.where(some, self.redundancy, 1), FALSE_ALARM))
+
+    def put(self, rows: np.ndarray, others: TestedFixes, theirs: np.ndarray) -> None:
+        """Take other fixes for some rows."""
+        for name, mine in vars(self).items():
+            mine[rows] = getattr(others, name)[theirs]
+
+    def refuse(self, rows: np.ndarray) -> None:
+        """Make some rows (e,), bool, of no fix."""
+        for table in (self.llh, self.velocity, self.clocks, self.covariance, self.position, self.pdop, self.residual):
+            table[rows] = np.nan
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """What the test found: excluded (e, s) ranges; fixes (e,) that are refused, since their ranges contradict each
+    other, their geometry is weak (PDOP above `most_pdop`), or they are implausible; and those that are given
+    untested."""
+
+    excluded: np.ndarray
+    contradictory: np.ndarray
+    weak: np.ndarray
+    implausible: np.ndarray
+    untested: np.ndarray
+    most_pdop: float
+
+    def report(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Lines for all that was found; names: of the satellites."""
+        out = []
+        if count := int(self.excluded.sum()):
+            each = self.excluded.sum(axis=0)
+            most = [i for i in np.argsort(-each, kind="stable") if each[i]]
+            some = ", ".join(f"{names[i]} {each[i]}" for i in most[:_MOST_NAMES])
+            more = f" and {len(most) - _MOST_NAMES} more" if len(most) > _MOST_NAMES else ""
+            epochs = int(self.excluded.any(axis=1).sum())
+            out.append(f"{count} ranges excluded at {epochs} epochs, since they contradict the others: {some}{more}")
+        for marks, text in (
+            (self.contradictory, "epochs without a fix, since their ranges contradict each other"),
+            (self.weak, f"epochs without a fix, since PDOP is above {self.most_pdop:g}"),
+            (self.implausible, "epochs without a fix, since height, speed or distance from others is implausible"),
+            (self.untested, "fixes from as many ranges as unknowns, which nothing tests"),
+        ):
+            if marks.any():
+                out.append(f"{int(marks.sum())} {text}")
+        return tuple(out)
+
+
+def evaluate(
+    time: np.ndarray,
+    fixes: TestedFixes,
+    possible: np.ndarray,
+    again: Callable[[np.ndarray, np.ndarray], TestedFixes],
+    most_pdop: float,
+) -> Verdicts:
+    """Test fixes, in place, and exclude ranges.
+
+    possible: (e, s) ranges that a fix could use, seen from wherever it is. again: fixes of epochs by index (k,) with
+    ranges (k, s) alone. most_pdop: largest PDOP of a fix that is given.
+    """
+    excluded = np.zeros(fixes.used.shape, dtype=bool)
+    # what keeps ranges below the mask away, too, may be a wrong fix
+    begun = fixes.fixed
+    failed = np.where(begun, (fixes.redundancy > 0) & ~fixes.passes, possible.sum(axis=1) > fixes.unknowns)
+    for some in np.array_split(np.flatnonzero(failed), failed.sum() // _EPOCHS_AT_ONCE + 1):
+        _exclude(some, fixes, possible, excluded, again)
+    given_up = failed & ~fixes.passes
+    excluded[given_up] = False
+    fixes.refuse(given_up)
+    contradictory = given_up & begun
+    with np.errstate(invalid="ignore"):
+        weak = fixes.pdop > most_pdop
+        speed = np.linalg.norm(fixes.velocity, axis=1)
+        implausible = (fixes.llh[:, 2] < HEIGHTS[0]) | (fixes.llh[:, 2] > HEIGHTS[1]) | (speed > FASTEST)
+    untested = fixes.fixed & (fixes.redundancy <= 0)
+    implausible |= untested & _is_far(time, fixes.position, fixes.fixed & ~untested & ~weak & ~implausible)
+    implausible &= ~weak
+    fixes.refuse(weak | implausible)
+    return Verdicts(excluded, contradictory, weak, implausible, untested & ~weak & ~implausible, most_pdop)
+
+
+def _exclude(
+    rows: np.ndarray,
+    fixes: TestedFixes,
+    possible: np.ndarray,
+    excluded: np.ndarray,
+    again: Callable[[np.ndarray, np.ndarray], TestedFixes],
+) -> None:
+    """Exclude one range of each epoch `rows`, or two, or more one after the other, where a fix then passes and no
+    other choice does nearly as well."""
+    choices: dict[int, list[tuple[int, ...]]]
+    choices = {epoch: [(i,) for i in np.flatnonzero(possible[epoch]).tolist()] for epoch in rows.tolist()}
+    while choices:
+        epochs = np.repeat(list(choices), [len(sets) for sets in choices.values()])
+        kept = possible[epochs]
+        for k, out in enumerate(itertools.chain.from_iterable(choices.values())):
+            kept[k, list(out)] = False
+        found = again(epochs, kept)
+        without = (possible[epochs] & ~kept).sum(axis=1)
+        # as many wrong ranges as are excluded could still stand against as many right ones
+        told = (found.redundancy >= without) & (found.pdop <= _MOST_PDOP_WITHOUT)
+        chi2 = np.where(told, found.chi2, np.inf)
+        passes, first, left = found.passes & told, 0, {}
+        for epoch, sets in choices.items():
+            order = first + np.argsort(chi2[first : first + len(sets)], kind="stable")
+            ranked = [sets[k - first] for k in order]
+            first += len(sets)
+            if len(sets) > 1 and passes[order[0]]:
+                if chi2[order[1]] - chi2[order[0]] > _DISTINCT:
+                    excluded[epoch, list(ranked[0])] = True
+                    fixes.put(np.array([epoch]), found, order[:1])
+            elif len(sets) > 1 and np.isfinite(chi2[order[0]]) and len(ranked[0]) < _MOST_EXCLUDED:
+                left[epoch] = _larger(ranked, np.flatnonzero(possible[epoch]))
+        choices = left
+
+
+def _larger(ranked: list[tuple[int, ...]], there: np.ndarray) -> list[tuple[int, ...]]:
+    """Choices of one range more: after single ones all pairs of the best, and of the very best with any other; later
+    the best choice and any other."""
+    if len(ranked[0]) == 1:
+        order = [i for (i,) in ranked]
+        return sorted(
+            {(min(pair), max(pair)) for pair in itertools.combinations(order[:_PAIRED], 2)}
+            | {(min(i, j), max(i, j)) for i in order[:_VERY_BEST] for j in order if i != j}
+        )
+    return [(*ranked[0], i) for i in there.tolist() if i not in ranked[0]]
+
+
+def _is_far(time: np.ndarray, position: np.ndarray, tested: np.ndarray) -> np.ndarray:
+    """(e,) whether fixes lie farther from the tested ones before or after than anything flies."""
+    good = np.flatnonzero(tested)
+    far = np.zeros(time.size, dtype=bool)
+    if not good.size:
+        return far
+    after = np.searchsorted(good, np.arange(time.size))
+    for neighbour in (good[np.clip(after - 1, 0, good.size - 1)], good[np.clip(after, 0, good.size - 1)]):
+        away = np.linalg.norm(position - position[neighbour], axis=1)
+        far |= away > FASTEST * np.abs(time - time[neighbour]) + _SCATTER
+    return far
