@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+from collections import Counter
+from collections.abc import Generator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,6 +113,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
     """What the page says of a test travels with its report, from the process that ran it."""
+    if call.when == "teardown":
+        item.user_properties.append((CPU, _cpu_s() - item.stash[_BEGAN]))
     mark = item.get_closest_marker("validates")
     if mark is None or call.when == "teardown":
         return
@@ -121,7 +126,9 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Gather the results of oracle tests, where several processes run them in the one that hears of all."""
-    told = dict(report.user_properties).get("validates")
+    told, cpu = (dict(report.user_properties).get(name) for name in ("validates", CPU))
+    if cpu is not None and report.when == "teardown":
+        _cpu[report.nodeid] += cpu
     if told is None or not (report.when == "call" or (report.when == "setup" and report.outcome != "passed")):
         return
     claim, oracle, tolerance, unused = told
@@ -131,6 +138,49 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     row.unused &= set(unused)
     if report.outcome == "failed":
         row.outcome = report.outcome
+
+
+CPU = "cpu_s"
+"""What reports call the processor time of a test."""
+
+
+def _cpu_s() -> float:
+    """Processor time of this process and of those that it started, the living ones among them where /proc tells."""
+    spent = os.times()
+    total = spent.user + spent.system + spent.children_user + spent.children_system
+    waiting = [os.getpid()]
+    while waiting:
+        for listed in Path(f"/proc/{waiting.pop()}/task").glob("*/children"):
+            with suppress(OSError):  # it has ended in between
+                for child in listed.read_text().split():
+                    fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+                    total += sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+                    waiting.append(int(child))
+    return total
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    """What a test costs, with what is made for it, travels with its last report."""
+    item.stash[_BEGAN] = _cpu_s()
+    return (yield)
+
+
+_BEGAN = pytest.StashKey[float]()
+_cpu: Counter[str] = Counter()
+DEAREST = 10
+"""Tests that the end of a session names."""
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """The sum of processor time and the dearest tests: the suite has to fit in a quarter of an hour on two cores."""
+    files: Counter[str] = Counter()
+    for name, seconds in _cpu.items():
+        files[name.partition("::")[0]] += seconds
+    terminalreporter.write_sep("=", f"{sum(_cpu.values()):.0f} s of processor time")
+    for dearest in (files, _cpu):
+        for name, seconds in dearest.most_common(DEAREST):
+            terminalreporter.write_line(f"{seconds:6.1f} s  {name}")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -9,6 +9,7 @@ commands small.
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import shutil
@@ -18,6 +19,8 @@ import subprocess
 import threading
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -47,7 +50,8 @@ SHORTER = [
     ("navsim table2", "navsim table2 --runs 2"),
     (
         "integrity-table --set 'integrity={method: filter",
-        "integrity-table --set duration_s=62 --set receiver.rate_hz=0.5 --set 'integrity={method: filter",
+        "integrity-table --set duration_s=61 --set receiver.rate_hz=0.2 --set imu.rate_hz=20 "
+        "--set 'integrity={method: filter",
     ),
     (
         "sweep scenarios/placement_sweep.yaml",
@@ -148,12 +152,14 @@ def send_fixes(result: Path, folder: Path, port: int, stop: threading.Event) -> 
             time.sleep(0.0005)
 
 
-def run(command: str, tree: Path, place: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    """One line by the shell."""
+def run(
+    command: str, tree: Path, place: Path, environment: dict[str, str], ends: ExitStack
+) -> subprocess.CompletedProcess[str]:
+    """One line by the shell. ends: of what is there until the end of the page."""
     if command.startswith("navsim plan"):
         return look(command, tree, environment)
     if "--scheduler" in command:
-        return with_cluster(command, tree, environment)
+        return with_cluster(command, tree, environment, ends)
     stop = threading.Event()
     receiver = None
     udp = re.search(r"udp://0\.0\.0\.0:(\d+)", command)
@@ -174,19 +180,20 @@ def run(command: str, tree: Path, place: Path, environment: dict[str, str]) -> s
             receiver.join()
 
 
-def with_cluster(command: str, tree: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    """A command that names a scheduler, by its file or an address, with one that is there."""
+def with_cluster(
+    command: str, tree: Path, environment: dict[str, str], ends: ExitStack
+) -> subprocess.CompletedProcess[str]:
+    """A command that names a scheduler, by its file or an address, with one that is there until the end of its page."""
     pytest.importorskip("distributed")
     from tests.product.test_cluster import Cluster
 
-    cluster = Cluster(tree)
-    try:
-        return subprocess.run(
-            ["bash", "-c", re.sub(r"tcp://\S+", cluster.address, command)],
-            cwd=tree, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    finally:
-        cluster.close()
+    if not (tree / "scheduler.json").exists():
+        ends.callback(Cluster(tree).close)
+    address = json.loads((tree / "scheduler.json").read_text())["address"]
+    return subprocess.run(
+        ["bash", "-c", re.sub(r"tcp://\S+", address, command)],
+        cwd=tree, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+    )  # fmt: skip
 
 
 def look(command: str, tree: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -207,8 +214,16 @@ def look(command: str, tree: Path, environment: dict[str, str]) -> subprocess.Co
     return subprocess.CompletedProcess(words, code, line + out, err)
 
 
+@pytest.fixture
+def ends() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
 @pytest.mark.parametrize("document", WITH_COMMANDS, ids=[path.stem for path in WITH_COMMANDS])
-def test_commands_run_as_written(document: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
+def test_commands_run_as_written(
+    document: Path, tmp_path: Path, pytestconfig: pytest.Config, ends: ExitStack
+) -> None:
     tree = tmp_path / "tree"
     fresh_copy(tree, "navsim/", "tests/", "benchmarks/")
     environment = found_first(shared().programs(tmp_path / "bin"))
@@ -221,7 +236,7 @@ def test_commands_run_as_written(document: Path, tmp_path: Path, pytestconfig: p
             command += "\n"
             for long, short in SHORTER:
                 command = command.replace(long, short)
-        done = run(command, tree, tmp_path, environment)
+        done = run(command, tree, tmp_path, environment, ends)
         if NO_DEVICE in command:
             assert done.returncode == 2, command
             assert f"{NO_DEVICE}?baud=921600" in done.stderr

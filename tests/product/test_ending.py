@@ -19,7 +19,8 @@ from navsim.cli.common import progress
 from tests.conftest import ROOT, SCENARIOS
 
 NAVSIM = [sys.executable, "-m", "navsim"]
-LONG = ["run", str(SCENARIOS / "landing.yaml"), "--runs", "100000", "--keep", "none", "-q", "-o", "long.h5"]
+LONG = ["run", str(SCENARIOS / "landing.yaml"), "--runs", "100000", "--keep", "none", "-q", "--workers", "1",
+        "-o", "long.h5"]  # fmt: skip
 
 
 def _listening() -> None:
@@ -156,6 +157,7 @@ def test_ignored_signals_stay_ignored(tmp_path: Path) -> None:
 def test_the_second_on_one_output_is_told_who_is_there(tmp_path: Path) -> None:
     first = start(tmp_path, *LONG)
     until(lambda: any(tmp_path.glob("long.h5.partial/*.npz")))
+    first.send_signal(signal.SIGSTOP)  # it stays where it is, and leaves the processor to the others
     second = start(tmp_path, *LONG)
     _, err = second.communicate(timeout=60)
     assert second.returncode == 2

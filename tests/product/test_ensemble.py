@@ -21,7 +21,8 @@ from tests.product.test_run import SHORT, navsim, stored, with_files_limited
 
 RUNS = 16 * BATCH
 KEPT = "finished runs are kept in {0}.partial; the same command goes on from there, or navsim resume {0}.partial\n"
-COMMAND = ("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", RUNS, "-q")
+QUICK = (*SHORT, "--set", "imu.rate_hz=50")
+COMMAND = ("run", SCENARIOS / "landing.yaml", *QUICK, "--runs", RUNS, "-q")
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +209,7 @@ def test_percentiles_coverage_and_verdicts(undisturbed: Path) -> None:
 
 def test_until_stops_when_the_interval_is_narrow(place: Path, undisturbed: Path) -> None:
     """The first ensemble of whole batches whose interval is narrow enough, for any number of workers."""
-    base = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "--until", "rms_horizontal within 9 %")
+    base = ("run", SCENARIOS / "landing.yaml", *QUICK, "-q", "--until", "rms_horizontal within 9 %")
     for workers in (1, 2):
         navsim(*base, "--workers", workers, "-o", f"u{workers}.h5", cwd=place)
     assert stored(place / "u1.h5") == stored(place / "u2.h5")
@@ -219,7 +220,7 @@ def test_until_stops_when_the_interval_is_narrow(place: Path, undisturbed: Path)
     value, low, high = r["/summary/rms/horizontal"]
     assert 0.5 * (high - low) <= 0.09 * value
     np.testing.assert_array_equal(r["/filter/error"], read(undisturbed)["/filter/error"][:runs])
-    shorter = ("run", SCENARIOS / "landing.yaml", *SHORT, "-q", "--runs", runs - BATCH, "-o", "shorter.h5")
+    shorter = ("run", SCENARIOS / "landing.yaml", *QUICK, "-q", "--runs", runs - BATCH, "-o", "shorter.h5")
     navsim(*shorter, cwd=place)
     value, low, high = read(place / "shorter.h5")["/summary/rms/horizontal"]
     assert 0.5 * (high - low) > 0.09 * value

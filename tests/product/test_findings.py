@@ -123,12 +123,13 @@ def test_each_flaw_of_a_run() -> None:
             if name in expected} == expected  # fmt: skip
 
 
+@pytest.mark.parametrize("runs", [5, pytest.param(20, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", LANDINGS)
-def test_no_false_alarm_of_a_shipped_scenario(name: str) -> None:
-    """Twenty runs by themselves, and as an ensemble."""
+def test_no_false_alarm_of_a_shipped_scenario(name: str, runs: int) -> None:
+    """Runs by themselves, and as an ensemble."""
     c = case(name=name)
     study = LandingStudy(c, 1, "none")
-    batches = [Batch(*study.batch(k, 1)) for k in range(20)]
+    batches = [Batch(*study.batch(k, 1)) for k in range(runs)]
     for k, batch in enumerate(batches):
         assert [f.text for f in landing.findings(c, ensemble(k, batch)) if f.text not in c.warnings] == []
     assert [f.text for f in landing.findings(c, ensemble(0, *batches)) if f.text not in c.warnings] == []

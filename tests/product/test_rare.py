@@ -174,7 +174,7 @@ def test_refused(words: tuple[str, ...], message: str, place: Path) -> None:
 
 def test_killed_and_resumed(place: Path) -> None:
     """A study that is interrupted goes on to the same numbers, to the bit."""
-    whole = ("--runs", 1600, "-q", "--workers", 1)
+    whole = ("--runs", 800, "-q", "--workers", 1)
     assert navsim(*RARE, *whole, "-o", "whole.h5", cwd=place).returncode == 0
     command = [sys.executable, "-m", "navsim", *map(str, (*RARE, *whole, "-o", "cut.h5"))]
     process = subprocess.Popen(command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
