@@ -83,6 +83,8 @@ SHORT_LIST = 40
 """Hypotheses that are fitted with biases, the best without."""
 LEAST_RESIDUAL = 0.05
 """1 sigma of what no hypothesis explains, m/s: differences below it decide nothing."""
+LEAST_WEIGHT = 0.1
+"""Least weight of the vertical velocity beside the horizontal one."""
 VELOCITY_SIGMA = 0.3
 """1 sigma of a piece's change of velocity against which the biases' is weighed, m/s."""
 
@@ -560,7 +562,8 @@ class _Carried:
 class _Gained:
     """What velocities gained: edges (e,) of the pieces, s; gained (e - 1, 3) specific force summed up, NED m/s;
     velocity (e, 3); windows (w, k) of pieces without holes; weight (3,) of north, east, down: a reading that makes the
-    fixes smaller makes their noise smaller too, which is no merit."""
+    fixes smaller makes their noise smaller too, which is no merit, and what is noisier than the rest, such as vertical
+    velocities from heights, must not hide what that shows."""
 
     edges: np.ndarray
     gained: np.ndarray
@@ -669,7 +672,9 @@ def gained(fixes: Fixes, scale: np.ndarray, piece: float = PIECE, pieces: int = 
         run = run[whole[run]]
         windows += [run[first : first + pieces] for first in range(0, run.size - pieces + 1, pieces)]
     whole_windows = np.reshape(windows, (-1, pieces)).astype(int)
-    return _Gained(edges, change, velocity, whole_windows, np.maximum(1.0, 1.0 / scale))
+    rough = np.median(np.abs(np.diff(velocity, 2, axis=0)), axis=0) if len(velocity) > 2 else np.ones(3)
+    down = np.clip(rough[:2].mean() / max(rough[2], 1e-9), LEAST_WEIGHT, 1.0)
+    return _Gained(edges, change, velocity, whole_windows, np.maximum(1.0, 1.0 / scale) * [1.0, 1.0, down])
 
 
 def fitted(flight: _Carried, target: _Gained, windows: np.ndarray, hypothesis: _Hypothesis, bias: np.ndarray) -> _Fit:
@@ -887,7 +892,7 @@ class _Judge:
                 sums = np.einsum("nabb->na", flight.at(flight.force[0], target.edges + offset))
                 sensed, due = sums[windows + 1] - sums[windows], target.gained[windows]
                 residual = due - np.einsum("wij,wkj->wki", wahba(sensed, due), sensed)
-                squares[row, inside] = np.mean(residual**2, axis=(1, 2))
+                squares[row, inside] = np.mean((target.weight * residual) ** 2, axis=(1, 2))
         allowed = (offsets >= tolerated[0] - 1e-9) & (offsets <= tolerated[1] + 1e-9)
         allowed &= np.isfinite(squares).any(axis=1)
         if not allowed.any():
