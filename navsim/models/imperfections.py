@@ -22,8 +22,8 @@ from navsim.core.streams import branch
 
 (
     _MISALIGNMENT, _ASYMMETRY, _NONLINEARITY, _G_SENSITIVITY, _RAMP, _TEMPERATURE, _RECTIFICATION, _WALK, _LINES,
-    _VIBRATION_LINES, _VIBRATION, _QUANTUM,
-) = range(1, 13)  # fmt: skip
+    _VIBRATION_LINES, _VIBRATION, _QUANTUM, _FLICKER,
+) = range(1, 14)  # fmt: skip
 """Branches of a run's stream of inertial sensors; the stream itself has bias, white noise, Markov bias and scale."""
 
 MEMORY = 10.0
@@ -99,7 +99,9 @@ class Imperfections:
     specific force, unit/(m/s2). ramp: unit/s. temperature: unit/K. rectification: unit/(m/s2)2. walk: root of the
     density of the random walk of the bias, unit/sqrt(s). lines: amplitude, unit, and frequency, Hz, of sines of random
     phase. quantum: of the integral, rad or m/s. largest: measured. bandwidth: of -3 dB, Hz, with `damping`. vibration,
-    warming: of the place. shaken: white density, unit2 s, that a filter takes the random part of the vibration for.
+    warming: of the place. flicker: 1 sigma and correlation time, s, of the Gauss-Markov terms of flicker noise beside
+    the slowest, which is the Markov bias. shaken: white density, unit2 s, that a filter takes the random part of the
+    vibration for.
     """
 
     misalignment: float = 0.0
@@ -117,6 +119,7 @@ class Imperfections:
     damping: float = math.sqrt(0.5)
     vibration: Vibration = Vibration()
     warming: Warming = Warming()
+    flicker: tuple[tuple[float, float], ...] = ()
     shaken: float = 0.0
 
     @property
@@ -211,6 +214,20 @@ def walks(what: Imperfections, triad: int, rngs: Sequence[np.random.Generator], 
     for lane, rng in enumerate(rngs):
         out[1:, :, lane] = branch(rng, _WALK, triad).standard_normal((count, 3))
     return np.asarray(np.cumsum(what.walk * math.sqrt(dt) * out, axis=0))
+
+
+def flickering(
+    what: Imperfections, triad: int, term: int, rngs: Sequence[np.random.Generator], count: int, dt: float
+) -> np.ndarray:
+    """A term of the flicker noise (count + 1, 3, W) at the ends of intervals of dt, s."""
+    from navsim.core.noise import walk  # compiled code only when something is really simulated
+
+    sigma, time = what.flicker[term]
+    decay, own = math.exp(-dt / time), tuple(branch(rng, _FLICKER, triad, term) for rng in rngs)
+    transition, root = (size * np.eye(3)[None] for size in (decay, sigma * math.sqrt(1.0 - decay**2)))
+    out = np.empty((count + 1, 3, len(rngs)))
+    walk(own, len(rngs), transition, root, np.zeros(count, np.int64), sigma * np.eye(3), out)
+    return out
 
 
 def sines(lines: Sequence[tuple[float, float]], phases: np.ndarray, count: int, dt: float) -> np.ndarray:

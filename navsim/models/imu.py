@@ -9,12 +9,15 @@ Allan variances).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from navsim.models import imperfections
 from navsim.models.imperfections import NOTHING, Gains, Imperfections
+
+FAST = 3.0
+"""Correlation time, s, below which a filter takes terms of flicker noise for white noise."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,8 @@ class Triad:
 
     bias: 1 sigma of the constant bias drawn per run and axis; fixed_bias: (3,) instead of it.
     noise_density: root of the white density, rad/sqrt(s) (ARW) or m/s/sqrt(s) (VRW).
-    markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias.
+    markov, markov_time: 1 sigma and correlation time (s) of the exponentially correlated bias, of flicker noise its
+    slowest term.
     scale: 1 sigma of the error of the scale factor, drawn per run and axis. further: what else there is.
     """
 
@@ -34,6 +38,26 @@ class Triad:
     fixed_bias: tuple[float, float, float] | None = None
     scale: float = 0.0
     further: Imperfections = NOTHING
+
+    @property
+    def markovs(self) -> tuple[tuple[float, float], ...]:
+        """1 sigma and correlation time, s, of all Gauss-Markov terms there are, the slowest first."""
+        return (*([(self.markov, self.markov_time)] if self.markov > 0.0 else []), *self.further.flicker)
+
+    def merged(self) -> Triad:
+        """The same for filters, which have one state for a bias and white noise: terms of flicker noise as slow as
+        `FAST` or slower merged into one Markov bias of their variance and short-term growth, faster ones as white noise
+        of their long-term growth."""
+        if not self.further.flicker:
+            return self
+        slow = [(sigma, time) for sigma, time in self.markovs if time >= FAST]
+        fast = sum(2.0 * sigma**2 * time for sigma, time in self.markovs if time < FAST)
+        variance = sum(sigma**2 for sigma, _ in slow)
+        growth = sum(2.0 * sigma**2 / time for sigma, time in slow)
+        return replace(
+            self, noise_density=math.sqrt(self.noise_density**2 + fast), markov=math.sqrt(variance),
+            markov_time=2.0 * variance / growth if slow else math.inf, further=replace(self.further, flicker=()),
+        )  # fmt: skip
 
     def drive(self) -> float:
         """Density of the white noise that drives the Markov bias, unit2/s."""
@@ -166,6 +190,11 @@ def _go_on(
             walk = imperfections.walks(what, number, rngs, count, dt)
             out += dt * walk[:-1]
             errors.bias[:, part, :lanes] += walk[at]
+        for term, (_, time) in enumerate(what.flicker):
+            flicker = imperfections.flickering(what, number, term, rngs, count, dt)
+            out += dt * flicker[:-1]
+            if time >= FAST:  # faster ones are noise to the state of a bias
+                errors.bias[:, part, :lanes] += flicker[at]
         if number == 1 and shaken is not None:
             out += shaken
         if what.lines:
@@ -189,12 +218,14 @@ def allan_variance(triad: Triad, tau: np.ndarray) -> np.ndarray:
     for amplitude, frequency in what.lines:
         x = np.pi * frequency * tau
         out += amplitude**2 * (np.sin(x) ** 2 / x) ** 2
-    if triad.markov == 0.0:
-        return np.asarray(out)
-    x = tau / triad.markov_time
-    return np.asarray(
-        out + 2.0 * triad.markov**2 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
-    )
+    for sigma, time in triad.markovs:
+        out += sigma**2 * _markov_variance(tau / time)
+    return np.asarray(out)
+
+
+def _markov_variance(x: np.ndarray) -> np.ndarray:
+    """Allan variance of a Gauss-Markov process of unit variance at x correlation times [1]."""
+    return np.asarray(2.0 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x)))
 
 
 MARKOV_PEAK = 1.892618, 0.617364
@@ -207,3 +238,29 @@ def markov_of_lowest(lowest: float, density: float, time: float) -> float:
     at, height = MARKOV_PEAK
     left = lowest**2 - density**2 / (at * time)
     return math.sqrt(left) / height if left > 0.0 else math.nan
+
+
+_FLAT = 17.0
+"""Largest ratio of neighbouring correlation times: Markov terms and white noise add up to a flat curve within 10 %."""
+_SAMPLES = 4.0
+"""Intervals between samples over which flicker noise begins to be flat."""
+
+
+def flicker_of_lowest(lowest: float, density: float, time: float, interval: float) -> tuple[tuple[float, float], ...]:
+    """Flicker noise: 1 sigma and correlation time, s, of Gauss-Markov terms, the slowest first, whose sum with white
+    noise of a density has the Allan deviation `lowest` from where white noise ends to the peak of the slowest.
+
+    time: correlation time of the slowest, s. interval: between samples, s; faster terms than they show are left out.
+    The Allan deviation is exact at the peak of each term. nan where the white noise alone is more.
+    """
+    at, _ = MARKOV_PEAK
+    # at 2.5 times where the white noise is as much its share of the variance is 40 %
+    fastest = min(time, max(2.5 * (density / lowest) ** 2, _SAMPLES * interval) / at)
+    count = 1 + math.ceil(math.log(time / fastest) / math.log(_FLAT))
+    for terms in range(count, 1, -1):
+        times = np.geomspace(time, fastest, terms)
+        peaks = at * times
+        variance = np.linalg.solve(_markov_variance(peaks[:, None] / times), lowest**2 - density**2 / peaks)
+        if (variance > 0.0).all():
+            return tuple((math.sqrt(v), float(t)) for v, t in zip(variance, times, strict=True))
+    return ((markov_of_lowest(lowest, density, time), time),)

@@ -62,8 +62,8 @@ class Gyro(Section):
     markov_deg_h: NonNegative | None = None
     """1 sigma of the exponentially correlated drift; or give bias_instability_deg_h"""
     bias_instability_deg_h: NonNegative | None = None
-    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: the 1 sigma of the
-    exponentially correlated drift is that which, with the white noise, has it at its peak"""
+    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: flicker noise, by up to
+    four exponentially correlated terms, that keeps it there from where white noise ends to 1.89 markov_time_s"""
     markov_time_s: CorrelationTime | None = None
     """correlation time of the exponentially correlated drift; with bias_instability_deg_h: default 100 s, which no
     data sheet says"""
@@ -90,15 +90,16 @@ class Gyro(Section):
         """The error model in SI units at a sample rate (Hz)."""
         from navsim.models.imu import Triad
 
-        sigma = _si(self.markov_deg_h, DEG_H)
-        return Triad(
+        triad = Triad(
             bias=_si(self.drift_deg_h, DEG_H),
             noise_density=self.density(rate),
             fixed_bias=_scaled(self.drift_fixed_deg_h, DEG_H),
             scale=_si(self.scale_ppm, PPM),
-            **_markov(self.bias_instability_deg_h, DEG_H, sigma, self.density(rate), self.markov_time_s),
+            markov=_si(self.markov_deg_h, DEG_H),
+            markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
             further=self.further(),
         )
+        return _with_flicker(triad, self.bias_instability_deg_h, DEG_H, self.markov_time_s, rate)
 
     def further(self) -> Imperfections:
         """What else there is, in SI units."""
@@ -179,8 +180,8 @@ class Accelerometer(Section):
     markov_mg: NonNegative | None = None
     """1 sigma of the exponentially correlated bias; or give bias_instability_mg"""
     bias_instability_mg: NonNegative | None = None
-    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: the 1 sigma of the
-    exponentially correlated bias is that which, with the white noise, has it at its peak"""
+    """in-run bias stability as data sheets print it, the lowest point of the Allan deviation: flicker noise, by up to
+    four exponentially correlated terms, that keeps it there from where white noise ends to 1.89 markov_time_s"""
     markov_time_s: CorrelationTime | None = None
     """correlation time of the exponentially correlated bias; with bias_instability_mg: default 100 s, which no data
     sheet says"""
@@ -207,15 +208,16 @@ class Accelerometer(Section):
         """The error model in SI units at a sample rate (Hz)."""
         from navsim.models.imu import Triad
 
-        sigma = _si(self.markov_mg, MG)
-        return Triad(
+        triad = Triad(
             bias=_si(self.bias_mg, MG),
             noise_density=self.density(rate),
             fixed_bias=_scaled(self.bias_fixed_mg, MG),
             scale=_si(self.scale_ppm, PPM),
-            **_markov(self.bias_instability_mg, MG, sigma, self.density(rate), self.markov_time_s),
+            markov=_si(self.markov_mg, MG),
+            markov_time=math.inf if self.markov_time_s is None else self.markov_time_s,
             further=self.further(),
         )
+        return _with_flicker(triad, self.bias_instability_mg, MG, self.markov_time_s, rate)
 
     def further(self) -> Imperfections:
         """What else there is, in SI units."""
@@ -364,16 +366,16 @@ def _density(per_sample: float | None, unit: float, density: float, rate: float 
     return density_from_sample_sigma(per_sample * unit, rate)
 
 
-def _markov(
-    lowest: float | None, unit: float, sigma: float, density: float, time: float | None
-) -> dict[str, float]:
-    """What a `Triad` has of it, however it is spelled."""
-    from navsim.models.imu import markov_of_lowest
+def _with_flicker(triad: Triad, lowest: float | None, unit: float, time: float | None, rate: float) -> Triad:
+    """A triad with the flicker noise of a bias instability at samples of a rate, Hz; as it is where none is given."""
+    from navsim.models.imu import flicker_of_lowest
 
     if not lowest:
-        return {"markov": sigma, "markov_time": math.inf if time is None else time}
-    time = USUAL_TIME if time is None else time
-    return {"markov": markov_of_lowest(lowest * unit, density, time), "markov_time": time}
+        return triad
+    terms = flicker_of_lowest(lowest * unit, triad.noise_density, time or USUAL_TIME, 1.0 / rate)
+    (sigma, slowest), *others = terms
+    further = replace(triad.further, flicker=tuple(others))
+    return replace(triad, markov=sigma, markov_time=slowest, further=further)
 
 
 def _whole_further(sensor: TrueGyro | TrueAccelerometer, sine: str) -> None:

@@ -384,8 +384,8 @@ class AlongTruth(NamedTuple):
 
 
 def _densities(flight: Flight) -> np.ndarray:
-    """Densities of the sensor noises (NOISES,) that there really are."""
-    gyro, accel = flight.gyro, flight.accel
+    """Densities of the sensor noises (NOISES,) that there really are, with flicker noise as of `Triad.merged`."""
+    gyro, accel = flight.gyro.merged(), flight.accel.merged()
     return np.array([gyro.noise_density**2, accel.noise_density**2, gyro.drive(), accel.drive()])
 
 

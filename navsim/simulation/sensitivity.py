@@ -220,14 +220,14 @@ def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) ->
         out += (triad.bias * dt) ** 2 * slopes.sum(axis=1, keepdims=True)
     if triad.scale > 0.0:
         out += triad.scale**2 * exact * np.einsum("kti,ti->ki", slopes, exact)[:, None]
-    if triad.markov > 0.0:
-        out += _of_markov(triad, slopes, dt)
+    for sigma, time in triad.markovs:
+        out += _of_markov(sigma, time, slopes, dt)
     return out
 
 
-def _of_markov(triad: Triad, slopes: np.ndarray, dt: float) -> np.ndarray:
-    """That of a Markov bias alone: its covariance between samples i and j is markov^2 decay^|i - j|."""
-    decay = np.exp(-dt / triad.markov_time)
+def _of_markov(sigma: float, time: float, slopes: np.ndarray, dt: float) -> np.ndarray:
+    """That of a Markov bias alone: its covariance between samples i and j is sigma^2 decay^|i - j|."""
+    decay = np.exp(-dt / time)
     later, out = np.zeros_like(slopes[:, 0]), np.empty_like(slopes)
     for t in range(slopes.shape[1] - 1, -1, -1):
         later = decay * later + slopes[:, t]
@@ -236,7 +236,7 @@ def _of_markov(triad: Triad, slopes: np.ndarray, dt: float) -> np.ndarray:
     for t in range(slopes.shape[1]):
         out[:, t] += earlier
         earlier = decay * (earlier + slopes[:, t])
-    return (triad.markov * dt) ** 2 * out
+    return (sigma * dt) ** 2 * out
 
 
 def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:

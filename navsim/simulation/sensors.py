@@ -24,10 +24,10 @@ def followed(
     of those sensors that have some.
 
     A Markov bias alone is followed as such; on top of a constant bias it is followed as a random walk of the same
-    short-term growth, since one state cannot be both; a random walk of the bias is followed as what it is. A fixed bias
-    counts with its root mean square.
+    short-term growth, since one state cannot be both; flicker noise is followed as `Triad.merged` has it; a random walk
+    of the bias is followed as what it is. A fixed bias counts with its root mean square.
     """
-    triads = (gyro, accel)
+    triads = (gyro.merged(), accel.merged())
     gains = (
         *((block, triads[block.triad].scale) for block in states.SCALE_FACTORS if scale_factors),
         *((block, triads[block.triad].further.misalignment) for block in states.MISALIGNMENTS if misalignments),
@@ -61,8 +61,9 @@ class TrueState:
 
 
 def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
-    """The errors of these sensors: constant biases, then Markov biases, then what else there is."""
-    triads = (("gyro", gyro), ("accelerometer", accel))
+    """The errors of these sensors: constant biases, then Markov biases, with flicker noise as of `Triad.merged`, then
+    what else there is."""
+    triads = (("gyro", gyro.merged()), ("accelerometer", accel.merged()))
     gains = (
         *((block.name, block, t.scale) for block, (_, t) in zip(states.SCALE_FACTORS, triads, strict=True)),
         *(
