@@ -250,8 +250,8 @@ def tracking(plan: Plan) -> list[Line]:
 
     def job(kind: int) -> Callable[[], None]:
         return lambda: track(
-            kind, 1.0, measured, case.variance, False, case.decay, case.rate_variance, 0.3, np.array([5.0, 2.0]),
-            true, error, deviation,
+            kind, 1.0, measured, case.variance, False, 0.0, case.decay, case.rate_variance, 0.3,
+            np.array([5.0, 2.0]), true, error, deviation,
         )  # fmt: skip
 
     full, groups = alternate(plan.rounds(15), *warmed(*(timed(job(kind)) for kind in (FULL, ADAPT))))

@@ -1216,6 +1216,21 @@ _ATC = Chapter(
         _a("/summary/multiplications_decoupled", "", "1", "the same of the six groups", ATC, WHOLE),
         _a("/summary/stored_full", "", "1", "numbers of the covariance stored", ATC, WHOLE),
         _a("/summary/stored_decoupled", "", "1", "the same of the six groups", ATC, WHOLE),
+        *(
+            _a(path, dims, units, meaning, ATC, when="where `link.study_runs` is not 0 and there is noise")
+            for path, dims, units, meaning in (
+                ("/link/age", "age", "s", "age of quantised reports"),
+                ("/link/exact_rmse", "reports link_filter range_state interval", "m, m/s",
+                 "RMSE in the manoeuvre with reports of no age, not quantised"),
+                ("/link/rmse", "reports age knowledge link_filter range_state interval", "m, m/s",
+                 "RMSE in the manoeuvre with quantised reports of this age"),
+                ("/link/cost", "reports age knowledge link_filter range_state interval", "1",
+                 "that over the RMSE with exact reports, in the same runs"),
+            )
+        ),
+        _labels("/link/reports", "what is reported", ATC, "levels", "levels and rates"),
+        _labels("/link/knowledge", "what the filters know of age and quantisation", ATC, "unknown", "known"),
+        _labels("/link/link_filter", "filters that use reports", ATC, "full", "adapt", "fix", "cartesian"),
         _labels("/group", "pairs of level and rate", ATC, "speed", "path_angle", "track", "elevation", "azimuth"),
         _labels("/gain_of", "gain of", ATC, "level", "rate"),
         _a("/limits/sigma", "group", "m/s, rad", "steady 1 sigma of the level", ATC),

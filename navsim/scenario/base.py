@@ -79,6 +79,7 @@ ScanPeriod = Annotated[float, Field(ge=0.001, le=60.0)]
 """Between measurements, s."""
 CorrelationTime = Annotated[float, Field(ge=1e-3, le=1e9)]
 """Of an exponentially correlated error, s."""
+Latency = Annotated[float, Field(ge=0.0, le=30.0)]
 Decay = Annotated[float, Field(ge=1e-9, le=1e3)]
 """Its reciprocal, 1/s."""
 Size = Annotated[float, Field(ge=0.1, le=1e5)]

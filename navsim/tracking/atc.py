@@ -29,6 +29,8 @@ NAMES = (
 )  # fmt: skip
 MEASURED = 9
 """D, V, th, phi, ev, eg, then V', w_th, w_phi where they are measured on board."""
+REPORTED = 3
+"""The first pairs, V, th, phi, are reported by the aircraft; elevation and azimuth are the radar's."""
 FULL, ADAPT, FIX = range(3)
 
 
@@ -87,11 +89,13 @@ def _innovation(measured, estimate, index):
 
 @kernel
 def track(
-    kind, period, measured, variance, rates, decay, rate_variance, residual, start_sigma, truth, error, deviation
+    kind, period, measured, variance, rates, age, decay, rate_variance, residual, start_sigma, truth, error, deviation
 ):
     """One run of the full filter or of the decoupled groups over n scans.
 
-    measured (n, 9), variance (9,) of it, rates: bool, whether the last three are measured. decay (5,), rate_variance
+    measured (n, 9), variance (9,) of it, rates: bool, whether the last three are measured. age, s, that the filter
+    counts with: in the full filter reported speeds, path angles and tracks are the level less age times its rate, the
+    decoupled groups are estimated at the time of the reports and predicted over their age. decay (5,), rate_variance
     (5,): of the groups V, th, phi, ev, eg, (1 - alpha T) and the variance added to a rate in a period. residual: 1
     sigma of D'' beyond the formula, m/s2. start_sigma (2,) of D' and D''. truth (n, 13). Out: error, deviation (n, 13).
     """
@@ -108,6 +112,9 @@ def track(
     ranging, ranging_p, ranging_phi, ranging_q, ranging_work, ranging_gain = (
         np.empty(3), np.empty((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.empty((3, 3)), np.empty(3),
     )  # fmt: skip
+    row, space = np.zeros(N), np.empty(N)
+    # the reported pairs of the decoupled filter at the time of the last reports
+    late, late_p = np.zeros((REPORTED, 2)), np.zeros((REPORTED, 2, 2))
     hold = np.array([t * t / 6.0, 0.5 * t, 1.0])
     ranging_phi[0, 0] = ranging_phi[1, 1] = 1.0
     ranging_phi[0, 1], ranging_phi[0, 2], ranging_phi[1, 2] = t, t * t / 3.0, 0.5 * t
@@ -117,6 +124,9 @@ def track(
         level = V + 2 * g
         p[level, level] = variance[1 + g]
         p[level + 1, level + 1] = rate_variance[g] / (1.0 - decay[g] * decay[g])
+        if g < REPORTED:
+            late[g, 0] = x[level]
+            late_p[g, 0, 0], late_p[g, 1, 1] = p[level, level], p[level + 1, level + 1]
     for k in range(measured.shape[0]):
         if k > 0 and kind == FULL:
             phi[:] = 0.0
@@ -160,7 +170,13 @@ def track(
                 update(x, p, D, measured[k, 0] - x[D], variance[0], gain)
                 for g in range(5):
                     level = V + 2 * g
-                    update(x, p, level, _innovation(measured[k, 1 + g], x[level], level), variance[1 + g], gain)
+                    if g < REPORTED and age > 0.0:
+                        row[:] = 0.0
+                        row[level], row[level + 1] = 1.0, -age
+                        nu = _innovation(measured[k, 1 + g], x[level] - age * x[level + 1], level)
+                        update_row(x, p, row, nu, variance[1 + g], gain, space)
+                    else:
+                        update(x, p, level, _innovation(measured[k, 1 + g], x[level], level), variance[1 + g], gain)
                 if rates:
                     for g in range(3):
                         level = V + 2 * g + 1
@@ -169,10 +185,11 @@ def track(
                 # the groups by themselves, then D'' from their estimates, then the range with it
                 for g in range(5):
                     level = V + 2 * g
+                    aged = g < REPORTED and age > 0.0
                     for i in range(2):
-                        pair[i] = x[level + i]
+                        pair[i] = late[g, i] if aged else x[level + i]
                         for j in range(2):
-                            pair_p[i, j] = p[level + i, level + j]
+                            pair_p[i, j] = late_p[g, i, j] if aged else p[level + i, level + j]
                     pair_phi[0, 0], pair_phi[0, 1], pair_phi[1, 1] = 1.0, t, decay[g]
                     pair_q[1, 1] = rate_variance[g]
                     predict(pair, pair_p, pair_phi, pair_q, pair_work)
@@ -180,6 +197,14 @@ def track(
                     update(pair, pair_p, 0, nu, variance[1 + g], pair_gain)
                     if rates and g < 3:
                         update(pair, pair_p, 1, measured[k, 6 + g] - pair[1], variance[6 + g], pair_gain)
+                    if aged:
+                        # the pair is estimated for the time of the reports, then predicted over their age
+                        late[g] = pair
+                        late_p[g] = pair_p
+                        kept = max(0.0, 1.0 - (1.0 - decay[g]) * age / t)
+                        pair_phi[0, 1], pair_phi[1, 1] = age, kept
+                        pair_q[1, 1] = rate_variance[g] / (1.0 - decay[g] * decay[g]) * (1.0 - kept * kept)
+                        predict(pair, pair_p, pair_phi, pair_q, pair_work)
                     for i in range(2):
                         x[level + i] = pair[i]
                         for j in range(2):
@@ -256,13 +281,13 @@ def _expected(x, value, h):
 
 
 @kernel
-def cartesian(measured, variance, phi, q, start_variance, truth, error, deviation):
-    """The Cartesian filter. measured (n, 9) of which six are used, variance (9,), phi, q (3, 3) of one axis,
-    start_variance (3,) of position, velocity, acceleration of each axis. truth (n, 13). Out: error, deviation (n, 4) of
-    range, range rate, elevation, azimuth."""
+def cartesian(measured, variance, age, phi, q, start_variance, truth, error, deviation):
+    """The Cartesian filter. measured (n, 9) of which six are used, variance (9,), age, s, of reported velocities that
+    the filter counts with, phi, q (3, 3) of one axis, start_variance (3,) of position, velocity, acceleration of each
+    axis. truth (n, 13). Out: error, deviation (n, 4) of range, range rate, elevation, azimuth."""
     x, p, big_phi, big_q = np.zeros(9), np.zeros((9, 9)), np.zeros((9, 9)), np.zeros((9, 9))
     work, gain, space = np.empty((9, 9)), np.empty(9), np.empty(9)
-    value, h, row = np.empty(6), np.empty((6, 9)), np.empty(9)
+    value, h, row, then = np.empty(6), np.empty((6, 9)), np.empty(9), np.empty(9)
     z = measured[0]
     flat = z[0] * math.cos(z[4])
     x[0], x[1], x[2] = flat * math.cos(z[5]), z[0] * math.sin(z[4]), flat * math.sin(z[5])
@@ -279,6 +304,13 @@ def cartesian(measured, variance, phi, q, start_variance, truth, error, deviatio
             predict(x, p, big_phi, big_q, work)
             for m in range(6):
                 _expected(x, value, h)
+                if age > 0.0 and 1 <= m <= REPORTED:
+                    # the velocity was another by the acceleration since
+                    for i in range(9):
+                        then[i] = x[i] - age * x[i + 3] if 3 <= i < 6 else x[i]
+                    _expected(then, value, h)
+                    for i in range(3):
+                        h[m, 6 + i] = -age * h[m, 3 + i]
                 nu = measured[k, m] - value[m]
                 if m in (3, 5):
                     nu = wrap(nu)

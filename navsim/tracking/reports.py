@@ -46,9 +46,13 @@ def reported(flight: CircuitFlight, draws: np.ndarray, onboard: Onboard) -> np.n
     true = np.column_stack([flight.load, flight.roll, flight.path_angle, flight.track, flight.speed, flight.track1])
     values = true + onboard.sigma * draws
     for i, lsb in enumerate(onboard.lsb):
-        if lsb > 0.0:
-            values[..., i] = np.floor(values[..., i] / lsb + 0.5) * lsb
+        values[..., i] = quantise(values[..., i], lsb)
     return values
+
+
+def quantise(values: np.ndarray, lsb: float) -> np.ndarray:
+    """Values to the nearest multiple of the least significant bit; 0: as they are."""
+    return np.floor(values / lsb + 0.5) * lsb if lsb > 0.0 else values
 
 
 _SLOPE_SECONDS = 15.0

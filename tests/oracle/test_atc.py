@@ -6,9 +6,20 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from navsim.core.streams import generator
+from navsim.report.table import Table
+from navsim.report.tracking.atc import tables
 from navsim.scenario.tracking.atc import Atc
 from navsim.scenario.tracking.circuit import CircuitSection
-from navsim.study.tracking.atc import compute, group_limits, multiplications, settings, truth
+from navsim.study.tracking.atc import (
+    compute,
+    fly_case,
+    group_limits,
+    multiplications,
+    quantised_reports,
+    settings,
+    truth,
+)
 from navsim.tracking.atc import NAMES, N, range_acceleration, range_rate
 from navsim.tracking.circuit import fly
 from navsim.tracking.kalman import update_row
@@ -159,3 +170,74 @@ def test_update_by_a_full_row() -> None:
     np.testing.assert_allclose(after, keep @ p @ keep.T + 0.2 * np.outer(k, k), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(weighed, x + 0.4 * k, rtol=1e-12)
     assert nis == pytest.approx(0.16 / s)
+
+
+def vector_kalman(z, r, period, decay, rate_variance, age):  # type: ignore[no-untyped-def]
+    """Estimates (k,) of a level from reports `age` old: a plain filter at their time, predicted over the age."""
+    phi, q = np.array([[1.0, period], [0.0, decay]]), np.diag([0.0, rate_variance])
+    h = np.array([1.0, 0.0])
+    x, p = np.array([z[0], 0.0]), np.diag([r, rate_variance / (1.0 - decay**2)])
+    out = [x[0]]
+    for value in z[1:]:
+        x, p = phi @ x, phi @ p @ phi.T + q
+        gain = p @ h / (h @ p @ h + r)
+        x, p = x + gain * (value - h @ x), p - np.outer(gain, h @ p)
+        out.append(x[0] + age * x[1])
+    return np.array(out)
+
+
+def linked(**link: object) -> Atc:
+    return scenario(link=link, further_cases=[], runs=1)
+
+
+@pytest.mark.validates("Reports by data link: their age and steps", "a plain numpy filter of the pair",
+                       track="1e-10 rad")  # fmt: skip
+@pytest.mark.parametrize("assumed", [0.0, 1.0])
+def test_reports_of_the_data_link(assumed: float, within: Within) -> None:
+    """The track pair of the decoupled filter, its reports drawn, aged and quantised here."""
+    study = linked(latency_s=1.0, quantised=True, assumed_latency_s=assumed, assumed_quantised=assumed > 0.0)
+    flight = fly(study.circuit.circuit())
+    case = settings(study, 1.0, False)
+    time, found = fly_case(study, flight, case, 3, 1)
+    draws = generator(3, 0, "plots").standard_normal((time.size, 9))[:, 3]
+    then = np.interp(np.maximum(time - 1.0, 0.0), flight.time, flight.track)
+    lsb = np.radians(90 / 512)
+    reports = lsb * np.floor((then + np.radians(0.25) * draws) / lsb + 0.5)
+    r = np.radians(0.25) ** 2 + (lsb**2 / 12 if assumed else 0.0)
+    estimate = vector_kalman(reports, r, 1.0, 0.95, np.radians(2.0) ** 2 * (1 - 0.95**2), assumed)
+    expected = np.interp(time, flight.time, flight.track) - estimate
+    for name in ("adapt", "fix"):
+        error = found[name][0][0, :, NAMES.index("track")]
+        np.testing.assert_allclose(error, (expected + np.pi) % (2 * np.pi) - np.pi, rtol=0, atol=within["track"])
+
+
+def test_registers_of_the_data_link() -> None:
+    """Steps of BDS 5,0 and 6,0; the path angle comes from the vertical rate and the speed as they are reported."""
+    rng = np.random.default_rng(4)
+    exact = np.column_stack([rng.uniform(-1, 1, 500) for _ in range(9)]) * [1e4, 5, 0.1, 3, 0.1, 3, 1, 0.01, 0.1]
+    exact[:, 1] += 85.0
+    found = quantised_reports(exact, linked().link)
+    steps = {1: 2 * 1852 / 3600, 3: np.radians(90 / 512), 8: np.radians(8 / 256)}
+    for column, step in steps.items():
+        parts = found[:, column] / step
+        np.testing.assert_allclose(parts, np.round(parts), atol=1e-3)
+        gap = found[:, column] - exact[:, column]
+        assert np.abs(gap).max() <= 0.5001 * step
+        assert gap.std() == pytest.approx(step / np.sqrt(12), rel=0.1)
+    up = found[:, 1] * np.sin(found[:, 2]) / (32 * 0.3048 / 60)
+    np.testing.assert_allclose(up, np.round(up), atol=1e-9)
+    np.testing.assert_array_equal(found[:, [0, 4, 5, 6, 7]], exact[:, [0, 4, 5, 6, 7]])
+
+
+def test_cost_of_the_data_link() -> None:
+    """Without age and steps nothing changes; cost grows with age, and less where the filters know it."""
+    study = linked(study_runs=20, study_latencies_s=[0.0, 1.0, 2.0])
+    found = compute(study, 1, None)
+    none = compute(linked(study_runs=0, assumed_latency_s=0.0), 1, None)
+    assert "/link/cost" not in none
+    np.testing.assert_array_equal(found["/filters/full/error"], none["/filters/full/error"])
+    rate = found["/link/cost"][0, :, :, :, 1, 0]  # levels alone: age, knowledge, filter
+    assert np.all(np.diff(rate[:, 0], axis=0) > 0.0), rate
+    assert np.all(rate[1:, 1, [0, 3]] < rate[1:, 0, [0, 3]]), rate
+    titles = [part.title for part in tables(found) if isinstance(part, Table)]
+    assert sum("Reports by data link" in title for title in titles) == 2

@@ -57,6 +57,8 @@ def tables(result: Result) -> list[Table | str]:
     for c, case in enumerate(result["/case"]):
         gain.add(in_words(case), *(interval(x, 3) for x in result["/summary/singer_to_adapt"][c, 0]))
     parts.append(gain)
+    if "/link/cost" in result:
+        parts += _link(result)
     full, groups = int(result["/summary/multiplications_full"]), int(result["/summary/multiplications_decoupled"])
     stored = int(result["/summary/stored_full"]), int(result["/summary/stored_decoupled"])
     parts.append(
@@ -65,6 +67,30 @@ def tables(result: Result) -> list[Table | str]:
         "rates of the line of sight are noises of their own in it, though they follow from V, th, phi and D. The "
         "Cartesian filter uses that."
     )
+    return parts
+
+
+_RANGE = ("range", "range_rate")
+
+
+def _link(result: Result) -> list[Table | str]:
+    """What reports by data link cost: one table for each of what is reported."""
+    filters = [str(name) for name in result["/link/link_filter"]]
+    parts: list[Table | str] = []
+    for r, reports in enumerate(map(str, result["/link/reports"])):
+        table = Table(
+            f"Reports by data link, {reports}: RMSE of D / D' in the manoeuvre, over that with exact reports",
+            ("age, s", "age and steps, to the filter", *filters),
+            notes="first row: exact reports, m / m/s; below: quantised as the registers are, ratios to the first row",
+        )
+        exact = result["/link/exact_rmse"][r, :, :, 0]
+        table.add("0", "not quantised", *(cell("{:.2f} / {:.3f}", *map(float, x), names=_RANGE) for x in exact))
+        for a, age in enumerate(result["/link/age"]):
+            for k, known in enumerate(map(str, result["/link/knowledge"])):
+                costs = result["/link/cost"][r, a, k, :, :, 0]
+                cells = (cell("{:.2f} / {:.2f}", *map(float, x), names=_RANGE) for x in costs)
+                table.add(cell("{:g}", float(age)), known, *cells)
+        parts.append(table)
     return parts
 
 
@@ -140,5 +166,5 @@ def figures(result: Result) -> dict[str, Figure]:
     return {"errors": _errors(result), "ratios": _ratios(result)}
 
 
-VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits"), drawings="navsim.report.page.systems:atcs",
-            of_runs=("errors",))  # fmt: skip
+VIEW = View(one_by_one(tables), 150, figures, ("/summary", "/limits", "/link"),
+            drawings="navsim.report.page.systems:atcs", of_runs=("errors",))  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import Decay, ListOf, ScanPeriod, Section, Sigma, Utc, Version, reject
+from navsim.scenario.base import Decay, Latency, ListOf, NonNegative, ScanPeriod, Section, Sigma, Utc, Version, reject
 from navsim.scenario.tracking.circuit import CircuitSection
 
 
@@ -67,6 +67,32 @@ class SingerSection(Section):
     """1 sigma of the acceleration"""
 
 
+class DataLink(Section):
+    """Reports of speed, path angle, track and their rates that come by the addressed data link, Mode S: their age and
+    quantisation in truth, and what the filters take for them. Steps are those of BDS registers 5,0 and 6,0."""
+
+    latency_s: Latency = 0.0
+    """age of a report's content when a scan uses it"""
+    quantised: bool = False
+    """whether reports are quantised, after the noise"""
+    assumed_latency_s: Latency = 0.0
+    """age that the filters count with"""
+    assumed_quantised: bool = False
+    """whether the filters add the variance of the quantisation, a twelfth of the step squared"""
+    speed_lsb_m_s: NonNegative = 1.028889
+    """least significant bit of the speed, 2 kt (BDS 5,0); 0: not quantised"""
+    track_lsb_deg: NonNegative = 0.17578125
+    """least significant bit of the track, 90/512 deg (BDS 5,0); 0: not quantised"""
+    vertical_rate_lsb_m_s: NonNegative = 0.16256
+    """least significant bit of the vertical rate, 32 ft/min (BDS 6,0), which gives the path angle; 0: not quantised"""
+    track_rate_lsb_deg_s: NonNegative = 0.03125
+    """least significant bit of the track rate, 8/256 deg/s (BDS 5,0); 0: not quantised"""
+    study_latencies_s: ListOf[Latency] = (0.0, 0.5, 1.0, 2.0)
+    """ages of quantised reports, of which a study tells the cost, unknown to the filters and known"""
+    study_runs: Annotated[int, Field(ge=0, le=10_000)] = 100
+    """Monte Carlo runs of the study of the data link; 0: no study"""
+
+
 class AtcCase(Section):
     """A case computed beside the main one."""
 
@@ -102,9 +128,11 @@ class Atc(Section):
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Monte Carlo runs of each case"""
     noise: Literal["as-given", "none"] = "as-given"
-    """as-given: as `sigmas` says; none: no noise, the deterministic run"""
+    """as-given: as `sigmas` says; none: no noise, no quantisation, no latency; the deterministic run"""
     sigmas: Sigmas = Sigmas()
     """1 sigma of what is measured each scan"""
+    link: DataLink = DataLink()
+    """age and quantisation of the reports that come by data link"""
     groups: Groups = Groups()
     """how the rates of the five pairs beside the range vary"""
     residual_m_s2: Sigma = 0.3

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from navsim.scenario.base import (
     Decay,
+    Latency,
     ListOf,
     NonNegative,
     PairOf,
@@ -19,8 +20,6 @@ from navsim.scenario.base import (
     Version,
 )
 from navsim.scenario.tracking.circuit import CircuitSection
-
-Latency = Annotated[float, Field(ge=0.0, le=30.0)]
 
 
 class Radar(Section):

@@ -16,7 +16,7 @@ from navsim.io.findings import Finding, kept
 from navsim.io.results import Result
 from navsim.io.schema import ATC
 from navsim.scenario.base import DEG
-from navsim.scenario.tracking.atc import Atc
+from navsim.scenario.tracking.atc import Atc, DataLink
 from navsim.study.findings import of_filter
 from navsim.study.root import root_attributes
 from navsim.study.tracking.azimuth import ratio, rmse
@@ -24,6 +24,7 @@ from navsim.study.tracking.azimuth import window as _window
 from navsim.tracking.atc import ADAPT, FIX, FULL, MEASURED, NAMES, N, cartesian, singer_range, start, track
 from navsim.tracking.circuit import CircuitFlight, at, fly
 from navsim.tracking.kalman import singer, steady_state
+from navsim.tracking.reports import quantise
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")
 WINDOWS = ("manoeuvre", "straight")
@@ -33,17 +34,23 @@ UNITS = ("m", "m/s", "m/s2", "m/s", "m/s2", *("rad", "rad/s") * 4)
 
 @dataclass(frozen=True)
 class TrackingCase:
-    """A case in SI units and rad; variance (9,), decay, rate_variance (5,)."""
+    """A case in SI units and rad; variance (9,) that the filters count with, noise (9,) in truth, decay, rate_variance
+    (5,). latency, quantised: of reports in truth; age: that the filters count with."""
 
     period: float
     rates: bool
     variance: np.ndarray
     decay: np.ndarray
     rate_variance: np.ndarray
+    noise: np.ndarray
+    latency: float
+    quantised: bool
+    age: float
 
 
-def settings(scenario: Atc, period: float, rates: bool) -> TrackingCase:
-    """The filters' numbers of one case."""
+def settings(scenario: Atc, period: float, rates: bool, link: DataLink | None = None) -> TrackingCase:
+    """The filters' numbers of one case; link: instead of the scenario's."""
+    link = link or scenario.link
     s, g = scenario.sigmas, scenario.groups
     sigma = np.array([
         s.range_m, s.speed_m_s, s.path_angle_deg * DEG, s.track_deg * DEG, s.elevation_deg * DEG, s.azimuth_deg * DEG,
@@ -53,7 +60,36 @@ def settings(scenario: Atc, period: float, rates: bool) -> TrackingCase:
     decay = np.array([1.0 - group.alpha_1_s * period for group in groups])
     unit = np.array([1.0, DEG, DEG, DEG, DEG])
     rate = np.array([group.rate_sigma for group in groups]) * unit
-    return TrackingCase(period, rates, sigma**2, decay, rate**2 * (1.0 - decay**2))
+    variance = sigma**2
+    if link.assumed_quantised:
+        speed = scenario.circuit.speed_m_s
+        steps = [0.0, link.speed_lsb_m_s, link.vertical_rate_lsb_m_s / speed, link.track_lsb_deg * DEG, 0.0, 0.0,
+                 0.0, 0.0, link.track_rate_lsb_deg_s * DEG]  # fmt: skip
+        variance = variance + np.square(steps) / 12.0
+    quiet = scenario.noise == "none"
+    return TrackingCase(
+        period, rates, variance, decay, rate**2 * (1.0 - decay**2), np.zeros(MEASURED) if quiet else sigma,
+        0.0 if quiet else link.latency_s, link.quantised and not quiet, 0.0 if quiet else link.assumed_latency_s,
+    )  # fmt: skip
+
+
+_REPORTED = [1, 2, 3, 6, 7, 8]
+"""Columns of the measurements that come by data link; the others are the radar's."""
+_OF_STATES = [0, 3, 5, 7, 9, 11, 4, 6, 8]
+"""States that are measured."""
+
+
+def quantised_reports(measured: np.ndarray, link: DataLink) -> np.ndarray:
+    """Measurements (n, 9) as registers have them: speed, track and its rate, and the vertical rate, from which and the
+    speed the path angle follows."""
+    out = measured.copy()
+    up = quantise(measured[:, 1] * np.sin(measured[:, 2]), link.vertical_rate_lsb_m_s)
+    out[:, 1] = quantise(measured[:, 1], link.speed_lsb_m_s)
+    if link.vertical_rate_lsb_m_s > 0.0:
+        out[:, 2] = np.arcsin(np.clip(up / np.maximum(out[:, 1], 1.0), -1.0, 1.0))
+    out[:, 3] = quantise(measured[:, 3], link.track_lsb_deg * DEG)
+    out[:, 8] = quantise(measured[:, 8], link.track_rate_lsb_deg_s * DEG)
+    return out
 
 
 def truth(flight: CircuitFlight) -> np.ndarray:
@@ -70,8 +106,9 @@ def fly_case(
     """Time (k,) and, by filter, errors (run, k, m) and the filter's sigma in the first run (k, m)."""
     time = np.arange(scenario.circuit.scans(case.period)) * case.period
     states = truth(at(flight, time))
-    true = states[:, [0, 3, 5, 7, 9, 11, 4, 6, 8]]
-    sigma = np.zeros(MEASURED) if scenario.noise == "none" else np.sqrt(case.variance)
+    true = states[:, _OF_STATES]
+    if case.latency > 0.0:
+        true[:, _REPORTED] = truth(at(flight, np.maximum(time - case.latency, 0.0)))[:, _OF_STATES][:, _REPORTED]
     k = time.size
     error = {name: np.empty((runs, k, states_of(name))) for name in FILTERS}
     deviation = {name: np.empty((k, states_of(name))) for name in FILTERS}
@@ -83,11 +120,13 @@ def fly_case(
     axis_variance = np.array([case.variance[0], 9.0, scenario.cartesian.sigma_m_s2**2])
     first = np.empty(N)
     for run in range(runs):
-        measured = true + sigma * generator(seed, run, "plots").standard_normal((k, MEASURED))
+        measured = true + case.noise * generator(seed, run, "plots").standard_normal((k, MEASURED))
+        if case.quantised:
+            measured = quantised_reports(measured, scenario.link)
         out = deviation if run == 0 else scratch
         for name, kind in (("full", FULL), ("adapt", ADAPT), ("fix", FIX)):
             track(
-                kind, case.period, measured, case.variance, case.rates, case.decay, case.rate_variance,
+                kind, case.period, measured, case.variance, case.rates, case.age, case.decay, case.rate_variance,
                 scenario.residual_m_s2, start_sigma, states, error[name][run], out[name],
             )  # fmt: skip
         start(measured[0], first)
@@ -95,7 +134,9 @@ def fly_case(
             measured[:, 0], case.variance[0], *own, first[:3], first_variance, states[:, :3], error["singer"][run],
             out["singer"],
         )  # fmt: skip
-        cartesian(measured, case.variance, *plain, axis_variance, states, error["cartesian"][run], out["cartesian"])
+        cartesian(
+            measured, case.variance, case.age, *plain, axis_variance, states, error["cartesian"][run], out["cartesian"]
+        )
     return time, {name: (error[name], deviation[name]) for name in FILTERS}
 
 
@@ -172,6 +213,9 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
     limits = group_limits(settings(scenario, scenario.period_s, False))
     draft["/limits/sigma"] = np.array([sigma for sigma, _ in limits])
     draft["/limits/gain"] = np.array([g for _, g in limits])
+    if linked(scenario):
+        _link(draft, scenario, flight, seed)
+        done(len(cases) + 1)
     for name, value in (
         ("multiplications_full", multiplications(N, 6)),
         ("multiplications_decoupled", 5 * multiplications(2, 1) + multiplications(3, 1)),
@@ -186,7 +230,47 @@ def compute(scenario: Atc, seed: int, runs: int | None, done: Callable[[int], No
 
 def extent(scenario: Atc) -> int:
     """Steps of progress."""
-    return 1 + len(scenario.further_cases)
+    return 1 + len(scenario.further_cases) + linked(scenario)
+
+
+def linked(scenario: Atc) -> bool:
+    """Whether there is a study of the data link."""
+    return scenario.link.study_runs > 0 and scenario.noise != "none"
+
+
+LINK_FILTERS = ("full", "adapt", "fix", "cartesian")
+
+
+def _link(draft: Draft, scenario: Atc, flight: CircuitFlight, seed: int) -> None:
+    """What age and quantisation of reports cost in the manoeuvre, over exact reports of the same runs."""
+    section = scenario.link
+    exact = section.model_copy(
+        update={"latency_s": 0.0, "quantised": False, "assumed_latency_s": 0.0, "assumed_quantised": False}
+    )
+    shape = (2, len(section.study_latencies_s), 2, len(LINK_FILTERS), 2, 3)
+    rmses, costs = np.empty(shape), np.empty(shape)
+    ideal = np.empty((2, len(LINK_FILTERS), 2, 3))
+
+    def flown(rates: bool, link: DataLink) -> dict[str, np.ndarray]:
+        """Errors of range and its rate in the manoeuvre (run, k, 2) by filter."""
+        case = settings(scenario, scenario.period_s, rates, link)
+        time, found = fly_case(scenario, flight, case, seed, section.study_runs)
+        inside = _window(scenario.circuit, "manoeuvre", time)
+        return {name: found[name][0][:, inside, :2] for name in LINK_FILTERS}
+
+    for r, rates in enumerate((False, True)):
+        best = flown(rates, exact)
+        ideal[r] = [[rmse(best[name][:, :, m]) for m in range(2)] for name in LINK_FILTERS]
+        for a, age in enumerate(section.study_latencies_s):
+            for k, known in enumerate((False, True)):
+                told = {"assumed_latency_s": age if known else 0.0, "assumed_quantised": known}
+                errors = flown(rates, exact.model_copy(update={"latency_s": age, "quantised": True, **told}))
+                for f, name in enumerate(LINK_FILTERS):
+                    for m in range(2):
+                        rmses[r, a, k, f, m] = rmse(errors[name][:, :, m])
+                        costs[r, a, k, f, m] = ratio(errors[name][:, :, m], best[name][:, :, m])
+    draft["/link/age"] = np.array(section.study_latencies_s)
+    draft["/link/exact_rmse"], draft["/link/rmse"], draft["/link/cost"] = ideal, rmses, costs
 
 
 def _case(draft: Draft, label: str, time: np.ndarray, found: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:

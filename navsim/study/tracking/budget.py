@@ -52,9 +52,14 @@ def atc_tracking(scenario: Atc, runs: int | None = None) -> Budget:
     errors = [count * numbers * k * (NUMBER if i == 0 else NUMBER // 2) for i, k in enumerate(scans)]
     deviations = NUMBER * sum(k * (numbers + 2) for k in scans)
     result = sum(errors) + deviations + NUMBER * count + 18_000 + (22 + 11.5 * len(scans)) * VARIABLE
-    present = max(NUMBER * count * numbers * k for k in scans)
+    # the study of the data link flies the first case with exact reports, then by age, unknown and known
+    study_runs = scenario.link.study_runs if atc.linked(scenario) else 0
+    ages = len(scenario.link.study_latencies_s)
+    study = study_runs * scans[0] * 2 * (1 + 2 * ages)
+    result += NUMBER * 100 * (1 + ages) + 7 * VARIABLE
+    present = max([NUMBER * count * numbers * k for k in scans] + [NUMBER * study_runs * numbers * scans[0]])
     return Budget(
-        BASE_TIME + count * sum(scans) * _ATC_TIME,
+        BASE_TIME + (count * sum(scans) + study) * _ATC_TIME,
         BASE_MEMORY + present + (1.0 + WRITING) * result + _circuit_memory(scenario.circuit.duration_s),
         result,
     )
