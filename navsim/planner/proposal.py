@@ -176,7 +176,22 @@ class PlannedScenario:
                      if site[key] != to}  # fmt: skip
         if round(self.places()[number, 2], _MILLIMETRES) != round(place[2], _MILLIMETRES):
             site["height_m"] = _metres(place[2])
+        self._put(data, self.names[number], place)
+
+    def _put(self, data: dict[str, Any], name: str, place: np.ndarray) -> None:
+        """Change data to those with a pseudolite at a place (3,). Raises InputError, also on the runway's pavement."""
+        now, past, future = self.document.data, self._past[:], self._future[:]
         self._change(data)
+        runway = self.scenario.runway
+        if runway.is_pavement(float(place[0]), float(place[1])):
+            text = (
+                f"{name} would stand on the pavement of the runway, {runway.length_m:g} m by {runway.width_m:g} m; put "
+                f"it more than {0.5 * runway.width_m:g} m from the centre line"
+            )
+            place_of = self.document.place(("pseudolites",))
+            self._take(now)
+            self._past, self._future = past, future
+            raise InputError([Problem(place_of, "pseudolites.sites", text)])
 
     def add(self, place: np.ndarray) -> None:
         """Have one more at a place (3,)."""
@@ -188,7 +203,7 @@ class PlannedScenario:
         if _metres(place[2]) != self.scenario.pseudolites.height_m:
             site["height_m"] = _metres(place[2])
         section["sites"].append(site)
-        self._change(data)
+        self._put(data, self.fresh_name(), place)
 
     def fresh_name(self) -> str:
         """What one more would be called."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import webbrowser
 from collections.abc import Callable
 from importlib.resources import files as packaged
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from bokeh.application import Application
@@ -20,7 +22,9 @@ from bokeh.server.util import bind_sockets
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
+from tornado.web import ErrorHandler
 
 import navsim
 from navsim.planner.drawing import Outline
@@ -31,8 +35,48 @@ from navsim.scenario.base import DEG
 from navsim.scenario.source import Document
 
 ADDRESS = "127.0.0.1"
+_OWN_NAMES = ("127.0.0.1", "localhost", "::1")
+"""Names of this machine in addresses of its pages, with any port: one of a tunnel differs."""
+MOST_PAGES = 10
+"""Pages that may be open at once."""
+_LIFETIME_MS = 15_000
+"""A page that never connects, or went away, is dropped after this time."""
 LOST = "a page of the planner was closed with changes that were not saved"
 KEPT = "changes in the planner were not saved"
+
+
+class _OwnPages(BokehTornado):  # type: ignore[misc] # Bokeh has no types
+    """Bokeh's pages, for those alone who ask for them by a name of this machine, from a page of this server.
+
+    A page of another site could otherwise reach the planner by a name of its own that points to 127.0.0.1 (DNS
+    rebinding), or include its script.
+    """
+
+    is_full: Callable[[], bool] = staticmethod(lambda: False)
+
+    def find_handler(self, request: HTTPServerRequest, **options: Any) -> Any:
+        """Handler of a request; of an error, where it is none of the planner's page."""
+        status = 200
+        if not is_own(request.headers.get("Host"), request.headers.get("Origin")):
+            status = 403
+        elif request.path.rstrip("/") not in ("", "/ws", "/favicon.ico") and not request.path.startswith("/static/"):
+            status = 404
+        elif request.path == "/" and self.is_full():
+            status = 503
+        if status != 200:
+            return self.get_handler_delegate(request, ErrorHandler, {"status_code": status})
+        return super().find_handler(request, **options)
+
+
+def is_own(host: str | None, origin: str | None) -> bool:
+    """Whether a request is for this machine by one of its names and, if a page sent it, by a page of this server."""
+    try:
+        named = urlsplit(f"//{host}").hostname
+        if host is None or named not in _OWN_NAMES:
+            return False
+        return origin is None or origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
+    except ValueError:
+        return False
 
 
 class Planner:
@@ -50,7 +94,15 @@ class Planner:
         asyncio.set_event_loop(asyncio.new_event_loop())
         sockets, port = bind_sockets(ADDRESS, port)
         application = Application(FunctionHandler(lambda page: self._opened(page, warned)))
-        tornado = BokehTornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
+        tornado = _OwnPages(
+            {"/": application},
+            extra_websocket_origins=["*"],  # `is_own` has looked at them
+            secret_key=secrets.token_bytes(32),
+            sign_sessions=True,  # no page without having been served
+            check_unused_sessions_milliseconds=_LIFETIME_MS,
+            unused_session_lifetime_milliseconds=_LIFETIME_MS,
+        )
+        tornado.is_full = lambda: len(self._open) >= MOST_PAGES
         http = HTTPServer(tornado)
         http.add_sockets(sockets)
         server = BaseServer(IOLoop.current(), tornado, http)

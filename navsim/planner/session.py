@@ -25,6 +25,7 @@ from bokeh.models import ColumnDataSource
 from navsim.core.defect import Defect
 from navsim.io.results import ResultError
 from navsim.planner.drawing import AerodromePlan, Outline, ShownArea, SkyPlan, area_of, reach_of
+from navsim.planner.orders import Known, WrongOrder, read_order
 from navsim.planner.outlook import QUANTITIES, Outlook, Places, Worth
 from navsim.planner.proposal import PlannedScenario
 from navsim.planner.target import Consent, Target
@@ -87,7 +88,7 @@ class PlannerSession:
         self.orders = ColumnDataSource({"order": []}, name="orders")
         self.news = ColumnDataSource({"news": []}, name="news")
         self.news.syncable = False
-        self.orders.on_change("data", lambda _name, _old, new: self._ordered(new["order"]))
+        self.orders.on_change("data", lambda _name, _old, new: self._ordered(new.get("order", [])))
         for figure in (self.plan.figure, self.sky.figure):
             page.add_root(figure)
         self.plan.figure.tags = [self.orders, self.news]
@@ -105,12 +106,13 @@ class PlannerSession:
 
     # --- orders
 
-    def _ordered(self, given: list[str]) -> None:
-        for text in given:
-            order = json.loads(text)
+    def _ordered(self, given: object) -> None:
+        for text in given if isinstance(given, list) else [given]:
+            order: dict[str, Any] = {}
             try:
+                order = read_order(text, Known(len(self._proposal.names), len(self._proposal.jammers())))
                 self._carry_out(order)
-            except (InputError, ResultError) as error:
+            except (InputError, ResultError, WrongOrder) as error:
                 said = [str(p) for p in error.problems] if isinstance(error, InputError) else [str(error)]
                 self._tell(self._standing() | {"of": order.get("n"), "problems": said})
                 self.plan.put(self._proposal)

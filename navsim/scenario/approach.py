@@ -89,7 +89,7 @@ class Runway(Section):
     """length of the runway, for drawings, and, where runway.end is not given, for how far it rises by slope_percent; by
     default to runway.end where that is given"""
     width_m: Size = 30.0
-    """width of the runway, for drawings only"""
+    """width of the runway: for drawings, and for warnings of pseudolites on its pavement"""
     aim_point_m: Annotated[float, Field(ge=0.0, le=3000.0)] = 0.0
     """distance of the touchdown point beyond the threshold; with tch_m it follows from it"""
     tch_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
@@ -118,6 +118,10 @@ class Runway(Section):
         elif self.bearing_is == "magnetic" and not isinstance(self.declination_deg, float):
             raise reject("a direction from magnetic north needs the declination there", "declination_deg")
         return self
+
+    def is_pavement(self, along: float, right: float) -> bool:
+        """Whether a place, m from the threshold in the direction of landing and right of the centre line, is on it."""
+        return 0.0 <= along <= self.length_m and abs(right) < 0.5 * self.width_m
 
     @property
     def misprint_deg(self) -> float:

@@ -21,7 +21,7 @@ from navsim.models.horizon import flown_under
 from navsim.models.kinematics import Moving
 from navsim.models.systems import CLOCKS, first_time_scale
 from navsim.scenario.approach import FileApproach
-from navsim.scenario.base import KeyedError
+from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
@@ -30,6 +30,7 @@ from navsim.scenario.presets import IMU_SHEETS
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.study.placement import RunwayPlane
 
 if TYPE_CHECKING:
     from navsim.models.pseudorange import Signals
@@ -266,7 +267,24 @@ def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
             f"the landing is broken off at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
             "there are not defined, and those of the last seconds before it are of the end of the simulation"
         )
-    return out + through_ridges(scenario, trajectory)
+    return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)
+
+
+def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
+    """Warning of pseudolites that stand on the runway."""
+    runway = scenario.runway
+    plane = RunwayPlane(scenario.threshold(trajectory.frame), runway.heading_deg * DEG, 0.0)
+    places = plane.places(scenario.pseudolite_positions(trajectory.frame))
+    named = zip(scenario.pseudolites.names(), places, strict=True)
+    on = [
+        f"{name} ({-l1:.1f} m beyond the threshold, {abs(s):.1f} m off the centre line)"
+        for name, (s, l1) in named
+        if runway.is_pavement(float(-l1), float(s))
+    ]
+    if not on:
+        return []
+    most = f"{runway.length_m:g} m by {runway.width_m:g} m (runway.length_m, runway.width_m)"
+    return [f"pseudolites on the pavement of the runway, {most}: {', '.join(on)}; put them beside it"]
 
 
 def through_ridges(scenario: Landing, trajectory: Moving) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import os
 import re
 import shutil
@@ -22,9 +23,11 @@ import yaml
 
 from navsim.core.arrays.earth import llh_from_ecef
 from navsim.io.results import read
+from navsim.planner.orders import Known, WrongOrder, read_order
 from navsim.planner.outlook import QUANTITIES, Outlook
 from navsim.planner.proposal import PlannedScenario
-from navsim.scenario.source import load
+from navsim.planner.server import MOST_PAGES
+from navsim.scenario.source import InputError, load
 from navsim.study.analyses import glimpsed, screened
 from navsim.study.landing import prepare
 from tests.conftest import ROOT, SCENARIOS
@@ -139,6 +142,86 @@ class Looked:
         self.page.wait_for_selector("#said:not([hidden]), #asked:not([hidden])")
 
 
+def test_other_sites_and_floods_are_let_off(tmp_path: Path) -> None:
+    """Names that point here (DNS rebinding), scripts for other sites, pages without end; a tunnel's port is let in."""
+    with served(LANDING, "-o", tmp_path / "out.yaml", cwd=tmp_path) as (address, _):
+        port = address.rstrip("/").rpartition(":")[2]
+
+        def asked(path: str = "/", **headers: str) -> tuple[int, str | None]:
+            connection = http.client.HTTPConnection(f"127.0.0.1:{port}", timeout=60)
+            connection.request("GET", path, headers=headers)
+            answer = connection.getresponse()
+            answer.read()
+            return answer.status, answer.getheader("Access-Control-Allow-Origin")
+
+        for host in ("evil.example", f"evil.example:{port}", "127.0.0.1.evil.example", "[", ""):
+            assert asked(Host=host) == (403, None), host
+        for path in ("/autoload.js?bokeh-autoload-element=1", "/metadata"):
+            assert asked(path) == (404, None)
+        assert asked("/static/js/bokeh.min.js", Origin="http://evil.example") == (403, None)
+        assert asked("/ws", Host="localhost:8000", Origin="http://localhost:8000")[0] != 403
+        assert asked("/ws", Host="localhost:8000", Origin="http://localhost:9000")[0] == 403
+        pages = [asked(Host=host)[0] for host in (f"localhost:{port}", "localhost:8000", "[::1]:8000")]
+        assert pages == [200, 200, 200]
+        assert 503 in [asked()[0] for _ in range(MOST_PAGES)]
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        None, 7, "", "{", "[]", "[" * 9000, "x" * 20_000, '{"do": "format"}', '{"do": ["save"]}',
+        '{"do": "place", "kind": "pseudolite", "number": -1, "x": 1, "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": 2, "x": 1, "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": 1.0, "x": 1, "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": true, "x": 1, "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": 0, "x": NaN, "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": 0, "x": 1e300, "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": 0, "x": "1", "y": 400}',
+        '{"do": "place", "kind": "pseudolite", "number": 0, "x": 1}',
+        '{"do": "place", "kind": "pseudolite", "number": 0, "x": 1, "y": 400, "up": Infinity}',
+        '{"do": "place", "kind": "jammer", "number": 0, "x": 1, "y": 400}',
+        '{"do": "drag", "kind": "satellite", "number": 0, "x": 1, "y": 400}',
+        '{"do": "remove", "number": -1}', '{"do": "time", "seconds": NaN}', '{"do": "hasten", "seconds": -1}',
+        '{"do": "area", "factor": 0}', '{"do": "show", "quantity": "beauty", "subject": 0}',
+        '{"do": "show", "quantity": "pdop", "subject": -2}', '{"do": "save", "consent": 1}',
+        '{"do": "undo", "n": "one"}',
+    ],
+)  # fmt: skip
+def test_malformed_orders_are_refused(order: object) -> None:
+    with pytest.raises(WrongOrder):
+        read_order(order, Known(2, 0))
+
+
+def test_orders_of_the_page_are_read() -> None:
+    for order in (
+        {"do": "place", "kind": "pseudolite", "number": 1, "x": -20.5, "y": 400, "up": 2, "n": 3, "at": 7.5},
+        {"do": "drag", "kind": "jammer", "number": 0, "x": 1, "y": 2, "n": 4},
+        {"do": "show", "quantity": "pdop", "subject": -1},
+        {"do": "save", "consent": False},
+        {"do": "hello"},
+    ):
+        assert read_order(json.dumps(order), Known(2, 1)) == {k: v for k, v in order.items() if k != "at"}
+
+
+def test_pavement_is_no_place_for_a_pseudolite(tmp_path: Path) -> None:
+    """The planner refuses it, what runs and validates warns."""
+    file = tmp_path / "field.yaml"
+    file.write_text(UNJAMMED)
+    document = load(file)
+    proposal = PlannedScenario(document, UNJAMMED)
+    before = proposal.document.data
+    with pytest.raises(InputError, match="east would stand on the pavement of the runway, 1000 m by 30 m; put it more"):
+        proposal.move(0, np.array([500.0, -14.0, 0.0]))
+    assert proposal.document.data == before
+    proposal.move(0, np.array([500.0, -16.0, 0.0]))
+    proposal.move(0, np.array([1050.0, -14.0, 0.0]))
+    assert "pavement" not in navsim("validate", file, cwd=tmp_path).stderr
+    file.write_text(UNJAMMED.replace("s_m: 400, l1_m: 500", "s_m: 12, l1_m: -500"))
+    said = navsim("validate", file, cwd=tmp_path).stderr
+    assert "pseudolites on the pavement of the runway, 1000 m by 30 m (runway.length_m, runway.width_m): east" in said
+    assert "500.0 m beyond the threshold, 12.0 m off the centre line" in said
+
+
 def nobody_else_is_let_in(host: str) -> None:
     """Websockets of the planner's own page alone are taken."""
 
@@ -151,7 +234,7 @@ def nobody_else_is_let_in(host: str) -> None:
         return connection.getresponse().status
 
     assert asked("http://evil.example") == 403
-    assert asked(f"http://localhost:{host.partition(':')[2]}") == 403
+    assert asked(f"http://localhost:{host.partition(':')[2]}") == 403  # another page than its own
     assert asked(f"http://{host}") != 403
 
 

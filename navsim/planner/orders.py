@@ -1,0 +1,103 @@
+"""Orders of a page, read strictly: whatever is sent, the session gets an order that makes sense, or none."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from navsim.planner.outlook import QUANTITIES
+
+_FARTHEST = 1e6
+"""Of a place from the threshold, m."""
+_DAY = 86400.0
+_LONGEST = 10_000
+"""Characters of an order; the longest that the page sends has some hundred."""
+
+
+class WrongOrder(Exception):
+    """An order that no page of the planner sends."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What orders may speak of: numbers of pseudolites and of jammers."""
+
+    pseudolites: int
+    jammers: int
+
+
+def read_order(text: object, known: Known) -> dict[str, Any]:
+    """An order, with each of its members of the right type and within its range. Raises WrongOrder."""
+    if not isinstance(text, str) or len(text) > _LONGEST:
+        raise WrongOrder("an order of the page is no text, or too long")
+    try:
+        order = json.loads(text)
+    except (ValueError, RecursionError):
+        raise WrongOrder("an order of the page is no JSON") from None
+    if not isinstance(order, dict) or not isinstance(do := order.get("do"), str) or do not in _MEMBERS:
+        raise WrongOrder("the page asks for something that the planner does not do")
+    out: dict[str, Any] = {"do": do}
+    if "n" in order:
+        out["n"] = _number(order["n"], "n", -math.inf, math.inf)
+    for name in _MEMBERS[do]:
+        if name == "up" and name not in order:  # it stays as high as it is
+            continue
+        if name not in order:
+            raise WrongOrder(f"{do}: {name} is missing")
+        out[name] = _READ[name](order[name], name)
+    count = known.jammers if out.get("kind") == "jammer" else known.pseudolites
+    for name, least in (("number", 0), ("subject", -1)):
+        if name in out and not least <= out[name] < count:
+            raise WrongOrder(f"{do}: there is no transmitter with the number {out[name]}; there are {count}")
+    return out
+
+
+def _number(value: object, name: str, least: float, most: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise WrongOrder(f"{name}: a finite number is needed, not {str(value)[:40]}")
+    if not least <= value <= most:
+        raise WrongOrder(f"{name}: {value:g} is not from {least:g} to {most:g}")
+    return float(value)
+
+
+def _whole(value: object, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise WrongOrder(f"{name}: a whole number is needed, not {str(value)[:40]}")
+    return value
+
+
+def _between(least: float, most: float) -> Callable[[object, str], float]:
+    return lambda value, name: _number(value, name, least, most)
+
+
+def _one_of(*choices: Any) -> Callable[[object, str], Any]:
+    def read(value: object, name: str) -> Any:
+        if not any(type(value) is type(choice) and value == choice for choice in choices):
+            raise WrongOrder(f"{name}: one of {', '.join(map(str, choices))} is needed, not {str(value)[:40]}")
+        return value
+
+    return read
+
+
+_PLACE = ("kind", "number", "x", "y")
+_MEMBERS: dict[str, tuple[str, ...]] = {
+    "hello": (), "drag": _PLACE, "hasten": ("seconds",), "show": ("quantity", "subject"), "area": ("factor",),
+    "save": ("consent",), "place": (*_PLACE, "up"), "add": (), "remove": ("number",), "time": ("seconds",),
+    "undo": (), "redo": (),
+}  # fmt: skip
+"""Members of an order by what it asks for; `n`, its number, may stand in each."""
+_READ: dict[str, Callable[[object, str], Any]] = {
+    "kind": _one_of("pseudolite", "jammer"),
+    "number": _whole,
+    "subject": _whole,
+    "x": _between(-_FARTHEST, _FARTHEST),
+    "y": _between(-_FARTHEST, _FARTHEST),
+    "up": _between(-_FARTHEST, _FARTHEST),
+    "seconds": _between(0.0, _DAY),
+    "factor": _between(1e-3, 1e3),
+    "quantity": _one_of(*QUANTITIES),
+    "consent": _one_of(True, False),
+}
