@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from navsim.core.arrays.earth import ecef_from_llh
+from navsim.core.arrays.earth import ecef_from_llh, in_heading_axes
 from navsim.models.approach import TOUCHDOWN
 from navsim.models.go_around import GO_AROUND
 from navsim.models.horizon import flown_under
@@ -30,7 +30,6 @@ from navsim.scenario.presets import IMU_SHEETS
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
-from navsim.study.placement import RunwayPlane
 
 if TYPE_CHECKING:
     from navsim.models.pseudorange import Signals
@@ -273,13 +272,12 @@ def of_way(scenario: Landing, trajectory: Moving) -> list[str]:
 def on_pavement(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warning of pseudolites that stand on the runway."""
     runway = scenario.runway
-    plane = RunwayPlane(scenario.threshold(trajectory.frame), runway.heading_deg * DEG, 0.0)
-    places = plane.places(scenario.pseudolite_positions(trajectory.frame))
-    named = zip(scenario.pseudolites.names(), places, strict=True)
+    sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
+    places = in_heading_axes(sites, scenario.threshold(trajectory.frame), runway.heading_deg * DEG)
     on = [
-        f"{name} ({-l1:.1f} m beyond the threshold, {abs(s):.1f} m off the centre line)"
-        for name, (s, l1) in named
-        if runway.is_pavement(float(-l1), float(s))
+        f"{name} ({along:.1f} m beyond the threshold, {abs(right):.1f} m off the centre line)"
+        for name, (along, right, _) in zip(scenario.pseudolites.names(), places, strict=True)
+        if runway.is_pavement(float(along), float(right))
     ]
     if not on:
         return []
