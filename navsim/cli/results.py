@@ -249,6 +249,9 @@ def export(
     csv: Annotated[
         bool, typer.Option("--csv", help="Truth, fixes, errors of the filter and of runs at heights.")
     ] = False,
+    imu: Annotated[
+        bool, typer.Option("--imu", help="Inertial samples and fixes, and the log with which navsim replay flies them.")
+    ] = False,
     run: Annotated[
         int | None, number_option(int, 0, "Which run of an ensemble, by its number. Default: the first.")
     ] = None,
@@ -271,9 +274,9 @@ def export(
     from navsim.io.export import export as convert
 
     chosen = [name for name, wanted in (("rinex", rinex), ("nmea", nmea), ("kml", kml), ("geojson", geojson),
-                                        ("csv", csv)) if wanted]  # fmt: skip
+                                        ("csv", csv), ("imu", imu)) if wanted]  # fmt: skip
     if not chosen:
-        leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv")
+        leave(BAD_INPUT, "choose one or more of --rinex, --nmea, --kml, --geojson, --csv, --imu")
     target = (output or file).with_suffix(".h5")
     if not target.parent.is_dir():
         leave(BAD_INPUT, f"{target.parent}: no such folder; create it first or choose another -o/--output")

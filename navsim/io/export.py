@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from navsim.core.arrays import earth
 from navsim.core.arrays.attitude import dcm_from_rpy
@@ -30,7 +31,7 @@ from navsim.io.schema import HEIGHTS
 from navsim.io.swept import heads, rows
 from navsim.models import glonass_broadcast, gps, timescales
 from navsim.models.constellation import Constellation, carriers
-from navsim.models.conventions import KNOT
+from navsim.models.conventions import GNSS_COLUMNS, IMU_COLUMNS, KNOT, STANDARD_GRAVITY
 from navsim.models.systems import BY_LETTER, GLONASS, System
 
 ELLIPSE_PROBABILITY = 0.95
@@ -49,8 +50,8 @@ TOE_SPACING = 7200.0
 
 def export(result: Result, target: Path, formats: list[str], ensemble: Result | None = None) -> list[Path]:
     """Write a result (of an ensemble the one of `choose_run`) as `target` with the formats' endings: of a landing
-    "rinex", "nmea", "csv", "kml", "geojson", of a replay "csv", "kml", "geojson", of a sweep or a search for placements
-    "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
+    "rinex", "nmea", "csv", "imu", "kml", "geojson", of a replay "csv", "kml", "geojson", of a sweep or a search for
+    placements "kml", "geojson". ensemble: the whole of it, whose runs' errors at heights go into the tables.
 
     Returns the files. Raises ResultError, and writes none, where the result lacks what one of the formats needs; also
     where a file cannot be written.
@@ -59,7 +60,7 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
     if result.attributes.get("method") == "rare":
         raise ResultError("of pushed runs (method rare) only the errors at the box are kept: there is no flight in it")
     if kind == "landing":
-        writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "kml": _kml, "geojson": _geojson}
+        writers = {"rinex": _rinex, "nmea": _nmea, "csv": _csv, "imu": _imu, "kml": _kml, "geojson": _geojson}
     elif kind == "replay":
         writers = {"csv": _replay_csv, "kml": _kml, "geojson": _geojson}
     elif kind in ("optimize", "sweep"):
@@ -423,6 +424,71 @@ def _csv(result: Result, target: Path) -> dict[Path, str]:
         head = ["t_s", *(f"error_{n}" for n in named), *(f"sigma_{n}" for n in named), *run_head]
         files[target.with_name(f"{target.stem}_filter.csv")] = _table(head, rows)
     return files
+
+
+def _imu(result: Result, target: Path) -> dict[Path, str]:
+    """A recording of the run that `navsim replay` reads: the inertial samples as means over their intervals, the fixes
+    with the times at which they came, and the log that names both. Numbers have all their digits."""
+    if "/imu/delta_angle" not in result or "/receiver/position_llh" not in result:
+        raise _lacking(result, "inertial samples")
+    scenario, time = scenario_of(result), result["/imu/time"]
+    step = np.diff(time, prepend=0.0)[:, None]
+    rates = np.concatenate([result["/imu/delta_angle"][0] / step, result["/imu/delta_velocity"][0] / step], axis=1)
+    receiver = scenario["receiver"]
+    came = result["/geometry/time"] + receiver["latency_s"]
+    llh, velocity = result["/receiver/position_llh"][0], result["/receiver/velocity_ned"][0]
+    fixes = np.column_stack([came, np.degrees(llh[:, :2]), llh[:, 2], velocity])[np.isfinite(llh[:, 0])]
+    files = {part: target.with_name(f"{target.stem}_{part}") for part in ("imu.csv", "fixes.csv", "replay.yaml")}
+    log = {
+        "kind": "replay",
+        "version": 1,
+        "title": f"{result.attributes.get('title') or target.stem}, as recorded",
+        "epoch": scenario["epoch"],
+        "imu": {
+            "file": files["imu.csv"].name, "samples": "averaged",
+            **{name: _replayed(scenario, name) for name in _WHITE},
+        },
+        "gnss": {
+            "file": files["fixes.csv"].name, "latency_s": receiver["latency_s"],
+            "lever_arm_m": [*receiver["lever_arm_m"]], "spacing_s": 0.0, "position_sigma_m": _fix_sigma(result),
+        },
+        "tuning": "likelihood",
+        "filter": {"kind": scenario["filter"]["kind"], "output_rate_hz": receiver["rate_hz"]},
+    }  # fmt: skip
+    samples = np.column_stack([time, rates])
+    return {
+        files["imu.csv"]: _table([*IMU_COLUMNS], [[repr(float(x)) for x in row] for row in samples]),
+        files["fixes.csv"]: _table(
+            [*GNSS_COLUMNS], [["" if np.isnan(x) else repr(float(x)) for x in row] for row in fixes]
+        ),
+        files["replay.yaml"]: yaml.safe_dump(log, sort_keys=False, allow_unicode=True),
+    }
+
+
+def _fix_sigma(result: Result) -> list[float]:
+    """1 sigma of the run's fixes, root mean square over the flight: horizontal per axis, vertical, m."""
+    variance = np.nanmean(np.diagonal(result["/receiver/covariance_enu"], axis1=1, axis2=2), axis=0)
+    return [round(math.sqrt(x), 4) for x in (0.5 * (variance[0] + variance[1]), variance[2])]
+
+
+_WHITE = {"gyro": ("noise_deg_h", "arw_deg_sqrt_h", 1.0 / 3600.0),
+          "accelerometer": ("noise_mg", "vrw_m_s_sqrt_h", 3600.0 * (1e-3 * STANDARD_GRAVITY) ** 2)}  # fmt: skip
+"""Of white noise: the key for that of a sample, the key for its density, and the square of the latter's unit by that of
+the former's, for one sample a second."""
+_REPLAYED = ("drift_deg_h", "bias_mg", "noise", "arw", "vrw", "markov", "bias_instability", "rate_random_walk",
+             "bias_random_walk")  # fmt: skip
+"""How keys of errors begin that the filter of a recorded flight follows, or takes for noise."""
+
+
+def _replayed(scenario: dict[str, Any], sensor: str) -> dict[str, Any]:
+    """The errors of a sensor, as the filter of a scenario knows them, for the log of a recorded flight."""
+    sample, density, unit = _WHITE[sensor]
+    known = scenario["imu"][sensor] | (scenario["filter"]["imu"].get(sensor) or {})
+    out = {key: value for key, value in known.items() if value is not None and key.startswith(_REPLAYED)}
+    noise = out.pop(sample, None)
+    if noise is not None and density not in out:
+        out[density] = noise * math.sqrt(unit / scenario["imu"]["rate_hz"])
+    return out
 
 
 def _gates(result: Result, target: Path) -> dict[Path, str]:

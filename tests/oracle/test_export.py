@@ -488,3 +488,24 @@ def test_the_talker_is_that_of_the_satellites(systems: str, talker: str, tmp_pat
     result = landing.result(this, landing.fly_all(this, 1, 0, 1, threads(1), keep="all"), 1, keep="all")
     (file,) = export(result, tmp_path / "r.h5", ["nmea"])
     assert {line[1:3] for line in file.read_text().splitlines()} == {talker}
+
+
+def test_an_exported_run_is_replayed(tmp_path: Path) -> None:
+    """`export --imu` writes a log that `navsim replay` flies. Its filter aligns itself; its estimates lie within its
+    sigmas about the truth of the simulation."""
+    keys = ("duration_s=60", "receiver.latency_s=0.2", "receiver.lever_arm_m=[1, 0, -0.5]")
+    settings = [part for key in keys for part in ("--set", key)]
+    navsim("run", SCENARIOS / "s_turn.yaml", *settings, "-q", "--figures", "none", "-o", "r.h5", cwd=tmp_path)
+    done = navsim("export", "r.h5", "--imu", cwd=tmp_path)
+    assert done.stdout.split() == ["r_imu.csv", "r_fixes.csv", "r_replay.yaml"]
+    navsim("replay", "r_replay.yaml", "-q", "--figures", "none", "-o", "f.h5", cwd=tmp_path)
+    run, flown = read(tmp_path / "r.h5"), read(tmp_path / "f.h5")
+    samples = np.loadtxt(tmp_path / "r_imu.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(samples[:, 1:4] * 0.01, run["/imu/delta_angle"][0], rtol=1e-12, atol=1e-17)
+    np.testing.assert_allclose(samples[:, 4:] * 0.01, run["/imu/delta_velocity"][0], rtol=1e-12, atol=1e-14)
+    time = flown["/filter/time"]
+    late = time > 40.0
+    truth = np.stack([np.interp(time, run["/truth/time"], x) for x in run["/truth/position_llh"].T], axis=1)
+    error = ecef_from_llh(truth[late]) - ecef_from_llh(flown["/filter/position_llh"].reshape(-1, 3)[late])
+    sigma = np.linalg.norm(flown["/filter/sigma"].reshape(time.size, -1)[late, :3], axis=1)
+    assert np.all(np.linalg.norm(error, axis=1) < 4.0 * sigma)
