@@ -1042,7 +1042,9 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
 
 def _without_seem(words: str) -> str:
     """What seems to be the case, as a noun."""
-    return words.replace(" seem to have ", " with ").replace(" seems ", " ").replace(" seem to be ", " ")
+    for seem, is_so in ((" seem to have ", " with "), (" seem to be ", " "), (" seem to ", " "), (" seems ", " ")):
+        words = words.replace(seem, is_so)
+    return words
 
 
 def _turns_forward(explanation: _Explanation) -> bool:

@@ -45,6 +45,23 @@ def remarks(result: Result) -> list[str]:
     return [found.text for found in findings.of(result)]
 
 
+@pytest.mark.parametrize("missing", [(4, 5, 6), (5,)])
+def test_fixes_fly_without_some_of_their_velocities(missing: tuple[int, ...], tmp_path: Path) -> None:
+    """A component that is empty in some rows is not zero, and no other one is left out with it."""
+    truth = write_flight(tmp_path, duration=60.0)
+    head, *rows = (tmp_path / "gnss.csv").read_text().splitlines()
+    for k in range(1, len(rows), 4):
+        rows[k] = ",".join("" if i in missing else cell for i, cell in enumerate(rows[k].split(",")))
+    (tmp_path / "gnss.csv").write_text("\n".join([head, *rows]) + "\n")
+    result = flown(tmp_path / "log.yaml", *GIVEN)
+    assert not remarks(result)
+    assert 0.7 < result["/summary/nis"][0] < 1.4
+    position, velocity, _ = errors(result, truth)
+    late = result["/filter/time"] > 40.0
+    assert np.sqrt(np.mean(position[late] ** 2)) < 0.25
+    assert np.sqrt(np.mean(velocity[late] ** 2)) < 0.1
+
+
 def test_fixes_stamped_too_early_have_a_negative_latency(tmp_path: Path) -> None:
     """Used at the time they are valid; tuned, and as far off as with their right times."""
     truth = write_flight(tmp_path)
