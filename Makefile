@@ -31,6 +31,7 @@ calibrate: $(STAMP)      ## find the skies of Table 2 again: scenarios/table2*.y
 validate: $(STAMP)       ## the long statistical studies: tables in docs/; every documented command in full
 	$(BIN)/python scripts/covariance_against_runs.py
 	$(BIN)/python scripts/covariance_matrix.py
+	$(BIN)/python scripts/near_passes.py
 	$(BIN)/python scripts/filter_consistency.py
 	$(BIN)/python scripts/outages.py
 	$(BIN)/python scripts/lasting_errors.py

@@ -26,6 +26,9 @@ DOP_OBJECTIVES = tuple(name for name in DOP_OUTPUTS if name != "epochs_without_f
 LEVEL_OBJECTIVES = LEVEL_OUTPUTS
 """Objectives by the levels of watched fixes, which follow from the geometry too."""
 OBJECTIVES = (*DOP_OBJECTIVES, *FILTER_OUTPUTS, *LEVEL_OBJECTIVES)
+FILTER_DISTANCE = (100.0, 100_000.0)
+"""`constraints.distance_m` where it is left out and an error of the filter is the objective, m: with errors of 3 m of a
+fix the third order of a range is 3 % of the second at the least distance, and the second 5 % of its sigma."""
 Number = Annotated[int, Field(ge=1, le=12)]
 """Of pseudolites."""
 
@@ -115,7 +118,8 @@ class Constraints(Section):
     spacing_m: NonNegative = 0.0
     """least distance between pseudolites"""
     distance_m: Pair | None = None
-    """least and largest distance from the aircraft during the glide"""
+    """least and largest distance from the aircraft during the glide; left out: with an error of the filter as objective
+    100 m to 100 km, since covariance analyses of nearer passes are not to be relied on, with others none"""
     near_far_db: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     """largest ratio of a pseudolite's received power over the glide, from the distances, dB"""
     requirements: bool = False

@@ -52,6 +52,7 @@ from navsim.models.sky import enu_matrix
 from navsim.models.steering import Held
 from navsim.simulation import monitoring
 from navsim.simulation.aiding import Aid, aids_of
+from navsim.simulation.curvature import NEGLIGIBLE, Curvature, NearPass, has_near_sources, near_passes, shifted
 from navsim.simulation.exclusion import Excluder, SettledFixes
 from navsim.simulation.fixes import ReceiverFixes, left_over, solved
 from navsim.simulation.flown import Flown, Ways
@@ -525,6 +526,56 @@ class Flight:
         errors = self.world.fix_errors
         return errors.noise + errors.beside(self.beliefs.lasting.groups)
 
+    @cached_property
+    def noise_along_route(self) -> np.ndarray | None:
+        """Covariance of fixes (e, MOST, MOST) by the geometry of the route, where a filter does not take the receiver's
+        own, which is by the geometry of the fix: beside a near source that depends on the fix's error."""
+        lasting, curvature = self.beliefs.lasting, self.curvature
+        if lasting is not None and lasting.followed:
+            noise = self.lasting_noise
+        elif curvature is None:
+            return None
+        else:
+            errors = self.world.fix_errors
+            noise = errors.noise + (0.0 if lasting is None else errors.of_kinds(lasting.factor))
+        return noise if curvature is None else noise + curvature.noise
+
+    @cached_property
+    def _second_order(self) -> Curvature | None:
+        """Second-order errors of fixes; where the filter takes ranges, by those errors alone that last, the others
+        averaging out. None where they are negligible."""
+        signals = self.world.signals
+        if not has_near_sources(signals):
+            return None
+        noise, lasting = signals.noise_sigma, np.zeros_like(signals.fix_sigma)
+        if signals.smoothing is not None:
+            noise, lasting = lasting, signals.fix_sigma
+        elif signals.lasting is not None:
+            lasting = signals.lasting.total
+        noise = np.zeros_like(noise) if self.beliefs.tight else noise
+        found = self.world.fix_errors.curvature(noise, lasting, MOST if self.beliefs.velocity else 3)
+        return found if found.squares > NEGLIGIBLE else None
+
+    @property
+    def curvature(self) -> Curvature | None:
+        """Second-order errors of fixes that a loosely coupled filter knows of; None where they are negligible, or the
+        geometry of fixes is not that of the route: aircraft deviate from it, or sources are excluded."""
+        watching = self.watching
+        other = self.world.ways is not None or (watching is not None and (watching.bank or self.excluder))
+        return None if self.beliefs.tight or other else self._second_order
+
+    @cached_property
+    def near_passes(self) -> tuple[NearPass, ...]:
+        """Sources that are passed so near that covariances are not right there: to second order, where a loosely
+        coupled filter knows of that part, because the third counts; to first order, where it does not, or the filter is
+        tightly coupled and its errors last."""
+        if self._second_order is None:
+            return ()
+        signals, second = self.world.signals, self.curvature is not None
+        sigma = signals.lasting.total if self.beliefs.tight and signals.lasting is not None else signals.fix_sigma
+        every = near_passes(signals, self.world.fix_errors.of_ranges(sigma), 2 if second else 1)
+        return tuple(one for one in every if one.counts)
+
     @property
     def range_sigma(self) -> np.ndarray:
         """1 sigma of pseudoranges (e, s), m, that a tightly coupled filter takes for noise."""
@@ -585,19 +636,21 @@ def table_of_all_fixes(
 ) -> FixTable:
     """The fixes of a flight (e, 3), (e, 3), (e, 6, 6), of one run, or of lanes, with what the filter knows of errors
     that last; epochs: those that they are of."""
-    lasting, lanes = flight.beliefs.lasting, covariance.ndim == 4
-    if lasting is None:
-        return table_of_fixes(flight.beliefs, llh, velocity, covariance)
-    if lasting.followed:
-        noise = flight.lasting_noise[epochs]
+    lasting, curvature, lanes = flight.beliefs.lasting, flight.curvature, covariance.ndim == 4
+    noise = flight.noise_along_route
+    if noise is not None:
         # a fix of another receiver may come where the scenario's has none
         known = flight.world.fix_errors.fixed[epochs, None, None]
-        covariance = in_all_lanes(noise) if lanes else np.where(known, noise, covariance)
-    else:
+        covariance = in_all_lanes(noise[epochs]) if lanes else np.where(known, noise[epochs], covariance)
+    elif lasting is not None:
         more = flight.world.fix_errors.of_kinds(lasting.factor - 1.0)[epochs]
         covariance = covariance + (more[..., None] if lanes else more)
+    if curvature is not None:
+        mean, route = curvature.mean[epochs], llh_from_ecef(flight.world.signals.antenna[epochs])
+        llh = shifted(llh, -mean[:, : states.VEL], route)
+        velocity = velocity - mean[:, states.VEL :].reshape(-1, 3, *(1,) * (velocity.ndim - 2))
     table = table_of_fixes(flight.beliefs, llh, velocity, covariance)
-    return table._replace(lasting=flight.lasting_roots[epochs])
+    return table if lasting is None else table._replace(lasting=flight.lasting_roots[epochs])
 
 
 def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> RangeTable:

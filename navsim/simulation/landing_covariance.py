@@ -38,6 +38,7 @@ from navsim.models.lasting import SUMS, LastingErrors
 from navsim.models.pseudorange import Signals
 from navsim.models.transmitter import WanderingClocks
 from navsim.simulation.aiding import Aid
+from navsim.simulation.curvature import NEGLIGIBLE, Curvature, has_near_sources, range_forms
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.landing import (
     CARRIER_SIGMA,
@@ -86,6 +87,8 @@ WANDERING = "pseudolite_clock_noise"
 """The source that the noise of pseudolites' clocks is."""
 LASTING = "satellite_lasting_"
 """Begins the names of the sources that ranging errors of satellites are which last."""
+CURVATURE = "range_curvature"
+"""The source that second-order errors beside near sources are."""
 CLOCK = "receiver_clock"
 """The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 _NOISES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
@@ -454,6 +457,8 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     own += () if s.lasting is None else tuple(LASTING + name for name in s.lasting.names)
     own += () if s.wandering is None else (WANDERING,)
     own += tuple(f"{aid.sensor.name}_{name}" for aid in world.aids for name in _lasting_of(aid))
+    curvature = _true_curvature(flight)
+    own += (CURVATURE,) if curvature is not None or (beliefs.tight and has_near_sources(s)) else ()
     sources = (*own, *(aid.sensor.name for aid in world.aids))
     carried, route = _route(flight, along)
     n = carried.n
@@ -468,6 +473,9 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         noise[_RATES[which]][weighed] = np.where(both, _white(by_rate, s.rate_sigma, s.used, chosen, epoch)[row], 0.0)
         if s.smoothing is None:
             noise[_RANGES[which]][weighed] = np.where(both, _white(by_range, s.sigma, s.used, chosen, epoch)[row], 0.0)
+    if curvature is not None:
+        noise[sources.index(CURVATURE)] = np.zeros((*there.shape, MOST))
+        noise[sources.index(CURVATURE)][weighed] = np.where(both, curvature.white[epoch][row], 0.0)
     for k, aid in enumerate(world.aids):
         (at, its), numbers = _weighed(events, route, aid.sensor.kind), np.arange(aid.sigma.shape[1])
         noise[len(own) + k][at[:, None], numbers, numbers] = np.where(
@@ -504,9 +512,14 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     if s.offset is not None:
         messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
         owner = np.append(owner, np.full(s.offset.shape[1], sources.index(OFFSET)))
+    if curvature is not None:
+        messages = np.concatenate([messages, curvature.lasting[epoch]], axis=2)
+        owner = np.append(owner, np.full(curvature.lasting.shape[2], sources.index(CURVATURE)))
     columns = np.pad(columns, ((0, 0), (0, messages.shape[2])))
     off = np.zeros((*there.shape, owner.size))
     off[:, :, 0] = lin.z
+    if curvature is not None:  # the filter took off what it believes of it
+        off[weighed, :, 0] += np.where(there[weighed], curvature.mean[epoch][row], 0.0)
     off[weighed, :, first:] = np.where(there[weighed, :, None], messages[row], 0.0)
     errors, seen = _carry_columns(route, columns, off)
     for aid in world.aids:
@@ -517,6 +530,9 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         out.variance[source] += np.sum(errors[:, :, owner == source] ** 2, axis=2)
     out.covariance[...] += errors[:, :, 1:] @ np.swapaxes(errors[:, :, 1:], 1, 2)
     out.second[...] += seen[:, :, 1:] @ np.swapaxes(seen[:, :, 1:], 1, 2)
+
+    if beliefs.tight and CURVATURE in sources:
+        _add_range_curvature(flight, along, route, sources.index(CURVATURE), out, errors)
 
     # numbers that are not there are 0, and whatever is expected of them does nothing
     expected = lin.expected + np.eye(MOST) * ~there[:, :, None]
@@ -537,7 +553,7 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
         sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.believed, nis, degrees, aided
     )
     white = s.smoothing is None and s.space is None and s.offset is None and s.lasting is None and s.wandering is None
-    white &= beliefs.sigma_scale == 1.0
+    white &= beliefs.sigma_scale == 1.0 and curvature is None
     white &= all(aid.as_believed for aid in world.aids)
     # every error that there is has its state, and all are as believed
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
@@ -552,6 +568,49 @@ def analyse(flight: Flight, of_pseudolites: np.ndarray, along: AlongTruth | None
     can_follow = all(not t.markov or (not t.bias and t.fixed_bias is None) for t in (gyro, accel))
     _check(analysis, matched=bool(white and matched and begins and can_follow and np.all(systematic < 1e-3)))
     return analysis
+
+
+def _true_curvature(flight: Flight) -> Curvature | None:
+    """Second-order errors of fixes as they are, where a filter knows of some: by all errors that last, also those of
+    messages, of which the receiver knows nothing."""
+    s = flight.world.signals
+    if flight.curvature is None:
+        return None
+    square = np.zeros_like(s.fix_sigma) if s.lasting is None else s.lasting.total**2
+    noise = s.sigma
+    if s.smoothing is not None:
+        noise, square = np.zeros_like(s.fix_sigma), s.fix_sigma**2
+    if s.space is not None:
+        square = square + np.sum(s.space**2, axis=2)
+    return flight.world.fix_errors.curvature(noise, np.sqrt(square), MOST if flight.beliefs.velocity else 3)
+
+
+def _add_range_curvature(
+    flight: Flight, along: AlongTruth, route: Route, source: int, out: _Sums, errors: np.ndarray
+) -> None:
+    """Add second-order errors of the ranges of near sources that a tightly coupled filter weighs: by its own errors of
+    position, to first order; nothing where they are negligible."""
+    s, events = flight.world.signals, flight.events
+    weighed, row = _weighed(events, route, RANGE)
+    epoch = along.epoch[row]
+    heard = np.argmax(along.by_range[row, 0], axis=1)
+    of_range, of_rate, _ = range_forms(s)
+    forms = -np.stack([of_range[epoch, heard], of_rate[epoch, heard]], axis=1)
+    position = out.covariance[1 + epoch, : states.VEL, : states.VEL]
+    noise = np.zeros((row.size, 2, 2))
+    noise[:, 0, 0], noise[:, 1, 1] = s.fix_sigma[epoch, heard] ** 2, s.fix_rate_sigma[epoch, heard] ** 2
+    found = Curvature.of(forms, np.zeros_like(position), position, noise)
+    if found.squares <= NEGLIGIBLE:
+        return
+    off = np.zeros((*along.lin.have.shape, 7))
+    there = along.lin.have[weighed, :2] > 0.0
+    off[weighed, :2, 0] = np.where(there, found.mean, 0.0)
+    off[weighed, :2, 1:] = np.where(there[:, :, None], found.lasting, 0.0)
+    more, seen = _carry_columns(route, np.zeros((route.to_error.shape[1], 7)), off)
+    errors[:, :, 0] += more[:, :, 0]
+    out.variance[source] += np.sum(more[:, :, 1:] ** 2, axis=2)
+    out.covariance[...] += more[:, :, 1:] @ np.swapaxes(more[:, :, 1:], 1, 2)
+    out.second[...] += seen[:, :, 1:] @ np.swapaxes(seen[:, :, 1:], 1, 2)
 
 
 def _same(a: SensorBeliefs, b: SensorBeliefs) -> bool:

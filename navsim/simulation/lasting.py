@@ -23,6 +23,7 @@ from navsim.estimation.beliefs import LastingBelief
 from navsim.estimation.observations import FIX
 from navsim.models.lasting import SUMS, LastingError
 from navsim.models.pseudorange import Signals
+from navsim.simulation.curvature import Curvature, fix_forms
 from navsim.simulation.fix_slopes import slopes
 from navsim.simulation.fixes import solved
 
@@ -89,12 +90,25 @@ class FixErrors:
         s = self.signals
         return _spread(self.by_range, s.noise_sigma, s.used) + _spread(self.by_rate, s.fix_rate_sigma, s.used)
 
+    def of_ranges(self, sigma: np.ndarray) -> np.ndarray:
+        """Covariance of fixes (e, MOST, MOST) by independent errors of ranges (e, s), m."""
+        return _spread(self.by_range, sigma, self.signals.used)
+
+    def curvature(self, noise_sigma: np.ndarray, lasting_sigma: np.ndarray, numbers: int) -> Curvature:
+        """Second-order errors of fixes by white and by lasting errors of ranges (e, s), m; numbers: how many of a fix
+        count, 3 for position, 6 with velocity."""
+        white, lasting = (self.of_ranges(sigma)[:, :3, :3] for sigma in (noise_sigma, lasting_sigma))
+        noise = self.noise.copy()
+        noise[:, numbers:] = noise[:, :, numbers:] = 0.0
+        forms = fix_forms(self.signals, self.by_range, self.by_rate)
+        forms[:, numbers:] = 0.0
+        return Curvature.of(forms, white, lasting, noise)
+
     def of_kinds(self, factor: np.ndarray) -> np.ndarray:
         """Covariance of fixes by all kinds of lasting errors (e, MOST, MOST), the variance of each times a factor
         (k,)."""
         assert self.signals.lasting is not None
-        sigma = np.sqrt(np.einsum("k,kes->es", factor, self.signals.lasting.sigma**2))
-        return _spread(self.by_range, sigma, self.signals.used)
+        return self.of_ranges(np.sqrt(np.einsum("k,kes->es", factor, self.signals.lasting.sigma**2)))
 
     def roots(self, groups: Sequence[Sequence[int]]) -> np.ndarray:
         """What errors of 1 sigma one, `SUMS` of each of g groups of kinds, do to fixes (e, MOST, g SUMS); 0 where

@@ -37,9 +37,10 @@ from navsim.models.signals import Environment
 from navsim.models.systems import CLOCKS
 from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.optimize import DOP_OBJECTIVES, LEVEL_OBJECTIVES, Optimize
+from navsim.scenario.optimize import DOP_OBJECTIVES, FILTER_DISTANCE, LEVEL_OBJECTIVES, Optimize
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singles
 from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
+from navsim.scenario.sweep import FILTER_OUTPUTS
 from navsim.simulation.geometry import Geometry, glide_geometry
 from navsim.study.analyses import Analyst, Judge, LevelScreen, flown, screened, watched
 from navsim.study.confirmation import Errors, Fly, filter_outputs, fly_case
@@ -268,6 +269,9 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
     if doubted := scenario.runway.doubted_height("height_m", study.height_m):
         warnings.append(doubted)
+    if study.objective in FILTER_OUTPUTS and study.constraints.distance_m is None:
+        own = study.constraints.model_copy(update={"distance_m": FILTER_DISTANCE})
+        study = study.model_copy(update={"constraints": own})
     kept = rules(study, document, scenario, geometry.receiver[: epochs.size])
     study = study.model_copy(update={"constraints": kept.given})
     objective: Judge = partial(_of_geometry, study.objective, geometry, kept)

@@ -58,10 +58,11 @@ class Case:
 
     @property
     def warnings(self) -> list[str]:
-        """What the input has to be warned of: its sky, what is foreseen of the flight, sensors that measure nothing."""
+        """Warnings about the input: sky, what is foreseen of the flight, near sources, sensors that never measure."""
         idle = [aid.sensor.name for aid in self.world.aids if aid.time.size and aid.missing == aid.time.size]
         said = "measures nothing on this flight, whose heights or attitudes are beyond its limits"
-        return [*self.sky_warnings, *self.foreseen.warnings, *(f"{name}: {said}" for name in idle)]
+        near = map(str, self.flight.near_passes)
+        return [*self.sky_warnings, *self.foreseen.warnings, *near, *(f"{name}: {said}" for name in idle)]
 
     @property
     def foreseen(self) -> Foreseen:

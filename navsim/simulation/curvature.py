@@ -1,0 +1,166 @@
+"""Second-order errors beside near sources: what the curvature of ranges does to fixes, and to range measurements.
+
+A position error e makes the range of a source at the distance d longer than its linearisation by e' (I - u u') e / (2
+d), u the unit vector to it, and turns the direction along which its range rate is measured. Fixes with errors of 3 m
+beside a pseudolite 28 m away are off by 0.16 m on average, all in the same direction; a filter that takes their errors
+for Gaussian of zero mean believes in a hundredth of that after a hundred fixes.
+
+The errors are quadratic forms e' F e of Gaussian errors e of covariance C = L L': sums of products n_i n_j of
+independent ones, whose mean is tr(F C) and whose six coefficients are those of L' F L.
+
+Source: `docs/theory/landing.md`, section 5, eqs. 30a and 30b.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navsim.core.arrays.earth import E2, A, llh_from_ecef, ned_matrix
+from navsim.models.pseudorange import Signals
+
+NEAR = 1e5
+"""Distance of sources, m, whose ranges are curved: the error of 30 m of a fix makes that of a farther one longer by 5
+mm at most."""
+NEGLIGIBLE = 1.1**2 - 1.0
+"""Sum of the squares of second-order errors, each divided by its measurement's sigma, up to which they are left out: no
+estimate is off by more than the root of the sum, in its own sigma, so that its RMS error grows by a tenth at most."""
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """Second-order errors of measurements (m, k): mean (m, k); white (m, k, k) covariance of what is new each time;
+    lasting (m, k, 6) what each of six uncorrelated quantities of variance one does, the same while a source is passed.
+    squares: sum of their squares, each by its measurement's covariance. bound (m, k, k): covariance of white noise that
+    a filter takes `lasting` for, never too small."""
+
+    mean: np.ndarray
+    white: np.ndarray
+    lasting: np.ndarray
+    squares: float
+    bound: np.ndarray
+
+    @property
+    def noise(self) -> np.ndarray:
+        """What the covariance of measurements grows by (m, k, k)."""
+        return self.white + self.bound
+
+    @classmethod
+    def of(cls, forms: np.ndarray, white: np.ndarray, lasting: np.ndarray, noise: np.ndarray) -> Curvature:
+        """By the forms (m, k, 3, 3), covariances of the white and of the lasting position errors (m, 3, 3), and the
+        covariance of the measurements' first-order noise (m, k, k), zero where there is none.
+
+        An error g_t q that lasts, q of variance one, is taken for white noise of covariance g_t g_t' (sum of all c) /
+        c_t, c_t the size of g_t in terms of the noise: the difference of both covariances is diagonally dominant, so no
+        estimate is off by more than the filter believes, whatever it makes of the measurements.
+        """
+        mean, every = _products(forms, white + lasting)
+        _, gamma = _products(forms, lasting)
+        alone = every @ np.swapaxes(every, 1, 2) - gamma @ np.swapaxes(gamma, 1, 2)
+        inverse = np.linalg.pinv(noise, hermitian=True)
+        squares = np.einsum("mak,mab,mbk->mk", gamma, inverse, gamma)
+        size = np.sqrt(np.maximum(squares, 0.0))
+        longer = np.divide(size.sum(axis=0), size, out=np.zeros_like(size), where=size > 0.0)
+        bound = (gamma * longer[:, None]) @ np.swapaxes(gamma, 1, 2)
+        of_mean = np.einsum("ma,mab,mb->m", mean, inverse, mean)
+        return cls(mean, alone, gamma, float(of_mean.sum() + squares.sum()), bound)
+
+
+def _products(forms: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (m, k) of e' F e, e of a covariance (m, 3, 3), and the coefficients (m, k, 6) of what varies: those of the
+    products n_i n_j, each divided by its standard deviation."""
+    size, axes = np.linalg.eigh(covariance)
+    root = (axes * np.sqrt(np.maximum(size, 0.0))[:, None]) @ np.swapaxes(axes, 1, 2)
+    turned = np.swapaxes(root, 1, 2)[:, None] @ forms @ root[:, None]
+    i, j = np.tril_indices(3)
+    varied = turned[..., i, j] + turned[..., j, i]
+    varied[..., i == j] /= np.sqrt(2.0)
+    return np.trace(turned, axis1=2, axis2=3), varied
+
+
+def has_near_sources(signals: Signals) -> bool:
+    """Whether any range is received from so near that its curvature may count."""
+    return bool((signals.range[signals.used] < NEAR).any())
+
+
+_CURVED = 0.05
+"""Second-order error of a range, in its sigma, up to which a covariance to first order will do: an error that lasts
+over the 40 fixes of a pass is 0.3 sigma of their mean then, and makes the RMS error 5 % larger."""
+_CLOSE = 0.1
+"""Position sigma across the line of sight, divided by the distance, up to which the second order will do: about the
+size of the third order, divided by the second."""
+
+
+@dataclass(frozen=True)
+class NearPass:
+    """A source at the epoch when it is nearest: its name, distance, m, and the 1 sigma of position across the line of
+    sight, m. order: to which covariances have its errors, 1 or 2. counts: whether what they lack counts."""
+
+    name: str
+    distance: float
+    sigma: float
+    order: int
+    counts: bool
+
+    def __str__(self) -> str:
+        order = "first" if self.order == 1 else "second"
+        return (
+            f"{self.name} is passed at {self.distance:.0f} m with a position sigma of {self.sigma:.2g} m across the "
+            f"line of sight: covariances are right to {order} order only there; believe runs, or move it away"
+        )
+
+
+def near_passes(signals: Signals, covariance: np.ndarray, order: int) -> list[NearPass]:
+    """The near sources where they are passed; covariance: of position errors (e, 3, 3) or more, NED, m2."""
+    distance = np.where(signals.used, signals.range, np.inf)
+    *_, across = range_forms(signals)
+    out = []
+    for s in np.flatnonzero((distance < NEAR).any(axis=0)):
+        e = int(np.argmin(distance[:, s]))
+        longer = 0.5 * float(np.sum(across[e, s] * covariance[e, :3, :3]))
+        away = float(distance[e, s])
+        sigma = float(np.sqrt(2.0 * away * longer))
+        counts = sigma > _CLOSE * away if order > 1 else longer > _CURVED * signals.fix_sigma[e, s]
+        out.append(NearPass(signals.names[s], away, sigma, order, bool(counts)))
+    return out
+
+
+def range_forms(signals: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Second-order parts of ranges and range rates, quadratic forms (e, s, 3, 3) of an error of position in NED, and
+    (I - u u')/d (e, s, 3, 3), by which an error of velocity joins them; zero for sources that are not near."""
+    near = signals.used & (np.where(signals.used, signals.range, np.inf) < NEAR)
+    axes = ned_matrix(llh_from_ecef(signals.antenna))
+    ones = np.ones(3) / np.sqrt(3.0)
+    away = np.where(near[..., None], signals.position - signals.antenna[:, None], ones) @ np.swapaxes(axes, 1, 2)
+    moving = np.where(near[..., None], signals.velocity - signals.antenna_velocity[:, None], 0.0)
+    moving = moving @ np.swapaxes(axes, 1, 2)
+    distance = np.linalg.norm(away, axis=2)
+    u = away / distance[..., None]
+    across = (np.eye(3) - u[..., :, None] * u[..., None, :]) * near[..., None, None]
+    along = np.sum(u * moving, axis=2)
+    turning = (moving - along[..., None] * u)[..., :, None] * u[..., None, :]
+    rate = -(turning + np.swapaxes(turning, 2, 3) + along[..., None, None] * across) / distance[..., None, None] ** 2
+    across = across / distance[..., None, None]
+    return 0.5 * across, 0.5 * rate, across
+
+
+def fix_forms(signals: Signals, by_range: np.ndarray, by_rate: np.ndarray) -> np.ndarray:
+    """Second-order errors of fixes, quadratic forms (e, 6, 3, 3) of their first-order errors of position; by_range,
+    by_rate: as of `fix_slopes.slopes`. A longer range makes the fix shorter: it is where all of it is told."""
+    of_range, of_rate, across = range_forms(signals)
+    # what a position error does to the velocity fix, and so to the directions once more
+    to_velocity = by_range[:, 3:] @ np.linalg.pinv(by_range[:, :3])
+    turned = across @ to_velocity[:, None]
+    of_rate = of_rate + 0.5 * (turned + np.swapaxes(turned, 2, 3))
+    return -np.asarray(np.einsum("eks,esij->ekij", by_range, of_range) + np.einsum("eks,esij->ekij", by_rate, of_rate))
+
+
+def shifted(llh: np.ndarray, by: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Positions (e, 3, ...), rad, rad, m, moved by (e, 3) NED, m; along: (e, 3) rough positions, rad, rad, m."""
+    w = 1.0 - E2 * np.sin(along[:, 0]) ** 2
+    transverse = A / np.sqrt(w)
+    meridian = transverse * (1.0 - E2) / w
+    radius = np.stack([meridian + along[:, 2], (transverse + along[:, 2]) * np.cos(along[:, 0]), -np.ones(len(by))], 1)
+    step = by / radius
+    return np.asarray(llh + step.reshape(*step.shape, *(1,) * (llh.ndim - 2)))
