@@ -759,6 +759,15 @@ _LIVE = Chapter(
         *(_a(f"/stream/{name}", "", "1", meaning, LIVE, WHOLE) for name, meaning in COUNTS.items()),
         _a("/clock/offset", "", "s", "what the source's clock reads at time 0 of the flight", LIVE),
         _a("/clock/shift", "", "s", "how far the fixes lie ahead of the flight along the track, in time", LIVE),
+        *(
+            _a(f"/off_flight/{name}", "", "m", meaning, LIVE)
+            for name, meaning in (
+                ("across", "mean of the fixes right of the flight, without what a shift along the track explains"),
+                ("across_sigma", "1 sigma of the same for a healthy receiver: lasting errors of the scenario, and 3 m"),
+                ("up", "mean of the fixes above the flight, without what a shift along the track explains"),
+                ("up_sigma", "1 sigma of the same for a healthy receiver: lasting errors of the scenario, and 5 m"),
+            )
+        ),
         _a("/clock/shift_sigma", "", "s", "1 sigma of the same, from its scatter", LIVE),
         _a("/summary/rms_position_ned", "ned", "m",
            f"rms position error over the last {RMS_WINDOW:g} s that came, not those to touchdown", LIVE),

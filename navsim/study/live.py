@@ -78,6 +78,12 @@ MOST_NIS = 100.0
 """Median normalised innovation squared per degree of freedom, ten sigmas, beyond which what was flown is no landing."""
 MOST_OFF = 10.0
 """Median distance of the fixes from the flight, in sigmas of a fix, beyond which they are not of this landing."""
+MOST_ASIDE = 5.0
+"""Sigmas of a healthy receiver's mean, across the track or in height, beyond which fixes are not of this landing."""
+_HEALTHY = np.array([3.0, 5.0])
+"""1 sigma of what lasts in a healthy receiver's errors beside what the scenario says, across and in height, m."""
+_DRAWN = 8
+"""Runs of the scenario's own receiver by which its lasting errors are known."""
 _SPANS = 12
 """Spans in which the stream's shift along the track is taken, for their scatter; at least half must have fixes."""
 _SHORTEST_SPAN = 1.0
@@ -340,6 +346,30 @@ class Session:
             self.fixes.append((t, llh))
         return used
 
+    def _aside(self, time: np.ndarray, off: np.ndarray, shift: float) -> np.ndarray:
+        """Means (2,) of fixes (n, 3) right of and above the flight, m, where it moves. shift: along the track, s."""
+        velocity = self.case.trajectory.motion(time).velocity_ned
+        if np.isfinite(shift):
+            off = off - shift * velocity
+        speed = np.linalg.norm(velocity[:, :2], axis=1)
+        use = (speed > _SLOWEST) & np.isfinite(off).all(axis=1)
+        if not use.any():
+            return np.full(2, np.nan)
+        right = (off[use, 1] * velocity[use, 0] - off[use, 0] * velocity[use, 1]) / speed[use]
+        return np.array([right.mean(), -off[use, 2].mean()])
+
+    def _aside_sigma(self) -> np.ndarray:
+        """1 sigma (2,) of the same for a healthy receiver: by runs of the scenario's own, whose errors may last."""
+        world = self.case.world
+        means = []
+        for run in range(_DRAWN):
+            llh = receiver_fixes(world, *measured(world, self.seed, run)).llh
+            fixed = np.isfinite(llh[:, 0])
+            time = world.signals.time[fixed]
+            if time.size:
+                means.append(self._aside(time, self._off(time, llh[fixed]), np.nan))
+        return np.hypot(np.sqrt(np.mean(np.square(means), axis=0)) if means else 0.0, _HEALTHY)
+
     def result(self) -> Result:
         """What there is, as far as it came."""
         left = self.filter.estimates()
@@ -366,6 +396,11 @@ class Session:
         shift, sigma = np.nan, np.nan
         if self.block == "receiver":
             shift, sigma = _shift(time, off, case.trajectory.motion(time).velocity_ned)
+        aside, sure = np.full(2, np.nan), np.full(2, np.nan)
+        if self.block == "receiver" and time.size:
+            aside, sure = self._aside(time, off, shift), self._aside_sigma()
+        for k, name in enumerate(("across", "up")):
+            draft[f"/off_flight/{name}"], draft[f"/off_flight/{name}_sigma"] = aside[k], sure[k]
         draft["/clock/offset"] = np.nan if self.clock is None else self.clock.offset
         draft["/clock/shift"] = shift
         draft["/clock/shift_sigma"] = sigma
@@ -414,6 +449,7 @@ def failures(result: Result) -> list[str]:
             f"half of the fixes lie more than {metres:.3g} m ({sigmas:.3g} sigmas) from where the flight is at their "
             "times: another flight, or another time of it?"
         )
+    out += _aside_failures(result)
     rejected = int(np.sum(result["/innovations/status"] == REJECTED))
     if rejected > MOST_REJECTED * used:
         out.append(f"the gate rejected {rejected} of {used} fixes")
@@ -423,6 +459,23 @@ def failures(result: Result) -> list[str]:
         nis = float(np.median(result["/innovations/normalized_squared"][judged] / degrees[judged]))
         if nis > MOST_NIS:
             out.append(f"half of the normalised innovations squared are over {nis:.3g} per degree of freedom, 1 is due")
+    return out
+
+
+def _aside_failures(result: Result) -> list[str]:
+    """Fixes that lie beside the flight, or above or below it, by more than a healthy receiver's."""
+    out = []
+    why_across = "another runway, another datum, or the wrong offset of an antenna?"
+    why_up = (
+        "heights above the geoid given as heights above the ellipsoid, or the reverse? Their difference is the geoid's "
+        "undulation; rows have h_m above the ellipsoid, NMEA sentences have both"
+    )
+    for name, sides, why in (("across", ("left", "right"), why_across), ("up", ("below", "above"), why_up)):
+        off, sigma = float(result[f"/off_flight/{name}"]), float(result[f"/off_flight/{name}_sigma"])
+        if abs(off) > MOST_ASIDE * sigma:
+            side = f"{sides[off > 0.0]}{' of' if name == 'across' else ''}"
+            metres = f"{abs(off):.1f} m {side} the flight, where {sigma:.1f} m (1 sigma) is a healthy receiver's"
+            out.append(f"the fixes lie on average {metres}: {why}")
     return out
 
 

@@ -6,6 +6,7 @@ import datetime
 import json
 import os
 import pty
+import re
 import signal
 import socket
 import subprocess
@@ -329,6 +330,37 @@ def of_another_place(rows: list[str], north: float = 9.0, east: float = -20.0) -
     """The same rows, degrees away."""
     cells = [row.split(",") for row in rows]
     return [",".join([t, f"{float(lat) + north}", f"{float(lon) + east}", *rest]) for t, lat, lon, *rest in cells]
+
+
+def aside(rows: list[str], east: float = 0.0, up: float = 0.0) -> list[str]:
+    """Rows of fixes moved by metres; the flight is one to the north."""
+    cells = [row.split(",") for row in rows]
+    degrees = [east / (111_320.0 * np.cos(np.radians(float(lat)))) for _, lat, *_ in cells]
+    return [
+        ",".join([t, lat, f"{float(lon) + more:.9f}", f"{float(h) + up}", *rest])
+        for (t, lat, lon, h, *rest), more in zip(cells, degrees, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("east", "up", "said"),
+    [
+        (0.0, 0.0, None),
+        (8.0, -12.0, None),
+        (55.0, 0.0, r"the fixes lie on average 5\d\.\d m (right|left) of the flight, where .* another runway"),
+        (-55.0, 0.0, r"the fixes lie on average 5\d\.\d m (right|left) of the flight"),
+        (0.0, -40.0, r"the fixes lie on average [34]\d\.\d m below the flight, where .* heights above the geoid"),
+        (0.0, 40.0, r"the fixes lie on average [34]\d\.\d m above the flight"),
+    ],
+)
+def test_a_receiver_beside_the_flight_is_told(flown, east: float, up: float, said: str | None) -> None:  # type: ignore[no-untyped-def]
+    """Across and in height too, in metres; one whose errors last, of metres, is healthy."""
+    c, _, table, _ = flown
+    header, *rows = table.read_text().splitlines()
+    moved = aside(rows, east, up)
+    _, result, _ = flew(c, [header, *moved])
+    wrong = "; ".join(flying.failures(result))
+    assert (re.search(said, wrong) is not None) if said else wrong == ""
 
 
 @pytest.mark.parametrize("kind", ["csv", "nmea"])
